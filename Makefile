@@ -1,0 +1,46 @@
+# Python >= 3.11 and make are all that a fresh machine needs.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.stamp
+
+.DEFAULT_GOAL := help
+.PHONY: help setup fly demo test lint types contracts tests bench clean
+
+help:  ## this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
+
+setup: $(STAMP)  ## make or refresh .venv with the pinned packages; leaves .venv/bin/tippath
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "tippath needs Python 3.11 or newer; try: make PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+fly: $(STAMP)  ## open the app on the bundled simulated vehicle
+	$(BIN)/tippath fly --sim hover
+
+demo: $(STAMP)  ## the whole flight test, unattended, without a terminal
+	$(BIN)/tippath demo
+
+test: lint types contracts tests  ## every check
+
+lint: $(STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types: $(STAMP)
+	$(BIN)/mypy
+
+contracts: $(STAMP)
+	$(BIN)/lint-imports
+
+tests: $(STAMP)
+	$(BIN)/python -m pytest
+
+bench: $(STAMP)  ## speed, as ratios against peers in the same run
+	$(BIN)/python -m pytest tests/benchmarks --override-ini 'python_files=bench_*.py' -s
+
+clean:  ## remove what setup and the tests made
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache tippath.egg-info

@@ -1,0 +1,220 @@
+"""What is made of a flight: fits side by side, checks and gains, and their tables in words of the paper.
+
+The same functions serve the command line, the app and the demo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs.errors import TippathError
+from sysid.checks import Check, eigenfrequency_checks
+from sysid.identify import identify, judge
+from sysid.model import Model
+from sysid.preprocess import DEFAULT_BAND_HZ
+from sysid.record import Record
+from sysid.regulator import Gains
+from sysid.result import Fit, RecordUsed
+from sysid.structures import CD, TPP, reduce_to_cd
+
+Band = tuple[float, float]
+
+# What the paper found on the real vehicle; shown beside, never mixed in.
+PAPER_MODES = {"tpp": ((1.64, 0.39), (5.04, 0.22)), "cd": ((1.54, 0.35),)}
+PAPER_NRMSE = {
+    ("tpp", "chirps"): (77.8, 77.3),
+    ("cd", "chirps"): (77.2, 25.9),
+    ("tpp", "doublets"): (77.6, 64.7),
+    ("cd", "doublets"): (76.7, 20.0),
+}
+PAPER_PARAMETERS = {
+    "tpp": (147.548, 713.378, 0.091, -1.338, 1.448, -0.282, 0.296, 0.524, -0.050),
+    "cd": (-2.056, -7.900, 10.536, -4.777, -5.361, 9.917, -67.573, 11.136),
+}
+"""Table 4, in the order of our structures."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """TPP, CD and the CD that the TPP reduces to, on the same runs."""
+
+    tpp: Fit
+    cd: Fit
+    reduced: Model
+    reduced_nrmse: dict[str, float]
+    reduced_validation: dict[str, float] | None
+    checks: tuple[Check, ...]
+
+    def tables(self) -> str:
+        """The paper's Tables 2, 3 and 4 with ours beside, and the eigenfrequency check; 78 columns."""
+        return "\n\n".join([nrmse_table(self), modes_table(self), parameter_table(self), checks_text(self.checks)])
+
+
+def split_runs(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """Chirps to fit and doublets to judge by; with no chirp everything is fitted."""
+    chirps = [record for record in records if record.maneuver == "chirp"]
+    doublets = [record for record in records if record.maneuver == "doublet"]
+    return (chirps, doublets) if chirps else (list(records), [])
+
+
+def identify_flight(
+    records: Sequence[Record], validation: Sequence[Record] = (), band_hz: Band = DEFAULT_BAND_HZ
+) -> Identification:
+    """Fit TPP and CD to the records together and judge both, and the reduced CD, on the validation records.
+
+    Raises sysid.fit.FitError where an axis is not identifiable.
+    """
+    tpp = identify(TPP, records, validation, band_hz)
+    cd = identify(CD, records, validation, band_hz)
+    reduced = reduce_to_cd(tpp.model)
+    return Identification(
+        tpp,
+        cd,
+        reduced,
+        judge(reduced, records, band_hz),
+        judge(reduced, validation, band_hz) if validation else None,
+        eigenfrequency_checks(tpp.model, records, band_hz),
+    )
+
+
+def nrmse_table(found: Identification) -> str:
+    """Table 3: NRMSE fit in percent, 100 is perfect."""
+    lines = ["NRMSE fit, %            TPP           CD      CD reduced    paper: TPP / CD"]
+    rows = [("chirps", found.tpp.nrmse_percent, found.cd.nrmse_percent, found.reduced_nrmse)]
+    if (
+        found.tpp.validation_nrmse_percent is not None
+        and found.cd.validation_nrmse_percent is not None
+        and found.reduced_validation is not None
+    ):
+        rows.append(
+            (
+                "doublets",
+                found.tpp.validation_nrmse_percent,
+                found.cd.validation_nrmse_percent,
+                found.reduced_validation,
+            )
+        )
+    for maneuver, tpp, cd, reduced in rows:
+        for index, axis in enumerate(("p", "q")):
+            name = f"{maneuver if index == 0 else ''}"
+            paper = f"{PAPER_NRMSE['tpp', maneuver][index]:5.1f} / {PAPER_NRMSE['cd', maneuver][index]:.1f}"
+            lines.append(
+                f"  {name:10} {axis}     {tpp[axis]:8.1f}     {cd[axis]:8.1f}    {reduced[axis]:8.1f}      {paper}"
+            )
+    return "\n".join(lines)
+
+
+def modes_table(found: Identification) -> str:
+    """Table 2: natural frequencies and damping ratios."""
+    lines = ["natural modes       frequency, Hz   damping ratio    paper"]
+    for name, model, paper in (
+        ("TPP", found.tpp.model, PAPER_MODES["tpp"]),
+        ("CD", found.cd.model, PAPER_MODES["cd"]),
+        ("CD reduced", found.reduced, ()),
+    ):
+        for index, mode in enumerate(model.modes):
+            beside = f"{paper[index][0]:.2f} Hz  {paper[index][1]:.2f}" if index < len(paper) else ""
+            lines.append(
+                f"  {name if index == 0 else '':12}      {mode.frequency_hz:8.3f}        "
+                f"{mode.damping_ratio:8.3f}       {beside}".rstrip()
+            )
+    return "\n".join(lines)
+
+
+def parameter_table(found: Identification) -> str:
+    """Table 4: parameters with standard errors."""
+    lines = ["parameter           value ± standard error       unit        paper"]
+    for fit, paper in ((found.tpp, PAPER_PARAMETERS["tpp"]), (found.cd, PAPER_PARAMETERS["cd"])):
+        structure = fit.model.structure
+        for parameter, value, error, theirs in zip(
+            structure.parameters, fit.model.values, fit.standard_errors, paper, strict=True
+        ):
+            label = f"{structure.base.upper():3} {parameter.name:6}"
+            lines.append(f"  {label:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8} {theirs:10.3f}")
+    return "\n".join(lines)
+
+
+def checks_text(checks: Sequence[Check]) -> str:
+    """One line a check: ✓ passed, ✗ failed, ? not possible."""
+    marks = {True: "✓", False: "✗", None: "?"}
+    return "\n".join(["eigenfrequency check", *(f"  {marks[one.passed]} {one.name}: {one.text}" for one in checks)])
+
+
+def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
+    """One fit for people."""
+    structure = fit.model.structure
+    lines = [
+        f"{structure.base.upper()} fitted to {len(fit.records)} run{'s' if len(fit.records) != 1 else ''}, "
+        f"{fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz",
+        "",
+    ]
+    lines.append("NRMSE fit, %        p         q")
+    lines.append(f"  fitted       {fit.nrmse_percent['p']:6.1f}    {fit.nrmse_percent['q']:6.1f}")
+    if fit.validation_nrmse_percent is not None:
+        lines.append(
+            f"  validation   {fit.validation_nrmse_percent['p']:6.1f}    {fit.validation_nrmse_percent['q']:6.1f}"
+        )
+    lines += ["", "natural modes       frequency, Hz   damping ratio"]
+    lines += [f"  {mode.frequency_hz:26.3f}        {mode.damping_ratio:8.3f}" for mode in fit.model.modes]
+    if not fit.stable:
+        lines.append("  unstable: see the warnings")
+    lines += ["", "parameter           value ± standard error       unit      Cramer-Rao, %"]
+    for parameter, value, error in zip(structure.parameters, fit.model.values, fit.standard_errors, strict=True):
+        share = f"{100 * error / abs(value):8.1f}" if value else "       -"
+        mark = "  implausible" if parameter.implausible(float(value)) else ""
+        lines.append(f"  {parameter.name:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8} {share}{mark}")
+    if checks:
+        lines += ["", checks_text(checks)]
+    lines += ["", *(f"warning: {text}" for text in fit.warnings)] if fit.warnings else []
+    return "\n".join(lines)
+
+
+def gains_text(gains: Gains) -> str:
+    """A design for people."""
+
+    def rows(name: str, matrix: object) -> list[str]:
+        table = [list(map(float, row)) for row in matrix]  # type: ignore[attr-defined]
+        return [
+            f"  {name if i == 0 else '':14}" + " ".join(f"{value:10.4f}" for value in row)
+            for i, row in enumerate(table)
+        ]
+
+    def poles(values: object) -> str:
+        found = sorted({(round(v.real, 2), round(abs(v.imag), 2)) for v in values})  # type: ignore[attr-defined]
+        return ", ".join(f"{re:.2f}" + (f" ± {im:.2f}j" if im > 0.005 else "") for re, im in found)
+
+    margins = gains.margins
+    return "\n".join(
+        [
+            f"LQR on {gains.model.structure.base.upper()}, rates 1, flapping 0.001, input cost {gains.input_cost:g}",
+            *rows("K", gains.K),
+            *rows("observer L", gains.observer_gain),
+            *rows("prefilter g", gains.prefilter),
+            f"  poles         {poles(gains.poles)} 1/s",
+            f"  observer      {poles(gains.observer_poles)} 1/s",
+            f"  margins       gain {margins.gain_db:.1f} dB, phase {margins.phase_deg:.0f}°, "
+            f"delay {1000 * margins.delay_s:.0f} ms in both commands",
+        ]
+    )
+
+
+def runs_of(fit: Fit, which: Sequence[RecordUsed]) -> list[Record]:
+    """The records a fit was made from, read again from their logs.
+
+    Raises TippathError where a log is gone or is not the same bytes any more.
+    """
+    from gcs.logs import ingest
+
+    found: list[Record] = []
+    for one in which:
+        if not one.path or not Path(one.path).exists():
+            raise TippathError(f"{one.id}: its log {one.path or '(unknown)'} is not there any more")
+        profile = None if fit.profile is None else Path(fit.profile)
+        records = [run.record for run in ingest([Path(one.path)], profile).runs if run.record is not None]
+        same = [record for record in records if record.id == one.id]
+        if not same or same[0].sha256 != one.sha256:
+            raise TippathError(f"{one.id}: {one.path} is not the log this fit was made from any more")
+        found.append(same[0])
+    return found

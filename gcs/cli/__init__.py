@@ -1,0 +1,61 @@
+"""The command line: one module for each command, found here by name; imports happen when a command runs."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import signal
+import sys
+from collections.abc import Sequence
+
+COMMANDS = ("fly", "sim", "sweep", "abort", "ingest", "fit", "design", "push", "revert", "report", "demo")
+"""In the order of the work, as `tippath --help` lists them."""
+
+EXIT_DONE, EXIT_NO, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    from importlib.metadata import version
+
+    top = argparse.ArgumentParser(
+        prog="tippath",
+        description="Flight-test identification of rotorcraft: fly a chirp, fit, design gains, push them, fly again.",
+        epilog="Start with `tippath demo`, or `tippath fly --sim hover`. `tippath COMMAND --help` explains each.",
+    )
+    top.add_argument("--version", action="version", version=f"tippath {version('tippath')}")
+    subparsers = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        importlib.import_module(f"gcs.cli.{name}").add_parser(subparsers)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status of CONTRACT: 0 done, 1 data or vehicle says no, 2 wrong usage."""
+    from gcs.errors import TippathError, UsageError
+    from sysid.errors import SysidError
+
+    args = parser().parse_args(argv)
+    try:
+        status: int = args.run(args)
+        sys.stdout.flush()
+        return status
+    except UsageError as error:
+        print(f"tippath {args.command}: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    except (TippathError, SysidError) as error:
+        print(f"tippath {args.command}: {error}", file=sys.stderr)
+        return EXIT_NO
+    except BrokenPipeError:
+        # the reader of our output went away; keep the interpreter from complaining at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_NO
+    except OSError as error:
+        where = f" {error.filename}" if error.filename else ""
+        print(f"tippath {args.command}: {error.strerror or error}{where}", file=sys.stderr)
+        return EXIT_NO
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        print(f"tippath {args.command}: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED

@@ -1,0 +1,43 @@
+"""`tippath design`: LQR gains, observer and prefilter from a fit."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from gcs.cli.options import add_output_options, print_json, refuse_existing, write_json
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "design",
+        help="LQR, observer, prefilter, margins",
+        description="Design the paper's controller on a TPP fit: LQR with Q = diag(1, 1, 0.001, 0.001), R = 5 I, "
+        "observer poles at -50, -50, -51, -51, and the prefilter that makes the steady rates follow.",
+        epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
+        '"observer_poles", "margins", "weights", "model"}.',
+    )
+    parser.add_argument("fit", type=Path, metavar="FIT.json")
+    parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
+    add_output_options(parser, "GAINS.json")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from gcs.analysis import gains_text
+    from sysid.regulator import design
+    from sysid.result import Fit
+
+    refuse_existing(args.output, args.force)
+    gains = design(Fit.load(args.fit).model, args.input_cost)
+    document = gains.to_json()
+    if args.output:
+        write_json(document, args.output)
+        print(f"wrote {args.output}; `tippath push {args.output} --connect LINK` writes it", file=sys.stderr)
+    if args.json:
+        print_json(document)
+    else:
+        print(gains_text(gains))
+    return 0

@@ -1,0 +1,126 @@
+"""The on-board control laws: an attitude controller that keeps flying during a sweep, and the LQR with observer.
+
+The attitude controller's gains were found for Table 4's plant by placing every closed-loop pole left of -1.2 1/s
+with 0 to 40 ms of actuator lag; cross terms take the rotor's coupling into account, as the paper's eq. 1 does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+DT = 0.002
+
+# command per rad/s and per rad: rows delta_x, delta_y; columns roll, pitch
+RATE_GAIN = ((0.015, 0.0), (0.060, 0.070))
+ATTITUDE_GAIN = ((0.246, -0.056), (0.317, 0.437))
+
+HOLD_RATE = 1.2  # 1/s, rate asked for per rad of attitude while the LQR flies
+HOLD_LIMIT = 0.6  # rad/s
+
+
+class AttitudeController:
+    """Level attitude with rate damping; the reference of a sweep is added to its output, not to its input."""
+
+    def reset(self) -> None:
+        """Nothing to forget: the law has no states."""
+
+    def step(
+        self, phi: float, theta: float, p: float, q: float, p_command: float, q_command: float
+    ) -> tuple[float, float]:
+        """Attitude in rad and rates in rad/s -> cyclic commands, unclipped."""
+        dp, dq = p - p_command, q - q_command
+        (k11, k12), (k21, k22) = RATE_GAIN
+        (a11, a12), (a21, a22) = ATTITUDE_GAIN
+        return (
+            -(k11 * dp + k12 * dq + a11 * phi + a12 * theta),
+            -(k21 * dp + k22 * dq + a21 * phi + a22 * theta),
+        )
+
+
+def attitude_hold(phi: float, theta: float) -> tuple[float, float]:
+    """Rate references that bring the vehicle level while the LQR flies, rad/s."""
+
+    def limited(x: float) -> float:
+        return max(-HOLD_LIMIT, min(HOLD_LIMIT, x))
+
+    return limited(-HOLD_RATE * phi), limited(-HOLD_RATE * theta)
+
+
+@dataclass(frozen=True, eq=False)
+class LqrGains:
+    """One bank: K (2, 4), observer gain L (4, 2), prefilter g (2, 2), and the observer's model A (4, 4), B (4, 2)."""
+
+    K: np.ndarray
+    L: np.ndarray
+    g: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+
+    @classmethod
+    def from_values(cls, values: Sequence[float]) -> LqrGains:
+        """29 values in bank order. Raises ValueError with the reason where they cannot be flown."""
+        if len(values) != 29:
+            raise ValueError("a bank has 29 values")
+        if not all(math.isfinite(x) for x in values):
+            raise ValueError("a value is not finite")
+        K = np.array(values[0:8]).reshape(2, 4)
+        L = np.array(values[8:16]).reshape(4, 2)
+        g = np.array(values[16:20]).reshape(2, 2)
+        L_b, M_a, tau_f, A_b, B_a, A_lat, A_lon, B_lat, B_lon = values[20:]
+        if not tau_f > 0:
+            raise ValueError("tau_f is not positive")
+        A = np.array(
+            [
+                [0, 0, 0, L_b],
+                [0, 0, M_a, 0],
+                [0, -1, -1 / tau_f, A_b / tau_f],
+                [-1, 0, B_a / tau_f, -1 / tau_f],
+            ]
+        )
+        B = np.array([[0, 0], [0, 0], [A_lat / tau_f, A_lon / tau_f], [B_lat / tau_f, B_lon / tau_f]])
+        if not np.all(np.linalg.eigvals(A - L @ np.eye(2, 4)).real < 0):
+            raise ValueError("the observer is unstable")
+        if not np.all(np.linalg.eigvals(A - B @ K).real < 0):
+            raise ValueError("the controlled model is unstable")
+        return cls(K, L, g, A, B)
+
+
+class LqrController:
+    """u = -K x_hat + g y_ref (eq. 13) with x_hat from the observer of eq. 11, held and advanced exactly."""
+
+    def __init__(self, gains: LqrGains) -> None:
+        C = np.eye(2, 4)
+        block = np.zeros((8, 8))
+        block[:4, :4] = gains.A - gains.L @ C
+        block[:4, 4:6] = gains.B
+        block[:4, 6:] = gains.L
+        power = expm(block * DT)[:4]
+        # plain floats: a small NumPy product costs more than these sixteen multiplications
+        self._advance: list[list[float]] = power.tolist()
+        self._K: list[list[float]] = gains.K.tolist()
+        self._g: list[list[float]] = gains.g.tolist()
+        self.reset()
+
+    def reset(self) -> None:
+        self.state = [0.0, 0.0, 0.0, 0.0]
+        self._measured = (0.0, 0.0)
+
+    def step(self, p: float, q: float, p_ref: float, q_ref: float) -> tuple[float, float]:
+        """Measured and wanted rates in rad/s -> cyclic commands, unclipped."""
+        self._measured = (p, q)
+        x = self.state
+        out = []
+        for K, g in zip(self._K, self._g, strict=True):
+            feedback = K[0] * x[0] + K[1] * x[1] + K[2] * x[2] + K[3] * x[3]
+            out.append(g[0] * p_ref + g[1] * q_ref - feedback)
+        return out[0], out[1]
+
+    def applied(self, delta_x: float, delta_y: float) -> None:
+        """The command really sent this sample, excitation and limits included: the observer advances on it."""
+        known = (*self.state, delta_x, delta_y, *self._measured)
+        self.state = [sum(c * v for c, v in zip(row, known, strict=True)) for row in self._advance]

@@ -1,0 +1,7 @@
+"""What the mathematics refuses to answer: every message says what is wrong and what to do."""
+
+from __future__ import annotations
+
+
+class SysidError(ValueError):
+    """The data do not allow the answer, or a file is not what it should be."""

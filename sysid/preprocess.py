@@ -1,0 +1,164 @@
+"""From records to what a fit works on: uniform segments without gaps, and their Fourier bins inside the band.
+
+The paper's ideal low-pass and centring become a choice of bins: by Parseval, least squares over the low-passed
+samples is least squares over the bins up to the cut-off, and leaving out bin zero removes every constant trim.
+A gap splits the run; it is never interpolated over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.record import FloatArray, Record
+
+ComplexArray = NDArray[np.complex128]
+
+MINIMUM_SEGMENT_S = 2.0
+DEFAULT_BAND_HZ = (0.0, 15.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A gap-free, uniformly sampled part of a run."""
+
+    record: Record
+    start_s: float
+    dt: float
+    channels: dict[str, FloatArray]
+    """Name -> samples, shape (n,)."""
+    resampled: int
+    """Samples whose time was off the uniform grid by more than a tenth of a sample and were interpolated."""
+
+    @property
+    def samples(self) -> int:
+        return next(iter(self.channels.values())).size
+
+    @property
+    def duration_s(self) -> float:
+        return self.samples * self.dt
+
+    @property
+    def t(self) -> FloatArray:
+        return np.asarray(self.start_s + self.dt * np.arange(self.samples))
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The Fourier bins of one segment inside the band, without bin zero."""
+
+    segment: Segment
+    dt: float
+    samples: int
+    frequency_hz: FloatArray
+    """(bins,)"""
+    z: ComplexArray
+    """exp(j omega dt), (bins,)."""
+    U: ComplexArray
+    """Inputs, (bins, m)."""
+    Y: ComplexArray
+    """Outputs, (bins, k)."""
+
+
+def gap_threshold_s(t: FloatArray, high_hz: float) -> float:
+    """Spacing above which time stamps have a gap: three medians, or a quarter period of the band's upper end."""
+    return max(3 * float(np.median(np.diff(t))), 1 / (4 * high_hz))
+
+
+def gaps(t: FloatArray, high_hz: float) -> tuple[tuple[float, float], ...]:
+    """(start, stop) of every gap in the time stamps, s."""
+    spacing = np.diff(t)
+    where = np.flatnonzero(spacing > gap_threshold_s(t, high_hz))
+    return tuple((float(t[i]), float(t[i + 1])) for i in where)
+
+
+def rate_hz(t: FloatArray, high_hz: float) -> float:
+    """One over the mean spacing outside gaps."""
+    spacing = np.diff(t)
+    inside = spacing[spacing <= gap_threshold_s(t, high_hz)]
+    return float(1 / np.mean(inside))
+
+
+def segments(
+    record: Record, names: Sequence[str], high_hz: float = DEFAULT_BAND_HZ[1]
+) -> tuple[list[Segment], list[str]]:
+    """Split at gaps and put each part on a uniform clock.
+
+    Returns the segments of at least 2 s and sentences about what was dropped.
+    Commands are held, rates interpolated linearly where a time stamp is off the grid.
+    """
+    t = record.t
+    edges = np.flatnonzero(np.diff(t) > gap_threshold_s(t, high_hz)) + 1
+    found: list[Segment] = []
+    remarks: list[str] = []
+    for start, stop in zip([0, *edges], [*edges, t.size], strict=True):
+        part = t[start:stop]
+        length = float(part[-1] - part[0])
+        if length < MINIMUM_SEGMENT_S:
+            remarks.append(f"{record.id}: {length:.2f} s from {part[0]:.2f} s left out, shorter than 2 s between gaps")
+            continue
+        dt = length / (part.size - 1)
+        grid = part[0] + dt * np.arange(part.size)
+        off = int(np.count_nonzero(np.abs(part - grid) > 0.1 * dt))
+        channels = {}
+        for name in names:
+            values = record.channels[name][start:stop]
+            if off:
+                # time in, command held: take the last sample at or before each grid point
+                if name.startswith(("delta", "excitation")):
+                    values = values[np.maximum(np.searchsorted(part, grid + 1e-9, side="right") - 1, 0)]
+                else:
+                    values = np.interp(grid, part, values)
+            channels[name] = values
+        found.append(Segment(record, float(part[0]), dt, channels, off))
+    return found, remarks
+
+
+def spectrum(
+    segment: Segment, inputs: Sequence[str], outputs: Sequence[str], band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+) -> Spectrum:
+    """Fourier bins with low < f <= high; bin zero, the trim, is never among them."""
+    from scipy.fft import rfft, rfftfreq
+
+    n = segment.samples
+    frequency_hz = rfftfreq(n, segment.dt)
+    # the Nyquist bin is real and would count twice
+    keep = (frequency_hz > max(band_hz[0], 0.0)) & (frequency_hz <= band_hz[1]) & (frequency_hz < 0.4999 / segment.dt)
+    frequency_hz = frequency_hz[keep]
+
+    def bins(names: Sequence[str]) -> ComplexArray:
+        if not names:
+            return np.zeros((frequency_hz.size, 0), dtype=complex)
+        stack = np.stack([segment.channels[name] - segment.channels[name].mean() for name in names])
+        return np.ascontiguousarray(rfft(stack, axis=1)[:, keep].T)
+
+    z = np.exp(2j * np.pi * frequency_hz * segment.dt)
+    return Spectrum(segment, segment.dt, n, frequency_hz, z, bins(inputs), bins(outputs))
+
+
+def low_pass(values: FloatArray, dt: float, high_hz: float) -> FloatArray:
+    """Ideal (brick-wall) low-pass of samples (n,) by their Fourier bins; the mean stays."""
+    from scipy.fft import irfft, rfft, rfftfreq
+
+    bins = rfft(values)
+    bins[rfftfreq(values.size, dt) > high_hz] = 0
+    return np.asarray(irfft(bins, values.size))
+
+
+def spectra(
+    records: Sequence[Record],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+) -> tuple[list[Spectrum], list[str]]:
+    """All segments of all records as Fourier bins, and the remarks made on the way."""
+    found: list[Spectrum] = []
+    remarks: list[str] = []
+    for record in records:
+        parts, said = segments(record, (*inputs, *outputs), band_hz[1])
+        remarks += said
+        found += [spectrum(part, inputs, outputs, band_hz) for part in parts]
+    return found, remarks

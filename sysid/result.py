@@ -1,0 +1,231 @@
+"""A fit that saves itself: the numbers, what they were made from, and how far to trust them.
+
+The JSON is what other programs read (`tippath.fit/1`); keys are added, never changed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import SysidError
+from sysid.model import FloatArray, Model
+from sysid.preprocess import gaps, rate_hz
+from sysid.record import Record
+from sysid.structures import STRUCTURES
+
+FORMAT = "tippath.fit/1"
+
+
+class ResultError(SysidError):
+    """A result file that cannot be read; the message says why."""
+
+
+@dataclass(frozen=True)
+class RecordUsed:
+    """One run that entered the fit."""
+
+    id: str
+    path: str
+    sha256: str
+    maneuver: str
+    axis: str | None
+    duration_s: float
+    samples: int
+    rate_hz: float
+    gaps: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, record: Record, high_hz: float) -> RecordUsed:
+        return cls(
+            record.id,
+            record.path,
+            record.sha256,
+            record.maneuver,
+            record.axis,
+            record.duration_s,
+            record.t.size,
+            rate_hz(record.t, high_hz),
+            gaps(record.t, high_hz),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model fitted to runs."""
+
+    model: Model
+    covariance: FloatArray
+    """(parameters, parameters), units of the parameters."""
+    nrmse_percent: Mapping[str, float]
+    """Eq. 10 by output on the fitted runs, in percent; 100 is perfect."""
+    validation_nrmse_percent: Mapping[str, float] | None
+    records: tuple[RecordUsed, ...]
+    validation: tuple[RecordUsed, ...]
+    band_hz: tuple[float, float]
+    warnings: tuple[str, ...] = field(default=())
+    profile: str | None = None
+
+    @property
+    def standard_errors(self) -> FloatArray:
+        """(parameters,)"""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def insensitivity_percent(self) -> FloatArray:
+        """(parameters,): how far each may move alone before the cost shows it, percent of its value."""
+        information = np.linalg.inv(self.covariance)
+        return np.asarray(100 / np.sqrt(np.diag(information)) / np.maximum(np.abs(self.model.values), 1e-300))
+
+    @property
+    def stable(self) -> bool:
+        return self.model.stable
+
+    def to_json(self, relative_to: Path) -> dict[str, Any]:
+        """The document of CONTRACT.md; paths relative to the directory it will stand in."""
+        from importlib.metadata import version
+
+        structure = self.model.structure
+        matrices = self.model.matrices
+        parameters = {
+            parameter.name: {
+                "value": float(value),
+                "unit": parameter.unit,
+                "standard_error": finite(error),
+                "cramer_rao_percent": finite(100 * error / abs(value)) if value else None,
+                "insensitivity_percent": finite(insensitivity),
+                "at_bound": False,
+                "implausible": parameter.implausible(float(value)),
+                "fixed": False,
+            }
+            for parameter, value, error, insensitivity in zip(
+                structure.parameters,
+                self.model.values,
+                self.standard_errors,
+                self.insensitivity_percent,
+                strict=True,
+            )
+        }
+        nrmse = {name: finite(x) for name, x in self.nrmse_percent.items()}
+        validation = (
+            None
+            if self.validation_nrmse_percent is None
+            else {name: finite(x) for name, x in self.validation_nrmse_percent.items()}
+        )
+        return {
+            "format": FORMAT,
+            "structure": {"base": structure.base, "effects": list(structure.effects)},
+            "parameters": parameters,
+            "modes": [
+                {"frequency_hz": finite(mode.frequency_hz), "damping_ratio": finite(mode.damping_ratio)}
+                for mode in self.model.modes
+            ],
+            "stable": self.stable,
+            "nrmse_percent": nrmse,
+            "validation_nrmse_percent": validation,
+            "records": [_record_json(one, relative_to) for one in self.records],
+            "validation_records": [_record_json(one, relative_to) for one in self.validation],
+            "lineage": [
+                {
+                    "effects": list(structure.effects),
+                    "nrmse_percent": nrmse,
+                    "validation_nrmse_percent": validation,
+                }
+            ],
+            "matrices": {name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
+            "covariance": [[finite(x) for x in row] for row in self.covariance],
+            "band_hz": list(self.band_hz),
+            "profile": self.profile,
+            "warnings": list(self.warnings),
+            "version": version("tippath"),
+        }
+
+    @classmethod
+    def from_json(cls, document: Any, directory: Path) -> Fit:
+        """Read what `to_json` wrote; record paths become usable from here. Raises ResultError."""
+        try:
+            if document["format"] != FORMAT:
+                raise ResultError(f"not a {FORMAT} document but {document['format']}")
+            structure = STRUCTURES[document["structure"]["base"]]
+            values = structure.vector({name: one["value"] for name, one in document["parameters"].items()})
+            covariance = np.array(
+                [[math.nan if x is None else x for x in row] for row in document["covariance"]], dtype=float
+            )
+            if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
+                raise ResultError("parameters or covariance are not numbers of the right shape")
+            return cls(
+                Model(structure, values),
+                covariance,
+                dict(document["nrmse_percent"]),
+                document["validation_nrmse_percent"],
+                tuple(_record_from(one, directory) for one in document["records"]),
+                tuple(_record_from(one, directory) for one in document.get("validation_records", ())),
+                (float(document["band_hz"][0]), float(document["band_hz"][1])),
+                tuple(document["warnings"]),
+                document["profile"],
+            )
+        except (KeyError, TypeError, IndexError, AttributeError) as error:
+            raise ResultError(f"not a {FORMAT} document: {error!r} is missing or of the wrong kind") from error
+
+    @classmethod
+    def load(cls, path: Path) -> Fit:
+        """Raises ResultError for a file that is not a fit, OSError for one that cannot be read."""
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ResultError(f"{path}: not JSON ({error})") from error
+        try:
+            return cls.from_json(document, path.parent)
+        except ResultError as error:
+            raise ResultError(f"{path}: {error}") from error
+
+
+def finite(x: float) -> float | None:
+    """JSON has no NaN or Infinity."""
+    return float(x) if math.isfinite(x) else None
+
+
+def _relative(path: str, directory: Path) -> str:
+    if not path:
+        return ""
+    try:
+        return Path(os.path.relpath(Path(path).resolve(), directory.resolve())).as_posix()
+    except ValueError:  # another drive
+        return Path(path).resolve().as_posix()
+
+
+def _record_json(one: RecordUsed, directory: Path) -> dict[str, Any]:
+    return {
+        "id": one.id,
+        "path": _relative(one.path, directory),
+        "sha256": one.sha256,
+        "maneuver": one.maneuver,
+        "axis": one.axis,
+        "duration_s": one.duration_s,
+        "samples": one.samples,
+        "rate_hz": one.rate_hz,
+        "gaps": [list(gap) for gap in one.gaps],
+    }
+
+
+def _record_from(one: Any, directory: Path) -> RecordUsed:
+    path = str(directory / one["path"]) if one["path"] else ""
+    gaps_of: Sequence[Sequence[float]] = one["gaps"]
+    return RecordUsed(
+        one["id"],
+        path,
+        one["sha256"],
+        one["maneuver"],
+        one.get("axis"),
+        one["duration_s"],
+        one["samples"],
+        one["rate_hz"],
+        tuple((gap[0], gap[1]) for gap in gaps_of),
+    )
