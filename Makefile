@@ -40,7 +40,7 @@ tests: $(STAMP)
 	$(BIN)/python -m pytest
 
 bench: $(STAMP)  ## speed, as ratios against peers in the same run
-	$(BIN)/python -m pytest tests/benchmarks --override-ini 'python_files=bench_*.py' -s
+	$(BIN)/python -m pytest tests/benchmarks --override-ini 'python_files=bench_*.py' --override-ini 'python_functions=bench_*' -s -q
 
 clean:  ## remove what setup and the tests made
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache tippath.egg-info

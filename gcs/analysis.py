@@ -212,7 +212,8 @@ def runs_of(fit: Fit, which: Sequence[RecordUsed]) -> list[Record]:
         if not one.path or not Path(one.path).exists():
             raise TippathError(f"{one.id}: its log {one.path or '(unknown)'} is not there any more")
         profile = None if fit.profile is None else Path(fit.profile)
-        records = [run.record for run in ingest([Path(one.path)], profile).runs if run.record is not None]
+        runs = ingest([Path(one.path)], profile, fit.window_s, f_high_hz=fit.band_hz[1]).runs
+        records = [run.record for run in runs if run.record is not None]
         same = [record for record in records if record.id == one.id]
         if not same or same[0].sha256 != one.sha256:
             raise TippathError(f"{one.id}: {one.path} is not the log this fit was made from any more")

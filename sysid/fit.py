@@ -22,7 +22,7 @@ FIRST_SLOPES = (0.0, 1.0)
 """Powers of frequency that weigh the first equation error down: gusts ask for none, sensor noise for more."""
 CORNER = 3.0  # rad/s
 MAXIMUM_STEPS = 60
-TOLERANCE = 1e-9
+TOLERANCE = 1e-8
 WEIGHING_ROUNDS = 8
 STABILITY_PUSHES = (0.03, 0.3, 3.0, 30.0)
 STABILITY_MARGIN = 0.1  # 1/s

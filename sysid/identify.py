@@ -20,8 +20,11 @@ def identify(
     validation: Sequence[Record] = (),
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     profile: str | None = None,
+    window_s: tuple[float | None, float | None] | None = None,
 ) -> Fit:
     """Fit a structure to all records together; validation records only judge.
+
+    `profile` and `window_s` say how the records were cut from their logs and are kept with the fit.
 
     Raises FitError where an axis is not identifiable; the message says which and what to do.
     """
@@ -51,6 +54,7 @@ def identify(
         band_hz,
         tuple(warnings),
         profile,
+        window_s,
     )
 
 

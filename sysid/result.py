@@ -72,6 +72,9 @@ class Fit:
     band_hz: tuple[float, float]
     warnings: tuple[str, ...] = field(default=())
     profile: str | None = None
+    """The log profile that named the channels, where one was given."""
+    window_s: tuple[float | None, float | None] | None = None
+    """The part of every run that was used, in the log's own time."""
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -143,6 +146,7 @@ class Fit:
             "covariance": [[finite(x) for x in row] for row in self.covariance],
             "band_hz": list(self.band_hz),
             "profile": self.profile,
+            "window_s": None if self.window_s is None else list(self.window_s),
             "warnings": list(self.warnings),
             "version": version("tippath"),
         }
@@ -160,6 +164,7 @@ class Fit:
             )
             if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
                 raise ResultError("parameters or covariance are not numbers of the right shape")
+            window = document.get("window_s")
             return cls(
                 Model(structure, values),
                 covariance,
@@ -170,6 +175,7 @@ class Fit:
                 (float(document["band_hz"][0]), float(document["band_hz"][1])),
                 tuple(document["warnings"]),
                 document["profile"],
+                None if window is None else (window[0], window[1]),
             )
         except (KeyError, TypeError, IndexError, AttributeError) as error:
             raise ResultError(f"not a {FORMAT} document: {error!r} is missing or of the wrong kind") from error

@@ -55,11 +55,11 @@ def run(args: argparse.Namespace) -> int:
     records = [
         record
         for record in resolve_runs(args.runs, profile, window, f_high_hz=band[1])
-        if (record.path, record.id) not in judging
+        if (record.path, record.id) not in judging and record.maneuver != "quiet"
     ]
     if not records:
-        raise TippathError("every run is a validation run; name one to fit")
-    fit = identify(STRUCTURES[args.model], records, validation, band, args.profile)
+        raise TippathError("no run is left to fit: they are quiet hover or validation runs")
+    fit = identify(STRUCTURES[args.model], records, validation, band, args.profile, window)
     document = fit.to_json(args.output.parent if args.output else Path.cwd())
     if args.output:
         write_json(document, args.output)

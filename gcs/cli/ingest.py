@@ -1,0 +1,239 @@
+"""`tippath ingest`: list the runs in logs with their health, and write records.
+
+The listing is for people unless --json asks for the `tippath.runs/1` document. Nothing is written before it is certain
+that everything can be: an existing file stops the command, not half of its work.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import TippathError
+from gcs.logs import Ingest, Run, Source, ingest, parse_window
+from gcs.logs.dataflash import printable
+from sysid.record import CHANNELS, REQUIRED
+
+FORMAT = "tippath.runs/1"
+
+_FORMAT_HELP = """\
+--json prints {"format": "tippath.runs/1", "runs": [{"id", "path", "maneuver", "axis", "start_s", "duration_s",
+"rate_hz", "gaps": [[start_s, stop_s]], "usable", "reasons", "notes", "rate_source", "swept_band_hz", "excitation",
+"record"}], "damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused"}.
+start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
+"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to argparse's subparsers."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "ingest",
+        help="list the runs in logs with their health; write records",
+        description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .csv.",
+        epilog=_FORMAT_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOG", type=Path, help="a log, a flight folder or a record")
+    parser.add_argument("-o", dest="output", metavar="DIR", type=Path, help="write the usable runs there as records")
+    parser.add_argument("--explain", action="store_true", help="channels found, not found, and what to write")
+    parser.add_argument("--profile", metavar="FILE.toml", type=Path, help="where the channels come from")
+    parser.add_argument("--window", metavar="START:STOP", help="seconds of the log's own time; ends may be left open")
+    parser.add_argument("--force", action="store_true", help="overwrite records that exist")
+    parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
+    window = None if args.window is None else parse_window(args.window)
+    found = ingest(args.logs, args.profile, window)
+    written: dict[str, str] = {}
+    if args.output is not None:
+        written = write_records(found, args.output, args.force)
+    if args.json:
+        print(json.dumps(document(found, written), indent=1, allow_nan=False))
+    else:
+        print("\n".join(table(found)))
+        for path in written.values():
+            print(f" wrote {printable(path)}")
+        if args.explain:
+            print("\n".join(explanation(found)))
+    for reason in found.refused.values():
+        print(f"not read: {reason}", file=sys.stderr)
+    if not found.usable:
+        print("no run is usable", file=sys.stderr)
+        return 1
+    return 0
+
+
+def document(found: Ingest, written: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The `tippath.runs/1` document; `written` maps run ids to the records' paths."""
+    return {
+        "format": FORMAT,
+        "runs": [_run_entry(run, (written or {}).get(_key(run))) for run in found.runs],
+        "damage": {
+            path: {
+                "total_bytes": damage.total_bytes,
+                "skipped_bytes": damage.skipped_bytes,
+                "resyncs": damage.resyncs,
+                "unknown": {str(id): count for id, count in sorted(damage.unknown.items())},
+                "tail_cut": damage.tail_cut,
+            }
+            for path, damage in found.damage.items()
+        },
+        "sources": [
+            {
+                "path": source.path,
+                "sha256": source.sha256,
+                "kind": source.kind,
+                "profile": None if source.profile is None else source.profile.name,
+                "notes": list(source.notes),
+            }
+            for source in found.sources
+        ],
+        "refused": dict(found.refused),
+    }
+
+
+def _key(run: Run) -> str:
+    return f"{run.path}\0{run.id}"
+
+
+def _run_entry(run: Run, record: str | None) -> dict[str, Any]:
+    return {
+        "id": run.id,
+        "path": run.path,
+        "maneuver": run.maneuver,
+        "axis": run.axis,
+        "start_s": _number(run.start_s),
+        "duration_s": _number(run.duration_s),
+        "rate_hz": None if run.rate_hz is None else _number(run.rate_hz),
+        "gaps": [[_number(start), _number(stop)] for start, stop in run.gaps],
+        "usable": run.usable,
+        "reasons": list(run.reasons),
+        "notes": list(run.notes),
+        "rate_source": run.rate_source,
+        "swept_band_hz": None if run.swept_band_hz is None else list(run.swept_band_hz),
+        "excitation": None
+        if run.health is None
+        else {
+            axis: {"command_rms": _number(command), "rate_rms_rad_s": _number(rate)}
+            for axis, (command, rate) in run.health.excitation.items()
+        },
+        "channels": dict(run.sources),
+        "record": record,
+    }
+
+
+def _number(value: float) -> float | None:
+    return round(value, 6) if math.isfinite(value) else None
+
+
+def write_records(found: Ingest, folder: Path, force: bool) -> dict[str, str]:
+    """Write the usable runs as NAME-1.npz, ... Returns run -> path. Raises TippathError where a file is in the way."""
+    usable = [run for run in found.usable if run.record is not None]
+    names = _names(usable)
+    targets = {_key(run): folder / name for run, name in zip(usable, names, strict=True)}
+    in_the_way = [path for path in targets.values() if path.exists()]
+    if in_the_way and not force:
+        raise TippathError(f"{in_the_way[0]} exists; choose another -o DIR, or --force to overwrite")
+    if folder.exists() and not folder.is_dir():
+        raise TippathError(f"{folder} is a file; -o takes a folder")
+    try:
+        if usable:
+            folder.mkdir(parents=True, exist_ok=True)
+        for run in usable:
+            assert run.record is not None
+            run.record.save(targets[_key(run)])
+    except OSError as error:
+        raise TippathError(f"{folder}: records cannot be written ({error.strerror or error})") from error
+    return {key: str(path) for key, path in targets.items()}
+
+
+def _names(runs: list[Run]) -> list[str]:
+    """flight-1.npz for flight.BIN#1; with the folder's name in front where two logs share a name."""
+    plain = [_stem(run) for run in runs]
+    twice = {name for name, count in Counter(plain).items() if count > 1}
+    names = [
+        f"{Path(run.path).resolve().parent.name}-{name}" if name in twice else name
+        for run, name in zip(runs, plain, strict=True)
+    ]
+    seen: Counter[str] = Counter()
+    for i, name in enumerate(names):  # still equal: numbered
+        seen[name] += 1
+        if seen[name] > 1:
+            names[i] = f"{name}-{seen[name]}"
+    return [f"{name}.npz" for name in names]
+
+
+def _stem(run: Run) -> str:
+    name, mark, number = run.id.rpartition("#")
+    return f"{Path(name).stem}-{number}" if mark else Path(run.id).stem
+
+
+def table(found: Ingest) -> list[str]:
+    """Lines for people: a row for each run, its notes and reasons below it."""
+    width = max([len(run.id) for run in found.runs] + [3])
+    lines = [f" {'run':<{width}}  {'maneuver':<8}  {'axis':<8}  {'start s':>8}  {'length s':>8}  {'Hz':>6}  gaps"]
+    for run in found.runs:
+        rate = "-" if run.rate_hz is None else f"{run.rate_hz:.1f}"
+        lines.append(
+            f" {run.id:<{width}}  {run.maneuver:<8}  {run.axis or '-':<8}  {run.start_s:8.2f}  {run.duration_s:8.2f}  "
+            f"{rate:>6}  {len(run.gaps):4d}  {'usable' if run.usable else 'not usable, because'}"
+        )
+        lines += [f"    - {reason}" for reason in run.reasons]
+        lines += [f"    note: {note}" for note in run.notes]
+    for source in found.sources:
+        lines += [f" {printable(source.path)}: {note}" for note in source.notes]
+    return lines
+
+
+def explanation(found: Ingest) -> list[str]:
+    """Which channel came from where, which are missing and why, and a profile to start from."""
+    lines = []
+    for source in found.sources:
+        its_runs = [run for run in found.runs if run.path == source.path]
+        name = source.profile.name if source.profile is not None else None
+        lines.append(f"\n {printable(source.path)}: {source.kind}" + (f", profile {name}" if name else ""))
+        have = dict(next((run.sources for run in its_runs if run.sources), {}))
+        absent = dict(next((run.absent for run in its_runs if run.absent), {}))
+        if source.kind == "record":
+            continue
+        lines.append("  channels found")
+        lines += [f"    {channel:<13} {CHANNELS[channel]:<7} from {text}" for channel, text in have.items()] or [
+            "    none"
+        ]
+        lines.append("  not found")
+        for channel in CHANNELS:
+            if channel != "t" and channel not in have:
+                need = " (needed)" if channel in REQUIRED else ""
+                lines.append(f"    {channel:<13} {CHANNELS[channel]:<7} {absent.get(channel, 'no source')}{need}")
+        lines += _to_write(source)
+    return lines
+
+
+def _to_write(source: Source) -> list[str]:
+    fields = [printable(name) for name in source.fields]
+    shown = ", ".join(fields[:40]) + (f" and {len(fields) - 40} more" if len(fields) > 40 else "")
+    rates = [name for name in fields if "gyr" in name.lower()]
+    others = [name for name in fields if "time" not in name.lower()]
+    example = next(iter(rates + others), "FIELD")
+    time = "TIME_COLUMN" if source.kind == "csv" else "MESSAGE.TimeUS"
+    return [
+        "  to take a channel from elsewhere, write a profile and name it with --profile FILE.toml:",
+        '    name = "mine"',
+        "    [time]",
+        f'    source = "{time}"',
+        "    scale = 1e-6            # to seconds",
+        "    [channels.p]            # likewise q, delta_x, delta_y and any other channel",
+        f'    source = "{example}"    # a field, or arithmetic on fields',
+        "    scale = 0.017453292519943295   # to rad/s",
+        f"  fields of this log: {shown}",
+    ]

@@ -1,0 +1,174 @@
+"""CSV files of numbers under a header of names: fast where they are right, exact about what is wrong where not.
+
+numpy's reader takes the whole file at once. Only when it refuses, or what it read is not all finite numbers, are the
+lines looked at one by one, to tell the user the line, the column and what to do.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.errors import TippathError
+
+FloatArray = NDArray[np.float64]
+
+_SHOWN = 30  # characters of a wrong value in a message
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+@dataclass(frozen=True, eq=False)
+class CsvFile:
+    """The text of a file and its header; columns are read when asked for."""
+
+    path: str
+    header: tuple[str, ...]
+    _body: str
+    _header_line: int
+
+    @classmethod
+    def read(cls, path: Path) -> CsvFile:
+        """Raises TippathError where the file cannot be read as comma-separated text with a header."""
+        try:
+            raw = path.read_bytes()
+        except OSError as error:
+            raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+        return cls.parse(raw, str(path))
+
+    @classmethod
+    def parse(cls, raw: bytes, path: str) -> CsvFile:
+        """As `read`, from the file's bytes. A UTF-8 byte order mark is taken off."""
+        if raw.startswith(_UTF16):
+            raise TippathError(f"{path}, line 1: the file is UTF-16; save it again as UTF-8 (or plain ASCII) CSV")
+        try:
+            text = raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            number = raw.count(b"\n", 0, error.start) + 1
+            raise TippathError(
+                f"{path}, line {number}: not text (byte 0x{raw[error.start]:02x}); save it again as UTF-8 CSV"
+            ) from error
+        if "\0" in text:
+            number = text.count("\n", 0, text.index("\0")) + 1
+            raise TippathError(
+                f"{path}, line {number}: not text (a zero byte); is it a binary log with the wrong name?"
+            )
+        start, number = 0, 1
+        while True:  # the header is the first line that is not blank
+            stop = text.find("\n", start)
+            line = text[start : stop if stop >= 0 else len(text)].strip()
+            if line:
+                break
+            if stop < 0:
+                raise TippathError(f"{path}: the file is empty; it needs a header such as t,p,q,delta_x,delta_y")
+            start, number = stop + 1, number + 1
+        header = _header(line, path, number)
+        body = text[stop + 1 :] if stop >= 0 else ""
+        if not body.strip():
+            raise TippathError(f"{path}, line {number}: a header and no rows; the log has no samples")
+        return cls(path, header, body, number)
+
+    def columns(self, names: Sequence[str]) -> dict[str, FloatArray]:
+        """Some columns by name, each of shape (n,), all finite.
+
+        Raises TippathError naming line and column of the first value that is no finite number, KeyError for a name
+        that is not in the header.
+        """
+        if not names:
+            return {}
+        places = [self.header.index(name) if name in self.header else -1 for name in names]
+        if -1 in places:
+            raise KeyError(names[places.index(-1)])
+        try:
+            table = np.loadtxt(
+                io.StringIO(self._body), delimiter=",", usecols=places, ndmin=2, comments=None, quotechar='"'
+            )
+        except (ValueError, OverflowError, csv.Error) as error:
+            self._complain(names, places)
+            raise TippathError(f"{self.path}: cannot be read as numbers ({error})") from error
+        if not np.all(np.isfinite(table)):
+            self._complain(names, places)
+        if '"' not in self._body and self._body.count(",") != table.shape[0] * (len(self.header) - 1):
+            self._complain(names, places)
+        return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
+
+    def line_of(self, row: int) -> int:
+        """Line of the file (from 1) in which the data row (from 0) stands."""
+        for number, (line, _) in enumerate(self._rows()):
+            if number == row:
+                return line
+        return self._header_line
+
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        reader = csv.reader(io.StringIO(self._body))
+        while True:
+            try:
+                cells = next(reader)
+            except StopIteration:
+                return
+            except csv.Error as error:
+                raise TippathError(
+                    f"{self.path}, line {self._header_line + reader.line_num}: cannot be read ({error})"
+                ) from error
+            if cells:
+                yield self._header_line + reader.line_num, cells
+
+    def _complain(self, names: Sequence[str], places: Sequence[int]) -> None:
+        """Raise for the first wrong row; return where all of them are right after all."""
+        for line, cells in self._rows():
+            if len(cells) != len(self.header):
+                raise TippathError(
+                    f"{self.path}, line {line}: {len(cells)} columns where the header has {len(self.header)}; "
+                    "is the line cut, or a decimal comma used? Columns are separated by commas, decimals by points"
+                )
+            for name, place in zip(names, places, strict=True):
+                cell = cells[place].strip()
+                where = f"{self.path}, line {line}, column {name}"
+                if not cell:
+                    raise TippathError(f"{where}: empty; remove the row, gaps in time are allowed")
+                try:
+                    value = float(cell)
+                except ValueError:
+                    raise TippathError(
+                        f"{where}: {cell[:_SHOWN]!r} is not a number; remove the row or correct it"
+                    ) from None
+                if not math.isfinite(value):
+                    raise TippathError(
+                        f"{where}: {cell[:_SHOWN]} is not a finite number; remove the row, gaps are allowed"
+                    )
+
+
+def _header(line: str, path: str, number: int) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in next(csv.reader([line])))
+    where = f"{path}, line {number}"
+    if len(names) == 1:
+        for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "blanks")):
+            if separator in line:
+                raise TippathError(
+                    f"{where}: columns are separated by {word}; save it with commas (and decimal points)"
+                )
+    if all(_is_number(name) for name in names):
+        raise TippathError(
+            f"{where}: the first line holds numbers, not names; put a header first, such as t,p,q,delta_x,delta_y"
+        )
+    for place, name in enumerate(names):
+        if not name:
+            raise TippathError(f"{where}, column {place + 1}: no name in the header; name it or remove the column")
+        if name in names[:place]:
+            raise TippathError(f"{where}, column {place + 1}: {name[:_SHOWN]!r} stands twice in the header; rename one")
+    return names
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

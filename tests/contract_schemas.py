@@ -1,0 +1,113 @@
+"""The JSON documents that other programs rely on, as JSON Schema."""
+
+from __future__ import annotations
+
+from typing import Any
+
+NUMBER = {"type": "number"}
+MAYBE = {"type": ["number", "null"]}
+TEXT = {"type": "string"}
+
+
+def exactly(required: dict[str, Any]) -> dict[str, Any]:
+    """An object with at least these keys; more may be added within a format number."""
+    return {"type": "object", "properties": required, "required": list(required)}
+
+
+def listed(item: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "array", "items": item}
+
+
+def matrix(rows: int, columns: int) -> dict[str, Any]:
+    row = {"type": "array", "items": NUMBER, "minItems": columns, "maxItems": columns}
+    return {"type": "array", "items": row, "minItems": rows, "maxItems": rows}
+
+
+NRMSE = exactly({"p": MAYBE, "q": MAYBE})
+MAYBE_NRMSE = {"anyOf": [NRMSE, {"type": "null"}]}
+
+FIT = exactly(
+    {
+        "format": {"const": "tippath.fit/1"},
+        "structure": exactly({"base": {"enum": ["cd", "tpp"]}, "effects": listed(TEXT)}),
+        "parameters": {
+            "type": "object",
+            "minProperties": 8,
+            "additionalProperties": exactly(
+                {
+                    "value": NUMBER,
+                    "unit": TEXT,
+                    "standard_error": MAYBE,
+                    "cramer_rao_percent": MAYBE,
+                    "insensitivity_percent": MAYBE,
+                    "at_bound": {"type": "boolean"},
+                    "implausible": {"type": "boolean"},
+                    "fixed": {"type": "boolean"},
+                }
+            ),
+        },
+        "modes": listed(exactly({"frequency_hz": NUMBER, "damping_ratio": NUMBER})),
+        "stable": {"type": "boolean"},
+        "nrmse_percent": NRMSE,
+        "validation_nrmse_percent": MAYBE_NRMSE,
+        "records": listed(
+            exactly(
+                {
+                    "id": TEXT,
+                    "path": TEXT,
+                    "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+                    "maneuver": TEXT,
+                    "duration_s": NUMBER,
+                    "samples": {"type": "integer"},
+                    "rate_hz": NUMBER,
+                    "gaps": listed({"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}),
+                }
+            )
+        ),
+        "lineage": listed(
+            exactly({"effects": listed(TEXT), "nrmse_percent": NRMSE, "validation_nrmse_percent": MAYBE_NRMSE})
+        ),
+        "matrices": exactly({name: listed(listed(NUMBER)) for name in "ABCD"}),
+        "covariance": listed(listed(MAYBE)),
+        "band_hz": {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2},
+        "profile": {"type": ["string", "null"]},
+        "warnings": listed(TEXT),
+        "version": TEXT,
+    }
+)
+
+GAINS = exactly(
+    {
+        "format": {"const": "tippath.gains/1"},
+        "K": matrix(2, 4),
+        "observer_gain": matrix(4, 2),
+        "prefilter": matrix(2, 2),
+        "poles": listed(exactly({"real": NUMBER, "imag": NUMBER})),
+        "observer_poles": listed(exactly({"real": NUMBER, "imag": NUMBER})),
+        "margins": exactly({"gain_db": MAYBE, "phase_deg": MAYBE, "delay_ms": MAYBE}),
+        "model": exactly({"structure": TEXT, "parameters": {"type": "object", "additionalProperties": NUMBER}}),
+    }
+)
+
+RUNS = exactly(
+    {
+        "format": {"const": "tippath.runs/1"},
+        "runs": listed(
+            exactly(
+                {
+                    "id": TEXT,
+                    "path": TEXT,
+                    "maneuver": TEXT,
+                    "axis": {"type": ["string", "null"]},
+                    "start_s": NUMBER,
+                    "duration_s": NUMBER,
+                    "rate_hz": MAYBE,
+                    "gaps": listed({"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}),
+                    "usable": {"type": "boolean"},
+                    "reasons": listed(TEXT),
+                }
+            )
+        ),
+        "damage": {"type": "object"},
+    }
+)

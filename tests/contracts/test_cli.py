@@ -1,0 +1,235 @@
+"""What users and other programs may rely on: exit statuses, one JSON document, no overwriting, no traceback."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from contract_schemas import FIT, GAINS, RUNS
+
+from gcs.cli import COMMANDS, main
+from sitl.actuators import clip
+from sitl.autopilot import AttitudeController
+from sitl.excitation import Excitation, ExcitationSettings
+from sitl.plants import make_plant
+
+Tippath = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def tippath(capsys: pytest.CaptureFixture[str]) -> Tippath:
+    def run(*words: object) -> tuple[int, str, str]:
+        try:
+            status = main([str(word) for word in words])
+        except SystemExit as stop:  # argparse
+            status = int(stop.code or 0)
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return status, out, err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def foreign_csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A CSV in the contract's columns, formatted by hand from the simulator's physics: 15 s roll, 15 s pitch."""
+    path = tmp_path_factory.mktemp("csv") / "foreign.csv"
+    plant, controller = make_plant("hover-ideal", 8), AttitudeController()
+    lines = ["t,p,q,delta_x,delta_y"]
+    t = 100.0
+    for axis, size in (("roll", 0.1), ("pitch", 0.15)):
+        excitation = Excitation(ExcitationSettings("chirp", "tischler", axis, size, duration_s=15.0), 4)
+        for _ in range(8000):
+            x, y = controller.step(plant.phi, plant.theta, plant.p, plant.q, 0.0, 0.0)
+            added = excitation.step()
+            x, y = clip(x + added.x), clip(y + added.y)
+            lines.append(f"{t:.3f},{plant.p:.6f},{plant.q:.6f},{x:.6f},{y:.6f}")
+            plant.step(x, y, 0.0, 0.0)
+            t += 0.002
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def no_constants(text: str) -> Any:
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} in JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str, tippath: Tippath) -> None:
+    status, out, _ = tippath(command, "--help")
+    assert status == 0
+    assert len(out) > 200
+
+
+def test_the_top_help_lists_the_commands(tippath: Tippath) -> None:
+    status, out, _ = tippath("--help")
+    assert status == 0
+    for command in COMMANDS:
+        assert f" {command} " in out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["nonsense"],
+        [],
+        ["fit"],
+        ["fit", "x.csv", "--model", "banana"],
+        ["fit", "x.csv", "--model", "tpp", "--band", "15:0"],
+        ["fit", "x.csv", "--model", "tpp", "--band", "nan:15"],
+        ["fit", "x.csv", "--model", "tpp", "--window", "5:2"],
+        ["fit", "x.csv", "--model", "tpp", "--window", "now:then"],
+        ["design", "f.json", "--input-cost", "much"],
+        ["sweep", "--axis", "yaw"],
+        ["push", "gains.json"],
+    ],
+)
+def test_wrong_usage_is_status_2(words: list[str], tippath: Tippath) -> None:
+    status, out, err = tippath(*words)
+    assert status == 2
+    assert out == ""
+    assert err.strip()
+
+
+def test_a_foreign_csv_is_fitted_by_one_command(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    target = tmp_path / "tpp.json"
+    status, out, err = tippath("fit", foreign_csv, "--model", "tpp", "--json", "-o", target)
+    assert status == 0, err
+    document = no_constants(out)
+    jsonschema.validate(document, FIT)
+    assert document == json.loads(target.read_text()), "the file is the document"
+    # nothing of it is about the CSV's clock, its gusts or its controller
+    assert document["modes"][0]["frequency_hz"] == pytest.approx(1.634, rel=0.02)
+    assert document["modes"][1]["frequency_hz"] == pytest.approx(5.029, rel=0.02)
+    assert document["records"][0]["path"].endswith("foreign.csv")
+    status, out, _ = tippath("design", target, "--json")
+    assert status == 0
+    jsonschema.validate(no_constants(out), GAINS)
+    status, out, _ = tippath("ingest", foreign_csv, "--json")
+    assert status == 0
+    jsonschema.validate(no_constants(out), RUNS)
+
+
+def test_fit_for_people_and_validation(foreign_csv: Path, tippath: Tippath) -> None:
+    status, out, _ = tippath("fit", foreign_csv, "--model", "cd")
+    assert status == 0
+    assert "NRMSE" in out
+    assert "L_lat" in out
+
+
+def test_nothing_is_overwritten_without_force(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    target = tmp_path / "fit.json"
+    target.write_text("mine")
+    status, _, err = tippath("fit", foreign_csv, "--model", "cd", "-o", target)
+    assert status == 1
+    assert "--force" in err
+    assert target.read_text() == "mine"
+    assert tippath("fit", foreign_csv, "--model", "cd", "-o", target, "--force")[0] == 0
+    assert json.loads(target.read_text())["format"] == "tippath.fit/1"
+
+
+def test_a_folder_that_is_not_there(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    status, _, err = tippath("fit", foreign_csv, "--model", "cd", "-o", tmp_path / "no" / "fit.json")
+    assert status == 1
+    assert "No such file or directory" in err
+
+
+def damaged(path: Path, source: Path, edit: Callable[[list[str]], list[str]]) -> Path:
+    path.write_text("\n".join(edit(source.read_text().splitlines())) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("edit", "says"),
+    [
+        (lambda lines: [line.rpartition(",")[0] for line in lines], "delta_y"),
+        (lambda lines: [*lines[:50], lines[50].replace("100.", "oops."), *lines[51:]], "oops"),
+        (lambda lines: [*lines[:50], lines[50].rpartition(",")[0] + ",nan", *lines[51:]], "delta_y"),
+        (lambda lines: [*lines[:50], lines[50].rpartition(",")[0], *lines[51:]], "51"),
+        (lambda lines: lines[:1], ""),
+        (lambda lines: [], ""),
+        (lambda lines: lines[:400], "2 s"),
+    ],
+    ids=["missing column", "text", "nan", "short line", "header only", "empty", "too short"],
+)
+def test_bad_csv_is_said_and_nothing_is_written(
+    edit: Callable[[list[str]], list[str]], says: str, foreign_csv: Path, tippath: Tippath, tmp_path: Path
+) -> None:
+    bad = damaged(tmp_path / "bad.csv", foreign_csv, edit)
+    status, out, err = tippath("fit", bad, "--model", "tpp", "-o", tmp_path / "fit.json")
+    assert status == 1
+    assert out == ""
+    assert says in err
+    assert "bad.csv" in err
+    assert not (tmp_path / "fit.json").exists()
+
+
+def test_too_little_excitation_names_the_axis(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    """The pitch command stilled: no numbers, no file."""
+
+    def still(lines: list[str]) -> list[str]:
+        return [lines[0], *(line.rpartition(",")[0] + ",0.00001" for line in lines[1:])]
+
+    bad = damaged(tmp_path / "still.csv", foreign_csv, still)
+    status, out, err = tippath("fit", bad, "--model", "tpp", "--json", "-o", tmp_path / "fit.json")
+    assert status == 1
+    assert out == ""
+    assert "pitch" in err
+    assert not (tmp_path / "fit.json").exists()
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1, 2]", '{"format": "tippath.fit/1"}', "\x00\x01", "null"])
+def test_design_refuses_what_is_no_fit(content: str, tippath: Tippath, tmp_path: Path) -> None:
+    path = tmp_path / "fit.json"
+    path.write_text(content)
+    status, out, err = tippath("design", path)
+    assert status == 1
+    assert out == ""
+    assert "fit.json" in err
+
+
+def test_missing_files(tippath: Tippath, tmp_path: Path) -> None:
+    for words in (
+        ["fit", "gone.csv", "--model", "cd"],
+        ["design", "gone.json"],
+        ["ingest", "gone.BIN"],
+        ["report", "gone.json"],
+    ):
+        status, _, err = tippath(words[0], tmp_path / words[1], *words[2:])
+        assert status == 1
+        assert "gone" in err
+
+
+def test_report_is_self_contained(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    fit = tmp_path / "fit.json"
+    assert tippath("fit", foreign_csv, "--model", "cd", "-o", fit)[0] == 0
+    page = tmp_path / "report.html"
+    assert tippath("report", fit, "-o", page)[0] == 0
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<svg") == 1
+    assert "src=" not in text
+    assert 'href="http' not in text
+    foreign_csv.rename(foreign_csv.with_suffix(".moved"))
+    try:
+        status, _, err = tippath("report", fit, "-o", tmp_path / "second.html")
+    finally:
+        foreign_csv.with_suffix(".moved").rename(foreign_csv)
+    assert status == 1
+    assert "not there any more" in err
+
+
+def test_a_closed_pipe_is_no_error(foreign_csv: Path) -> None:
+    command = f"{sys.executable} -m gcs.cli ingest {foreign_csv} --json | head -c 1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    assert "Traceback" not in done.stderr
+    assert np.char.startswith(done.stdout, "{")

@@ -1,0 +1,151 @@
+"""`tippath ingest`: its table, its JSON, its files and its exit status."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+from gcs.cli import ingest as command
+from gcs.errors import TippathError, UsageError
+from sysid.record import Record
+
+INTERVAL = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "required": ["format", "runs", "damage"],
+    "properties": {
+        "format": {"const": "tippath.runs/1"},
+        "damage": {"type": "object"},
+        "runs": {
+            "type": "array",
+            "items": {
+                "type": "object",
+                "required": [
+                    *("id", "path", "maneuver", "axis", "start_s", "duration_s", "rate_hz", "gaps", "usable", "reasons")
+                ],
+                "properties": {
+                    "id": {"type": "string"},
+                    "path": {"type": "string"},
+                    "maneuver": {"enum": ["chirp", "doublet", "quiet", "unknown"]},
+                    "axis": {"enum": ["roll", "pitch", "elevator", None]},
+                    "start_s": {"type": "number"},
+                    "duration_s": {"type": "number", "minimum": 0},
+                    "rate_hz": {"type": ["number", "null"]},
+                    "gaps": {"type": "array", "items": INTERVAL},
+                    "usable": {"type": "boolean"},
+                    "reasons": {"type": "array", "items": {"type": "string"}},
+                },
+            },
+        },
+    },
+}
+
+
+def call(*words: str | Path) -> int:
+    parser = argparse.ArgumentParser()
+    command.add_parser(parser.add_subparsers())
+    args = parser.parse_args(["ingest", *map(str, words)])
+    status: int = args.run(args)
+    return status
+
+
+def flight(path: Path, seconds: float = 20.0, amplitude: float = 0.1, rate_hz: float = 200.0) -> Path:
+    t = np.arange(0, seconds, 1 / rate_hz)
+    x, y = amplitude * np.sin(12 * t), amplitude * np.sin(17 * t)
+    table = np.column_stack([t, 3 * x, 2 * y, x, y])
+    np.savetxt(path, table, "%.6f", ",", header="t,p,q,delta_x,delta_y", comments="")
+    return path
+
+
+def test_the_table_names_runs_and_reasons(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, bad = flight(tmp_path / "good.csv"), flight(tmp_path / "bad.csv", amplitude=1e-5)
+    assert call(good, bad) == 0
+    out = capsys.readouterr().out
+    assert "good.csv#1" in out
+    assert "not usable, because" in out
+    assert "no excitation" in out
+
+
+def test_json_is_the_contracts_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(flight(tmp_path / "good.csv"), "--json", "--window", "2:18") == 0
+    document = json.loads(capsys.readouterr().out)
+    jsonschema.validate(document, SCHEMA)
+    (run,) = document["runs"]
+    assert (run["id"], run["usable"], run["start_s"], run["duration_s"]) == ("good.csv#1", True, 2.0, 16.0)
+
+
+def test_no_usable_run_is_status_one_with_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(flight(tmp_path / "slow.csv", rate_hz=20), "--json") == 1
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    jsonschema.validate(document, SCHEMA)
+    assert "20.0 Hz" in document["runs"][0]["reasons"][0]
+    assert "no run is usable" in captured.err
+
+
+def test_records_are_written_and_never_overwritten_unasked(tmp_path: Path) -> None:
+    log, folder = flight(tmp_path / "flight.csv"), tmp_path / "records"
+    assert call(log, "-o", folder) == 0
+    record = Record.load(folder / "flight-1.npz")
+    assert record.id == "flight.csv#1"
+    before = (folder / "flight-1.npz").read_bytes()
+    flight(log, seconds=30)
+    with pytest.raises(TippathError, match="--force"):
+        call(log, "-o", folder)
+    assert (folder / "flight-1.npz").read_bytes() == before
+    assert call(log, "-o", folder, "--force", "--json") == 0
+    assert Record.load(folder / "flight-1.npz").duration_s == pytest.approx(29.995)
+
+
+def test_logs_of_one_name_get_their_folders_names(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        flight(tmp_path / folder / "x.csv", seconds=20 if folder == "a" else 25)
+    assert call(tmp_path / "a" / "x.csv", tmp_path / "b" / "x.csv", "-o", tmp_path / "out") == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a-x-1.npz", "b-x-1.npz"]
+
+
+def test_an_output_that_is_a_file_is_refused(tmp_path: Path) -> None:
+    log = flight(tmp_path / "flight.csv")
+    with pytest.raises(TippathError):
+        call(log, "-o", log)
+
+
+def test_explain_lists_found_missing_and_what_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(flight(tmp_path / "flight.csv"), "--explain") == 0
+    out = capsys.readouterr().out
+    found, missing = out.split("channels found")[1].split("not found")
+    assert "delta_x" in found
+    assert "omega" in missing
+    assert "[channels.p]" in missing
+    assert "--profile" in missing
+
+
+def test_wrong_words_are_wrong_usage(tmp_path: Path) -> None:
+    log = flight(tmp_path / "flight.csv")
+    with pytest.raises(UsageError, match="--window"):
+        call(log, "--window", "5")
+    with pytest.raises(TippathError, match="no such file"):
+        call(tmp_path / "absent.csv")
+    with pytest.raises(SystemExit) as caught:
+        call()
+    assert caught.value.code == 2
+
+
+@pytest.mark.data
+def test_all_the_real_logs_at_once(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logs = sorted((shared_data / "ardupilot").glob("*.[Bb][Ii][Nn]"))
+    assert call(*logs, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    jsonschema.validate(document, SCHEMA)
+    usable = {run["id"]: run["usable"] for run in document["runs"]}
+    assert usable.pop("log171.bin#1") is False
+    assert len(usable) == 4
+    assert all(usable.values())
+    assert document["damage"] == {}

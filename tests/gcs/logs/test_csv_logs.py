@@ -1,0 +1,157 @@
+"""CSV logs: what is right is read fast, what is wrong is named by line and column."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.errors import TippathError
+from gcs.logs import ingest
+from gcs.logs.csv import CsvFile
+
+Saved = Callable[[bytes, str], Path]
+
+
+def rows(count: int = 4000, rate_hz: float = 200.0) -> list[list[str]]:
+    """A roll and pitch maneuver of 20 s."""
+    t = np.arange(count) / rate_hz
+    x, y = 0.1 * np.sin(2 * np.pi * t), 0.1 * np.cos(2 * np.pi * 1.3 * t)
+    table = np.column_stack([t, 3 * x, 2 * y, x, y])
+    return [["t", "p", "q", "delta_x", "delta_y"], *([f"{v:.6f}" for v in row] for row in table)]
+
+
+def text(table: list[list[str]]) -> bytes:
+    return "\n".join(",".join(row) for row in table).encode() + b"\n"
+
+
+def test_a_file_with_the_channels_names_is_one_usable_run(saved: Saved) -> None:
+    path = saved(text(rows()), "flight.csv")
+    found = ingest([path])
+    (run,) = found.runs
+    assert (run.id, run.usable, run.maneuver, run.rate_source) == ("flight.csv#1", True, "unknown", "csv")
+    assert run.rate_hz == pytest.approx(200)
+    assert run.duration_s == pytest.approx(19.995)
+    assert run.record is not None
+    assert run.record.channels["p"][5] == pytest.approx(0.3 * np.sin(2 * np.pi * 0.025), abs=1e-6)
+    assert len(run.record.sha256) == 64
+
+
+@pytest.mark.parametrize(
+    "change", ["bom", "crlf", "blank lines", "quotes", "extra column", "blanks", "no last newline"]
+)
+def test_harmless_differences_change_nothing(saved: Saved, change: str) -> None:
+    table = rows()
+    plain = ingest([saved(text(table), "plain.csv")]).runs[0].record
+    raw = text(table)
+    match change:
+        case "bom":
+            raw = b"\xef\xbb\xbf" + raw
+        case "crlf":
+            raw = raw.replace(b"\n", b"\r\n")
+        case "blank lines":
+            raw = b"\n\n" + raw.replace(b"\n0.1", b"\n\n0.1") + b"\n\n"
+        case "quotes":
+            raw = text([[f'"{cell}"' for cell in row] for row in table])
+        case "extra column":
+            raw = text([[*row, "mode" if i == 0 else "hover"] for i, row in enumerate(table)])
+        case "blanks":
+            raw = text([[f" {cell} " for cell in row] for row in table])
+        case "no last newline":
+            raw = raw[:-1]
+    other = ingest([saved(raw, "other.csv")]).runs[0].record
+    assert plain is not None
+    assert other is not None
+    for name, values in plain.channels.items():
+        assert np.array_equal(values, other.channels[name])
+
+
+def with_cell(line: int, column: int, value: str) -> bytes:
+    table = rows()
+    table[line - 1][column] = value
+    return text(table)
+
+
+WRONG: dict[str, tuple[bytes, list[str]]] = {
+    "nan": (with_cell(7, 1, "nan"), ["line 7", "column p", "not a finite number", "remove"]),
+    "infinite": (with_cell(9, 3, "-inf"), ["line 9", "column delta_x", "not a finite number"]),
+    "text": (with_cell(12, 2, "abc"), ["line 12", "column q", "'abc' is not a number"]),
+    "escape": (with_cell(12, 2, "\x1b[2J"), ["line 12", "column q", "'\\x1b[2J' is not a number"]),
+    "empty cell": (with_cell(3, 4, ""), ["line 3", "column delta_y", "empty"]),
+    "time repeats": (with_cell(103, 0, "0.500000"), ["line 103", "column t", "does not increase", "sort"]),
+    "time back": (with_cell(200, 0, "0.1"), ["line 200", "column t", "does not increase"]),
+    "short row": (text([*rows()[:50], ["1", "2"], *rows()[50:]]), ["line 51", "2 columns", "header has 5"]),
+    "long row": (text([*rows()[:50], ["9"] * 7]), ["line 51", "7 columns", "header has 5"]),
+    "decimal comma": (text(rows()).replace(b".", b","), ["line 2", "10 columns", "decimal"]),
+    "semicolons": (text(rows()).replace(b",", b";"), ["line 1", "semicolons", "commas"]),
+    "tabs": (text(rows()).replace(b",", b"\t"), ["line 1", "tabs", "commas"]),
+    "no header": (text(rows()[1:]), ["line 1", "numbers, not names", "header"]),
+    "no q": (text([[c for i, c in enumerate(r) if i != 2] for r in rows()]), ["line 1", "column q missing", "profile"]),
+    "no t": (text([r[1:] for r in rows()]), ["line 1", "column t missing"]),
+    "name twice": (text([["t", "p", "p", "delta_x", "delta_y"], *rows()[1:]]), ["line 1", "column 3", "twice"]),
+    "name empty": (text([["t", "p", "", "delta_x", "delta_y"], *rows()[1:]]), ["line 1", "column 3", "no name"]),
+    "empty": (b"", ["empty", "header"]),
+    "blank": (b" \n\n", ["empty", "header"]),
+    "header only": (b"t,p,q,delta_x,delta_y\n", ["no rows"]),
+    "utf-16": ("t,p\n1,2\n".encode("utf-16"), ["UTF-16", "UTF-8"]),
+    "binary": (b"t,p,q\n\xff\xfe\x00\x01\n", ["line 2", "not text"]),
+    "zero byte": (b"t,p,q\n1,\x00,3\n", ["line 2", "zero byte"]),
+    "open quote": (text(rows()[:3]) + b'"1,2,3,4,5\n', ["line"]),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_named(saved: Saved, case: str) -> None:
+    raw, words = WRONG[case]
+    path = saved(raw, "flight.csv")
+    with pytest.raises(TippathError) as caught:
+        ingest([path])
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    for word in words:
+        assert word in message
+    assert "\x1b" not in message
+
+
+def test_line_numbers_count_blank_lines(saved: Saved) -> None:
+    table = rows()
+    table[20][1] = "oops"
+    path = saved(b"\n\n" + text(table[:10]) + b"\n\n\n" + text(table[10:]), "flight.csv")
+    with pytest.raises(TippathError, match="line 26, column p"):
+        ingest([path])
+
+
+def test_no_damaged_csv_makes_the_reader_fail() -> None:
+    chance = random.Random(21)
+    whole = text(rows(60))
+    read = 0
+    for _ in range(400):
+        raw = bytearray(whole)
+        for _ in range(chance.randrange(1, 4)):
+            at = chance.randrange(len(raw))
+            raw[at : at + chance.randrange(3)] = chance.choice(
+                (b",", b"\n", b'"', b"\xff", b"e", b";", b"", b"9", b"#")
+            )
+        try:
+            file = CsvFile.parse(bytes(raw), "x.csv")
+            columns = file.columns(file.header)
+        except TippathError:
+            continue
+        read += 1
+        assert all(np.isfinite(values).all() for values in columns.values())
+    assert read > 20
+
+
+@pytest.mark.data
+def test_forty_thousand_measured_rows_are_read_at_once(shared_data: Path) -> None:
+    path = shared_data / "crazyflie" / "roll_pitch_pilot_mapped.csv"
+    (run,) = ingest([path]).runs
+    assert run.record is not None
+    slow = np.genfromtxt(path, delimiter=",", names=True, max_rows=2000)
+    for name in slow.dtype.names:
+        assert np.array_equal(slow[name], run.record.channels[name][:2000])
+    assert run.usable
+    assert run.rate_hz == pytest.approx(1009, abs=2)

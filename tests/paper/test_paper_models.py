@@ -1,0 +1,88 @@
+"""The paper's printed numbers, reproduced from its own tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gcs.analysis import PAPER_PARAMETERS
+from sysid.model import Model
+from sysid.regulator import DesignError, design
+from sysid.structures import CD, TPP, reduce_to_cd
+
+TABLE_4_TPP = Model(TPP, np.array(PAPER_PARAMETERS["tpp"]))
+TABLE_4_CD = Model(CD, np.array(PAPER_PARAMETERS["cd"]))
+
+
+def test_table_2_follows_from_table_4() -> None:
+    slow, fast = TABLE_4_TPP.modes
+    assert (slow.frequency_hz, slow.damping_ratio) == pytest.approx((1.634, 0.390), abs=5e-4)
+    assert (fast.frequency_hz, fast.damping_ratio) == pytest.approx((5.029, 0.221), abs=5e-4)
+    (mode,) = TABLE_4_CD.modes
+    assert (mode.frequency_hz, mode.damping_ratio) == pytest.approx((1.535, 0.354), abs=5e-4)
+
+
+def test_reduced_tpp_is_not_the_printed_cd() -> None:
+    (mode,) = reduce_to_cd(TABLE_4_TPP).modes
+    assert mode.frequency_hz == pytest.approx(2.74, abs=5e-3)
+    assert mode.damping_ratio == pytest.approx(0.77, abs=5e-3)
+
+
+def test_lqr_gain_prefilter_and_poles() -> None:
+    gains = design(TABLE_4_TPP)
+    expected_K = [[0.2294, -0.2473, -4.610, 3.002], [0.1228, 0.1806, 4.696, -0.364]]
+    np.testing.assert_allclose(gains.K, expected_K, rtol=0, atol=5e-4)
+    np.testing.assert_allclose(gains.prefilter, [[0.4204, -0.2150], [0.3048, 0.5188]], rtol=0, atol=5e-5)
+    upper = sorted((pole for pole in gains.poles if pole.imag > 0), key=lambda pole: pole.imag)
+    np.testing.assert_allclose(upper, [-13.48 + 8.79j, -21.04 + 39.00j], rtol=0, atol=6e-3)
+
+
+def test_observer_poles_are_the_stable_four() -> None:
+    gains = design(TABLE_4_TPP)
+    np.testing.assert_allclose(sorted(gains.observer_poles.real), [-51, -51, -50, -50], atol=1e-3)
+    np.testing.assert_allclose(gains.observer_poles.imag, 0, atol=1e-3)
+
+
+@pytest.mark.parametrize(("input_cost", "delay_ms"), [(5.0, 48), (2.0, 32)])
+def test_delay_margin_of_the_loop_with_observer(input_cost: float, delay_ms: float) -> None:
+    assert 1000 * design(TABLE_4_TPP, input_cost).margins.delay_s == pytest.approx(delay_ms, abs=0.5)
+
+
+def test_delay_margin_against_a_stability_computation_of_its_own() -> None:
+    """Padé delays in both commands just inside and outside the margin, poles by eigenvalues."""
+    gains = design(TABLE_4_TPP)
+    A, B, C, _ = TABLE_4_TPP.matrices
+
+    def stable(delay_s: float) -> bool:
+        from control import pade, ss, tf
+
+        numerator, denominator = pade(delay_s, 8)
+        late = ss(tf(numerator, denominator))
+        plant, n = ss(A, B, C, 0), late.nstates
+        zeros = np.zeros((n, n))
+        lateA = np.block([[late.A, zeros], [zeros, late.A]])
+        lateB = np.kron(np.eye(2), late.B)
+        lateC, lateD = np.kron(np.eye(2), late.C), np.kron(np.eye(2), late.D)
+        inner = A - gains.observer_gain @ C - B @ gains.K
+        top = [plant.A, B @ lateC, -B @ lateD @ gains.K]
+        middle = [np.zeros((2 * n, 4)), lateA, -lateB @ gains.K]
+        bottom = [gains.observer_gain @ C, np.zeros((4, 2 * n)), inner]
+        return bool(np.all(np.linalg.eigvals(np.block([top, middle, bottom])).real < 0))
+
+    margin = gains.margins.delay_s
+    assert stable(0.97 * margin)
+    assert not stable(1.03 * margin)
+
+
+def test_prefilter_makes_steady_rates_follow() -> None:
+    gains = design(TABLE_4_TPP)
+    A, B, C, _ = TABLE_4_TPP.matrices
+    steady = C @ np.linalg.solve(-(A - B @ gains.K), B @ gains.prefilter)
+    np.testing.assert_allclose(steady, np.eye(2), atol=1e-9)
+
+
+def test_no_gains_on_cd_or_with_a_senseless_weight() -> None:
+    with pytest.raises(DesignError, match="--model tpp"):
+        design(TABLE_4_CD)
+    with pytest.raises(DesignError, match="positive"):
+        design(TABLE_4_TPP, 0.0)

@@ -1,0 +1,84 @@
+"""Runs flown by the independent simulator's physics, without its logger or link: truth that sysid did not make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sitl.actuators import clip
+from sitl.autopilot import AttitudeController
+from sitl.excitation import Excitation, ExcitationSettings
+from sitl.plants import Plant, make_plant
+from sitl.sensors import Gyro
+from sysid.record import Record
+
+DT = 0.002
+
+
+def fly(plant: Plant, settings: ExcitationSettings, seed: int, label: str) -> Record:
+    """One maneuver in closed loop, a second of hover before and after."""
+    gyro, controller, excitation = Gyro(seed), AttitudeController(), Excitation(settings, seed + 1)
+    samples = round((settings.duration_s + 2.0) / DT)
+    rows = np.empty((samples, 6))
+    angle = 0.0
+    for k in range(samples):
+        angle += plant.omega * DT
+        p, q, _ = gyro.measure(plant.p, plant.q, plant.r, angle)
+        x, y = controller.step(plant.phi, plant.theta, p, q, 0.0, 0.0)
+        if k * DT >= 1.0:
+            added = excitation.step()
+            x, y = x + added.x, y + added.y
+        x, y = clip(x), clip(y)
+        rows[k] = k * DT, p, q, x, y, plant.omega
+        plant.step(x, y, 0.0, 0.0)
+    names = ("t", "p", "q", "delta_x", "delta_y", "omega")
+    band = (settings.f_start_hz, settings.f_stop_hz) if settings.kind == "chirp" else None
+    return Record(
+        label,
+        dict(zip(names, rows.T, strict=True)),
+        maneuver=settings.kind,
+        axis=settings.axis,
+        rate_source="SIDD",
+        swept_band_hz=band,
+    )
+
+
+def card(name: str, seed: int, duration_s: float = 30.0) -> tuple[list[Record], list[Record]]:
+    """Two roll and two pitch chirps with Table 1's settings, and a doublet on each axis."""
+    plant = make_plant(name, seed)
+    chirps = [
+        fly(
+            plant,
+            ExcitationSettings("chirp", "tischler", axis, size, duration_s=duration_s),
+            50 * seed + 7 * i,
+            f"#{i}",
+        )
+        for i, (axis, size) in enumerate([("roll", 0.10), ("pitch", 0.15), ("roll", 0.10), ("pitch", 0.15)])
+    ]
+    doublets = [
+        fly(
+            plant,
+            ExcitationSettings("doublet", "tischler", axis, size, duration_s=8.0, pulse_s=0.25),
+            50 * seed + 31 + i,
+            f"#{axis} doublet",
+        )
+        for i, (axis, size) in enumerate([("roll", 0.10), ("pitch", 0.15)])
+    ]
+    return chirps, doublets
+
+
+@pytest.fixture(scope="session")
+def fly_card() -> Callable[..., tuple[list[Record], list[Record]]]:
+    return card
+
+
+@pytest.fixture(scope="session")
+def ideal_card() -> tuple[list[Record], list[Record]]:
+    return card("hover-ideal", 3)
+
+
+@pytest.fixture(scope="session")
+def hover_card() -> tuple[list[Record], list[Record]]:
+    return card("hover", 3)
