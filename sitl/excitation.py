@@ -46,6 +46,8 @@ class ExcitationSettings:
             return "a setting is negative"
         if self.duration_s <= 0:
             return "no duration"
+        if self.f_stop_hz < 0:
+            return "a frequency is negative"
         if self.kind == "chirp":
             if not 0 < self.f_start_hz < self.f_stop_hz < 0.5 / self.dt:
                 return "the start frequency must lie below the stop frequency"

@@ -1,0 +1,198 @@
+"""`python -m sitl`: one simulated vehicle, until it is interrupted.
+
+The first line on standard output says as JSON that it is ready and where the ground station reaches it. After that
+standard input takes the pilot's lines and standard output their replies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import signal
+import sys
+from pathlib import Path
+
+from sitl.clock import FreeClock, WallClock
+from sitl.faults import Loss, LossyLink
+from sitl.links import Link, LinkError, UdpLink, open_link
+from sitl.pilot import PilotLines, obey
+from sitl.plants import PLANTS
+from sitl.server import Server
+from sitl.vehicle import Vehicle, make_vehicle, run
+
+DEFAULT_LINK = "udpout:127.0.0.1:14550"
+
+
+class _Refused(Exception):
+    """Ends the program with a message and no traceback."""
+
+    def __init__(self, message: str, status: int) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m sitl", description="The simulated vehicle, until interrupted.")
+    parser.add_argument("--plant", choices=PLANTS, default="hover", help="what flies (default: %(default)s)")
+    parser.add_argument(
+        "--listen",
+        metavar="LINK",
+        help=f"udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT or pty; port 0 is a free one ({DEFAULT_LINK})",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of gusts, sensors and noise (default: %(default)s)")
+    parser.add_argument(
+        "-o", "--directory", type=Path, default=Path("vehicle-logs"), metavar="DIR", help="its logs (%(default)s)"
+    )
+    parser.add_argument("--on-ground", action="store_true", help="start disarmed instead of hovering")
+    parser.add_argument(
+        "--set", dest="settings", action="append", default=[], metavar="NAME=VALUE", help="a parameter; repeatable"
+    )
+    parser.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="of UDP packets, e.g. 0.02")
+    parser.add_argument("--speed", metavar="N", help="N times real time, or max; without a link")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after S seconds of the vehicle's time")
+    parser.add_argument("--until-input-ends", action="store_true", help="end when standard input is closed")
+    return parser
+
+
+def _settings(words: list[str]) -> dict[str, float]:
+    settings = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        try:
+            settings[name] = float(text)
+        except ValueError as error:
+            raise _Refused(f"--set {word}: NAME=VALUE is wanted, with a number", 2) from error
+    return settings
+
+
+def _vehicle(arguments: argparse.Namespace) -> Vehicle:
+    settings = _settings(arguments.settings)
+    try:
+        arguments.directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _Refused(f"{arguments.directory}: {error.strerror}; choose another directory with -o", 1) from error
+    try:
+        return make_vehicle(
+            arguments.plant,
+            arguments.seed,
+            directory=arguments.directory,
+            on_ground=arguments.on_ground,
+            parameters=settings,
+        )
+    except KeyError as error:
+        raise _Refused(f"--set: this vehicle has no parameter {error.args[0]}, or not with that value", 2) from error
+
+
+def _air(arguments: argparse.Namespace) -> tuple[Link, Loss] | None:
+    """The link, and what it loses; None where the vehicle flies alone."""
+    if arguments.speed is not None:
+        if arguments.listen is not None:
+            raise _Refused("--speed flies without a link: a ground station cannot follow; leave out --listen", 2)
+        return None
+    try:
+        loss = Loss(arguments.loss, arguments.seed)
+        link = open_link(arguments.listen or DEFAULT_LINK)
+    except ValueError as error:
+        raise _Refused(f"--loss {arguments.loss}: {error}", 2) from error
+    except LinkError as error:
+        raise _Refused(str(error), 2) from error
+    if arguments.loss > 0 and not isinstance(link, UdpLink):
+        link.close()
+        raise _Refused("--loss drops datagrams: use a udpout or udpin link with it", 2)
+    return link, loss
+
+
+def _server(vehicle: Vehicle, air: tuple[Link, Loss] | None) -> Server | None:
+    if air is None:
+        return None
+    link, loss = air
+    return Server(vehicle, LossyLink(link, loss, lambda: vehicle.time_s))
+
+
+def _clock(speed: str | None) -> WallClock | FreeClock:
+    try:
+        return FreeClock() if speed == "max" else WallClock(1.0 if speed is None else float(speed))
+    except ValueError as error:
+        raise _Refused(f"--speed {speed}: a positive number or max is wanted", 2) from error
+
+
+def _say(line: str) -> None:
+    try:
+        print(line, flush=True)
+    except OSError:  # whoever started the vehicle has stopped listening; it flies on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+
+
+def _fly(arguments: argparse.Namespace) -> None:
+    clock = _clock(arguments.speed)
+    air = _air(arguments)
+    try:
+        vehicle = _vehicle(arguments)  # after the link: a taken port must not leave a log behind
+    except _Refused:
+        if air is not None:
+            air[0].close()
+        raise
+    server = _server(vehicle, air)
+    ended = False
+
+    def end(*_: object) -> None:
+        nonlocal ended
+        ended = True
+
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, end)
+    if hasattr(signal, "SIGTTIN"):  # in a shell's background the terminal's input ends; it must not stop the vehicle
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+    pilot = None
+    if sys.stdin is not None and not sys.stdin.closed:
+        pilot = PilotLines(sys.stdin.fileno(), end if arguments.until_input_ends else None)
+    stop_us = math.inf if arguments.duration is None else vehicle.time_us + arguments.duration * 1e6
+    _say(
+        json.dumps(
+            {
+                "ready": True,
+                "link": None if server is None else server.link.name,
+                "ground_link": None if server is None else server.link.ground_link,
+                "plant": arguments.plant,
+                "seed": arguments.seed,
+                "directory": str(arguments.directory),
+            }
+        )
+    )
+
+    def between() -> None:
+        for line in pilot.take() if pilot is not None else ():
+            if line.lower() == "quit":
+                end()
+                _say("ok")
+            else:
+                _say(obey(vehicle, line))
+        if server is not None:
+            server.poll()
+
+    try:
+        run(vehicle, clock, between, lambda: ended or vehicle.time_us >= stop_us)
+    finally:
+        if server is not None:
+            server.close()
+        else:
+            vehicle.close()
+
+
+def main(words: list[str] | None = None) -> int:
+    """Returns the exit status."""
+    arguments = _parser().parse_args(words)
+    try:
+        _fly(arguments)
+    except _Refused as refusal:
+        print(f"sitl: {refusal}", file=sys.stderr)
+        return refusal.status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
