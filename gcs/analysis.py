@@ -5,6 +5,7 @@ The same functions serve the command line, the app and the demo.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,7 +140,15 @@ def parameter_table(found: Identification) -> str:
 def checks_text(checks: Sequence[Check]) -> str:
     """One line a check: ✓ passed, ✗ failed, ? not possible."""
     marks = {True: "✓", False: "✗", None: "?"}
-    return "\n".join(["eigenfrequency check", *(f"  {marks[one.passed]} {one.name}: {one.text}" for one in checks)])
+    lines = ["eigenfrequency check"]
+    for one in checks:
+        lines += wrapped(f"{marks[one.passed]} {one.name}: {one.text}", "  ", "    ")
+    return "\n".join(lines)
+
+
+def wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
+    """Sentences to lines of at most 78 columns."""
+    return textwrap.wrap(text, 78, initial_indent=first, subsequent_indent=rest)
 
 
 def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
@@ -167,7 +176,8 @@ def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
         lines.append(f"  {parameter.name:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8} {share}{mark}")
     if checks:
         lines += ["", checks_text(checks)]
-    lines += ["", *(f"warning: {text}" for text in fit.warnings)] if fit.warnings else []
+    for text in fit.warnings:
+        lines += ["", *wrapped(f"warning: {text}", rest="  ")]
     return "\n".join(lines)
 
 
@@ -207,14 +217,16 @@ def runs_of(fit: Fit, which: Sequence[RecordUsed]) -> list[Record]:
     """
     from gcs.logs import ingest
 
+    profile = None if fit.profile is None else Path(fit.profile)
+    logs: dict[str, list[Record]] = {}
     found: list[Record] = []
     for one in which:
         if not one.path or not Path(one.path).exists():
             raise TippathError(f"{one.id}: its log {one.path or '(unknown)'} is not there any more")
-        profile = None if fit.profile is None else Path(fit.profile)
-        runs = ingest([Path(one.path)], profile, fit.window_s, f_high_hz=fit.band_hz[1]).runs
-        records = [run.record for run in runs if run.record is not None]
-        same = [record for record in records if record.id == one.id]
+        if one.path not in logs:
+            runs = ingest([Path(one.path)], profile, fit.window_s, f_high_hz=fit.band_hz[1]).runs
+            logs[one.path] = [run.record for run in runs if run.record is not None]
+        same = [record for record in logs[one.path] if record.id == one.id]
         if not same or same[0].sha256 != one.sha256:
             raise TippathError(f"{one.id}: {one.path} is not the log this fit was made from any more")
         found.append(same[0])

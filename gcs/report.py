@@ -17,7 +17,7 @@ BLACK, BLUE, ORANGE, GREEN = "#222222", "#0072B2", "#D55E00", "#009E73"
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-pre { background: #f6f6f4; padding: .8rem 1rem; overflow-x: auto; line-height: 1.35; }
+pre { background: #f6f6f4; padding: .8rem 1rem; overflow-x: auto; line-height: 1.35; white-space: pre-wrap; }
 svg { max-width: 100%; height: auto; }
 h2 { margin-top: 2.2rem; border-bottom: 1px solid #ddd; }
 """

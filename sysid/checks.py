@@ -89,7 +89,7 @@ def _agreement(structure: Structure, records: Sequence[Record], band_hz: tuple[f
     change_f = 100 * float(np.max(np.ptp(frequencies, axis=0) / np.mean(frequencies, axis=0)))
     change_z = 100 * float(np.max(np.ptp(dampings, axis=0) / np.abs(np.mean(dampings, axis=0))))
     text = (
-        f"between {count} sets of runs natural frequencies differ by {change_f:.1f} %, damping by {change_z:.1f} % "
+        f"{count} sets of runs differ by {change_f:.1f} % in natural frequency, {change_z:.1f} % in damping "
         f"(paper {PAPER_FREQUENCY_CHANGE_PERCENT} and {PAPER_DAMPING_CHANGE_PERCENT} %)"
     )
     good = change_f <= LARGEST_FREQUENCY_CHANGE_PERCENT and change_z <= LARGEST_DAMPING_CHANGE_PERCENT

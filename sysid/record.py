@@ -164,10 +164,10 @@ class Record:
     def load(cls, path: Path) -> Record:
         """Read what `save` wrote. Raises RecordError where the file is not a record."""
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
                 about = json.loads(bytes(archive["about"]))
                 channels = {name: archive[name] for name in archive.files if name != "about"}
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        except (EOFError, TypeError, AttributeError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise RecordError(f"{path}: not a record ({error})") from error
         if about.get("format") != FORMAT:
             raise RecordError(f"{path}: not a {FORMAT} file")

@@ -1,0 +1,93 @@
+"""A fit that saves itself, and the explanations that go with an unstable one."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from contract_schemas import FIT
+from jsonschema import validate
+
+from sysid.identify import identify
+from sysid.record import Record
+from sysid.result import Fit, ResultError
+from sysid.structures import CD, TPP
+
+Card = tuple[list[Record], list[Record]]
+
+
+def test_a_saved_fit_is_the_same_fit(ideal_card: Card, tmp_path: Path) -> None:
+    chirps, doublets = ideal_card
+    fit = identify(TPP, chirps, doublets, window_s=(None, 40.0))
+    document = fit.to_json(tmp_path)
+    again = Fit.from_json(json.loads(json.dumps(document, allow_nan=False)), tmp_path)
+    np.testing.assert_array_equal(again.model.values, fit.model.values)
+    np.testing.assert_array_equal(again.covariance, fit.covariance)
+    assert again.records == fit.records
+    assert again.window_s == (None, 40.0)
+    assert again.to_json(tmp_path) == document
+
+
+def test_paths_are_relative_to_the_file(ideal_card: Card, tmp_path: Path) -> None:
+    log = tmp_path / "flights" / "one.BIN"
+    chirps = [
+        Record(
+            one.id, dict(one.channels), one.maneuver, one.axis, one.rate_source, str(log), "0" * 64, one.swept_band_hz
+        )
+        for one in ideal_card[0]
+    ]
+    document = identify(CD, chirps).to_json(tmp_path / "fits")
+    validate(document, FIT)
+    assert document["records"][0]["path"] == "../flights/one.BIN"
+    (tmp_path / "fits").mkdir()
+    target = tmp_path / "fits" / "cd.json"
+    target.write_text(json.dumps(document))
+    assert Path(Fit.load(target).records[0].path).resolve() == log
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"format": "tippath.fit/9"}, "tippath.fit/9"),
+        ({"parameters": {}}, "L_p"),
+        ({"structure": {"base": "banana", "effects": []}}, "banana"),
+        ({"covariance": [[1.0]]}, "shape"),
+        ({"records": 3}, "wrong kind"),
+    ],
+)
+def test_a_damaged_file_is_said(change: dict[str, object], says: str, ideal_card: Card, tmp_path: Path) -> None:
+    document = identify(CD, ideal_card[0]).to_json(tmp_path) | change
+    target = tmp_path / "cd.json"
+    target.write_text(json.dumps(document))
+    with pytest.raises(ResultError, match=says):
+        Fit.load(target)
+
+
+@pytest.mark.data
+def test_the_quadrotor_s_honest_answer(shared_data: Path) -> None:
+    """The measured flight: poor, unstable, late in the actuators, lag and delay not separable, feedback named."""
+    table = np.genfromtxt(shared_data / "crazyflie" / "roll_pitch_pilot_mapped.csv", delimiter=",", names=True)
+    one = Record("quad", {name: table[name] for name in ("t", "p", "q", "delta_x", "delta_y")})
+    fit = identify(CD, [one], band_hz=(0.3, 15.0))
+    assert fit.nrmse_percent["p"] == pytest.approx(31, abs=1.5)
+    assert fit.nrmse_percent["q"] == pytest.approx(35, abs=1.5)
+    assert not fit.stable
+    said = " ".join(fit.warnings)
+    assert "unstable" in said
+    assert "controller in the loop" in said
+    assert "a lag of about 40 ms would lift it to p 65 / q 69 %" in said
+    assert "a delay of about 30 ms" in said
+    assert "do not separate the two" in said
+
+
+@pytest.mark.data
+def test_the_helicopter_flown_by_strangers(shared_data: Path) -> None:
+    """Real autopilot, somebody else's TPP with a servo delay: plain TPP lands where the README says."""
+    from gcs.logs import resolve_runs
+
+    logs = [str(shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN") for axis in ("roll", "pitch")]
+    fit = identify(TPP, resolve_runs(logs))
+    assert fit.nrmse_percent["p"] == pytest.approx(55, abs=4)
+    assert fit.nrmse_percent["q"] == pytest.approx(42, abs=6)
