@@ -1,0 +1,65 @@
+"""`tippath push`: a designed set of gains to the vehicle, proved bit for bit."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "push",
+        help="write gains to the vehicle as one verified set",
+        description="Write a GAINS.json of `tippath design` to the vehicle's shadow bank, read it back bit for bit, "
+        "and commit it with its checksum. The vehicle must be disarmed; whether the LQR flies is the pilot's switch.",
+        epilog='--json prints {"format": "tippath.push/1", "crc", "previous_crc", "committed", "verified", "values", '
+        '"switch_on"}: the checksums of the bank that is active now and of the one before (0: none), whether anything '
+        "had to be committed, how many values were read back equal, and those values.",
+    )
+    parser.add_argument("gains", type=Path, metavar="GAINS.json")
+    add_link_options(parser)
+    parser.set_defaults(run=run)
+
+
+def add_link_options(parser: argparse.ArgumentParser) -> None:
+    """The options of every command that speaks to a vehicle."""
+    parser.add_argument(
+        "--connect",
+        required=True,
+        metavar="LINK",
+        help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/ttyUSB0,921600 or COM5,57600",
+    )
+    parser.add_argument(
+        "--primary",
+        action="store_true",
+        help="be the station whose heartbeat holds the vehicle's ground failsafe (system id 255)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+
+
+def run(args: argparse.Namespace) -> int:
+    from gcs.gains import load_gains, push  # here, because --help should not wait for MAVLink
+    from gcs.session import Session
+
+    gains = load_gains(args.gains)
+    with Session.open(args.connect, primary=args.primary) as session:
+        result = push(session, gains, on_progress=lambda step: print(f" {step}", file=sys.stderr))
+    if args.json:
+        print(json.dumps(result.to_json(), indent=2, allow_nan=False))
+        return 0
+    if result.committed:
+        print(f"committed {result.crc:06x}; {len(result.values)} of {len(result.values)} values read back equal")
+    else:
+        print(f"the vehicle had this set already ({result.crc:06x}); nothing was written")
+    names = list(result.values)
+    for row in ("K1", "K2", "L1", "L2", "L3", "L4", "G1", "G2"):
+        print(f"  {row:4}" + " ".join(f"{result.values[n]:12.6g}" for n in names if n[:2] == row and n[2:].isdigit()))
+    if result.committed:
+        before = f"`tippath revert` goes back to {result.previous_crc:06x}"
+        print(before if result.previous_crc else "it is the first set: there is none to go back to")
+    switch = {True: "the LQR", False: "the autopilot's own controller", None: "unknown"}[result.switch_on]
+    print(f"the pilot's switch selects: {switch}")
+    return 0

@@ -1,0 +1,210 @@
+"""MAVLink messages to events: units, names and text are put right here, once.
+
+A message that says nothing to a ground station for sweeps gives None. Whatever a valid checksum can carry must come
+through without an exception: ids 255, NaN, lengths that lie, text with escape sequences.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+import unicodedata
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from gcs.link.events import (
+    Attitude,
+    AutopilotVersion,
+    Battery,
+    CommandAck,
+    Event,
+    Heartbeat,
+    LocalPosition,
+    LogBlock,
+    ParamError,
+    ParamValue,
+    RotorSpeed,
+    StatusText,
+    StatusTextPart,
+    SystemTime,
+)
+
+BLOCK_SIZE = 200
+TEXT_SIZE = 50
+PARAMETER_ERRORS = {
+    1: "does not exist",
+    2: "value out of range",
+    3: "permission denied",
+    4: "no such component",
+    5: "read only",
+}
+
+_ESCAPES = re.compile(
+    r"\x1b\[[0-?]*[ -/]*[@-~]?"  # control sequences, also cut off ones
+    r"|\x1b[\]PX^_][^\x07\x1b]*(?:\x07|\x1b\\)?"  # strings to the terminal: titles, links, device control
+    r"|\x1b[ -/]*[0-~]?"  # short escapes
+    r"|\x9b[0-?]*[ -/]*[@-~]?"  # the same in eight bits
+)
+
+
+class Message(Protocol):
+    """What decode needs of a message of pymavlink's dialect."""
+
+    def get_msgId(self) -> int: ...
+    def get_srcSystem(self) -> int: ...
+    def get_srcComponent(self) -> int: ...
+    def get_msgbuf(self) -> bytearray: ...
+
+
+def sanitise(text: str) -> str:
+    """Text from outside, made safe to print: escape sequences, control and direction-changing characters go.
+
+    Tabs and line ends become one blank. Square brackets and angle brackets stay: they are text.
+    """
+    text = _ESCAPES.sub("", text)
+    text = re.sub(r"[\t\r\n\v\f\x85\u2028\u2029]+", " ", text)
+    return "".join(c for c in text if unicodedata.category(c)[0] != "C").strip()
+
+
+def payload_of(message: Message) -> bytes:
+    """The message's payload as it came, zero bytes cut from the end by MAVLink 2 put back by the reader's slices."""
+    frame = message.get_msgbuf()
+    start = 10 if frame[0] == 0xFD else 6
+    return bytes(frame[start : start + frame[1]])
+
+
+def decode(message: Message) -> Event | None:
+    """The event that a message stands for, or None where it says nothing that is used here."""
+    reader = _READERS.get(message.get_msgId())
+    return None if reader is None else reader(message, message.get_srcSystem(), message.get_srcComponent())
+
+
+def _heartbeat(m: Any, system: int, component: int) -> Event:
+    return Heartbeat(system, component, m.type, m.autopilot, bool(m.base_mode & 128), m.custom_mode, m.system_status)
+
+
+def _param_value(m: Any, system: int, component: int) -> Event:
+    # param_value has been through a Python float, which quiets signalling NaNs: the bits come from the frame.
+    (bits,) = struct.unpack("<I", payload_of(m)[:4].ljust(4, b"\0"))
+    return ParamValue(system, component, sanitise(m.param_id), bits, m.param_type, m.param_count, m.param_index)
+
+
+def _param_error(m: Any, system: int, component: int) -> Event:
+    reason = PARAMETER_ERRORS.get(m.error, f"error {m.error}")
+    return ParamError(system, component, sanitise(m.param_id), m.param_index, reason)
+
+
+def _command_ack(m: Any, system: int, component: int) -> Event:
+    return CommandAck(system, component, m.command, m.result, m.target_system, m.target_component)
+
+
+def _status_text(m: Any, system: int, component: int) -> Event:
+    # Escape sequences may straddle chunks, so a chunk is sanitised only when the whole text is there.
+    if m.id == 0:
+        return StatusText(system, component, m.severity, sanitise(m.text))
+    return StatusTextPart(system, component, m.severity, m.text, m.id, m.chunk_seq, len(m.text) < TEXT_SIZE)
+
+
+def _log_block(m: Any, system: int, component: int) -> Event:
+    data = payload_of(m)[6 : 6 + BLOCK_SIZE].ljust(BLOCK_SIZE, b"\0")
+    return LogBlock(system, component, m.seqno, data)
+
+
+def _attitude(m: Any, system: int, component: int) -> Event:
+    return Attitude(
+        system, component, m.time_boot_ms * 1e-3, m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed
+    )
+
+
+def _system_time(m: Any, system: int, component: int) -> Event:
+    return SystemTime(system, component, m.time_boot_ms * 1e-3)
+
+
+def _rpm(m: Any, system: int, component: int) -> Event:
+    return RotorSpeed(system, component, m.rpm1 * (2.0 * math.pi / 60.0))
+
+
+def _sys_status(m: Any, system: int, component: int) -> Event:
+    return Battery(
+        system,
+        component,
+        None if m.voltage_battery == 65535 else m.voltage_battery * 1e-3,
+        None if m.current_battery < 0 else m.current_battery * 1e-2,
+        None if m.battery_remaining < 0 else m.battery_remaining * 1e-2,
+    )
+
+
+def _local_position(m: Any, system: int, component: int) -> Event:
+    return LocalPosition(system, component, m.time_boot_ms * 1e-3, m.x, m.y, m.z, m.vx, m.vy, m.vz)
+
+
+def _autopilot_version(m: Any, system: int, component: int) -> Event:
+    version = m.flight_sw_version
+    return AutopilotVersion(
+        system, component, m.capabilities, f"{version >> 24 & 255}.{version >> 16 & 255}.{version >> 8 & 255}"
+    )
+
+
+_READERS: dict[int, Callable[[Any, int, int], Event]] = {
+    0: _heartbeat,
+    1: _sys_status,
+    2: _system_time,
+    22: _param_value,
+    30: _attitude,
+    32: _local_position,
+    77: _command_ack,
+    148: _autopilot_version,
+    184: _log_block,
+    226: _rpm,
+    253: _status_text,
+    345: _param_error,
+}
+
+
+@dataclass
+class _Unfinished:
+    severity: int
+    since: float
+    parts: dict[int, str] = field(default_factory=dict)
+    last: int | None = None
+
+
+class TextAssembly:
+    """Joins the chunks of long STATUSTEXTs, in whatever order they come, and does not wait for lost ones for ever."""
+
+    PATIENCE_S = 1.0
+    MOST_CHUNKS = 32
+    MOST_TEXTS = 32
+
+    def __init__(self) -> None:
+        self._unfinished: dict[tuple[int, int, int], _Unfinished] = {}
+
+    def add(self, part: StatusTextPart, now: float) -> list[StatusText]:
+        """Take one chunk; give the texts that are whole with it."""
+        if part.chunk >= self.MOST_CHUNKS:
+            return []
+        key = (part.system, part.component, part.id)
+        text = self._unfinished.setdefault(key, _Unfinished(part.severity, now))
+        text.parts[part.chunk] = part.text
+        if part.last:
+            text.last = part.chunk
+        if text.last is not None and all(n in text.parts for n in range(text.last + 1)):
+            return [self._finish(key)]
+        if len(self._unfinished) > self.MOST_TEXTS:
+            return [self._finish(next(iter(self._unfinished)))]
+        return []
+
+    def overdue(self, now: float) -> list[StatusText]:
+        """The texts whose missing chunks will not come any more."""
+        late = [key for key, text in self._unfinished.items() if now - text.since > self.PATIENCE_S]
+        return [self._finish(key) for key in late]
+
+    def _finish(self, key: tuple[int, int, int]) -> StatusText:
+        text = self._unfinished.pop(key)
+        last = max(text.parts) if text.last is None else max(text.last, *text.parts)
+        whole = "".join(text.parts.get(n, "…") for n in range(last + 1))
+        if text.last is None:
+            whole += "…"
+        return StatusText(key[0], key[1], text.severity, sanitise(whole))

@@ -1,0 +1,116 @@
+"""What the ground says: small values, turned into MAVLink 2 frames in one place.
+
+A send names no system: the session knows whom it talks to and who it is, and an encoder adds both.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+START_BLOCKS = 2147483646
+STOP_BLOCKS = 2147483645
+STATION_COMPONENT = 190
+
+REQUEST_MESSAGE = 512
+SET_MESSAGE_INTERVAL = 511
+DO_SET_MODE = 176
+
+
+@dataclass(frozen=True, slots=True)
+class StationHeartbeat:
+    """We are here: a ground station."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParamRead:
+    """Ask for one parameter, by name, or by index where the name is empty."""
+
+    name: str = ""
+    index: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class ParamList:
+    """Ask for all parameters."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParamWrite:
+    """Set one parameter to exactly these 32 bits."""
+
+    name: str
+    bits: int
+    kind: int
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A COMMAND_LONG; `attempt` counts repetitions of the same command."""
+
+    command: int
+    parameters: tuple[float, ...] = ()
+    attempt: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class BlockStatus:
+    """Of log block `number`: kept (true), or missing and wanted again; or START_BLOCKS, STOP_BLOCKS with true."""
+
+    number: int
+    kept: bool
+
+
+Send = StationHeartbeat | ParamRead | ParamList | ParamWrite | Command | BlockStatus
+
+
+class Encoder:
+    """Frames of one station to one vehicle; counts their sequence numbers.
+
+    `target` is (system, component), (0, 0) while the vehicle is not known. Not for several threads at once.
+    """
+
+    def __init__(self, system: int, component: int = STATION_COMPONENT) -> None:
+        self.target = (0, 0)
+        self._mav: Any = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    def encode(self, send: Send) -> bytes:
+        """One frame. Raises ValueError for what MAVLink cannot carry, such as a name of 17 letters."""
+        frame: bytes = self._frame(send)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return frame
+
+    def _frame(self, send: Send) -> bytes:
+        system, component = self.target
+        message: Any
+        match send:
+            case StationHeartbeat():
+                message = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+            case ParamRead(name, index):
+                message = dialect.MAVLink_param_request_read_message(system, component, _name(name), index)
+            case ParamList():
+                message = dialect.MAVLink_param_request_list_message(system, component)
+            case ParamWrite(name, bits, kind):
+                message = dialect.MAVLink_param_set_message(system, component, _name(name), 0.0, kind)
+                # Packed here, because a Python float does not keep the bits of every NaN.
+                payload = struct.pack("<IBB16sB", bits, system, component, _name(name), kind)
+                return bytes(message._pack(self._mav, message.crc_extra, payload))
+            case Command(command, parameters, attempt):
+                seven = (*parameters, *(0.0,) * 7)[:7]
+                message = dialect.MAVLink_command_long_message(system, component, command, attempt % 256, *seven)
+            case BlockStatus(number, kept):
+                message = dialect.MAVLink_remote_log_block_status_message(system, component, number, int(kept))
+        return bytes(message.pack(self._mav))
+
+
+def _name(name: str) -> bytes:
+    try:
+        raw = name.encode("ascii")
+    except UnicodeEncodeError:
+        raise ValueError(f"{name!r} is no parameter's name: letters outside ASCII") from None
+    if len(raw) > 16:
+        raise ValueError(f"{name!r} is no parameter's name: longer than 16 letters")
+    return raw

@@ -1,0 +1,207 @@
+"""What is on disk of a flight while it is flown: the vehicle's log, block by block, and the telemetry.
+
+`flight.BIN` is the vehicle's own log, byte for byte: block n lies at byte 200 n, so a gap is a hole of zeros until the
+block comes. `flight.tlog` holds the raw frames of both directions, each behind eight bytes of big-endian microseconds
+since 1970, as MAVProxy writes them; the log's blocks are left out of it, because they are in the other file.
+
+A name that exists is never written again: the next free number is taken. A full disk is a condition that is reported
+and that may pass; it never ends the link.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import TippathError
+from gcs.link.decode import BLOCK_SIZE
+from gcs.link.procedures import StreamResult
+
+HOW = "log blocks streamed by the vehicle (REMOTE_LOG_DATA_BLOCK), acknowledged one by one"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedLog:
+    """One log of the vehicle, as it came."""
+
+    path: Path
+    blocks: int
+    expected: int
+    missing: tuple[tuple[int, int], ...]
+    """First and last block of each stretch that never came; its bytes are zero."""
+    duplicates: int
+
+    @property
+    def missing_blocks(self) -> int:
+        return sum(last - first + 1 for first, last in self.missing)
+
+    @property
+    def size(self) -> int:
+        """Bytes, gaps included."""
+        return self.expected * BLOCK_SIZE
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSummary:
+    """What a recording left on disk."""
+
+    directory: Path
+    logs: tuple[RecordedLog, ...]
+    """In order; more than one where the vehicle began anew."""
+    tlog: Path | None
+    tlog_frames: int
+    how: str
+    """The way the samples came."""
+    problems: tuple[str, ...]
+    """What the user should know, empty where everything was kept."""
+
+    @property
+    def log(self) -> Path | None:
+        """The last log, or None where none came."""
+        return self.logs[-1].path if self.logs else None
+
+    @property
+    def missing_blocks(self) -> int:
+        return sum(log.missing_blocks for log in self.logs)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "logs": [
+                {
+                    "path": str(log.path),
+                    "blocks": log.blocks,
+                    "bytes": log.size,
+                    "missing": [list(stretch) for stretch in log.missing],
+                    "duplicates": log.duplicates,
+                }
+                for log in self.logs
+            ],
+            "tlog": None if self.tlog is None else str(self.tlog),
+            "tlog_frames": self.tlog_frames,
+            "how": self.how,
+            "problems": list(self.problems),
+        }
+
+
+class Recorder:
+    """Writes the files of one flight into `directory`. For one thread; nothing it does raises after it is made.
+
+    `wall_clock` gives seconds since 1970. Raises TippathError where the folder cannot be made.
+    """
+
+    def __init__(self, directory: Path, wall_clock: Callable[[], float], stem: str = "flight") -> None:
+        self.directory = directory
+        self.problem: str | None = None
+        """Why something is not being kept at present."""
+        self._stem = stem
+        self._wall_clock = wall_clock
+        self._logs: dict[int, tuple[Path, FileIO]] = {}
+        self._tlog: tuple[Path, FileIO] | None = None
+        self._tlog_frames = 0
+        self._tlog_size = 0
+        self._problems: list[str] = []
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            self._tlog = self._new_file(".tlog")
+        except OSError as error:
+            raise TippathError(
+                f"cannot record into {directory} ({error.strerror or error}); choose another folder with -o"
+            ) from error
+
+    @property
+    def log_path(self) -> Path | None:
+        """The log that grows, None before its first block."""
+        return self._logs[max(self._logs)][0] if self._logs else None
+
+    def disk_free(self) -> int | None:
+        """Bytes free where the files are, None where the system does not tell."""
+        try:
+            return shutil.disk_usage(self.directory).free
+        except OSError:
+            return None
+
+    def store(self, file: int, number: int, data: bytes) -> bool:
+        """Write one block of the vehicle's `file`-th log at its place; false where the disk did not take it."""
+        try:
+            if file not in self._logs:
+                self._logs[file] = self._new_file(".BIN")
+            stream = self._logs[file][1]
+            stream.seek(number * BLOCK_SIZE)
+            written = stream.write(data)
+        except OSError as error:
+            self._report(f"the log is not being kept: {error.strerror or error}")
+            return False
+        if written != len(data):
+            self._report("the log is not being kept: no space left on device")
+            return False
+        self.problem = None
+        return True
+
+    def frame(self, raw: bytes) -> None:
+        """Write one MAVLink frame, stamped now."""
+        if self._tlog is None:
+            return
+        stamped = struct.pack(">Q", int(self._wall_clock() * 1e6)) + raw
+        stream = self._tlog[1]
+        try:
+            written = stream.write(stamped)
+            if written != len(stamped):
+                raise OSError(28, "no space left on device")
+        except OSError as error:
+            self._report(f"telemetry is not being kept: {error.strerror or error}")
+            # Half a frame would spoil what follows it.
+            with contextlib.suppress(OSError):
+                stream.truncate(self._tlog_size)
+                stream.seek(self._tlog_size)
+            return
+        self._tlog_size += len(stamped)
+        self._tlog_frames += 1
+
+    def finish(self, streams: tuple[StreamResult, ...]) -> RecordingSummary:
+        """Close the files; `streams` is what the receiver of blocks knows about each."""
+        logs = []
+        known = {stream.file: stream for stream in streams}
+        for file, (path, _) in sorted(self._logs.items()):
+            stream = known.get(file, StreamResult(file, 0, 0, (), 0))
+            logs.append(RecordedLog(path, stream.blocks, stream.expected, stream.missing, stream.duplicates))
+        for path, opened in [*self._logs.values(), *([self._tlog] if self._tlog else [])]:
+            try:
+                os.fsync(opened.fileno())
+            except OSError as error:
+                self._report(f"{path.name}: {error.strerror or error}")
+            with contextlib.suppress(OSError):
+                opened.close()
+        problems = list(self._problems)
+        if not logs:
+            problems.append(
+                "no block of the log came: the vehicle must log to MAVLink (LOG_BACKEND_TYPE with bit 2, then reboot)"
+            )
+        problems += [
+            f"{log.path.name}: {log.missing_blocks} of {log.expected} blocks missing" for log in logs if log.missing
+        ]
+        if len(logs) > 1:
+            problems.append(f"the vehicle began a new log {len(logs) - 1} time(s) while it was recorded")
+        tlog = self._tlog[0] if self._tlog else None
+        return RecordingSummary(self.directory, tuple(logs), tlog, self._tlog_frames, HOW, tuple(problems))
+
+    def _report(self, problem: str) -> None:
+        self.problem = problem
+        if problem not in self._problems:
+            self._problems.append(problem)
+
+    def _new_file(self, suffix: str) -> tuple[Path, FileIO]:
+        number = 1
+        while True:
+            name = f"{self._stem}{suffix}" if number == 1 else f"{self._stem}-{number}{suffix}"
+            path = self.directory / name
+            try:
+                return path, FileIO(path, "x")
+            except FileExistsError:
+                number += 1

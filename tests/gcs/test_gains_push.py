@@ -1,0 +1,250 @@
+"""Push and revert against a scripted bank: every bit proved, nothing acted twice, refusals in the vehicle's words."""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs.cli import push as push_command
+from gcs.cli import revert as revert_command
+from gcs.errors import LinkError
+from gcs.gains import BANK, GainsError, gains_of, load_gains, push, revert
+from gcs.link.procedures import RefusedError
+from gcs.session import Session
+
+
+@pytest.fixture
+def session(vehicle: Any, hasty: Callable[[], float]) -> Iterator[Session]:
+    vehicle.offer_bank()
+    with Session.open(vehicle.link, clock=hasty) as opened:
+        yield opened
+
+
+def active(vehicle: Any) -> tuple[int, ...]:
+    return tuple(vehicle.parameters[f"LQR_{name}"][0] for name in BANK)
+
+
+def writes(vehicle: Any, name: str) -> int:
+    return sum(m.get_type() == "PARAM_SET" and m.param_id == name for m in vehicle.heard)
+
+
+def test_the_bank_is_in_the_agreed_order(gains_document: dict[str, Any]) -> None:
+    gains = gains_of(gains_document)
+    flat = [
+        *(v for row in gains_document["K"] for v in row),
+        *(v for row in gains_document["observer_gain"] for v in row),
+        *(v for row in gains_document["prefilter"] for v in row),
+        *range(1, 10),
+    ]
+    packed = struct.pack("<29f", *flat)
+    assert struct.pack("<29I", *gains.bits) == packed
+    assert gains.crc == zlib.crc32(packed) & 0xFFFFFF
+    assert list(gains.values)[:5] == ["K11", "K12", "K13", "K14", "K21"]
+    assert list(gains.values)[-3:] == ["A_LON", "B_LAT", "B_LON"]
+
+
+def test_a_push_is_proved_bit_for_bit_and_a_revert_goes_back(
+    session: Session, vehicle: Any, gains_document: dict[str, Any]
+) -> None:
+    first = gains_of(gains_document)
+    result = push(session, first)
+    assert (result.committed, result.crc, result.previous_crc) == (True, first.crc, 0)
+    assert active(vehicle) == first.bits
+    assert result.switch_on is False
+    gains_document["K"][0][0] = 9.0
+    second = gains_of(gains_document)
+    assert push(session, second).previous_crc == first.crc
+    assert active(vehicle) == second.bits
+    back = revert(session)
+    assert (back.crc, back.reverted_crc) == (first.crc, second.crc)
+    assert active(vehicle) == first.bits
+    json.dumps([result.to_json(), back.to_json()], allow_nan=False)
+
+
+def test_the_same_set_is_not_committed_twice(session: Session, vehicle: Any, gains_document: dict[str, Any]) -> None:
+    gains = gains_of(gains_document)
+    push(session, gains)
+    assert not push(session, gains).committed
+    assert writes(vehicle, "LQR_COMMIT") == 1
+
+
+def test_a_refused_commit_says_why_and_changes_nothing(
+    session: Session, vehicle: Any, gains_document: dict[str, Any]
+) -> None:
+    vehicle.commit_refusal = "armed"
+    with pytest.raises(GainsError, match=r"LQR commit refused: armed; the active bank is as before"):
+        push(session, gains_of(gains_document))
+    assert active(vehicle) == (0,) * 29
+
+
+def test_a_commit_whose_answer_is_lost_is_not_repeated(
+    session: Session, vehicle: Any, gains_document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = vehicle.echo
+    monkeypatch.setattr(vehicle, "echo", lambda name, *a: None if name == "LQR_COMMIT" else plain(name, *a))
+    result = push(session, gains_of(gains_document))
+    assert result.committed
+    assert writes(vehicle, "LQR_COMMIT") == 1
+
+
+def test_a_revert_whose_answer_is_lost_is_not_repeated(
+    session: Session, vehicle: Any, gains_document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    push(session, gains_of(gains_document))
+    plain = vehicle.echo
+    monkeypatch.setattr(vehicle, "echo", lambda name, *a: None if name == "LQR_REVERT" else plain(name, *a))
+    assert revert(session).crc == 0
+    assert writes(vehicle, "LQR_REVERT") == 1
+
+
+def test_a_commit_that_never_arrived_is_sent_again(
+    session: Session, vehicle: Any, gains_document: dict[str, Any]
+) -> None:
+    lost: list[Any] = []
+
+    def first_one(m: Any) -> bool:
+        if m.get_type() == "PARAM_SET" and m.param_id == "LQR_COMMIT" and not lost:
+            lost.append(m)
+            return True
+        return False
+
+    vehicle.deaf = first_one
+    assert push(session, gains_of(gains_document)).committed
+    assert writes(vehicle, "LQR_COMMIT") == 2
+
+
+def test_a_shadow_bank_that_rounds_is_caught_before_the_commit(
+    session: Session, vehicle: Any, gains_document: dict[str, Any]
+) -> None:
+    keep = vehicle._set
+
+    def echo_but_forget(name: str, bits: int) -> None:
+        keep(name, bits)
+        if name == "LQS_L12":  # a denormal: some processors flush it to zero
+            vehicle.parameters[name] = (0, 9)
+
+    vehicle._set = echo_but_forget
+    with pytest.raises(GainsError, match=r"shadow bank differs .* L12; nothing was committed"):
+        push(session, gains_of(gains_document))
+    assert writes(vehicle, "LQR_COMMIT") == 0
+
+
+def test_a_value_that_is_refused_ends_the_push(session: Session, vehicle: Any, gains_document: dict[str, Any]) -> None:
+    vehicle.read_only.add("LQS_G11")
+    with pytest.raises(RefusedError, match="LQS_G11"):
+        push(session, gains_of(gains_document))
+    assert writes(vehicle, "LQR_COMMIT") == 0
+
+
+def test_nothing_to_go_back_to(session: Session) -> None:
+    with pytest.raises(GainsError, match="no previous bank"):
+        revert(session)
+
+
+def test_a_vehicle_without_the_bank(vehicle: Any, gains_document: dict[str, Any], hasty: Any) -> None:
+    with (
+        Session.open(vehicle.link, clock=hasty) as session,
+        pytest.raises(GainsError, match="this vehicle offers no LQR bank"),
+    ):
+        push(session, gains_of(gains_document))
+
+
+def test_a_link_lost_under_way_is_called_that(vehicle: Any, gains_document: dict[str, Any]) -> None:
+    import time
+
+    vehicle.offer_bank()
+    ahead = [0.0]
+    with Session.open(vehicle.link, clock=lambda: time.monotonic() + ahead[0]) as session:
+
+        def leave(m: Any) -> bool:
+            if m.get_type() == "PARAM_SET" and m.param_id == "LQS_L11":
+                vehicle.mute = True
+                ahead[0] += 5.0
+            return False
+
+        vehicle.deaf = leave
+        with pytest.raises(LinkError, match="link to the vehicle is lost"):
+            push(session, gains_of(gains_document))
+
+
+BAD: list[tuple[Callable[[dict[str, Any]], object], str]] = [
+    (lambda d: d.update(format="tippath.fit/1"), "not a tippath.gains/1 file"),
+    (lambda d: d.pop("K"), "K must be 2 rows of 4 numbers"),
+    (lambda d: d["K"].pop(), "K must be 2 rows"),
+    (lambda d: d.update(K=[1, 2]), "K must be 2 rows"),
+    (lambda d: d["observer_gain"][3].append(1.0), "observer_gain must be 4 rows of 2"),
+    (lambda d: d["prefilter"].__setitem__(0, "ab"), "prefilter must be 2 rows of 2"),
+    (lambda d: d["K"][1].__setitem__(2, float("nan")), r"K\[1\]\[2\] is not finite"),
+    (lambda d: d["K"][1].__setitem__(2, None), r"K\[1\]\[2\] is no number"),
+    (lambda d: d["K"][1].__setitem__(2, True), r"K\[1\]\[2\] is no number"),
+    (lambda d: d["K"][1].__setitem__(2, 10**400), r"K\[1\]\[2\] is not finite"),
+    (lambda d: d["K"][1].__setitem__(2, 1e39), "K23 = 1e\\+39 is too large"),
+    (lambda d: d.pop("model"), "no model.parameters"),
+    (lambda d: d["model"].update(structure="cd"), "the model is 'cd'"),
+    (lambda d: d["model"]["parameters"].pop("tau_f"), "has no tau_f"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "said"), BAD)
+def test_a_file_that_holds_no_set_is_refused(
+    gains_document: dict[str, Any], tmp_path: Path, spoil: Callable[[dict[str, Any]], object], said: str
+) -> None:
+    gains_of(copy.deepcopy(gains_document))
+    spoil(gains_document)
+    path = tmp_path / "gains.json"
+    path.write_text(json.dumps(gains_document))
+    with pytest.raises(GainsError, match=said) as caught:
+        load_gains(path)
+    assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "null", "\x00"])
+def test_what_is_no_document_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "gains.json"
+    path.write_text(text)
+    with pytest.raises(GainsError, match="tippath design"):
+        load_gains(path)
+    with pytest.raises(GainsError, match="cannot be read"):
+        load_gains(tmp_path / "absent.json")
+
+
+def test_parameters_with_units_are_read_too(gains_document: dict[str, Any]) -> None:
+    plain = gains_of(gains_document)
+    parameters = gains_document["model"]["parameters"]
+    gains_document["model"]["parameters"] = {name: {"value": value, "unit": "1"} for name, value in parameters.items()}
+    assert gains_of(gains_document) == plain
+
+
+def command(module: Any, words: list[str]) -> int:
+    parser = argparse.ArgumentParser()
+    module.add_parser(parser.add_subparsers())
+    args = parser.parse_args(words)
+    status: int = args.run(args)
+    return status
+
+
+def test_the_commands(
+    vehicle: Any, gains_document: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vehicle.offer_bank()
+    path = tmp_path / "gains.json"
+    path.write_text(json.dumps(gains_document))
+    crc = gains_of(gains_document).crc
+    assert command(push_command, ["push", str(path), "--connect", vehicle.link, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["format"] == "tippath.push/1"
+    assert (document["crc"], document["verified"], document["committed"]) == (crc, 29, True)
+    assert command(push_command, ["push", str(path), "--connect", vehicle.link]) == 0
+    assert "had this set already" in capsys.readouterr().out
+    assert command(revert_command, ["revert", "--connect", vehicle.link, "--json", "--primary"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"format": "tippath.revert/1", "crc": 0, "reverted_crc": crc}
+    assert command(revert_command, ["revert", "--connect", vehicle.link]) == 0
+    assert f"{crc:06x} is active again" in capsys.readouterr().out

@@ -1,0 +1,339 @@
+"""The engine against a scripted vehicle over loopback; the clock is passed in, so nothing waits for a lost link."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.errors import LinkError, TippathError
+from gcs.link.procedures import (
+    NoAnswerError,
+    ProcedureError,
+    ReadAllParameters,
+    ReadParameter,
+    RefusedError,
+    SetMode,
+    WriteParameter,
+)
+from gcs.link.transport import open_transport
+from gcs.session import Session
+
+STOP = 2147483645
+
+
+@dataclass
+class Clock:
+    """Real time plus what a test adds."""
+
+    ahead: float = 0.0
+
+    def __call__(self) -> float:
+        return time.monotonic() + self.ahead
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def session(vehicle: Any, clock: Clock) -> Iterator[Session]:
+    with Session.open(vehicle.link, clock=clock) as opened:
+        yield opened
+
+
+def test_a_vehicle_is_found_named_and_told_that_we_are_here(session: Session, vehicle: Any, until: Any) -> None:
+    vehicle.armed, vehicle.mode = True, 25
+    vehicle.say(mavlink.MAVLink_attitude_message(1000, 0.1, -0.2, 0.3, 1.0, 2.0, math.nan))
+    vehicle.say(mavlink.MAVLink_rpm_message(1650.0, 0.0))
+    until(lambda: session.snapshot().rpm and session.snapshot().armed)
+    seen = session.snapshot()
+    assert (seen.system, seen.component, seen.mode, seen.mode_name) == (1, 1, 25, "SystemID")
+    assert seen.capabilities == 131072
+    assert seen.version == "4.7.0"
+    assert seen.rpm == pytest.approx(1650.0)
+    assert (seen.roll, seen.pitch) == (pytest.approx(0.1), pytest.approx(-0.2))
+    assert seen.r is None  # it was NaN
+    assert not seen.lost
+    beats = [m for m in vehicle.heard if m.get_type() == "HEARTBEAT"]
+    assert {(m.get_srcSystem(), m.type, m.autopilot) for m in beats} == {(254, 6, 8)}
+
+
+def test_the_primary_station_is_255(vehicle: Any) -> None:
+    with Session.open(vehicle.link, primary=True):
+        assert {m.get_srcSystem() for m in vehicle.heard} == {255}
+
+
+def test_no_vehicle_says_so(vehicles: Any) -> None:
+    with pytest.raises(LinkError, match=r"no vehicle at udpin:127\.0\.0\.1:\d+: nothing heard"):
+        Session.open("udpin:127.0.0.1:0", connect_timeout_s=0.1)
+    silent = vehicles()
+    silent.mute = True
+    with pytest.raises(LinkError, match="nothing heard"):
+        Session.open(silent.link, connect_timeout_s=0.1)
+
+
+def test_a_station_alone_is_no_vehicle(until: Any) -> None:
+    import socket
+
+    transport = open_transport("udpin:127.0.0.1:0")
+    ground = ("127.0.0.1", int(transport.name.rsplit(":", 1)[1]))
+    session = Session(transport)
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+            mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+            station.sendto(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mav), ground)
+            until(lambda: transport.strangers)
+            with pytest.raises(LinkError, match="none of an autopilot"):
+                session.wait_for_vehicle(0.05)
+    finally:
+        session.close()
+
+
+def test_a_lost_link_is_shown_within_three_and_a_half_seconds_and_so_is_its_return(
+    session: Session, vehicle: Any, clock: Clock, until: Any
+) -> None:
+    vehicle.mute = True
+    until(lambda: session.snapshot().link_age_s > 0.1)
+    clock.ahead += 3.0
+    assert not session.snapshot().lost
+    clock.ahead += 0.5
+    assert session.snapshot().lost
+    assert session.snapshot().link_age_s == pytest.approx(3.6, abs=0.3)
+    vehicle.mute = False
+    until(lambda: not session.snapshot().lost)
+
+
+def test_another_station_and_another_vehicle_change_nothing_and_are_counted(
+    session: Session, vehicle: Any, clock: Clock, until: Any
+) -> None:
+    # Both arrive over the vehicle's own link, forwarded, and by a stranger's address.
+    other = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
+    station = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    camera = mavlink.MAVLink(None, srcSystem=1, srcComponent=100)
+    vehicle.set("A", 1.0)
+    vehicle.say(mavlink.MAVLink_heartbeat_message(4, 3, 129, 9, 4, 3), other)
+    vehicle.say(mavlink.MAVLink_heartbeat_message(6, 8, 192, 4, 4, 3), station)
+    vehicle.say(mavlink.MAVLink_heartbeat_message(30, 8, 128, 6, 4, 3), camera)
+    vehicle.say(mavlink.MAVLink_statustext_message(4, b"from another"), other)
+    until(lambda: (session.snapshot().other_stations, session.snapshot().other_vehicles) == (1, 1))
+    seen = session.snapshot()
+    assert (seen.system, seen.mode, seen.armed, seen.texts) == (1, 0, False, ())
+    # An answer of the other vehicle, or of the camera, is no answer.
+    vehicle.deaf = lambda m: m.get_type() == "PARAM_REQUEST_READ"
+    bad = mavlink.MAVLink_param_value_message(b"A", 5.0, 9, 1, 0)
+    with pytest.raises(NoAnswerError):
+        session.call(
+            ReadParameter("A"),
+            0.2,
+            cancelled=lambda: vehicle.say(bad, other) or vehicle.say(bad, camera),
+        )
+    clock.ahead += 11.0
+    until(lambda: (session.snapshot().other_stations, session.snapshot().other_vehicles) == (0, 0))
+
+
+def test_answers_to_another_stations_commands_are_not_ours(session: Session, vehicle: Any) -> None:
+    vehicle.deaf = lambda m: m.get_type() == "COMMAND_LONG"
+    theirs = mavlink.MAVLink_command_ack_message(176, 0, 0, 0, 255, 190)
+    with pytest.raises(ProcedureError, match="not done"):
+        session.call(SetMode(25), 0.2, cancelled=lambda: vehicle.say(theirs))
+
+
+def test_a_vehicle_on_udpin_is_pinned(vehicles: Any, until: Any) -> None:
+    transport = open_transport("udpin:127.0.0.1:0")
+    ground = ("127.0.0.1", int(transport.name.rsplit(":", 1)[1]))
+    with Session(transport) as session:
+        first = vehicles(target=ground)
+        session.wait_for_vehicle(3.0)
+        second = vehicles(system=2, target=ground)
+        until(lambda: session.snapshot().strangers > 3)
+        first.set("A", 1.0)
+        second.set("A", 2.0)
+        assert session.call(ReadParameter("A")).value == 1.0
+        assert second.heard == []
+
+
+def test_parameters_modes_and_refusals(session: Session, vehicle: Any) -> None:
+    for number in range(200):
+        vehicle.set(f"P{number}", float(number))
+    vehicle.read_only = {"P7"}
+    vehicle.refusals = {25: (4, "No axis selected, SID_AXIS = 0")}
+    assert len(session.call(ReadAllParameters())) == 200
+    assert session.call(WriteParameter("P6", 0.1)).value == vehicle.get("P6")
+    with pytest.raises(RefusedError, match="holds 7"):
+        session.call(WriteParameter("P7", 8.0))
+    with pytest.raises(RefusedError, match="No axis selected"):
+        session.call(SetMode(25))
+    session.call(SetMode(2))
+    assert vehicle.mode == 2
+
+
+@pytest.mark.parametrize("bits", [0x00000001, 0x807FFFFF, 0x7F800001, 0xFFC12345])
+def test_bits_survive_the_whole_way(session: Session, vehicle: Any, bits: int) -> None:
+    vehicle.parameters["N"] = (bits, 9)
+    assert session.call(ReadParameter("N")).bits == bits
+
+
+def test_a_bytewise_vehicle_gets_integers_bytewise(vehicle: Any) -> None:
+    vehicle.capabilities = 16
+    vehicle.parameters["COUNT"] = (7, 6)
+    with Session.open(vehicle.link) as session:
+        assert session.call(ReadParameter("COUNT")).value == 7.0
+        session.call(WriteParameter("COUNT", -2.0))
+    assert vehicle.parameters["COUNT"] == (0xFFFFFFFE, 6)
+
+
+def test_a_name_that_cannot_be_and_a_cancelled_call(session: Session) -> None:
+    with pytest.raises(ProcedureError, match="longer than 16"):
+        session.call(ReadParameter("THIS_NAME_IS_TOO_LONG"))
+    with pytest.raises(ProcedureError, match="cancelled"):
+        session.call(ReadParameter("NOPE"), cancelled=lambda: True)
+
+
+def test_a_procedure_that_breaks_is_its_callers_matter(session: Session, vehicle: Any) -> None:
+    class Broken(ReadParameter):
+        def _hear(self, event: Any, now: float) -> Any:
+            raise ZeroDivisionError
+
+    vehicle.set("A", 1.0)
+    with pytest.raises(ZeroDivisionError):
+        session.call(Broken("A"))
+    assert session.call(ReadParameter("A")).value == 1.0
+
+
+def test_hostile_text_arrives_harmless_and_in_order(session: Session, vehicle: Any, until: Any) -> None:
+    vehicle.text("\x1b[2J\x1b]0;owned\x07[b]bold[/] \x07\r\nline")
+    for number in range(60):
+        vehicle.text(f"text {number}")
+    cursor, texts = until(lambda: (found := session.texts_since(0)) and len(found[1]) == 61 and found)
+    assert texts[0].text == "[b]bold[/]  line"
+    assert [text.text for text in texts[1:]] == [f"text {number}" for number in range(60)]
+    assert cursor == 61
+    assert session.texts_since(cursor) == (61, [])
+    assert len(session.snapshot().texts) == 50
+    vehicle.text("one more")
+    _, more = until(lambda: (found := session.texts_since(cursor)) and found[1] and found)
+    assert [text.text for text in more] == ["one more"]
+
+
+def test_a_reboot_is_counted(session: Session, vehicle: Any, until: Any) -> None:
+    for boot_ms in (50_000, 50_100, 50_050, 200):
+        vehicle.say(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0))
+    until(lambda: session.snapshot().boot_s == 0.2)
+    assert session.snapshot().reboots == 1
+
+
+def test_a_log_is_recorded_byte_for_byte_and_shown_live(
+    session: Session, vehicle: Any, tmp_path: Path, dataflash: Callable[..., bytes], until: Any
+) -> None:
+    data = dataflash(1500)
+    vehicle.blocks = [data[at : at + 200] for at in range(0, len(data), 200)]
+    session.start_recording(tmp_path)
+    with pytest.raises(TippathError, match="already recording"):
+        session.start_recording(tmp_path)
+    until(lambda: session.snapshot().blocks_received == len(vehicle.blocks))
+    seen = session.snapshot()
+    assert (seen.blocks_open, seen.missing, seen.recording_problem) == (0, 0, None)
+    assert seen.recording == tmp_path / "flight.BIN"
+    window = session.samples(1.0)
+    assert window.t.size == pytest.approx(500, abs=1)
+    assert np.array_equal(np.round(window.p), np.arange(1500 - window.t.size, 1500))
+    summary = session.stop_recording()
+    assert (tmp_path / "flight.BIN").read_bytes() == data
+    assert summary.problems == ()
+    assert summary.missing_blocks == 0
+    assert session.snapshot().recording is None
+    with pytest.raises(TippathError, match="nothing is being recorded"):
+        session.stop_recording()
+    log = mavutil.mavlink_connection(str(tmp_path / "flight.tlog"))
+    kinds = []
+    while (message := log.recv_msg()) is not None:
+        kinds.append((message.get_type(), message.get_srcSystem()))
+        assert abs(message._timestamp - time.time()) < 60
+    log.close()
+    assert len(kinds) == summary.tlog_frames
+    assert ("HEARTBEAT", 1) in kinds
+    assert ("REMOTE_LOG_BLOCK_STATUS", 254) in kinds
+    assert "REMOTE_LOG_DATA_BLOCK" not in {kind for kind, _ in kinds}
+
+
+def test_a_second_recording_is_a_second_file(
+    vehicle: Any, tmp_path: Path, dataflash: Callable[..., bytes], until: Any, hasty: Any
+) -> None:
+    data = dataflash(20)
+    vehicle.blocks = [data[at : at + 200] for at in range(0, len(data), 200)]
+    with Session.open(vehicle.link, clock=hasty) as session:
+        for name in ("flight.BIN", "flight-2.BIN"):
+            vehicle.streaming = False
+            session.start_recording(tmp_path)
+            until(lambda: session.snapshot().blocks_received == len(vehicle.blocks))
+            session.stop_recording()
+            assert (tmp_path / name).read_bytes() == data
+
+
+def test_a_folder_that_cannot_be_leaves_the_link_alone(session: Session, vehicle: Any, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(TippathError, match="choose another folder"):
+        session.start_recording(tmp_path / "file")
+    vehicle.set("A", 3.0)
+    assert session.call(ReadParameter("A")).value == 3.0
+
+
+def test_closing_stops_the_stream_gives_intervals_back_and_ends_threads(
+    vehicle: Any, tmp_path: Path, hasty: Any, until: Any
+) -> None:
+    import threading
+
+    before = set(threading.enumerate())
+    with Session.open(vehicle.link, clock=hasty) as session:
+        asked = set(threading.enumerate()) - before
+        vehicle.blocks = [bytes(200)]
+        session.start_recording(tmp_path)
+        until(lambda: session.snapshot().blocks_received == 1)
+        # The vehicle sends no attitude: it is asked for.
+        until(lambda: any(m.get_type() == "COMMAND_LONG" and m.command == 511 for m in vehicle.heard))
+        vehicle.heard.clear()
+    assert len(asked) == 2
+    assert not any(thread.is_alive() for thread in asked)
+    until(lambda: len([m for m in vehicle.heard if m.get_type() == "COMMAND_LONG" and m.command == 511]) >= 3)
+    intervals = {m.param1: m.param2 for m in vehicle.heard if m.get_type() == "COMMAND_LONG" and m.command == 511}
+    assert intervals == {30.0: 0.0, 1.0: 0.0, 226.0: 0.0}
+    assert any(m.get_type() == "REMOTE_LOG_BLOCK_STATUS" and m.seqno == STOP for m in vehicle.heard)
+    session.close()
+    with pytest.raises(ProcedureError, match="closed"):
+        session.call(ReadParameter("A"))
+
+
+def test_heartbeats_come_from_a_thread_of_their_own(vehicle: Any, until: Any) -> None:
+    def beats() -> int:
+        return sum(m.get_type() == "HEARTBEAT" for m in list(vehicle.heard))
+
+    with Session.open(vehicle.link) as session, session._lock:
+        # The engine is held up, as by a slow disk.
+        held = beats()
+        until(lambda: beats() >= held + 2)
+
+
+def test_a_hundred_random_peers_worth_of_noise_does_not_stop_the_engine(session: Session, vehicle: Any) -> None:
+    import random
+
+    rng = random.Random(5)
+    ids = sorted(mavlink.mavlink_map)
+    for _ in range(2000):
+        kind = mavlink.mavlink_map[rng.choice(ids)]
+        message = mavlink.MAVLink_message(kind.id, kind.msgname)
+        vehicle.raw(message._pack(vehicle.mav, kind.crc_extra, rng.randbytes(kind.unpacker.size)))
+        if rng.random() < 0.1:
+            vehicle.raw(rng.randbytes(60))
+    vehicle.set("A", 4.0)
+    assert session.call(ReadParameter("A")).value == 4.0
+    assert session.snapshot().link_problem is None
