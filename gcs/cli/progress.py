@@ -1,0 +1,105 @@
+"""A card being flown, in lines on standard error: what is ready, how it goes, what it was worth."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from typing import TextIO
+
+from gcs.envelope import Limits
+from gcs.sweep import Briefing, Ending, Note, Phase, Progress, RunProgress, RunReady, RunResult
+
+EVERY_S = 5.0
+"""Between two lines of progress where the output is no terminal."""
+REDRAW_S = 0.2
+
+
+def printable(text: str) -> str:
+    """What a vehicle said, without anything that a terminal obeys."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+class ProgressLines:
+    """Prints each `Progress`; on a terminal the line of a run under way is drawn over itself."""
+
+    def __init__(self, limits: Limits, stream: TextIO | None = None, *, bell: bool = True) -> None:
+        self._limits = limits
+        self._stream = stream or sys.stderr
+        self._terminal = self._stream.isatty()
+        self._bell = bell and self._terminal
+        self._next = 0.0
+        self._open = False
+
+    def __call__(self, progress: Progress) -> None:
+        match progress:
+            case Note():
+                self._line(f" {printable(progress.words)}")
+            case RunReady():
+                maneuver = progress.run.maneuver
+                self._line(f" ready   {progress.run.label}   {maneuver.numbers}   {progress.plan.words}")
+                self._next = time.monotonic() + EVERY_S
+            case RunProgress():
+                self._running(progress)
+            case RunResult():
+                self._line(f" {result_line(progress)}" + ("\a" if self._bell else ""))
+
+    def briefing(self, briefing: Briefing) -> None:
+        """What is about to be flown, and what was found in order."""
+        self._line(
+            f" card {briefing.card.name}: {len(briefing.plans)} runs, about {_duration(briefing.card.duration_s)}"
+        )
+        for check in briefing.checks:
+            self._line(f"   {'✓' if check.ok else '✗'} {check.name}: {printable(check.words)}")
+        self._line(f"   {briefing.link_loss.words}")
+        flown = sorted({plan.words for run, plan in briefing.plans if run.maneuver.kind == "chirp"})
+        if flown:
+            self._line(f"   chirps: {'; '.join(flown)}")
+
+    def _running(self, progress: RunProgress) -> None:
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (REDRAW_S if self._terminal else EVERY_S)
+        peaks, snapshot = progress.peaks, progress.snapshot
+        if snapshot.lost:
+            text = f" ✗ link lost for {snapshot.link_age_s:.0f} s"
+        elif progress.phase is Phase.RETURNING:
+            text = f" … back to the pilot's mode (now {printable(snapshot.mode_name)})"
+        else:
+            hertz = f"  {progress.frequency_hz:.1f} Hz" if progress.frequency_hz else ""
+            attitude = "-" if peaks.attitude is None else f"{math.degrees(peaks.attitude):.1f}°"
+            text = (
+                f" ▶ {max(0.0, progress.elapsed_s):4.1f} s of {progress.plan.maneuver.duration_s:g}{hertz}"
+                f"   p {peaks.p or 0:.2f}  q {peaks.q or 0:.2f} rad/s"
+                f"   attitude {attitude} of {math.degrees(self._limits.attitude):.0f}°"
+                f"   blocks {snapshot.blocks_received:,} open {snapshot.blocks_open}"
+            )
+        if self._terminal:
+            self._stream.write("\r\x1b[K" + text)
+            self._open = True
+        else:
+            self._stream.write(text + "\n")
+        self._stream.flush()
+
+    def _line(self, text: str) -> None:
+        if self._open:
+            self._stream.write("\r\x1b[K")
+            self._open = False
+        self._stream.write(text + "\n")
+        self._stream.flush()
+
+
+def result_line(result: RunResult) -> str:
+    """One run in one line: `✓ roll chirp 1/2   keep   coherence 0.5-9.6 Hz   gaps 0`."""
+    mark = "✓" if result.clean else "✗"
+    if result.verdict is None:
+        return f"{mark} {result.run.label}   {result.ending.value}: {printable(result.reason)}"
+    words = printable(result.verdict.words)
+    if result.ending is not Ending.FINISHED:
+        return f"{mark} {result.run.label}   {words}   mode now {printable(result.mode_after)}"
+    return f"{mark} {result.run.label}   {words}"
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.1f} minutes"

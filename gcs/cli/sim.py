@@ -1,0 +1,119 @@
+"""`tippath sim`: the bundled simulated vehicle, until it is interrupted. It runs as a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+GRACE_S = 2.0
+"""A Ctrl-C in the terminal reaches the vehicle by itself; after so long it is told once more."""
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "sim",
+        help="the simulated vehicle, until interrupted",
+        description="A simulated helicopter, hovering, that answers on a MAVLink link as ArduPilot does. Its pilot "
+        "reads lines from this terminal: takeoff, land, lqr on, lqr off, mode stabilize, quit.",
+        epilog='--json prints {"ready", "link", "ground_link", "plant", "seed", "directory"} once it is up.',
+    )
+    parser.add_argument("--plant", default="hover", choices=("hover", "hover-ideal"), help="default %(default)s")
+    parser.add_argument(
+        "--listen",
+        default="udpout:127.0.0.1:14550",
+        metavar="LINK",
+        help="udpout:HOST:PORT sends there (default %(default)s), udpin: and tcpin: wait for the ground; "
+        "port 0 takes a free one",
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="wind, noise and sensors (default 1)")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="its own logs (default: the next vehicle-NNNN)"
+    )
+    parser.add_argument("--on-ground", action="store_true", help="start disarmed, waiting for takeoff")
+    parser.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="of packets lost, such as 0.02")
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """The vehicle's own exit status."""
+    directory = args.output if args.output is not None else next_directory(Path())
+    command = [sys.executable, "-m", "sitl", "--plant", args.plant, "--listen", args.listen]
+    command += ["--seed", str(args.seed), "-o", str(directory), "--loss", str(args.loss)]
+    command += ["--on-ground"] if args.on_ground else []
+    # Standard input stays the terminal: the pilot's lines go straight to the vehicle.
+    vehicle = subprocess.Popen(command, stdout=subprocess.PIPE)
+    before = {
+        number: signal.signal(number, lambda number, _: _pass_on(vehicle, number))
+        for name in ("SIGTERM", "SIGHUP")
+        if (number := getattr(signal, name, None)) is not None
+    }
+    try:
+        return _follow(vehicle, args.json)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        _end(vehicle)
+
+
+def next_directory(parent: Path) -> Path:
+    """The first `vehicle-NNNN` that does not exist in `parent`."""
+    number = 1
+    while (parent / f"vehicle-{number:04d}").exists():
+        number += 1
+    return parent / f"vehicle-{number:04d}"
+
+
+def _follow(vehicle: subprocess.Popen[bytes], as_json: bool) -> int:
+    assert vehicle.stdout is not None
+    first = True
+    try:
+        for raw in vehicle.stdout:
+            text = raw.decode("utf-8", "replace").rstrip("\n")
+            if first:
+                first = False
+                print(text if as_json else _words(text), flush=True)
+            elif as_json:  # standard output holds one document
+                print(f" pilot: {text}", file=sys.stderr, flush=True)
+            else:
+                print(f" pilot: {text}", flush=True)
+        return vehicle.wait()
+    except KeyboardInterrupt:
+        with contextlib.suppress(subprocess.TimeoutExpired, KeyboardInterrupt):
+            vehicle.wait(GRACE_S)
+        return 0
+
+
+def _words(line: str) -> str:
+    try:
+        about = json.loads(line)
+        return (
+            f"vehicle on {about['link']} · plant {about['plant']} · its logs in {about['directory']}\n"
+            f"  tippath fly --connect {about['ground_link']}\n"
+            f"  tippath sweep --connect {about['ground_link']} --card quick\n"
+            "  the pilot hears: takeoff, land, lqr on, lqr off, mode stabilize, quit; Ctrl-C ends"
+        )
+    except (ValueError, KeyError, TypeError):
+        return line
+
+
+def _pass_on(vehicle: subprocess.Popen[bytes], number: int) -> None:
+    with contextlib.suppress(OSError):
+        vehicle.send_signal(number)
+
+
+def _end(vehicle: subprocess.Popen[bytes]) -> None:
+    for insist in (vehicle.terminate, vehicle.kill):
+        if vehicle.poll() is not None:
+            break
+        insist()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            vehicle.wait(GRACE_S)
+    if vehicle.stdout is not None:
+        vehicle.stdout.close()

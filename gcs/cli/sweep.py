@@ -1,0 +1,143 @@
+"""`tippath sweep`: fly a maneuver or a card without a screen, and record it.
+
+On hardware somebody types a word before anything moves. A vehicle counts as simulated where the link ends on this very
+machine and the vehicle offers Table 1's excitation, which the bundled one does; a radio that a router forwards to this
+machine looks the same, so `--hardware` asks for the word in any case.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ipaddress
+import sys
+from pathlib import Path
+from typing import Any
+
+from gcs.cli.push import add_link_options
+
+WORD = "fly"
+
+_HELP = """\
+-o DIR takes the flight's folder (default: the next flight-NNNN): flight.BIN is the vehicle's own log, flight.tlog the
+telemetry, card.toml the card, flight.json the runs and verdicts.
+
+Ctrl-C ends the excitation first: the mode before the run is sent again and again while the vehicle is in its excitation
+mode, and never after the pilot chose another. Nothing here arms, takes off or lands.
+
+--json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
+"card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "runs": [{"label", "purpose", "maneuver",
+"flew", "parameters", "ending", "reason", "mode_after", "started", "duration_s", "log_start_s", "peaks", "verdict":
+{"keep", "reasons", "samples", "expected", "missing", "gaps", "percent_of_limits", "coherent_hz"}}], "recording",
+"missing_blocks"}. Exit status: 0 flown to the end, whatever the verdicts; 1 not; 130 ended by Ctrl-C.
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "sweep",
+        help="fly maneuvers and record them",
+        description="Fly one chirp (--axis) or a test card (--card) with the vehicle that the pilot has in the air.",
+        epilog=_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_link_options(parser)
+    parser.add_argument("--card", metavar="CARD.toml|NAME", help="a test card; hover, quick and lqr-doublet are there")
+    parser.add_argument("--axis", choices=("roll", "pitch", "elevator"), help="of a single chirp by Table 1")
+    parser.add_argument("--amplitude", type=float, metavar="A", help="of full command (default 0.1)")
+    parser.add_argument("--duration", type=float, metavar="S", help="seconds (default 30)")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="the flight's folder; never overwritten")
+    parser.add_argument("--hardware", action="store_true", help="ask for the typed word even on this machine's link")
+    parser.add_argument("--yes", action="store_true", help="do not ask; refused on hardware")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status 0 flown to the end, 130 ended by Ctrl-C, 1 otherwise. Raises TippathError for what a user meets."""
+    from gcs import flightdir
+    from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
+    from gcs.cli.interrupts import interrupts
+    from gcs.cli.options import print_json
+    from gcs.cli.progress import ProgressLines, printable
+    from gcs.errors import UsageError
+    from gcs.maneuver import Maneuver, load_card, single_card
+    from gcs.session import Session
+    from gcs.sweep import Briefing, Ending, fly_card, require_flyable
+
+    single = [name for name in ("axis", "amplitude", "duration") if getattr(args, name) is not None]
+    if args.card is not None and single:
+        raise UsageError(f"--card says what to fly; leave out --{single[0]}")
+    if args.card is None and args.axis is None:
+        raise UsageError("what to fly? Give --axis roll|pitch, or --card hover")
+    if args.card is not None:
+        card = load_card(args.card)
+    else:
+        amplitude = 0.1 if args.amplitude is None else args.amplitude
+        duration_s = 30.0 if args.duration is None else args.duration
+        card = single_card(Maneuver("chirp", args.axis, amplitude, duration_s))
+    lines = ProgressLines(card.limits)
+
+    def confirm(briefing: Briefing) -> bool:
+        lines.briefing(briefing)
+        if not args.hardware and is_loopback(args.connect) and "SIDX_LAW" in briefing.profile.needs:
+            return True
+        return typed_confirmation(args.yes)
+
+    with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
+        require_flyable(session, card)
+        folder = flightdir.create(args.output)
+        result = fly_card(
+            session,
+            card,
+            folder=folder,
+            confirm=confirm,
+            on_progress=lines,
+            aborted=wishes,
+            about={"link": args.connect},
+        )
+    ended = "" if result.complete else f"   stopped: {printable(result.stopped)}"
+    if args.json:
+        about = folder.read()
+        head = {"format": "tippath.sweep/1", "folder": str(folder.path), "complete": result.complete}
+        ending = None if result.ending is None else result.ending.value
+        print_json({**head, "ending": ending, **{k: v for k, v in about.items() if k != "format"}})
+    else:
+        count = f"{len(result.runs)} of {result.planned} runs"
+        log = folder.log if result.recording is not None and result.recording.logs else folder.path
+        missing = f"{result.missing_blocks} blocks of the log" if result.missing_blocks else "0 samples"
+        print(f" recorded {log}  {count}  {missing} missing{ended}")
+        for problem in result.recording.problems if result.recording is not None else ():
+            print(f"   {printable(problem)}")
+    if result.complete:
+        return EXIT_DONE
+    if args.json:
+        print(f"stopped: {printable(result.stopped)}", file=sys.stderr)
+    return EXIT_INTERRUPTED if wishes() is not None and result.ending is Ending.ABORTED else EXIT_NO
+
+
+def is_loopback(link: str) -> bool:
+    """Whether a LINK ends on this machine. Raises LinkError where it is no link."""
+    from gcs.link.transport import parse_link
+
+    word = parse_link(link)
+    if word.kind == "serial":
+        return False
+    if word.host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(word.host).is_loopback
+    except ValueError:
+        return False
+
+
+def typed_confirmation(yes: bool) -> bool:
+    """Ask for the word on the terminal. Raises UsageError where there is none, or where `--yes` would answer for it."""
+    from gcs.errors import UsageError
+
+    if yes:
+        raise UsageError(f"--yes does not fly hardware: somebody types {WORD}")
+    if not sys.stdin.isatty():
+        raise UsageError(f"this is no simulated vehicle of ours: somebody must type {WORD} on a terminal")
+    print(
+        f" This vehicle is real. Type {WORD} to start, anything else to leave it: ", end="", file=sys.stderr, flush=True
+    )
+    return sys.stdin.readline().strip() == WORD

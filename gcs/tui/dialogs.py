@@ -1,0 +1,71 @@
+"""The questions the app asks: a word to type, and a yes to something that cannot be taken back by a key."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from textual.containers import Vertical
+from textual.widget import Widget
+from textual.widgets import Input
+
+from gcs.link.decode import sanitise
+from gcs.tui.base import Dialog
+from gcs.tui.plot import Style
+from gcs.tui.widgets.lines import Lines
+from gcs.tui.words import wrapped
+
+
+class Ask(Dialog):
+    """Asks for a word. Gives it, or None."""
+
+    def __init__(self, style: Style, question: str, hint: str, value: str = "") -> None:
+        super().__init__(style)
+        self._question = question
+        self._hint = hint
+        self._value = value
+
+    def body(self) -> Iterable[Widget]:
+        with Vertical(classes="box"):
+            yield Lines(self.style, "question")
+            yield Input(self._value, id="answer")
+            yield Lines(self.style, "hint")
+
+    def on_mount(self) -> None:
+        self.query_one("#question", Lines).show([(f" {self._question}", "bold")])
+        self.query_one("#hint", Lines).show([f" {self._hint}", " enter takes it, escape leaves, F12 aborts"])
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Enter."""
+        self.dismiss(event.value.strip() or None)
+
+
+class Confirm(Dialog):
+    """Asks for a yes. Gives "yes", or None; every other key than Y is a no."""
+
+    BINDINGS = [("y", "dismiss('yes')", "yes"), ("n", "dismiss(None)", "no")]
+
+    def __init__(self, style: Style, question: str, lines: tuple[str, ...]) -> None:
+        super().__init__(style)
+        self._question = question
+        self._lines = lines
+
+    def body(self) -> Iterable[Widget]:
+        with Vertical(classes="box"):
+            yield Lines(self.style, "question")
+            yield Lines(self.style, "hint")
+
+    def on_mount(self) -> None:
+        self.query_one("#question", Lines).show([(f" {self._question}", "bold")])
+        self.break_text()
+
+    def on_resize(self) -> None:
+        """The text is broken anew."""
+        self.break_text()
+
+    def break_text(self) -> None:
+        """Break the text to the box."""
+        width = max(20, self.app.size.width - 8)
+        lines = [piece for line in self._lines for piece in wrapped(f" {sanitise(line)}", width, 0)]
+        hint = self.query_one("#hint", Lines)
+        hint.styles.height = len(lines) + 1
+        hint.show([*lines, (" Y yes   N no (also escape)", "bold")])

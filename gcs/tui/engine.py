@@ -1,0 +1,681 @@
+"""Between the app and what flies: the state to show, and the few things a key may ask for.
+
+The flying itself is `gcs.sweep.fly_card`, the fit `gcs.analysis.identify_flight`, the push `gcs.gains.push`: the same
+functions as behind the commands. What is added here is only what a screen needs: the card runs in a thread of its own
+and waits before every run until that run was made ready and then started, two steps; while it waits, a change of mode,
+a disarmed vehicle or a lost link calls the card off, so that nothing starts later that nobody looks at any more.
+
+The state is replaced whole, under a lock, and never changed. `Engine` is what the app knows; tests give it another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shlex
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from gcs.errors import LinkError, TippathError
+from gcs.flightdir import create
+from gcs.link.procedures import ProcedureError, ReadParameter, SetMode
+from gcs.logs.live import LiveWindow
+from gcs.maneuver import CardRun, TestCard, load_card
+from gcs.session import Session
+from gcs.sweep import (
+    Briefing,
+    Ending,
+    Note,
+    Phase,
+    Progress,
+    RunProgress,
+    RunReady,
+    RunResult,
+    SweepResult,
+    fly_card,
+    free_bytes,
+)
+from gcs.tui import state as view
+from gcs.tui.state import Bank, Mark, RunView, Stage, State
+from gcs.vehicle import STABILIZE, SYSTEMID, VehicleSnapshot
+
+CONNECT_S = 3.0
+AGAIN_S = 1.0
+WATCH_S = 0.05
+CLOSE_S = 20.0
+"""How long leaving may take while a run is brought to its end."""
+KEPT_TELEMETRY = 1200
+
+
+class Engine(Protocol):
+    """What the app asks. `state` and `window` never wait; `ready`, `start`, `end_card` and `abort` only set a wish."""
+
+    def state(self) -> State: ...
+    def window(self, last_s: float) -> LiveWindow: ...
+    def ready(self) -> None: ...
+    def start(self) -> None: ...
+    def end_card(self) -> None: ...
+    def abort(self) -> None: ...
+
+    # These wait, and are called from a worker. They raise TippathError.
+    def choose_card(self, word: str) -> None: ...
+    def open_flight(self, word: str) -> None: ...
+    def fit(self) -> None: ...
+    def design(self) -> None: ...
+    def push(self) -> None: ...
+    def revert(self) -> None: ...
+    def pilot(self, line: str) -> None: ...
+    def close(self) -> None: ...
+
+
+class SimulatedVehicle(Protocol):
+    """A simulated vehicle that the app started, and the pilot of it."""
+
+    @property
+    def ground_link(self) -> str: ...
+    def say(self, line: str) -> str:
+        """One line to its pilot; the reply."""
+
+    def close(self) -> None: ...
+
+
+class FlightEngine:
+    """The real one. Made, it begins to look for the vehicle at once, in its own thread."""
+
+    def __init__(
+        self,
+        link: str | None,
+        *,
+        plant: str | None = None,
+        start_vehicle: Callable[[], SimulatedVehicle] | None = None,
+        folder: Path = Path(),
+        primary: bool = False,
+        card: str = "hover",
+        open_session: Callable[..., Session] = Session.open,
+    ) -> None:
+        self._folder = folder
+        self._primary = primary
+        self._start_vehicle = start_vehicle
+        self._open_session = open_session
+        self._vehicle: SimulatedVehicle | None = None
+        self._session: Session | None = None
+        self._lock = threading.RLock()
+        self._pressed = threading.Condition(self._lock)
+        self._ending = threading.Event()
+        self._card = load_card(card)
+        self._card_word = card
+        self._state = State(link or "the simulated vehicle", plant, card=self._card.name, runs=_views(self._card))
+        self._limits_of_card()
+        self._abort: str | None = None
+        self._started = False
+        self._mode_before = STABILIZE
+        self._telemetry: deque[tuple[float, float, float]] = deque(maxlen=KEPT_TELEMETRY)
+        self._model: Any = None
+        self._gains: Mapping[str, Any] | None = None
+        self._link = link
+        self._flying: threading.Thread | None = None
+        self._conductor = threading.Thread(target=self._conduct, name="tippath app", daemon=True)
+        self._conductor.start()
+
+    # What the app reads.
+
+    def state(self) -> State:
+        """This moment."""
+        state, session = self._state, self._session
+        if session is None:
+            return state
+        try:
+            vehicle = session.snapshot()
+        except LinkError:
+            return state
+        received = session.samples(0.0).received if vehicle.recording is not None else 0
+        return replace(state, vehicle=vehicle, samples=received)
+
+    def window(self, last_s: float) -> LiveWindow:
+        """The log's samples while it is recorded, else what telemetry told of the rates."""
+        session = self._session
+        if session is not None:
+            with contextlib.suppress(LinkError):
+                if session.snapshot().recording is not None:
+                    window = session.samples(last_s)
+                    if window.t.size:
+                        return window
+        with self._lock:
+            rows = np.array(self._telemetry, dtype=float).reshape(-1, 3)
+        rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
+        unknown = np.full(len(rows), np.nan)
+        return LiveWindow(rows[:, 0], rows[:, 1], rows[:, 2], unknown, unknown, unknown, unknown)
+
+    # What keys wish.
+
+    def ready(self) -> None:
+        """Make the next run ready: begin the card, or go on with it. Nothing moves."""
+        with self._pressed:
+            stage = self._state.stage
+            if stage is Stage.HELD:
+                self._set(stage=Stage.READY, said="", rpm_reference=self._rpm())
+                self._mark(self._state.current, Mark.READY)
+            elif stage is Stage.IDLE and not self._busy_with_card():
+                self._begin()
+            elif stage is Stage.NO_VEHICLE:
+                self._set(said="there is no vehicle")
+            elif stage is not Stage.READY:
+                self._set(said="a run is under way")
+
+    def start(self) -> None:
+        """Start the run that is ready."""
+        with self._pressed:
+            if self._state.stage is Stage.READY:
+                self._started = True
+                self._pressed.notify_all()
+            elif not self._state.stage.under_way:
+                self._set(said="nothing is ready: R first, then S")
+            elif self._state.stage is Stage.HELD:
+                self._set(said="not ready: R first, then S")
+
+    def end_card(self) -> None:
+        """Between two runs: fly no further."""
+        with self._pressed:
+            if self._state.stage in (Stage.HELD, Stage.READY):
+                self._abort = "the card was ended here"
+                self._pressed.notify_all()
+            elif self._state.stage is Stage.FLYING:
+                self._set(said="a run is flying: F12 aborts it")
+
+    def abort(self) -> None:
+        """End what is excited; call off what is ready."""
+        with self._pressed:
+            stage = self._state.stage
+            if stage is Stage.READY:
+                self._set(stage=Stage.HELD, said="called off: nothing was started")
+                self._mark(self._state.current, Mark.NEXT)
+            elif stage is Stage.FLYING:
+                self._abort = "F12 or space in the app"
+                self._set(stage=Stage.ABORTING)
+                self._pressed.notify_all()
+            elif stage is Stage.CHECKING:
+                self._abort = "F12 or space in the app"
+                self._pressed.notify_all()
+            elif stage is Stage.IDLE and self._excited_by_another():
+                threading.Thread(target=self._end_excitation, name="tippath abort", daemon=True).start()
+            elif stage is not Stage.ABORTING:
+                self._set(said="nothing is excited")
+
+    def _excited_by_another(self) -> bool:
+        vehicle = self._snapshot()
+        return vehicle is not None and vehicle.mode == SYSTEMID
+
+    def _end_excitation(self) -> None:
+        session = self._session
+        while session is not None and not self._ending.is_set():
+            vehicle = session.snapshot()
+            if vehicle.lost or vehicle.mode != SYSTEMID:
+                break
+            with contextlib.suppress(ProcedureError):
+                session.call(SetMode(self._mode_before, tries=1), 0.5)
+        vehicle_now = self._snapshot()
+        if vehicle_now is not None:
+            self._set(said=f"the mode is {vehicle_now.mode_name}")
+
+    # The card.
+
+    def choose_card(self, word: str) -> None:
+        """Another card, by its file or the name of a bundled one. Raises UsageError."""
+        card = load_card(word)
+        with self._lock:
+            if self._state.stage.under_way:
+                raise TippathError("a card is being flown: end it first (E)")
+            self._card, self._card_word = card, word
+            self._set(card=card.name, runs=_views(card), current=0, use=None, said=card.description, checks=())
+            self._limits_of_card()
+
+    def _limits_of_card(self) -> None:
+        self._set(limits=self._card.limits)
+
+    def _busy_with_card(self) -> bool:
+        return self._flying is not None and self._flying.is_alive()
+
+    def _begin(self) -> None:
+        session = self._session
+        assert session is not None
+        self._abort, self._started = None, False
+        self._set(stage=Stage.CHECKING, runs=_views(self._card), current=1, progress=None, use=None, checks=(), said="")
+        self._flying = threading.Thread(target=self._fly, args=(session, self._card), name="tippath card", daemon=True)
+        self._flying.start()
+
+    def _fly(self, session: Session, card: TestCard) -> None:
+        said = ""
+        try:
+            folder = create(None, self._folder)
+            self._set(flight=folder.path, fitted=None)
+            result = fly_card(
+                session,
+                card,
+                folder=folder,
+                confirm=self._briefed,
+                on_progress=self._progressed,
+                aborted=lambda: self._abort,
+                about={"command": "fly", "link": session.link},
+            )
+            said = self._landed(result)
+        except TippathError as error:
+            said = str(error)
+        except Exception as error:  # a fault of ours must neither hide nor end the app in flight
+            said = f"the card stopped on a fault: {type(error).__name__}: {error}"
+        finally:
+            with self._lock:
+                for run in self._state.runs:
+                    if run.mark in (Mark.WAITING, Mark.NEXT, Mark.READY, Mark.FLYING):
+                        self._mark(run.number, Mark.SKIPPED)
+                stage = Stage.IDLE if self._session is not None else Stage.NO_VEHICLE
+                self._set(stage=stage, current=0, progress=None, said=said, rpm_reference=None)
+
+    def _landed(self, result: SweepResult) -> str:
+        kept = sum(run.clean for run in result.runs)
+        missing = result.missing_blocks
+        where = _word(result.folder.path)
+        self._did(f"tippath sweep --connect {self._link_word()} --card {_word(self._card_word)} -o {where}")
+        text = f"recorded {where}: {kept} of {result.planned} runs kept, {missing} blocks missing"
+        problems = () if result.recording is None else result.recording.problems
+        return "; ".join([text, *([result.stopped] if result.stopped else []), *problems])
+
+    def _briefed(self, briefing: Briefing) -> bool:
+        checks = tuple((check.ok, f"{check.name}: {check.words}") for check in briefing.checks)
+        self._set(checks=checks, link_loss=briefing.link_loss.words)
+        return self._abort is None
+
+    def _progressed(self, progress: Progress) -> None:
+        match progress:
+            case RunReady():
+                self._wait_for_start(progress)
+            case RunProgress():
+                self._show(progress)
+            case RunResult():
+                self._judged(progress)
+            case Note():
+                self._set(said=progress.words)
+
+    def _wait_for_start(self, ready: RunReady) -> None:
+        """Wait until this run was made ready and started, or called off."""
+        session = self._session
+        assert session is not None
+        number = ready.run.number
+        flown = any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in self._state.runs)
+        with self._pressed:
+            self._started = False
+            self._set(
+                stage=Stage.HELD if flown else Stage.READY,
+                current=number,
+                progress=view.Progress(0.0, ready.run.maneuver.duration_s, None, ready.plan.words),
+                rpm_reference=self._rpm(),
+                disk_free=None if self._state.flight is None else free_bytes(self._state.flight),
+            )
+            self._mark(number, Mark.NEXT if flown else Mark.READY)
+            mode = session.snapshot().mode
+            while not self._started and self._abort is None:
+                self._pressed.wait(0.1)
+                self._abort = self._abort or self._called_off(session.snapshot(), mode)
+            if self._abort is None:
+                self._set(stage=Stage.FLYING, said="", use=None)
+                self._mark(number, Mark.FLYING)
+
+    def _called_off(self, vehicle: VehicleSnapshot, mode: int) -> str | None:
+        if self._ending.is_set():
+            return "the app was closed"
+        if vehicle.lost:
+            return "the link was lost while a run waited for its start"
+        if not vehicle.armed:
+            return "the vehicle was disarmed while a run waited for its start"
+        if vehicle.mode != mode:
+            return f"the mode is {vehicle.mode_name}: the pilot has it"
+        return None
+
+    def _show(self, progress: RunProgress) -> None:
+        duration = progress.plan.maneuver.duration_s
+        early = progress.phase is Phase.RETURNING and progress.elapsed_s < duration - 0.2
+        with self._lock:
+            stage = self._state.stage
+            if early and stage is Stage.FLYING:
+                stage = Stage.ABORTING
+            self._set(
+                stage=stage,
+                progress=view.Progress(progress.elapsed_s, duration, progress.frequency_hz, progress.plan.words),
+                use=progress.use,
+            )
+
+    def _judged(self, result: RunResult) -> None:
+        with self._lock:
+            verdict = result.verdict
+            if verdict is None:
+                mark, words = Mark.SKIPPED, result.reason
+            elif result.clean:
+                mark, words = Mark.KEEP, verdict.words
+            else:
+                mark = Mark.AGAIN
+                words = verdict.words if result.ending is Ending.FINISHED else f"{result.ending.value}: {result.reason}"
+            self._mark(result.run.number, mark, words)
+            last = result.run.number == result.run.of or result.ending is not Ending.FINISHED
+            self._set(
+                stage=Stage.CLOSING if last else Stage.CHECKING,
+                said=f"{result.run.label}: {words}",
+                progress=None,
+                checks=(),
+            )
+
+    def _mark(self, number: int, mark: Mark, verdict: str | None = None) -> None:
+        with self._lock:
+            runs = tuple(
+                replace(run, mark=mark, verdict=run.verdict if verdict is None else verdict)
+                if run.number == number
+                else run
+                for run in self._state.runs
+            )
+            self._set(runs=runs)
+
+    # The fit and the gains.
+
+    def open_flight(self, word: str) -> None:
+        """Another flight folder or log to fit. Raises TippathError where there is none."""
+        path = Path(word).expanduser()
+        if not path.exists():
+            raise TippathError(f"{path}: no such folder or log")
+        with self._lock:
+            if self._state.stage.under_way:
+                raise TippathError("a card is being flown: end it first (1, then E)")
+            self._set(flight=path, fitted=None, said="")
+
+    def fit(self) -> None:
+        """Fit the flight by the same functions as `tippath fit`, and keep the fits beside its log."""
+        from gcs.analysis import (
+            checks_text,
+            identify_flight,
+            modes_table,
+            nrmse_table,
+            parameter_table,
+            split_runs,
+        )
+        from gcs.logs import resolve_runs
+        from sysid.errors import SysidError
+
+        flight = self._state.flight
+        if flight is None:
+            raise TippathError("no flight yet: fly a card (1), or open a flight (O)")
+        if self._state.stage.under_way:
+            raise TippathError("the card is still being flown; the fit comes after it")
+        with self._working(f"fitting {flight.name}"):
+            try:
+                chirps, doublets = split_runs(resolve_runs([str(flight)]))
+                found = identify_flight(chirps, doublets)
+            except SysidError as error:
+                raise TippathError(str(error)) from error
+            home = flight if flight.is_dir() else flight.parent
+            runs = [f"{record.path}#{record.id.rpartition('#')[2]}" for record in chirps]
+            judges = [f"{record.path}#{record.id.rpartition('#')[2]}" for record in doublets]
+            commands = []
+            for name, one in (("tpp", found.tpp), ("cd", found.cd)):
+                path = _keep(one.to_json(home), home / f"{name}.json")
+                words = " ".join(_word(run) for run in runs)
+                validate = f" --validate {' '.join(_word(run) for run in judges)}" if judges else ""
+                commands.append(f"tippath fit {words} --model {name}{validate} -o {_word(path)}")
+                if name == "tpp":
+                    fit_path = path
+            self._model = (found.tpp.model, fit_path)
+            fitted = view.Fitted(
+                flight,
+                tuple(record.id for record in chirps),
+                tuple(record.id for record in doublets),
+                # The checks before the long table of parameters: they say whether to read it.
+                "\n\n".join(
+                    (nrmse_table(found), modes_table(found), checks_text(found.checks), parameter_table(found))
+                ),
+                tuple(dict.fromkeys((*found.tpp.warnings, *found.cd.warnings))),
+                tuple(commands),
+            )
+            self._set(fitted=fitted, designed=None, said="")
+            for command in commands:
+                self._did(command)
+
+    def design(self) -> None:
+        """Gains on the fitted TPP, kept as GAINS.json beside the fit."""
+        from gcs.analysis import gains_text
+        from gcs.gains import gains_of
+        from sysid.errors import SysidError
+        from sysid.regulator import design
+
+        if self._model is None or self._state.fitted is None:
+            raise TippathError("no fit yet: 2 fits a flight; gains are designed on its TPP")
+        model, fit_path = self._model
+        with self._working("designing gains"):
+            try:
+                gains = design(model)
+            except SysidError as error:
+                raise TippathError(str(error)) from error
+            document = gains.to_json()
+            path = _keep(document, fit_path.with_name("gains.json"))
+            self._gains = document
+            command = f"tippath design {_word(fit_path)} -o {_word(path)}"
+            self._set(
+                designed=view.Designed(gains_text(gains), path, gains_of(document).crc, command), said="gains designed"
+            )
+            self._did(command)
+
+    def push(self) -> None:
+        """The designed gains to the vehicle, as one verified set; only on the ground, disarmed."""
+        from gcs.gains import gains_of, push
+
+        session = self._on_ground()
+        designed, document = self._state.designed, self._gains
+        if designed is None or document is None:
+            raise TippathError("no gains yet: D designs them")
+        with self._working("pushing gains"):
+            result = push(
+                session, gains_of(document), on_progress=lambda step: self._set(busy=f"pushing gains: {step}")
+            )
+            self._set(
+                bank=Bank(result.crc, result.previous_crc, result.switch_on),
+                said=f"committed {result.crc:06x}: {len(result.values)} values read back, equal bit for bit"
+                if result.committed
+                else f"the vehicle held {result.crc:06x} already; nothing was written",
+            )
+            self._did(f"tippath push {_word(designed.path)} --connect {self._link_word()}")
+
+    def revert(self) -> None:
+        """Back to the bank before the last commit; only on the ground, disarmed."""
+        from gcs.gains import revert
+
+        session = self._on_ground()
+        with self._working("reverting"):
+            result = revert(session)
+            bank = self._state.bank
+            self._set(
+                bank=Bank(result.crc, result.reverted_crc, None if bank is None else bank.switch_on),
+                said=f"{result.crc:06x} is active again"
+                if result.crc
+                else "no LQR is active, as before the first push",
+            )
+            self._did(f"tippath revert --connect {self._link_word()}")
+
+    def _on_ground(self) -> Session:
+        reason = self.state().not_on_ground()
+        if reason is not None:
+            raise TippathError(reason)
+        assert self._session is not None
+        return self._session
+
+    # The simulated pilot.
+
+    def pilot(self, line: str) -> None:
+        """A line to the pilot of the simulated vehicle that this app started; there is none on any other link.
+
+        `lqr` throws the bank switch to its other position.
+        """
+        vehicle = self._vehicle
+        if vehicle is None:
+            raise TippathError("there is no simulated pilot on this link")
+        if line == "lqr":
+            bank = self._state.bank
+            line = "lqr off" if bank is not None and bank.switch_on else "lqr on"
+        reply = vehicle.say(line)
+        self._set(said=f"simulated pilot, {line}: {reply}")
+        if line.startswith("lqr"):
+            self._read_bank()
+
+    # Connection.
+
+    def _conduct(self) -> None:
+        try:
+            if self._start_vehicle is not None:
+                self._set(trouble="the simulated vehicle is starting")
+                self._vehicle = self._start_vehicle()
+                self._link = self._vehicle.ground_link
+                self._set(link=self._link)
+                if self._ending.is_set():
+                    self._vehicle.close()
+                    return
+        except TippathError as error:
+            self._set(trouble=str(error))
+            return
+        while not self._ending.is_set() and self._session is None:
+            self._connect()
+        while not self._ending.wait(WATCH_S):
+            self._watch()
+
+    def _connect(self) -> None:
+        assert self._link is not None
+        try:
+            session = self._open_session(self._link, primary=self._primary, connect_timeout_s=CONNECT_S)
+        except TippathError as error:
+            self._set(trouble=str(error))
+            self._ending.wait(AGAIN_S)
+            return
+        with self._lock:
+            self._session = session
+            self._set(trouble=None, stage=Stage.IDLE)
+        if self._ending.is_set():
+            session.close()
+            return
+        self._read_bank()
+
+    def _watch(self) -> None:
+        vehicle = self._snapshot()
+        if vehicle is None:
+            return
+        if vehicle.mode not in (SYSTEMID, -1):
+            self._mode_before = vehicle.mode
+        at, p, q = vehicle.attitude_at_s, vehicle.p, vehicle.q
+        with self._lock:
+            if (
+                at is not None
+                and p is not None
+                and q is not None
+                and (not self._telemetry or self._telemetry[-1][0] < at)
+            ):
+                self._telemetry.append((at, p, q))
+
+    def _read_bank(self) -> None:
+        """What the vehicle holds, where it has a bank at all."""
+        session = self._session
+        if session is None:
+            return
+        try:
+            active = session.call(ReadParameter("LQR_ACTIVE", 2)).value
+            switch = session.call(ReadParameter("LQR_SW", 2)).value
+        except ProcedureError:
+            return
+        if active >= 0:
+            before = self._state.bank
+            self._set(bank=Bank(int(active), None if before is None else before.previous, switch == 1.0))
+
+    def close(self) -> None:
+        """End a run under way, then recording, the link and the simulated vehicle. Twice is no harm."""
+        with self._pressed:
+            self._ending.set()
+            self._abort = self._abort or "the app was closed"
+            self._pressed.notify_all()
+        if self._flying is not None:
+            self._flying.join(CLOSE_S)
+        if self._session is not None:
+            self._session.close()
+        if self._vehicle is not None:
+            self._vehicle.close()
+
+    # Small things.
+
+    def _snapshot(self) -> VehicleSnapshot | None:
+        if self._session is None:
+            return None
+        try:
+            return self._session.snapshot()
+        except LinkError:
+            return None
+
+    def _rpm(self) -> float | None:
+        vehicle = self._snapshot()
+        return None if vehicle is None else vehicle.rpm
+
+    def _set(self, **changes: Any) -> None:
+        with self._lock:
+            self._state = replace(self._state, **changes)
+
+    def _did(self, command: str) -> None:
+        with self._lock:
+            self._set(commands=(*self._state.commands, command))
+
+    @contextlib.contextmanager
+    def _working(self, what: str) -> Any:
+        with self._lock:
+            if self._state.busy:
+                raise TippathError(f"wait: {self._state.busy}")
+            self._set(busy=what)
+        try:
+            yield
+        finally:
+            self._set(busy="")
+
+    def _link_word(self) -> str:
+        return _word(self._link or "LINK")
+
+
+def _views(card: TestCard) -> tuple[RunView, ...]:
+    return tuple(_view(run) for run in card.runs())
+
+
+def _view(run: CardRun) -> RunView:
+    locked = run.locked_by is not None
+    return RunView(
+        run.number,
+        run.label,
+        run.maneuver.numbers,
+        Mark.LOCKED if locked else Mark.WAITING,
+        f"until {run.locked_by} is clean" if locked else "",
+    )
+
+
+def _word(text: object) -> str:
+    """As a shell takes it."""
+    return shlex.quote(str(text))
+
+
+def _keep(document: Mapping[str, Any], path: Path) -> Path:
+    """Write a document beside the log; under the next free name where another one stands there already."""
+    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    number = 1
+    while True:
+        target = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+        try:
+            with target.open("x", encoding="utf-8") as stream:
+                stream.write(text)
+            return target
+        except FileExistsError:
+            with contextlib.suppress(OSError, ValueError):
+                if target.read_text(encoding="utf-8") == text:
+                    return target
+            number += 1
+        except OSError as error:
+            raise TippathError(f"{target} cannot be written ({error.strerror or error})") from error

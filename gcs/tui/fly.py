@@ -1,0 +1,56 @@
+"""Fly: what the vehicle does, what the card asks for next, and what became of each run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from textual.containers import Vertical
+from textual.widget import Widget
+
+from gcs.logs.live import LiveWindow
+from gcs.tui import words
+from gcs.tui.base import Page
+from gcs.tui.state import State
+from gcs.tui.widgets.charts import Charts
+from gcs.tui.widgets.lines import Lines
+
+SPAN_S = 20.0
+"""How much of the past the strips show."""
+
+
+class FlyScreen(Page):
+    """The first screen."""
+
+    NAME = "Fly"
+    KEYS = "R ready  S start  F12/space abort  E end card  C choose card  1 2 3 screens"
+    BINDINGS = [
+        ("r", "app.engine('ready')", "ready"),
+        ("s", "app.engine('start')", "start"),
+        ("e", "app.engine('end_card')", "end the card"),
+        ("c", "app.choose_card", "choose a card"),
+    ]
+
+    def body(self) -> Iterable[Widget]:
+        yield Lines(self.style, "card")
+        yield Charts(self.style, "charts")
+        with Vertical(id="facts"):
+            yield Lines(self.style, "progress")
+            yield Lines(self.style, "limits")
+            yield Lines(self.style, "recording")
+        yield Lines(self.style, "runs")
+        yield Lines(self.style, "said")
+
+    def draw(self, window: LiveWindow, stale: bool) -> None:
+        """The strips."""
+        if self.query("#charts"):
+            self.query_one("#charts", Charts).draw(window, SPAN_S, stale)
+
+    def show_body(self, state: State, width: int) -> None:
+        self.query_one("#card", Lines).show([(words.card_line(state, width), "bold")])
+        self.query_one("#progress", Lines).show([words.progress_line(state, width, self.style)])
+        self.query_one("#limits", Lines).show([words.limits_line(state, width, self.style)])
+        self.query_one("#recording", Lines).show([words.recording_line(state, width)])
+        runs = self.query_one("#runs", Lines)
+        runs.show(words.run_lines(state, width, runs.size.height))
+        said = self.query_one("#said", Lines)
+        said.show(words.said_lines(state, width, max(1, said.size.height)))

@@ -1,0 +1,184 @@
+"""What the screens show: one immutable value, made by the engine, read by the app on a timer.
+
+Every line on every screen is a function of a `State` and a width. Nothing is kept in a widget, so a screen that was
+away shows the same as one that was not, and a test shows any moment of a flight without flying.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+
+from gcs.envelope import Limits, Use
+from gcs.vehicle import VehicleSnapshot
+
+
+class Stage(Enum):
+    """Where a flight is, from the app's side. What the vehicle does is in its snapshot."""
+
+    NO_VEHICLE = "no vehicle"
+    IDLE = "idle"
+    """Connected; no card is under way."""
+    CHECKING = "checking"
+    """A card was begun: the vehicle is looked at before anything moves."""
+    HELD = "held"
+    """Between two runs: the next waits for `ready`."""
+    READY = "ready"
+    """The next run waits for `start`."""
+    FLYING = "flying"
+    ABORTING = "aborting"
+    """The run is ended early; the vehicle is not yet back in the mode before."""
+    CLOSING = "closing"
+    """All runs are over; the rest of the log is fetched and the vehicle's parameters are put back."""
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a card is being flown."""
+        return self not in (Stage.NO_VEHICLE, Stage.IDLE)
+
+
+class Mark(Enum):
+    """What became of a run. The word tells it; the sign only repeats it."""
+
+    WAITING = " ", ""
+    LOCKED = " ", "locked"
+    NEXT = "○", "next"
+    READY = "●", "ready"
+    FLYING = "▶", "flying"
+    KEEP = "✓", "keep"
+    AGAIN = "✗", "fly again"
+    SKIPPED = " ", "not flown"
+
+    @property
+    def sign(self) -> str:
+        return self.value[0]
+
+    @property
+    def word(self) -> str:
+        return self.value[1]
+
+
+@dataclass(frozen=True, slots=True)
+class RunView:
+    """One line of the card."""
+
+    number: int
+    label: str
+    """`roll chirp 1/2`."""
+    numbers: str
+    """`0.5-10 Hz  30 s  A 0.10`."""
+    mark: Mark = Mark.WAITING
+    verdict: str = ""
+    """Why, in the verdict's words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """The run under way."""
+
+    elapsed_s: float
+    """Of the maneuver; below zero before its first excitation."""
+    duration_s: float
+    frequency_hz: float | None
+    words: str
+    """What is really flown: `Table 1`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """What the fit of a flight says, ready to be shown."""
+
+    flight: Path
+    runs: tuple[str, ...]
+    validation: tuple[str, ...]
+    tables: str
+    warnings: tuple[str, ...]
+    commands: tuple[str, ...]
+    """What gives the same in a shell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Designed:
+    """Gains that were designed, ready to be shown and pushed."""
+
+    text: str
+    path: Path
+    """GAINS.json."""
+    crc: int
+    """Of the set as the vehicle will hold it."""
+    command: str
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Bank:
+    """What the vehicle holds, as last read back."""
+
+    active: int
+    """Checksum of the active bank; 0: none."""
+    previous: int | None
+    """What a revert goes back to, where a push or revert has told."""
+    switch_on: bool | None
+    """Whether the pilot's switch selects the LQR; None where the vehicle does not say."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """One moment."""
+
+    link: str
+    plant: str | None = None
+    """Of the simulated vehicle that the app started; None on any other link, where no pilot is on the keys."""
+    vehicle: VehicleSnapshot | None = None
+    trouble: str | None = None
+    """Why there is no vehicle."""
+    stage: Stage = Stage.NO_VEHICLE
+    card: str = ""
+    runs: tuple[RunView, ...] = ()
+    current: int = 0
+    """Number of the run that is next, ready or flying; 0 where there is none."""
+    progress: Progress | None = None
+    limits: Limits = field(default_factory=Limits)
+    use: Use | None = None
+    """Peaks of the run under way (or of the last) in percent of the limits."""
+    checks: tuple[tuple[bool, str], ...] = ()
+    """What was looked at before the start: passed or not, and in words."""
+    link_loss: str = ""
+    """What the vehicle does when the link is lost, once it was read."""
+    rpm_reference: float | None = None
+    """Rotor speed when the run was made ready: what the deviation is shown against."""
+    samples: int = 0
+    """Of the log being recorded."""
+    disk_free: int | None = None
+    flight: Path | None = None
+    """Folder of the flight under way, or of the last."""
+    said: str = ""
+    """The engine's last word: a refusal, a verdict, what was done."""
+    busy: str = ""
+    """What is being worked on away from the screen: a fit, a push."""
+    fitted: Fitted | None = None
+    designed: Designed | None = None
+    bank: Bank | None = None
+    commands: tuple[str, ...] = ()
+    """What was done, as a shell would do it; newest last."""
+
+    @property
+    def simulated(self) -> bool:
+        return self.plant is not None
+
+    @property
+    def lost(self) -> bool:
+        return self.vehicle is not None and self.vehicle.lost
+
+    def not_on_ground(self) -> str | None:
+        """Why gains cannot be moved now; None where they can."""
+        if self.vehicle is None:
+            return "there is no vehicle"
+        if self.vehicle.lost:
+            return "the link is lost"
+        if self.stage.under_way:
+            return "a card is being flown: gains are moved after it, on the ground"
+        if self.vehicle.armed:
+            return "the vehicle is armed: gains are moved on the ground, disarmed; the pilot lands first"
+        return None

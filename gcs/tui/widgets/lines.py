@@ -1,0 +1,34 @@
+"""Lines of text that are never markup and never wrap, redrawn only where they changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from textual.content import Content
+from textual.widgets import Static
+
+from gcs.tui.plot import Style
+from gcs.tui.words import plain
+
+
+class Lines(Static):
+    """A fixed box of text. `style` is the plot style: in `ascii` nothing but ASCII is shown."""
+
+    def __init__(self, style: Style, id: str) -> None:
+        super().__init__("", markup=False, id=id)
+        self._style: Style = style
+        self.shown = ""
+        """What stands there, as plain text."""
+
+    def show(self, lines: Sequence[Content | str | tuple[str, str]]) -> None:
+        """Show these lines: text, text with a style, or content."""
+        content = Content("\n").join(self._content(line) for line in lines)
+        if content.plain != self.shown or any(not isinstance(line, str) for line in lines):
+            self.shown = content.plain
+            self.update(content, layout=False)
+
+    def _content(self, line: Content | str | tuple[str, str]) -> Content:
+        if isinstance(line, Content):
+            return Content(plain(line.plain, self._style), spans=list(line.spans)) if self._style == "ascii" else line
+        text, style = (line, "") if isinstance(line, str) else line
+        return Content.styled(plain(text, self._style), style) if style else Content(plain(text, self._style))

@@ -1,0 +1,363 @@
+"""State to lines of text: what each line of each screen says. Pure, so that every moment can be tested.
+
+Nothing is told by colour or by a sign alone. Text from the vehicle and from files is made harmless once more here and
+is never markup. Where a line does not fit, what matters least goes first; the abort key never goes.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+
+from rich.cells import cell_len
+from textual.content import Content
+
+from gcs.envelope import Limits
+from gcs.link.decode import sanitise
+from gcs.tui.plot import Style, bar
+from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
+from gcs.vehicle import SYSTEMID, VehicleSnapshot
+
+ABORT = "F12 ABORT"
+
+_PLAIN = str.maketrans(
+    {
+        "δ": "d", "▶": ">", "✓": "+", "✗": "x", "●": "*", "○": "o", "·": "-", "°": " deg", "±": "+-", "─": "-",
+        "…": "~", "│": "|", "²": "2", "–": "-", "−": "-", "▓": "#", "░": ".",
+    }
+)  # fmt: skip
+_BY_THEMSELVES = {3, 5, 6, 9, 11, 17, 20, 21, 26, 27}
+"""Modes in which the autopilot flies where it will: Auto, RTL, Land and the like."""
+
+
+def plain(text: str, style: Style) -> str:
+    """Only ASCII where the terminal's font has no more."""
+    return text.translate(_PLAIN).encode("ascii", "replace").decode() if style == "ascii" else text
+
+
+def fitted(text: str, width: int) -> str:
+    """Cut to `width` cells, with an ellipsis where something was cut."""
+    if cell_len(text) <= width:
+        return text
+    cut = ""
+    used = 1
+    for character in text:
+        used += cell_len(character)
+        if used > width:
+            break
+        cut += character
+    return cut + "…" if width > 0 else ""
+
+
+def justified(left: str, right: str, width: int) -> str:
+    """Left and right on one line; the left is cut where both do not fit."""
+    room = width - cell_len(right) - 1
+    left = fitted(left, room)
+    return left + " " * (width - cell_len(left) - cell_len(right)) + right
+
+
+def who(state: State) -> str:
+    """Who commands the vehicle's mode, as far as can be told."""
+    vehicle = state.vehicle
+    assert vehicle is not None
+    if vehicle.lost:
+        return "last heard"
+    if vehicle.mode == SYSTEMID:
+        return "tippath" if state.stage in (Stage.FLYING, Stage.ABORTING) else "excitation"
+    return "autopilot" if vehicle.mode in _BY_THEMSELVES else "pilot"
+
+
+def top_line(state: State, width: int) -> Content:
+    """Link, mode and who commands it, armed, rotor speed, battery, and the abort key."""
+    room = width - len(ABORT) - 2
+    for level in range(4):
+        parts = _top_parts(state, level)
+        text = " " + "  ".join(parts)
+        if cell_len(text) <= room:
+            break
+    line = justified(text, ABORT + " ", width)
+    alarm = state.vehicle is None or state.lost
+    style = "bold reverse" if alarm else "bold"
+    return Content.assemble((line[: -len(ABORT) - 1], style), (ABORT, "bold reverse"), (" ", style))
+
+
+def _top_parts(state: State, level: int) -> list[str]:
+    vehicle = state.vehicle
+    if vehicle is None:
+        return ["NO VEHICLE", fitted(state.link, 40)]
+    if vehicle.lost:
+        link = f"LINK LOST {_age(vehicle.link_age_s)}"
+    else:
+        link = f"LINK {vehicle.link_age_s:.1f} s"
+    mode = f"{sanitise(vehicle.mode_name)} ({who(state)})"
+    rpm = "RPM ?" if vehicle.rpm is None else f"RPM {vehicle.rpm:.0f}"
+    if vehicle.rpm is not None and state.rpm_reference and level < 2:
+        rpm += f" {100 * (vehicle.rpm / state.rpm_reference - 1):+.1f} %"
+    battery = "BAT ?" if vehicle.battery_v is None else f"BAT {vehicle.battery_v:.1f} V"
+    parts = [link, mode if level >= 1 else f"MODE {mode}", "ARMED" if vehicle.armed else "disarmed", rpm, battery]
+    return parts if level < 3 else parts[:3]
+
+
+def _age(age_s: float) -> str:
+    return "" if math.isinf(age_s) else f"{age_s:.1f} s" if age_s < 60 else f"{age_s / 60:.0f} min"
+
+
+def screens_line(state: State, here: str, width: int) -> Content:
+    """The screens, where we are, and what we are connected to."""
+    parts: list[str | tuple[str, str]] = [" "]
+    for key, name in (("1", "Fly"), ("2", "Fit"), ("3", "Controller"), ("?", "help"), ("q", "quit")):
+        parts.append((f"[{key} {name}]", "bold reverse") if name == here else f" {key} {name} ")
+    left = "".join(part if isinstance(part, str) else part[0] for part in parts)
+    place = f"SIMULATED {state.plant}" if state.simulated else state.link
+    right = fitted(sanitise(place), max(0, width - cell_len(left) - 2))
+    return Content.assemble(*parts, " " * (width - cell_len(left) - cell_len(right) - 1), right)
+
+
+def card_line(state: State, width: int) -> str:
+    """The card, the run it is at, and what is really flown; its numbers give way where there is no room."""
+    text = f" card {sanitise(state.card)}"
+    run = current(state)
+    if run is None:
+        return fitted(text, width)
+    text += f" {run.number}/{len(state.runs)} · {run.label}"
+    flown = "" if state.progress is None else f" · {state.progress.words}"
+    full = f"{text}  {run.numbers}{flown}"
+    return full if cell_len(full) <= width else fitted(text + flown, width)
+
+
+def current(state: State) -> RunView | None:
+    """The run that is next, ready or flying."""
+    return next((run for run in state.runs if run.number == state.current), None)
+
+
+def progress_line(state: State, width: int, style: Style) -> str:
+    """How far the run is."""
+    match state.stage:
+        case Stage.FLYING if state.progress is not None:
+            return fitted(f" ▶ {_progress(state.progress, style, 24 if width < 100 else 40)}", width)
+        case Stage.ABORTING:
+            return " ENDING EARLY: asking for the mode before, until the vehicle shows it"
+        case Stage.READY:
+            run = current(state)
+            return fitted(f" ● READY: {run.label if run else ''} · nothing moves until S", width)
+        case Stage.CHECKING:
+            return " looking at the vehicle before the run"
+        case Stage.HELD:
+            run = current(state)
+            return fitted(f" ○ next: {run.label if run else ''}", width)
+        case Stage.CLOSING:
+            return " the last run is over; its log is completed"
+        case _:
+            return " no run under way"
+
+
+def _progress(progress: Progress, style: Style, width: int) -> str:
+    elapsed = min(max(progress.elapsed_s, 0.0), progress.duration_s)
+    left = progress.duration_s - elapsed
+    share = elapsed / progress.duration_s if progress.duration_s else 0.0
+    text = f"{elapsed:4.1f} s of {progress.duration_s:g}  {bar(share, width, style)}  {left:.0f} s left"
+    return f"{text}  {progress.frequency_hz:.1f} Hz" if progress.frequency_hz else text
+
+
+def limits_line(state: State, width: int, style: Style) -> str:
+    """Peaks of the run in percent of the limits."""
+    limits: Limits = state.limits
+    use = state.use
+    names = (
+        ("rate", None if use is None else use.rate, f"{limits.rate:g} rad/s"),
+        ("attitude", None if use is None else use.attitude, f"{math.degrees(limits.attitude):.0f}°"),
+        ("command", None if use is None else use.command, f"{100 * limits.command:.0f} %"),
+    )
+    wide = width >= 100
+    size = 10 if wide else 4
+    parts = []
+    for name, percent, limit in names:
+        shown = "  - %" if percent is None else f"{percent:3.0f} %" + ("!" if percent > 100 else "")
+        parts.append(f"{name} {bar((percent or 0) / 100, size, style)} {shown}" + (f" of {limit}" if wide else ""))
+    return fitted((" limits:  " if wide else " of limit:  ") + "  ".join(parts), width)
+
+
+def recording_line(state: State, width: int) -> str:
+    """What lands on disk, what is missing, and what a lost link does."""
+    vehicle = state.vehicle
+    parts = []
+    if vehicle is not None and vehicle.recording is not None:
+        name = f"{state.flight.name}: " if state.flight is not None and width >= 100 else ""
+        parts.append(f"log {name}{state.samples:,} samples · {vehicle.blocks_open} blocks missing")
+        if vehicle.recording_problem:
+            parts[-1] = f"NOT KEPT: {sanitise(vehicle.recording_problem)}"
+    else:
+        parts.append("not recording: the log begins with R")
+    if state.disk_free is not None and width >= 100:
+        parts.append(f"disk {state.disk_free / 1e9:.0f} GB")
+    if state.link_loss:
+        parts.append(state.link_loss)
+    return fitted(" " + " · ".join(parts), width)
+
+
+def notice_lines(text: str, width: int, height: int) -> list[str]:
+    """What was said last, in at most `height` lines; none where nothing was."""
+    text = sanitise(text)
+    if not text:
+        return []
+    lines = textwrap.wrap(text, width - 2, break_on_hyphens=False)
+    if len(lines) > height:
+        lines = [*lines[: height - 1], fitted(" ".join(lines[height - 1 :]), width - 2)]
+    return [f" {line}" for line in lines]
+
+
+def run_lines(state: State, width: int, height: int) -> list[tuple[str, str]]:
+    """The card's runs as (line, style), at most `height` of them, the current one in sight."""
+    runs = state.runs
+    flown = [i for i, run in enumerate(runs) if run.mark in (Mark.KEEP, Mark.AGAIN)]
+    at = next((i for i, run in enumerate(runs) if run.number == state.current), flown[-1] if flown else 0)
+    first = max(0, min(at - height // 2, len(runs) - height))
+    label_width = max((cell_len(run.label) for run in runs), default=0)
+    numbers_width = max((cell_len(run.numbers) for run in runs), default=0)
+    lines = []
+    for run in runs[first : first + height]:
+        head = f" {run.number:2d}  {run.label:<{label_width}}  "
+        outcome = f"{run.mark.sign} {run.mark.word}"
+        verdict = run.verdict.removeprefix(run.mark.word).lstrip(":; ")
+        if verdict:
+            outcome += f"  {verdict}"
+        text = f"{head}{run.numbers:<{numbers_width}}  {outcome}"
+        if verdict and cell_len(text) > width:  # what became of it matters more than what was asked
+            text = head + outcome
+        bold = run.mark in (Mark.FLYING, Mark.READY, Mark.NEXT)
+        lines.append((fitted(sanitise_line(text), width), "bold" if bold else ""))
+    hidden = len(runs) - len(lines)
+    if hidden and lines:
+        more = f"({hidden} more)"
+        line, line_style = lines[-1] if first == 0 else lines[0]
+        lines[-1 if first == 0 else 0] = (justified(line, more, width), line_style)
+    return lines
+
+
+def wrapped(text: str, width: int, hang: int = 2) -> list[str]:
+    """Broken into lines of at most `width`, further ones `hang` further in; lines that fit are left as they are."""
+    if cell_len(text) <= width:
+        return [text]
+    indent = " " * (len(text) - len(text.lstrip(" ")) + hang)
+    return textwrap.wrap(text, max(width, 20), subsequent_indent=indent, break_on_hyphens=False) or [""]
+
+
+def sanitise_line(text: str) -> str:
+    """As `sanitise`, keeping the blanks in front."""
+    return " " * (len(text) - len(text.lstrip(" "))) + sanitise(text)
+
+
+def said_lines(state: State, width: int, height: int) -> list[str]:
+    """The last texts of the vehicle, newest last."""
+    lines = []
+    if state.stage in (Stage.READY, Stage.HELD) and state.checks:
+        seen = " · ".join(text if ok else f"NOT {text}" for ok, text in state.checks)
+        lines = textwrap.wrap(sanitise(f"looked at: {seen}"), width - 2, subsequent_indent="  ", break_on_hyphens=False)
+        lines = [f" {line}" for line in lines[:height]]
+    texts = [] if state.vehicle is None else [sanitise(text.text) for text in state.vehicle.texts]
+    if not texts and not lines:
+        return [" the vehicle has said nothing yet"]
+    room = height - len(lines)
+    return [*(fitted(f" vehicle: {text}", width) for text in (texts[-room:] if room > 0 else ())), *lines]
+
+
+def next_words(state: State, screen: str) -> str:
+    """What to do now."""
+    if state.busy:
+        return f"wait: {state.busy}"
+    if state.vehicle is None:
+        return "wait for the vehicle" + ("" if state.simulated else ", or q and connect to another link")
+    if state.lost:
+        if state.stage in (Stage.FLYING, Stage.ABORTING):
+            return "the PILOT ends it with the transmitter: no abort reaches the vehicle now"
+        return "nothing is heard; nothing restarts by itself. Check power, radio and cable"
+    if state.vehicle.link_problem:
+        return f"the link: {sanitise(state.vehicle.link_problem)}"
+    match screen:
+        case "Fit":
+            return _next_fit(state)
+        case "Controller":
+            return _next_controller(state)
+        case _:
+            return _next_fly(state, state.vehicle)
+
+
+def _next_fly(state: State, vehicle: VehicleSnapshot) -> str:
+    run = current(state)
+    match state.stage:
+        case Stage.CHECKING:
+            return "wait: the vehicle is looked at, nothing moves"
+        case Stage.READY:
+            return f"S starts {run.label if run else 'the run'}; F12 or space calls it off"
+        case Stage.FLYING:
+            return "the pilot holds position until the bell; F12 or space aborts"
+        case Stage.ABORTING:
+            return "wait: the vehicle goes back to the mode before"
+        case Stage.CLOSING:
+            return "wait: the rest of the log is fetched"
+        case Stage.HELD:
+            return f"R makes {run.label if run else 'the next run'} ready; E ends the card here"
+        case _:
+            pass
+    if not vehicle.armed:
+        if any(run.mark is Mark.KEEP for run in state.runs):
+            return "2 fits what was flown"
+        return "T: the simulated pilot takes off" if state.simulated else "the pilot arms, takes off and hovers; then R"
+    if vehicle.mode == SYSTEMID:
+        return "an excitation runs that this app did not start; F12 ends it"
+    if any(run.mark is Mark.KEEP for run in state.runs):
+        return "2 fits what was flown; R flies the card again into a new folder"
+    if any(run.mark is Mark.AGAIN for run in state.runs):
+        return "R flies the card again into a new folder (nothing moves yet)"
+    return "R makes the first run ready (nothing moves yet)"
+
+
+def _next_fit(state: State) -> str:
+    if state.stage.under_way:
+        return "the card is still being flown (1); the fit comes after it"
+    if state.fitted is not None:
+        return "3 designs gains from this TPP"
+    if state.flight is None:
+        return "1 flies a card first; its flight is fitted here"
+    return f"F fits {state.flight.name}"
+
+
+def _next_controller(state: State) -> str:
+    if state.designed is None:
+        return "2 fits a flight first; gains are designed on its TPP" if state.fitted is None else "D designs gains"
+    if state.bank is not None and state.bank.active == state.designed.crc:
+        switch = "B" if state.simulated else "the pilot's switch"
+        return f"in the air {switch} puts them on; card lqr-doublet (1, C) shows how it follows"
+    if state.vehicle is not None and state.vehicle.armed:
+        return (
+            "L: the simulated pilot lands; then P" if state.simulated else "the pilot lands and disarms; then P pushes"
+        )
+    return "P pushes them to the vehicle (asks first)"
+
+
+def bank_line(bank: Bank | None) -> str:
+    """What the vehicle holds."""
+    if bank is None:
+        return "vehicle's bank: not read yet (P or V reads it)"
+    active = f"{bank.active:06x}" if bank.active else "none"
+    before = "" if bank.previous is None else f" · before: {f'{bank.previous:06x}' if bank.previous else 'none'}"
+    switch = {True: "the LQR", False: "the autopilot", None: "not told"}[bank.switch_on]
+    return f"the vehicle's LQR: {active}{before} · the pilot's switch: {switch}"
+
+
+def rings(before: State, after: State) -> bool:
+    """Whether the bell rings between two moments: last three seconds, halfway, the end, a limit, a lost link."""
+    if after.lost and not before.lost:
+        return True
+    if before.stage is Stage.FLYING and after.stage is not Stage.FLYING:
+        return True
+    if after.stage is not Stage.FLYING:
+        return False
+    over = after.use is not None and after.use.largest > 100
+    if over and not (before.use is not None and before.use.largest > 100):
+        return True
+    if before.progress is None or after.progress is None:
+        return False
+    duration = after.progress.duration_s
+    moments = (0.0, duration / 2, duration - 3, duration - 2, duration - 1)
+    return any(before.progress.elapsed_s < moment <= after.progress.elapsed_s for moment in moments)

@@ -1,0 +1,196 @@
+"""Keep a run, or fly it again? Judged at once, from the samples that came, so that the pilot is still in the air.
+
+Three questions: did the samples come, did the vehicle stay inside its envelope, and was it excited. For a chirp the
+last is the coherence between what was put in and what the vehicle did; for a doublet, whether the command moved as
+planned and the rates answered. The verdict is advice: the fit reads the log itself, and decides for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.envelope import Limits, Peaks, Use, use
+from gcs.logs.live import LiveWindow
+from gcs.profile import Plan
+
+FloatArray = NDArray[np.float64]
+
+COHERENT = 0.6
+"""Above this the rates follow the excitation: what is left is noise or something nonlinear."""
+ENOUGH_BAND = 0.6
+"""Part of the swept band that must be coherent."""
+FEW_MISSING = 0.01
+SEGMENT_S = 4.0
+"""Length of a piece of the averaged spectra: 0.25 Hz resolution."""
+RATE_SPREAD = 0.008
+"""rad/s: a rate that varies by less did not answer; the gyro's own noise is near 0.004."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a run is worth, and why."""
+
+    keep: bool
+    reasons: tuple[str, ...]
+    """Why to fly it again; empty where it is kept."""
+    samples: int
+    expected: int
+    missing: int
+    gaps: int
+    """Stretches of missing samples."""
+    use: Use
+    """Peaks in percent of the limits."""
+    coherent_hz: tuple[float, float] | None
+    """Where a chirp's coherence is above `COHERENT`: lowest and highest frequency."""
+    coherent_share: float | None
+    """Part of the swept band where it is."""
+
+    @property
+    def words(self) -> str:
+        """In one line: `keep   coherence 0.5-9.6 Hz   gaps 0`."""
+        parts = ["keep" if self.keep else "fly again: " + "; ".join(self.reasons)]
+        if self.coherent_hz is not None:
+            parts.append(f"coherence {self.coherent_hz[0]:.1f}-{self.coherent_hz[1]:.1f} Hz")
+        parts.append(f"gaps {self.gaps}")
+        parts.append(f"{self.use.largest:.0f} % of the limits")
+        return "   ".join(parts)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "keep": self.keep,
+            "reasons": list(self.reasons),
+            "samples": self.samples,
+            "expected": self.expected,
+            "missing": self.missing,
+            "gaps": self.gaps,
+            "percent_of_limits": self.use.to_json(),
+            "coherent_hz": None if self.coherent_hz is None else [round(f, 2) for f in self.coherent_hz],
+            "coherent_share": None if self.coherent_share is None else round(self.coherent_share, 3),
+        }
+
+
+def judge(
+    plan: Plan,
+    limits: Limits,
+    peaks: Peaks,
+    samples: Mapping[str, FloatArray],
+    rate_hz: float | None,
+    interruption: str | None = None,
+) -> Verdict:
+    """The verdict on one run.
+
+    `samples` has arrays of shape (n,) under t, p, q, delta_x, delta_y, excitation_x, excitation_y, cut to the maneuver;
+    `rate_hz` is the log's nominal rate, None where it is not known; `interruption` says why the run ended early.
+    """
+    t = samples["t"]
+    reasons = [interruption] if interruption is not None else []
+    spacing = float(np.median(np.diff(t))) if t.size > 2 else None
+    if rate_hz is None and spacing:
+        rate_hz = 1 / spacing
+    expected = round(plan.maneuver.duration_s * rate_hz) if rate_hz else 0
+    gaps, lost_inside = _gaps(t, spacing)
+    missing = max(0, expected - int(t.size))
+    if interruption is None:
+        if not expected or t.size < 3:
+            reasons.append("no samples came")
+        elif missing > FEW_MISSING * expected:
+            reasons.append(f"{missing} of {expected} samples are missing")
+        elif gaps and lost_inside > max(3.0, 0.25 / plan.maneuver.f_stop_hz * (rate_hz or 0.0)):
+            reasons.append(f"{gaps} gaps")
+    share = use(limits, peaks)
+    if share.largest > 100:
+        reasons.append(f"{share.largest:.0f} % of the limits")
+    band, part = None, None
+    if interruption is None and t.size >= 3 and rate_hz:
+        if plan.maneuver.kind == "chirp":
+            band, part = coherent_band(plan, samples, rate_hz)
+            if part < ENOUGH_BAND:
+                reasons.append(f"the rates follow the excitation in only {100 * part:.0f} % of the band")
+        elif plan.maneuver.kind == "doublet":
+            reasons += _unanswered(plan, samples)
+    return Verdict(not reasons, tuple(reasons), int(t.size), expected, missing, gaps, share, band, part)
+
+
+def _gaps(t: FloatArray, spacing: float | None) -> tuple[int, float]:
+    """Stretches with samples missing, and the samples missing in the longest."""
+    if spacing is None:
+        return 0, 0.0
+    steps = np.diff(t)
+    wide = steps[steps > 1.8 * spacing]
+    return int(wide.size), float(wide.max() / spacing - 1) if wide.size else 0.0
+
+
+def _input(plan: Plan, samples: Mapping[str, FloatArray]) -> FloatArray:
+    """What was put in on the excited axis: the excitation where it is logged, else the command."""
+    letter = "x" if plan.maneuver.axis == "roll" else "y"
+    excitation = samples["excitation_" + letter]
+    known = np.isfinite(excitation)
+    if known.mean() > 0.99 and np.any(excitation[known]):
+        return np.where(known, excitation, 0.0)
+    return samples["delta_" + letter]
+
+
+def coherent_band(
+    plan: Plan, samples: Mapping[str, FloatArray], rate_hz: float
+) -> tuple[tuple[float, float] | None, float]:
+    """Where either rate follows the excitation: lowest and highest frequency in Hz, and the part of the swept band.
+
+    Ordinary coherence of one input, the larger of p and q at each frequency: a swashplate that is turned answers on the
+    other axis.
+    """
+    put_in = _input(plan, samples)
+    n = int(min(SEGMENT_S * rate_hz, put_in.size / 4))
+    if n < 16:
+        return None, 0.0
+    low, high = plan.maneuver.f_start_hz, plan.maneuver.f_stop_hz
+    frequency = np.fft.rfftfreq(n, 1 / rate_hz)
+    swept = (frequency >= low) & (frequency <= high)
+    best = np.maximum(coherence(put_in, samples["p"], n), coherence(put_in, samples["q"], n))
+    good = swept & (best >= COHERENT)
+    if not good.any():
+        return None, 0.0
+    inside = frequency[good]
+    return (float(inside[0]), float(inside[-1])), float(good.sum() / swept.sum())
+
+
+def coherence(u: FloatArray, y: FloatArray, n: int) -> FloatArray:
+    """Magnitude-squared coherence of two signals of equal length, Hann pieces of n samples, half overlapping.
+
+    Shape (n // 2 + 1,), 0 where there is no power.
+    """
+    starts = np.arange(0, u.size - n + 1, max(1, n // 2))
+    window = np.hanning(n)
+    pieces = starts[:, None] + np.arange(n)
+    a = np.fft.rfft((u[pieces] - u.mean()) * window, axis=1)
+    b = np.fft.rfft((y[pieces] - y.mean()) * window, axis=1)
+    across = np.abs((a.conj() * b).sum(axis=0)) ** 2
+    power = (np.abs(a) ** 2).sum(axis=0) * (np.abs(b) ** 2).sum(axis=0)
+    result: FloatArray = np.divide(across, power, out=np.zeros_like(across), where=power > 0)
+    return result
+
+
+def _unanswered(plan: Plan, samples: Mapping[str, FloatArray]) -> list[str]:
+    reasons = []
+    if plan.maneuver.target == "command":
+        put_in = _input(plan, samples)
+        reach = 0.5 * float(put_in.max() - put_in.min())
+        if reach < 0.5 * plan.maneuver.amplitude:
+            reasons.append(
+                f"the command moved by {reach:.3f}, not by {plan.maneuver.amplitude:g}: no doublet was flown"
+            )
+    spread = float(max(samples["p"].std(), samples["q"].std()))
+    if spread < RATE_SPREAD:
+        reasons.append(f"the rates did not answer (they vary by {spread:.4f} rad/s)")
+    return reasons
+
+
+def cut(window: LiveWindow, start_s: float, stop_s: float) -> dict[str, FloatArray]:
+    """The samples with start_s <= t <= stop_s of the log's time, as `judge` wants them."""
+    keep = (window.t >= start_s) & (window.t <= stop_s)
+    names = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y")
+    return {name: getattr(window, name)[keep] for name in names}

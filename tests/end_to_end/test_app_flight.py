@@ -1,0 +1,80 @@
+"""The app on the real simulated vehicle: connect, see samples, ready, start, abort, leave it as it was."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import pytest
+
+from gcs.pilot import SimulatedVehicle
+from gcs.tui.app import TippathApp
+from gcs.tui.engine import FlightEngine
+from gcs.tui.state import Mark, Stage
+
+CARD = """\
+name = "short"
+[[maneuver]]
+kind = "chirp"
+axis = "roll"
+amplitude = 0.05
+duration_s = 8
+f_start_hz = 1.0
+"""
+
+
+async def until(condition, within_s=10.0):
+    async with asyncio.timeout(within_s):
+        while not condition():
+            await asyncio.sleep(0.02)
+
+
+@pytest.mark.realtime
+async def test_connect_see_samples_fly_and_abort(tmp_path):
+    card = tmp_path / "short.toml"
+    card.write_text(CARD)
+    engine = FlightEngine(
+        None,
+        plant="hover",
+        start_vehicle=lambda: SimulatedVehicle("hover", tmp_path / "vehicle", seed=3),
+        folder=tmp_path,
+        primary=True,
+        card=str(card),
+    )
+    try:
+        app = TippathApp(engine, bell=False)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await until(lambda: engine.state().stage is Stage.IDLE, 20)
+            assert engine.state().vehicle.armed
+            await until(lambda: engine.window(5).t.size > 3)
+
+            await pilot.press("r")
+            await until(lambda: engine.state().stage is Stage.READY)
+            assert engine.state().vehicle.mode_name == "Stabilize", "ready moves nothing"
+            assert engine.window(5).t.size > 500, "the log arrives at 500 Hz"
+            assert "RETURNS" in engine.state().link_loss
+
+            await pilot.press("s")
+            await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 1.0)
+            assert engine.state().vehicle.mode_name == "SystemID"
+            assert abs(engine.window(2).excitation_x).max() > 0.02
+
+            await pilot.press("c")
+            await pilot.press("x")
+            await pilot.press("f12")
+            await until(lambda: engine.state().stage is Stage.IDLE)
+            state = engine.state()
+            assert state.vehicle.mode_name == "Stabilize"
+            assert state.vehicle.armed
+            assert state.runs[0].mark is Mark.AGAIN
+            assert "aborted" in state.runs[0].verdict
+            about = json.loads((state.flight / "flight.json").read_text())
+            assert [run["ending"] for run in about["runs"]] == ["aborted"]
+            assert about["missing_blocks"] == 0
+            await pilot.press("escape")
+
+            # Gains are the ground's matter; landing is the simulated pilot's.
+            await pilot.press("l")
+            await until(lambda: not engine.state().vehicle.armed, 15)
+    finally:
+        engine.close()

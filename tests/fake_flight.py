@@ -1,0 +1,331 @@
+"""A vehicle and a session in fake time: a card of minutes in a fraction of a second, every fault at a chosen moment.
+
+The vehicle behaves as ArduPilot does where the engine cares: a heartbeat a second, mode changes acknowledged,
+"Starting" and "Finished" as texts, one second of nothing before and after a maneuver, the mode staying after the
+end. The session runs the real procedures against it.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
+from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
+from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
+from gcs.logs.live import LiveWindow
+from gcs.recorder import RecordedLog, RecordingSummary
+from gcs.vehicle import Text, VehicleSnapshot, mode_name
+
+T = TypeVar("T")
+
+DT = 0.01
+RATE_HZ = 100.0
+STABILIZE, ALT_HOLD, RTL, SYSTEMID = 0, 2, 6, 25
+
+PARAMETERS = {
+    "SID_AXIS": 0.0,
+    "SID_MAGNITUDE": 0.05,
+    "SID_F_START_HZ": 0.5,
+    "SID_F_STOP_HZ": 10.0,
+    "SID_T_FADE_IN": 5.0,
+    "SID_T_REC": 60.0,
+    "SID_T_FADE_OUT": 2.0,
+    "SIDX_KIND": 0.0,
+    "SIDX_LAW": 0.0,
+    "SIDX_C1": 4.0,
+    "SIDX_NOISE": 0.2,
+    "SIDX_PULSE_S": 0.3,
+    "SIDX_SEED": 7.0,
+    "FS_GCS_ENABLE": 1.0,
+    "FS_OPTIONS": 0.0,
+    "FS_GCS_TIMEOUT": 5.0,
+    "SYSID_MYGCS": 255.0,
+    "SCHED_LOOP_RATE": RATE_HZ,
+}
+PARAMETERS = {name: float(np.float32(value)) for name, value in PARAMETERS.items()}
+
+
+class FakeVehicle:
+    """Advances by 10 ms; every knob is an attribute, and `at` schedules what happens when."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.mode = STABILIZE
+        self.armed = True
+        self.status = 4
+        self.parameters = dict(PARAMETERS)
+        self.stubborn: set[str] = set()
+        """Parameters whose writes are refused."""
+        self.refuses: str | None = None
+        """What it says when it refuses the excitation mode."""
+        self.never_leaves = False
+        self.gain = 3.0
+        """rad/s per command; 0 is a vehicle that does not answer."""
+        self.lean = 0.0
+        self.noise = 0.002
+        self.silent_text = False
+        """Texts get lost."""
+        self.logs = True
+        self.instant_heartbeat = True
+        """As ArduPilot: a mode change shows at once."""
+        self.asked: list[tuple[float, int]] = []
+        """Every mode command that arrived: when, which."""
+        self.written: list[tuple[float, str, float, int]] = []
+        """Every parameter write: when, what, value, and the mode it came in."""
+        self.said: list[str] = []
+        self.heartbeats: list[tuple[float, int, bool, int]] = []
+        self.samples: list[tuple[float, float, float, float, float, float, float]] = []
+        self.entered: float | None = None
+        self.sweep_over = False
+        self._schedule: list[tuple[float, Callable[[], None]]] = []
+        self._next_heartbeat = 0.0
+        self._random = random.Random(4)
+        self._phase = 0.0
+        self._p = 0.0
+        self._q = 0.0
+        self._beat()
+
+    def at(self, seconds: float, action: Callable[[], None]) -> None:
+        self._schedule.append((seconds, action))
+
+    def in_sweep(self, seconds: float, action: Callable[[], None]) -> None:
+        """Once, so many seconds after the excitation mode was first entered."""
+        self._schedule.append((-seconds, action))
+
+    def pilot(self, mode: int) -> None:
+        self._enter(mode)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def set_mode(self, mode: int) -> bool:
+        self.asked.append((self.now, mode))
+        if mode == SYSTEMID and self.mode != SYSTEMID and (self.refuses is not None or not self.parameters["SID_AXIS"]):
+            self.say(self.refuses or "No axis selected, SID_AXIS = 0")
+            return False
+        if mode != SYSTEMID and self.never_leaves:
+            return True
+        if mode != self.mode:
+            self._enter(mode)
+        return True
+
+    def _enter(self, mode: int) -> None:
+        self.mode = mode
+        self.entered, self.sweep_over, self._phase = None, False, 0.0
+        if mode == SYSTEMID:
+            self.entered = self.now
+            self.say(f"SystemID Starting: axis={self.parameters['SID_AXIS']:.0f}")
+            self._schedule = [(self.now - when if when < 0 else when, action) for when, action in self._schedule]
+        if self.instant_heartbeat:
+            self._beat()
+
+    def _beat(self) -> None:
+        self.heartbeats.append((self.now, self.mode, self.armed, self.status))
+        self._next_heartbeat = self.now + 1.0
+
+    def write(self, name: str, value: float) -> None:
+        self.written.append((self.now, name, value, self.mode))
+        if name not in self.stubborn:
+            self.parameters[name] = value
+
+    def step(self) -> None:
+        self.now += DT
+        for entry in [e for e in self._schedule if 0 <= e[0] <= self.now]:
+            self._schedule.remove(entry)
+            entry[1]()
+        if self.now >= self._next_heartbeat:
+            self._beat()
+        excitation = 0.0
+        if self.entered is not None and not self.sweep_over:
+            excitation = self._excitation(self.now - self.entered - 1.0)
+        on_pitch = self.parameters.get("SID_AXIS") in (8, 11)
+        x, y = (0.0, excitation) if on_pitch else (excitation, 0.0)
+        self._p += 0.2 * (self.gain * x - self._p)
+        self._q += 0.2 * (self.gain * y - self._q)
+        if self.logs:
+            gauss = self._random.gauss
+            self.samples.append((self.now, self._p + gauss(0, self.noise), self._q + gauss(0, self.noise), x, y, x, y))
+
+    def _excitation(self, t: float) -> float:
+        p = self.parameters
+        if t > p["SID_T_REC"] + 1.0:
+            self.sweep_over = True
+            self.say("SystemID Finished")
+            return 0.0
+        if not 0 <= t <= p["SID_T_REC"]:
+            return 0.0
+        if p["SIDX_KIND"] == 2:
+            return 0.0
+        if p["SIDX_KIND"] == 1:
+            pulse = int(t / p["SIDX_PULSE_S"]) % 6
+            return p["SID_MAGNITUDE"] * ((1.0, -1.0)[pulse] if pulse < 2 else 0.0)
+        hertz = p["SID_F_START_HZ"] + (p["SID_F_STOP_HZ"] - p["SID_F_START_HZ"]) * t / p["SID_T_REC"]
+        self._phase += 2 * math.pi * hertz * DT
+        return p["SID_MAGNITUDE"] * math.sin(self._phase)
+
+
+class FakeSession:
+    """The session's face before a `FakeVehicle`, and the clock that lets both of them live."""
+
+    LATENCY_S = 0.02
+
+    def __init__(self, vehicle: FakeVehicle, station: int = 254) -> None:
+        self.vehicle = vehicle
+        self.station = station
+        self.deaf_from = math.inf
+        """Nothing is heard of the vehicle between these; what is sent arrives."""
+        self.deaf_until = math.inf
+        self.drop_commands = 0
+        """So many commands are lost on their way."""
+        self.drop_acks = 0
+        """So many acknowledgements are lost on their way back."""
+        self.calls = 0
+        self.recordings: list[Path] = []
+        self.ended_recordings = 0
+        self.ticks: list[Callable[[], None]] = []
+        """Called at every sleep."""
+        self._texts: list[Text] = []
+
+    # the clock
+
+    def now(self) -> float:
+        return self.vehicle.now
+
+    def sleep(self, seconds: float) -> None:
+        for _ in range(max(1, round(seconds / DT))):
+            self.vehicle.step()
+        for tick in list(self.ticks):
+            tick()
+
+    # the session
+
+    @property
+    def _deaf(self) -> bool:
+        return self.deaf_from <= self.vehicle.now < self.deaf_until
+
+    def _heard(self, when: float) -> bool:
+        return not self.deaf_from <= when < self.deaf_until
+
+    def snapshot(self) -> VehicleSnapshot:
+        vehicle = self.vehicle
+        heard = [beat for beat in vehicle.heartbeats if self._heard(beat[0])]
+        _, mode, armed, status = heard[-1]
+        newest = vehicle.now if not self._deaf else self.deaf_from
+        age = max(0.0, vehicle.now - newest)
+        blocks = len(vehicle.samples) // 5 if self.recordings else 0
+        return VehicleSnapshot(
+            1,
+            1,
+            link_age_s=age,
+            lost=age > 3.5,
+            mode=mode,
+            mode_name=mode_name(mode, 4, 3),
+            armed=armed,
+            vehicle_type=4,
+            autopilot=3,
+            status=status,
+            heartbeats=len(heard),
+            roll=vehicle.lean,
+            pitch=0.0,
+            p=0.0,
+            q=0.0,
+            battery_v=24.0,
+            battery_remaining=0.9,
+            recording=self.recordings[-1] / "flight.BIN" if self.recordings else None,
+            blocks_received=blocks,
+        )
+
+    def texts_since(self, cursor: int) -> tuple[int, list[Text]]:
+        for said in self.vehicle.said[len(self._texts) :]:
+            self._texts.append(Text(len(self._texts) + 1, self.vehicle.now, 6, said))
+        if self._deaf or self.vehicle.silent_text:
+            return cursor, []
+        return len(self._texts), [text for text in self._texts if text.number > cursor]
+
+    def samples(self, last_s: float) -> LiveWindow:
+        rows = self.vehicle.samples if self.recordings else []
+        if self._deaf:
+            rows = [row for row in rows if row[0] < self.deaf_from]
+        if rows:
+            rows = rows[-int((last_s + 5) * RATE_HZ) :]
+            rows = [row for row in rows if row[0] >= rows[-1][0] - last_s]
+        table = np.array(rows).reshape(-1, 7)
+        entered = self.vehicle.entered
+        sweep = None if entered is None or not rows else float(table[-1, 0] - entered)
+        return LiveWindow(*table.T, sweep_s=sweep, sweep_hz=None if sweep is None else 1.0)
+
+    def call(
+        self,
+        procedure: Procedure[T],
+        timeout_s: float | None = None,
+        *,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> T:
+        self.calls += 1
+        under_way: list[tuple[float, Event]] = []
+        heard = len(self.vehicle.heartbeats)
+        end = math.inf if timeout_s is None else self.now() + timeout_s
+        said = len(self.vehicle.said)
+        self._send(procedure.start(self.now()), under_way)
+        while procedure.outcome is None:
+            if self.now() >= end:
+                raise NoAnswerError(f"not done in {timeout_s} s")
+            if cancelled is not None and cancelled():
+                raise ProcedureError("cancelled")
+            self.vehicle.step()
+            events = [event for when, event in under_way if when <= self.now()]
+            under_way = [one for one in under_way if one[0] > self.now()]
+            for _, mode, armed, status in self.vehicle.heartbeats[heard:]:
+                events.append(Heartbeat(1, 1, 4, 3, armed, mode, status))
+            heard = len(self.vehicle.heartbeats)
+            if not self.vehicle.silent_text:
+                events += [StatusText(1, 1, 4, text) for text in self.vehicle.said[said:]]
+            said = len(self.vehicle.said)
+            for event in events if not self._deaf else ():
+                self._send(procedure.on_event(event, self.now()), under_way)
+            self._send(procedure.poll(self.now()), under_way)
+        outcome: Any = procedure.outcome
+        if hasattr(outcome, "error"):
+            raise outcome.error()
+        value: T = outcome.value
+        return value
+
+    def _send(self, sends: list[Send], under_way: list[tuple[float, Event]]) -> None:
+        vehicle = self.vehicle
+        answer_at = vehicle.now + self.LATENCY_S
+        for send in sends:
+            match send:
+                case Command(command, parameters, _) if command == DO_SET_MODE:
+                    if self.drop_commands > 0:
+                        self.drop_commands -= 1
+                        continue
+                    accepted = vehicle.set_mode(int(parameters[1]))
+                    if self.drop_acks > 0:
+                        self.drop_acks -= 1
+                        continue
+                    under_way.append((answer_at, CommandAck(1, 1, command, 0 if accepted else 4, 0, 0)))
+                case ParamRead(name, _) if name in vehicle.parameters:
+                    under_way.append((answer_at, self._value(name)))
+                case ParamWrite(name, bits, _) if name in vehicle.parameters:
+                    vehicle.write(name, float_of_bits(bits))
+                    under_way.append((answer_at, self._value(name)))
+                case _:
+                    pass
+
+    def _value(self, name: str) -> ParamValue:
+        return ParamValue(1, 1, name, bits_of_float(self.vehicle.parameters[name]), 9, 100, 65535)
+
+    def start_recording(self, directory: Path) -> None:
+        self.recordings.append(directory)
+
+    def stop_recording(self) -> RecordingSummary:
+        self.ended_recordings += 1
+        directory = self.recordings[-1]
+        log = RecordedLog(directory / "flight.BIN", 100, 100, (), 0)
+        return RecordingSummary(directory, (log,), directory / "flight.tlog", 10, "log blocks", ())

@@ -1,0 +1,112 @@
+"""What is said about a lost link, the log, the disk and the hover before anything may start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gcs.envelope import Limits
+from gcs.logs.live import LiveWindow
+from gcs.maneuver import Maneuver
+from gcs.preflight import flying, hover, link_loss, recording
+from gcs.profile import bundled_profiles
+from gcs.vehicle import VehicleSnapshot
+
+PROFILE = bundled_profiles()[0]
+HOVERING = VehicleSnapshot(
+    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, vehicle_type=4, autopilot=3, status=4
+)
+PLAN = PROFILE.plan(Maneuver("chirp", "roll", 0.2, 30.0))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "station", "words", "ends"),
+    [
+        # README of the real logs, "What a lost link does", transmitter on
+        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 16, "SYSID_MYGCS": 255}, 255, "RUNS ON", False),
+        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "SYSID_MYGCS": 255}, 255, "RETURNS after 5 s", True),
+        ({"FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "SYSID_MYGCS": 255}, 255, "RUNS ON", False),
+        # our own heartbeat is not the one that counts
+        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "SYSID_MYGCS": 255}, 254, "RUNS ON (the failsafe listens to", False),
+        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "MAV_GCS_SYSID": 254}, 254, "RETURNS", True),
+        (
+            {"FS_GCS_ENABLE": 5, "FS_OPTIONS": 0, "FS_GCS_TIMEOUT": 2.5, "SYSID_MYGCS": 255},
+            255,
+            "LANDS after 2.5",
+            True,
+        ),
+        ({}, 255, "does not tell", None),
+    ],
+)
+def test_the_answer_to_a_lost_link_is_read_and_said(
+    parameters: dict[str, float], station: int, words: str, ends: bool | None
+) -> None:
+    found = link_loss(parameters, station)
+    assert words in found.words
+    assert found.words.startswith("link lost: ")
+    assert found.ends_sweep is ends
+
+
+def failed(checks: tuple[object, ...]) -> list[str]:
+    return [check.name for check in checks if not check.ok]  # type: ignore[attr-defined]
+
+
+def test_a_hovering_vehicle_in_a_manual_mode_may_start() -> None:
+    assert failed(flying(HOVERING, PROFILE)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"lost": True, "link_age_s": 4.0}, "link"),
+        ({"armed": False}, "in the air"),
+        ({"status": 3}, "in the air"),
+        ({"mode": 2, "mode_name": "AltHold"}, "mode"),
+        ({"mode": 25, "mode_name": "SystemID"}, "mode"),
+        ({"battery_remaining": 0.2, "battery_v": 21.0}, "battery"),
+    ],
+)
+def test_what_must_hold_in_the_air(change: dict[str, object], name: str) -> None:
+    assert failed(flying(replace(HOVERING, **change), PROFILE)) == [name]  # type: ignore[arg-type]
+
+
+def test_a_battery_that_is_not_measured_blocks_nothing() -> None:
+    assert failed(flying(replace(HOVERING, battery_v=24.0), PROFILE)) == []
+    assert "battery" not in [check.name for check in flying(HOVERING, PROFILE)]
+
+
+def test_a_log_that_does_not_grow_blocks() -> None:
+    now = replace(HOVERING, blocks_received=40)
+    assert failed(recording(HOVERING, now, 10**12, 60.0)) == []
+    assert failed(recording(now, now, 10**12, 60.0)) == ["log"]
+    assert failed(recording(HOVERING, replace(now, recording_problem="no space left"), 10**12, 60.0)) == ["log"]
+
+
+def test_a_disk_needs_room_for_the_whole_card() -> None:
+    now = replace(HOVERING, blocks_received=40)
+    assert failed(recording(HOVERING, now, 210_000_000, 60.0)) == ["disk"]
+    assert failed(recording(HOVERING, now, 230_000_000, 60.0)) == []
+    assert failed(recording(HOVERING, now, None, 60.0)) == []
+
+
+def window(trim: float = 0.0, spread: float = 0.02, n: int = 1000) -> LiveWindow:
+    noise = np.random.default_rng(1).normal(0, spread, n)
+    zero = np.zeros(n)
+    return LiveWindow(np.arange(n) * 0.002, noise, noise, zero + trim, zero, zero, zero)
+
+
+def test_a_quiet_centred_hover_may_start() -> None:
+    level = replace(HOVERING, roll=0.02, pitch=-0.03)
+    assert failed(hover(level, window(), [PLAN], Limits())) == []
+    assert failed(hover(replace(level, roll=0.3), window(), [PLAN], Limits())) == ["attitude"]
+    assert failed(hover(level, window(spread=0.5), [PLAN], Limits())) == ["rates"]
+    assert failed(hover(level, window(trim=-0.3), [PLAN], Limits())) == ["trim"]
+    assert failed(hover(level, window(trim=0.2), [PLAN], Limits(command=0.35))) == ["trim"]
+
+
+def test_what_is_not_known_of_the_hover_is_said_and_blocks_nothing() -> None:
+    checks = hover(HOVERING, window(n=10), [PLAN], Limits())
+    assert failed(checks) == []
+    assert "not known" in checks[0].words

@@ -1,0 +1,588 @@
+"""Whole cards in fake time: what the vehicle was asked, what was written, what is on disk, whatever happens."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_flight import PARAMETERS, SYSTEMID, FakeSession, FakeVehicle
+
+from gcs.envelope import Limits
+from gcs.flightdir import FlightFolder, create
+from gcs.link.procedures import ProcedureError
+from gcs.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
+from gcs.profile import CannotFlyError
+from gcs.sweep import (
+    Briefing,
+    Ending,
+    NotReadyError,
+    Phase,
+    Progress,
+    RunProgress,
+    RunReady,
+    RunResult,
+    SweepResult,
+    abort,
+    fly_card,
+    require_flyable,
+)
+
+STABILIZE, ALT_HOLD, RTL = 0, 2, 6
+CHIRP = Maneuver("chirp", "roll", 0.1, 10.0)
+DOUBLET = Maneuver("doublet", "pitch", 0.1, 3.0, pulse_s=0.25)
+
+
+@pytest.fixture
+def vehicle() -> FakeVehicle:
+    return FakeVehicle()
+
+
+@pytest.fixture
+def session(vehicle: FakeVehicle) -> FakeSession:
+    return FakeSession(vehicle)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> FlightFolder:
+    return create(tmp_path / "flight")
+
+
+def fly(session: FakeSession, folder: FlightFolder, *maneuvers: Maneuver, **more: Any) -> SweepResult:
+    card = more.pop("card", None) or TestCard("test", maneuvers)
+    return fly_card(session, card, folder=folder, clock=session, disk_free=lambda _: 10**12, **more)
+
+
+def modes(vehicle: FakeVehicle) -> list[int]:
+    return [mode for _, mode in vehicle.asked]
+
+
+def as_found(vehicle: FakeVehicle) -> bool:
+    return vehicle.parameters == PARAMETERS
+
+
+def test_a_card_is_flown_to_its_end_and_leaves_the_vehicle_as_found(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    said: list[Progress] = []
+    result = fly(session, folder, CHIRP, DOUBLET, on_progress=said.append)
+    assert result.complete
+    assert [run.ending for run in result.runs] == [Ending.FINISHED, Ending.FINISHED]
+    assert all(run.clean for run in result.runs), [run.verdict for run in result.runs]
+    assert modes(vehicle) == [SYSTEMID, STABILIZE, SYSTEMID, STABILIZE]
+    assert vehicle.mode == STABILIZE
+    assert as_found(vehicle)
+    assert not any(mode == SYSTEMID for *_, mode in vehicle.written), "never written in the excitation mode"
+    assert vehicle.written[0][1] == "SID_AXIS"
+    assert vehicle.written[-1][1:3] == ("SID_AXIS", 0.0)
+    assert session.ended_recordings == 1
+    kinds = [type(one) for one in said]
+    assert kinds.count(RunReady) == kinds.count(RunResult) == 2
+    frequency = [one for one in said if isinstance(one, RunProgress) and one.phase is Phase.FLYING]
+    assert frequency[0].elapsed_s < 0 < frequency[-1].elapsed_s
+
+
+def test_the_values_written_are_the_cards(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    fly(session, folder, CHIRP)
+    first = {name: value for _, name, value, _ in reversed(vehicle.written[:13])}
+    assert first["SID_AXIS"] == 10
+    assert first["SID_MAGNITUDE"] == np.float32(0.1)
+    assert (first["SID_T_REC"], first["SIDX_LAW"], first["SIDX_KIND"], first["SID_T_FADE_IN"]) == (10, 1, 0, 0)
+
+
+def test_the_flights_file_tells_what_was_flown(session: FakeSession, folder: FlightFolder) -> None:
+    fly(session, folder, CHIRP, about={"link": "udpin:127.0.0.1:14550"})
+    about = json.loads(folder.about.read_text())
+    assert about["format"] == "tippath.flight/1"
+    assert about["link"] == "udpin:127.0.0.1:14550"
+    assert about["runs"][0]["flew"] == "Table 1"
+    assert about["runs"][0]["maneuver"]["amplitude"] == 0.1
+    assert about["runs"][0]["verdict"]["keep"] is True
+    assert about["stopped"] == ""
+    assert about["recording"]["logs"][0]["path"] == "flight.BIN"
+    assert folder.card.exists()
+
+
+def test_the_verdict_sees_the_samples_of_the_maneuver_only(session: FakeSession, folder: FlightFolder) -> None:
+    (run,) = fly(session, folder, CHIRP).runs
+    assert run.verdict is not None
+    assert run.verdict.expected == 1000
+    assert abs(run.verdict.samples - 1000) <= 2
+    assert run.verdict.coherent_hz is not None
+    assert run.verdict.coherent_hz[0] < 1.0
+    assert run.verdict.coherent_hz[1] > 8.0
+    assert run.peaks.p is not None
+    assert 0.1 < run.peaks.p < 0.5
+
+
+def test_a_vehicle_that_does_not_answer_is_flown_again(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.gain = 0.0
+    result = fly(session, folder, CHIRP, DOUBLET)
+    assert result.complete
+    assert [run.verdict is not None and run.verdict.keep for run in result.runs] == [False, False]
+    assert "of the band" in result.runs[0].verdict.reasons[0]  # type: ignore[union-attr]
+    assert "did not answer" in result.runs[1].verdict.reasons[0]  # type: ignore[union-attr]
+
+
+# -------------------------------------------------------------------------------------------- somebody wants the end
+
+
+def test_ctrl_c_in_mid_chirp_ends_the_excitation_and_the_card(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    wish: list[str] = []
+    vehicle.in_sweep(4.0, lambda: wish.append("Ctrl-C"))
+    result = fly(session, folder, CHIRP, DOUBLET, aborted=lambda: wish[0] if wish else None)
+    assert (result.complete, result.ending, len(result.runs)) == (False, Ending.ABORTED, 1)
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert vehicle.asked[1][0] - vehicle.asked[0][0] < 4.2
+    assert as_found(vehicle)
+    assert json.loads(folder.about.read_text())["runs"][0]["ending"] == "aborted"
+
+
+def test_an_abort_is_repeated_until_it_arrives(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    wish: list[str] = []
+
+    def lose_and_wish() -> None:
+        session.drop_commands = 4
+        wish.append("Ctrl-C")
+
+    vehicle.in_sweep(4.0, lose_and_wish)
+    result = fly(session, folder, CHIRP, aborted=lambda: wish[0] if wish else None)
+    assert result.ending is Ending.ABORTED
+    assert session.drop_commands == 0
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert 5.0 < vehicle.asked[1][0] - vehicle.asked[0][0] < 6.0, "four lost, 0.3 s apart"
+
+
+def test_a_ctrl_c_between_two_runs_starts_no_other(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    wish: list[str] = []
+
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunResult):
+            wish.append("Ctrl-C")
+
+    result = fly(session, folder, CHIRP, DOUBLET, on_progress=on_progress, aborted=lambda: wish[0] if wish else None)
+    assert (len(result.runs), result.ending, result.stopped) == (1, Ending.ABORTED, "Ctrl-C")
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("a screen fell over")])
+def test_an_exception_in_mid_run_is_raised_only_after_the_vehicle_is_back(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder, error: BaseException
+) -> None:
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunProgress) and progress.elapsed_s > 3:
+            raise error
+
+    with pytest.raises(type(error)):
+        fly(session, folder, CHIRP, on_progress=on_progress)
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert vehicle.mode == STABILIZE
+    assert as_found(vehicle)
+    assert session.ended_recordings == 1
+    assert json.loads(folder.about.read_text())["stopped"] != ""
+
+
+def test_a_second_and_third_ctrl_c_on_the_way_back_do_not_leave_it_excited(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    interruptions: list[float] = []
+
+    def interrupt() -> None:
+        in_run = vehicle.entered is not None and vehicle.now - vehicle.entered > 4
+        if in_run and len(interruptions) < 3:
+            interruptions.append(vehicle.now)
+            raise KeyboardInterrupt
+
+    session.ticks.append(interrupt)
+    session.drop_commands = 0
+    vehicle.in_sweep(3.9, lambda: setattr(session, "drop_commands", 3))
+    with pytest.raises(KeyboardInterrupt):
+        fly(session, folder, CHIRP)
+    assert len(interruptions) == 3
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert vehicle.mode == STABILIZE
+
+
+def test_a_vehicle_that_never_leaves_is_left_to_the_pilot_after_a_while(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.never_leaves = True
+    wish: list[str] = []
+    vehicle.in_sweep(2.0, lambda: wish.append("Ctrl-C"))
+    result = fly(session, folder, CHIRP, aborted=lambda: wish[0] if wish else None)
+    assert result.ending is Ending.STUCK
+    assert "pilot must take it" in result.stopped
+    sent = [when for when, mode in vehicle.asked if mode == STABILIZE]
+    assert len(sent) > 20
+    assert min(np.diff(sent)) > 0.25
+    assert not any(mode == SYSTEMID for *_, mode in vehicle.written)
+
+
+# -------------------------------------------------------------------------------------------- the pilot
+
+
+@pytest.mark.parametrize("instant", [True, False])
+@pytest.mark.parametrize("mode", [STABILIZE, ALT_HOLD, RTL])
+def test_a_pilot_who_takes_over_in_mid_sweep_is_never_talked_over(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder, mode: int, instant: bool
+) -> None:
+    vehicle.instant_heartbeat = instant
+    vehicle.in_sweep(4.0, lambda: vehicle.pilot(mode))
+    result = fly(session, folder, CHIRP, DOUBLET)
+    assert (result.ending, len(result.runs)) == (Ending.PILOT, 1)
+    assert modes(vehicle) == [SYSTEMID], "nothing but the start was ever commanded"
+    assert vehicle.mode == mode
+    assert as_found(vehicle), "parameters may go back, they fly nothing now"
+
+
+def test_a_pilot_who_takes_over_between_two_runs_ends_the_card(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunReady) and progress.run.number == 2:
+            vehicle.pilot(ALT_HOLD)
+
+    result = fly(session, folder, CHIRP, DOUBLET, on_progress=on_progress)
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert result.ending is Ending.PILOT
+    assert result.runs[-1].verdict is None
+    assert vehicle.mode == ALT_HOLD
+
+
+def test_a_pilot_who_flies_the_excitation_mode_himself_is_left_alone(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunReady):
+            vehicle.pilot(SYSTEMID)
+
+    result = fly(session, folder, CHIRP, on_progress=on_progress)
+    assert modes(vehicle) == []
+    assert result.ending is Ending.PILOT
+    assert not any(mode == SYSTEMID for *_, mode in vehicle.written)
+
+
+# -------------------------------------------------------------------------------------------- the link
+
+
+def test_a_link_lost_in_mid_chirp_is_not_resumed_but_ended_once_it_is_back(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.parameters["SID_T_REC"] = 30.0
+    begun: list[float] = []
+
+    def lose() -> None:
+        begun.append(vehicle.now)
+        session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 8.0
+
+    vehicle.in_sweep(4.0, lose)
+    result = fly(session, folder, Maneuver("chirp", "roll", 0.1, 30.0), DOUBLET)
+    assert (result.ending, len(result.runs)) == (Ending.LINK, 1)
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert vehicle.asked[1][0] >= begun[0] + 8.0, "nothing was sent while the link was lost"
+    assert vehicle.mode == STABILIZE
+
+
+def test_a_failsafe_during_a_lost_link_is_not_talked_over(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def lose() -> None:
+        session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 8.0
+
+    vehicle.in_sweep(4.0, lose)
+    vehicle.in_sweep(9.0, lambda: vehicle.pilot(RTL))
+    result = fly(session, folder, Maneuver("chirp", "roll", 0.1, 30.0), DOUBLET)
+    assert result.ending is Ending.LINK
+    assert modes(vehicle) == [SYSTEMID]
+    assert vehicle.mode == RTL
+    assert "RTL" in result.runs[0].mode_after
+
+
+def test_a_link_that_stays_lost_ends_without_a_command(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def lose() -> None:
+        session.deaf_from = vehicle.now
+
+    vehicle.in_sweep(4.0, lose)
+    result = fly(session, folder, CHIRP)
+    assert result.ending is Ending.LINK
+    assert modes(vehicle) == [SYSTEMID]
+    assert result.runs[0].mode_after == "unknown"
+
+
+def test_a_short_silence_is_no_lost_link(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    def lose() -> None:
+        session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 2.5
+
+    vehicle.in_sweep(4.0, lose)
+    assert fly(session, folder, CHIRP).runs[0].ending is Ending.FINISHED
+
+
+def test_a_lost_acknowledgement_of_the_start_starts_only_once(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    session.drop_acks = 1
+    result = fly(session, folder, CHIRP)
+    assert result.complete
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+
+
+def test_lost_starts_are_sent_again(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    session.drop_commands = 3
+    assert fly(session, folder, CHIRP).complete
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+
+
+def test_a_finish_that_was_not_heard_is_known_from_the_log(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.silent_text = True
+    result = fly(session, folder, CHIRP)
+    assert result.complete
+    assert result.runs[0].clean
+
+
+# -------------------------------------------------------------------------------------------- the vehicle says no
+
+
+def test_a_refused_mode_ends_the_card_with_the_vehicles_words(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.refuses = "Axis requires manual throttle"
+    result = fly(session, folder, CHIRP, DOUBLET)
+    assert (result.ending, len(result.runs)) == (Ending.REFUSED, 1)
+    assert "Axis requires manual throttle" in result.stopped
+    assert modes(vehicle) == [SYSTEMID]
+    assert as_found(vehicle)
+
+
+def test_a_refused_parameter_ends_the_card_before_anything_is_excited(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.stubborn.add("SID_MAGNITUDE")
+    result = fly(session, folder, CHIRP)
+    assert not result.complete
+    assert "SID_MAGNITUDE" in result.stopped
+    assert modes(vehicle) == []
+    assert vehicle.parameters["SID_AXIS"] == 0
+
+
+def test_a_lean_stop_of_the_vehicle_is_told_and_it_is_brought_back(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.in_sweep(4.0, lambda: vehicle.say("SystemID Stopped: lean=31.000000 max=30.000000"))
+    result = fly(session, folder, CHIRP, DOUBLET)
+    assert result.ending is Ending.STOPPED
+    assert "lean=31" in result.stopped
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+
+
+def test_an_exceeded_limit_ends_the_run(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    vehicle.in_sweep(4.0, lambda: setattr(vehicle, "lean", math.radians(26)))
+    result = fly(session, folder, CHIRP, DOUBLET)
+    assert result.ending is Ending.LIMIT
+    assert "roll 26.0° is beyond 25.0°" in result.stopped
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert vehicle.asked[1][0] - vehicle.asked[0][0] < 4.3
+
+
+def test_a_rate_limit_is_judged_on_the_logs_samples(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    result = fly(session, folder, CHIRP, limits=Limits(rate=0.1))
+    assert result.ending is Ending.LIMIT
+    assert "rad/s is beyond 0.10" in result.stopped
+
+
+# -------------------------------------------------------------------------------------------- before anything is flown
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda v: setattr(v, "armed", False), "the pilot arms and takes off"),
+        (lambda v: setattr(v, "status", 3), "the pilot takes off"),
+        (lambda v: setattr(v, "mode", ALT_HOLD), "AltHold: a sweep needs Stabilize or Acro"),
+        (lambda v: setattr(v, "mode", SYSTEMID), "tippath abort"),
+        (lambda v: setattr(v, "logs", False), "LOG_BACKEND_TYPE"),
+        (lambda v: setattr(v, "lean", 0.3), "hover level first"),
+    ],
+)
+def test_what_is_not_ready_is_said_and_nothing_is_written(
+    vehicle: FakeVehicle,
+    session: FakeSession,
+    folder: FlightFolder,
+    change: Callable[[FakeVehicle], None],
+    words: str,
+) -> None:
+    change(vehicle)
+    vehicle._beat()
+    with pytest.raises(NotReadyError, match="not ready") as error:
+        fly(session, folder, CHIRP)
+    assert words in str(error.value)
+    assert (vehicle.asked, vehicle.written) == ([], [])
+
+
+def test_a_full_disk_is_said_before_the_start(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    with pytest.raises(NotReadyError, match="make room"):
+        fly_card(session, single_card(CHIRP), folder=folder, clock=session, disk_free=lambda _: 1000)
+    assert vehicle.asked == []
+
+
+def test_a_maneuver_the_vehicle_cannot_fly_is_said_before_anything_is_written(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    for name in [name for name in vehicle.parameters if name.startswith("SIDX_")]:
+        del vehicle.parameters[name]
+    with pytest.raises(CannotFlyError, match="no doublet"):
+        fly(session, folder, CHIRP, DOUBLET)
+    with pytest.raises(CannotFlyError, match="no doublet"):
+        require_flyable(session, TestCard("x", (CHIRP, DOUBLET)))
+    assert (vehicle.asked, vehicle.written, session.recordings) == ([], [], [])
+
+
+def test_plain_ardupilot_flies_its_own_law_and_the_file_says_so(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    for name in [name for name in vehicle.parameters if name.startswith("SIDX_")]:
+        del vehicle.parameters[name]
+    vehicle.parameters["SIDX_KIND"] = 0.0  # the fake's own, not asked for
+    vehicle.parameters["SIDX_PULSE_S"] = 0.3
+    result = fly(session, folder, CHIRP)
+    assert result.profile.name == "ArduPilot"
+    assert folder.runs()[0]["flew"] == "ArduPilot's law, no noise"
+    assert not any(name.startswith("SIDX") for _, name, *_ in vehicle.written)
+
+
+def test_without_a_word_of_confirmation_nothing_is_flown(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    briefings: list[Briefing] = []
+
+    def refuse(briefing: Briefing) -> bool:
+        briefings.append(briefing)
+        return False
+
+    with pytest.raises(NotReadyError, match="not confirmed"):
+        fly(session, folder, CHIRP, confirm=refuse)
+    assert (vehicle.asked, vehicle.written) == ([], [])
+    assert session.ended_recordings == 1
+    assert "RUNS ON" in briefings[0].link_loss.words, "station 254 does not hold the failsafe of 255"
+
+
+def test_a_vehicle_without_an_excitation_is_told_apart(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.parameters.clear()
+    with pytest.raises(CannotFlyError, match="SID_AXIS"):
+        fly(session, folder, CHIRP)
+
+
+# -------------------------------------------------------------------------------------------- build-up
+
+STEPPED = """
+name = "stepped"
+rest_s = 0.5
+[[step]]
+amplitude = 0.25
+f_stop_hz = 5
+[[step]]
+amplitude = 0.5
+[[maneuver]]
+kind = "chirp"
+axis = "roll"
+amplitude = 0.1
+duration_s = 10
+repeat = 2
+"""
+
+
+def test_a_build_up_goes_step_by_step(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    result = fly(session, folder, card=parse_card(STEPPED, "stepped"))
+    assert result.complete
+    sizes = [value for _, name, value, _ in vehicle.written if name == "SID_MAGNITUDE"]
+    assert sizes == pytest.approx([0.025, 0.05, 0.1, 0.1, 0.05])
+    stops = [value for _, name, value, _ in vehicle.written if name == "SID_F_STOP_HZ"]
+    assert stops == [5, 10, 10, 10, 10]
+    assert [run["purpose"] for run in folder.runs()] == ["build-up", "build-up", "fit", "fit"]
+
+
+def test_a_step_stays_locked_until_the_one_before_is_clean(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.gain = 0.0
+    result = fly(session, folder, card=parse_card(STEPPED, "stepped"))
+    assert len(result.runs) == 1
+    assert "stays locked" in result.stopped
+    assert "was not clean" in result.stopped
+
+
+def test_a_step_stays_locked_where_the_next_would_leave_the_envelope(
+    session: FakeSession, folder: FlightFolder
+) -> None:
+    result = fly(session, folder, card=parse_card(STEPPED, "stepped"), limits=Limits(rate=0.12))
+    assert len(result.runs) == 1
+    assert result.runs[0].clean
+    assert "of the limits" in result.stopped
+
+
+# -------------------------------------------------------------------------------------------- abort from outside
+
+
+def test_abort_ends_an_excitation_that_somebody_else_started(vehicle: FakeVehicle, session: FakeSession) -> None:
+    vehicle.parameters["SID_AXIS"] = 10
+    vehicle._beat()
+    vehicle.pilot(SYSTEMID)
+    session.drop_commands = 2
+    result = abort(session, clock=session)
+    assert (result.was_excited, result.ended, result.mode_after, result.asked) == (True, True, "Stabilize", 3)
+    assert modes(vehicle) == [STABILIZE]
+
+
+def test_abort_sends_nothing_in_any_other_mode(vehicle: FakeVehicle, session: FakeSession) -> None:
+    vehicle.pilot(RTL)
+    result = abort(session, clock=session)
+    assert (result.was_excited, result.ended, result.asked) == (False, True, 0)
+    assert modes(vehicle) == []
+
+
+def test_the_bundled_cards_fly(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    result = fly(session, folder, card=load_card("quick"))
+    assert result.complete
+    assert len(result.runs) == 4
+
+
+def test_a_parameter_that_cannot_be_written_back_is_said(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    said: list[Progress] = []
+
+    def on_progress(progress: Progress) -> None:
+        said.append(progress)
+        if isinstance(progress, RunResult):
+            vehicle.stubborn.add("SID_MAGNITUDE")
+
+    result = fly(session, folder, CHIRP, on_progress=on_progress)
+    assert result.complete
+    notes = [one.words for one in said if not isinstance(one, RunReady | RunResult | RunProgress)]
+    assert any("SID_MAGNITUDE is not as it was" in note for note in notes)
+
+
+def test_the_fake_refuses_as_the_session_does(session: FakeSession) -> None:
+    from gcs.link.procedures import ReadParameter
+
+    with pytest.raises(ProcedureError, match="no answer"):
+        session.call(ReadParameter("NO_SUCH", 2))

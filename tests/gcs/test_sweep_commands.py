@@ -1,0 +1,260 @@
+"""`tippath sweep`, `abort`, `sim` and `demo`: usage, the typed word, interrupts, and what reaches the screen."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_flight import FakeSession, FakeVehicle
+
+from gcs.cli import main
+from gcs.cli.interrupts import interrupts
+from gcs.cli.progress import ProgressLines
+from gcs.cli.sim import next_directory
+from gcs.cli.sweep import is_loopback, typed_confirmation
+from gcs.demo import following
+from gcs.envelope import Limits
+from gcs.errors import LinkError, UsageError
+from gcs.flightdir import create
+from gcs.maneuver import Maneuver, TestCard
+from gcs.pilot import SimulatedVehicle
+from gcs.session import Session
+from gcs.sweep import Note, fly_card
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "what to fly?"),
+        (["--card", "hover", "--axis", "roll"], "leave out --axis"),
+        (["--card", "hover", "--amplitude", "0.2"], "leave out --amplitude"),
+        (["--card", "nowhere.toml"], "no such card"),
+        (["--axis", "roll", "--amplitude", "4"], "amplitude is a number from 0 to 1"),
+        (["--axis", "roll", "--duration", "2"], "no two periods"),
+    ],
+)
+def test_a_sweep_that_makes_no_sense_is_wrong_usage(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sweep", "--connect", "udpin:127.0.0.1:0", *words]) == 2
+    out, err = capsys.readouterr()
+    assert message in err
+    assert out == ""
+
+
+@pytest.mark.parametrize(
+    ("link", "here"),
+    [
+        ("udpin:127.0.0.1:14550", True),
+        ("tcp:localhost:5760", True),
+        ("udpin:[::1]:14550", True),
+        ("udpin:0.0.0.0:14550", False),
+        ("udpout:192.168.4.1:14550", False),
+        ("udpin:vehicle.local:14550", False),
+        ("/dev/ttyUSB0,921600", False),
+    ],
+)
+def test_only_a_link_that_ends_here_can_be_a_simulation(link: str, here: bool) -> None:
+    assert is_loopback(link) is here
+    with pytest.raises(LinkError):
+        is_loopback("nonsense")
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_hardware_wants_the_typed_word(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(UsageError, match="--yes does not fly hardware"):
+        typed_confirmation(True)
+    monkeypatch.setattr(sys, "stdin", io.StringIO("fly\n"))
+    with pytest.raises(UsageError, match="on a terminal"):
+        typed_confirmation(False)
+    for text, answer in (("fly\n", True), ("yes\n", False), ("\n", False), ("", False)):
+        monkeypatch.setattr(sys, "stdin", Terminal(text))
+        assert typed_confirmation(False) is answer
+    assert "This vehicle is real" in capsys.readouterr().err
+
+
+def test_ctrl_c_is_a_wish_first_and_an_exception_only_the_third_time(capsys: pytest.CaptureFixture[str]) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with interrupts() as wishes:
+        assert wishes() is None
+        os.kill(os.getpid(), signal.SIGINT)
+        assert wishes() == "Ctrl-C"
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is before
+    assert "ending the excitation" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_hang_up_is_a_wish_too(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with interrupts() as wishes:
+        os.kill(os.getpid(), number)
+        assert wishes() == number.name
+    assert signal.getsignal(number) is before
+
+
+def test_suspending_is_not_taken_while_something_flies() -> None:
+    with interrupts() as wishes:
+        os.kill(os.getpid(), signal.SIGTSTP)
+        assert wishes() is None
+    assert signal.getsignal(signal.SIGTSTP) is not signal.SIG_IGN
+
+
+def test_the_lines_of_a_card_say_what_is_flown_and_what_it_was_worth(tmp_path: Path) -> None:
+    vehicle, stream = FakeVehicle(), io.StringIO()
+    session, lines = FakeSession(vehicle), ProgressLines(Limits(), stream)
+
+    def confirm(briefing: Any) -> bool:
+        lines.briefing(briefing)
+        return True
+
+    fly_card(
+        session,
+        TestCard("two", (Maneuver("chirp", "roll", 0.1, 10.0, repeat=2),)),
+        folder=create(tmp_path / "f"),
+        clock=session,
+        disk_free=lambda _: 10**12,
+        confirm=confirm,
+        on_progress=lines,
+    )
+    text = stream.getvalue()
+    assert "card two: 2 runs" in text
+    assert "link lost: the sweep RUNS ON" in text
+    assert "ready   roll chirp 1/2   0.5-10 Hz  10 s  A 0.10   Table 1" in text
+    assert "✓ roll chirp 2/2   keep   coherence" in text
+    assert "\x1b" not in text, "no terminal, no escapes"
+
+
+def test_what_a_vehicle_says_cannot_reach_the_terminal_as_an_escape() -> None:
+    stream = io.StringIO()
+    ProgressLines(Limits(), stream)(Note("bad \x1b[2J\x07 words"))
+    assert stream.getvalue() == " bad ?[2J? words\n"
+
+
+def test_vehicle_folders_are_numbered(tmp_path: Path) -> None:
+    assert next_directory(tmp_path).name == "vehicle-0001"
+    (tmp_path / "vehicle-0001").mkdir()
+    assert next_directory(tmp_path).name == "vehicle-0002"
+
+
+def test_a_vehicle_that_is_not_there_is_said_and_leaves_no_folder(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    found = Session.open
+    monkeypatch.setattr(Session, "open", lambda link, **more: found(link, connect_timeout_s=0.2, **more))
+    folder = tmp_path / "flight"
+    link = ["--connect", "udpout:127.0.0.1:9"]
+    for words in (["abort", *link, "--json"], ["sweep", *link, "--card", "quick", "-o", str(folder)]):
+        assert main(words) == 1
+        out, err = capsys.readouterr()
+        assert "no vehicle at" in err
+        assert out == ""
+    assert not folder.exists()
+
+
+# -------------------------------------------------------------------------------------------- how a rate is followed
+
+
+def doublets(n: int = 4500, pulse: int = 250) -> np.ndarray:
+    which = (np.arange(n) // pulse) % 6
+    return np.select([which == 0, which == 1], [0.3, -0.3], 0.0)
+
+
+def test_a_rate_that_lags_and_reaches_nine_tenths_is_measured_so() -> None:
+    command = doublets()
+    t = np.arange(command.size) * 0.002
+    measured = 0.9 * np.concatenate([np.zeros(20), command[:-20]])
+    found = following("roll", t, command, measured, command)
+    assert found.lag_s == pytest.approx(0.04)
+    assert found.correlation == pytest.approx(1.0, abs=1e-6)
+    assert found.steady_share == pytest.approx(0.9, abs=1e-6)
+    assert found.follows
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 0.3, 2.0])
+def test_a_rate_that_does_something_else_does_not_follow(factor: float) -> None:
+    command = doublets()
+    noise = np.random.default_rng(1).normal(0, 0.03, command.size)
+    found = following("pitch", np.arange(command.size) * 0.002, command, factor * command + noise, command)
+    assert not found.follows
+    assert "does not follow" in found.words
+
+
+# -------------------------------------------------------------------------------------------- the real processes
+
+
+@pytest.mark.realtime
+def test_sim_says_how_to_connect_passes_its_pilots_lines_and_ends(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gcs.cli", "sim", "--plant", "hover-ideal", "--listen", "udpout:127.0.0.1:0"]
+    with subprocess.Popen(
+        [*command, "-o", str(tmp_path / "v"), "--on-ground", "--json"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as sim:
+        assert sim.stdout is not None
+        assert sim.stdin is not None
+        ready = json.loads(sim.stdout.readline())
+        assert ready["ground_link"].startswith("udpin:127.0.0.1:")
+        sim.stdin.write(b"takeoff\nquit\n")
+        sim.stdin.flush()
+        out, err = sim.communicate(timeout=10)
+        assert sim.returncode == 0
+        assert out == b"", "one document"
+        assert err.decode().splitlines() == [" pilot: ok", " pilot: ok"]
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_sim_ends_by_a_signal_and_leaves_no_vehicle_behind(tmp_path: Path, number: signal.Signals) -> None:
+    command = [sys.executable, "-m", "gcs.cli", "sim", "--listen", "udpout:127.0.0.1:0", "-o", str(tmp_path / "v")]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as sim:
+        assert sim.stdout is not None
+        assert b"vehicle on udpout:127.0.0.1:" in sim.stdout.readline()
+        started = time.monotonic()
+        sim.send_signal(number)
+        assert sim.stderr is not None
+        out, err = sim.stdout.read(), sim.stderr.read()
+        assert sim.wait(5) in (0, -number)
+        assert time.monotonic() - started < 8
+        assert b"Traceback" not in err
+        assert b"tippath fly --connect" in out
+
+
+@pytest.mark.realtime
+def test_a_real_sweep_is_ended_by_ctrl_c_and_the_vehicle_is_back_in_its_mode(tmp_path: Path) -> None:
+    with SimulatedVehicle("hover-ideal", tmp_path / "vehicle", seed=3) as vehicle:
+        command = [sys.executable, "-m", "gcs.cli", "sweep", "--connect", vehicle.ground_link, "--axis", "roll"]
+        with subprocess.Popen(
+            [*command, "-o", str(tmp_path / "flight"), "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as sweep:
+            assert sweep.stderr is not None
+            for raw in sweep.stderr:
+                if raw.startswith(b" ready"):
+                    break
+            time.sleep(1.5)
+            sweep.send_signal(signal.SIGINT)
+            out, err = sweep.communicate(timeout=15)
+        assert sweep.returncode == 130, err
+        about = json.loads(out)
+        assert (about["format"], about["complete"], about["ending"]) == ("tippath.sweep/1", False, "aborted")
+        assert about["missing_blocks"] == 0
+        with Session.open(vehicle.ground_link) as session:
+            assert session.snapshot().mode_name == "Stabilize"
+    log = (tmp_path / "flight" / "flight.BIN").read_bytes()
+    assert any(path.read_bytes() == log for path in (tmp_path / "vehicle").glob("*.BIN"))

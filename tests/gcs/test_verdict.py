@@ -1,0 +1,125 @@
+"""Keep or fly again: samples, envelope, excitation. Coherence is checked against scipy's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import signal
+
+from gcs.envelope import Limits, Peaks
+from gcs.logs.live import LiveWindow
+from gcs.maneuver import Maneuver
+from gcs.profile import Plan, bundled_profiles
+from gcs.verdict import coherence, cut, judge
+
+RATE_HZ = 500.0
+PROFILE = bundled_profiles()[0]
+CHIRP = PROFILE.plan(Maneuver("chirp", "pitch", 0.15, 30.0))
+DOUBLET = PROFILE.plan(Maneuver("doublet", "roll", 0.1, 6.0))
+Samples = dict[str, NDArray[np.float64]]
+
+
+def flown(plan: Plan, noise: float = 0.01, gain: float = 4.0) -> Samples:
+    rng = np.random.default_rng(2)
+    t = np.arange(round(plan.maneuver.duration_s * RATE_HZ)) / RATE_HZ
+    if plan.maneuver.kind == "chirp":
+        u = plan.maneuver.amplitude * signal.chirp(t, 0.5, t[-1], 10.0, "logarithmic")
+    else:
+        pulse = (t / plan.maneuver.pulse_s).astype(int) % 6
+        u = plan.maneuver.amplitude * np.select([pulse == 0, pulse == 1], [1.0, -1.0], 0.0)
+    b, a = signal.butter(2, 6.0, fs=RATE_HZ)
+    answer = gain * signal.lfilter(b, a, u) + rng.normal(0, noise, t.size)
+    rest = rng.normal(0, noise, t.size)
+    zero = np.zeros(t.size)
+    on_pitch = plan.maneuver.axis == "pitch"
+    return {
+        "t": t,
+        "p": rest if on_pitch else answer,
+        "q": answer if on_pitch else rest,
+        "delta_x": zero if on_pitch else u,
+        "delta_y": u if on_pitch else zero,
+        "excitation_x": np.full(t.size, np.nan),
+        "excitation_y": u if on_pitch else np.full(t.size, np.nan),
+    }
+
+
+def without(samples: Samples, start: int, stop: int) -> Samples:
+    keep = np.ones(samples["t"].size, bool)
+    keep[start:stop] = False
+    return {name: values[keep] for name, values in samples.items()}
+
+
+@pytest.mark.parametrize("plan", [CHIRP, DOUBLET])
+def test_a_good_run_is_kept(plan: Plan) -> None:
+    verdict = judge(plan, Limits(), Peaks(p=0.5), flown(plan), RATE_HZ)
+    assert verdict.keep, verdict.reasons
+    assert (verdict.missing, verdict.gaps) == (0, 0)
+    assert "keep" in verdict.words
+
+
+def test_the_coherent_band_is_where_the_answer_stands_out_of_the_noise() -> None:
+    clear = judge(CHIRP, Limits(), Peaks(), flown(CHIRP, noise=0.01), RATE_HZ)
+    noisy = judge(CHIRP, Limits(), Peaks(), flown(CHIRP, noise=3.0), RATE_HZ)
+    assert clear.coherent_hz is not None
+    assert clear.coherent_hz[0] <= 0.75
+    assert clear.coherent_hz[1] > 9.0
+    assert clear.coherent_share is not None
+    assert noisy.coherent_share is not None
+    assert noisy.coherent_share < clear.coherent_share - 0.2
+    assert not noisy.keep
+
+
+def test_coherence_is_scipys() -> None:
+    samples = flown(CHIRP, noise=0.3)
+    u, y = samples["delta_y"] - samples["delta_y"].mean(), samples["q"] - samples["q"].mean()
+    n = 1000
+    _, theirs = signal.coherence(u, y, RATE_HZ, np.hanning(n), n, n // 2, detrend=False)
+    ours = coherence(samples["delta_y"], samples["q"], n)
+    assert np.allclose(ours[1:-1], theirs[1:-1], atol=1e-6)
+
+
+def test_missing_samples_are_counted_and_flown_again() -> None:
+    verdict = judge(CHIRP, Limits(), Peaks(), without(flown(CHIRP), 5000, 5400), RATE_HZ)
+    assert (verdict.keep, verdict.missing, verdict.gaps) == (False, 400, 1)
+    assert "400 of 15000 samples are missing" in verdict.reasons
+
+
+def test_a_few_missing_samples_do_no_harm_but_are_counted() -> None:
+    verdict = judge(CHIRP, Limits(), Peaks(), without(flown(CHIRP), 5000, 5004), RATE_HZ)
+    assert (verdict.keep, verdict.missing, verdict.gaps) == (True, 4, 1)
+
+
+def test_no_samples_at_all() -> None:
+    nothing = {name: values[:0] for name, values in flown(CHIRP).items()}
+    for rate in (RATE_HZ, None):
+        verdict = judge(CHIRP, Limits(), Peaks(), nothing, rate)
+        assert verdict.reasons == ("no samples came",)
+
+
+def test_beyond_the_limits_is_flown_again() -> None:
+    verdict = judge(CHIRP, Limits(rate=1.0), Peaks(q=1.5), flown(CHIRP), RATE_HZ)
+    assert verdict.reasons == ("150 % of the limits",)
+
+
+def test_a_run_that_was_interrupted_says_so_first() -> None:
+    verdict = judge(CHIRP, Limits(), Peaks(), flown(CHIRP), RATE_HZ, "aborted: Ctrl-C")
+    assert verdict.reasons == ("aborted: Ctrl-C",)
+    assert verdict.coherent_hz is None
+
+
+def test_a_doublet_that_was_not_flown_or_not_answered_is_told() -> None:
+    still = flown(DOUBLET)
+    still["delta_x"] = np.zeros_like(still["t"])
+    assert "no doublet was flown" in judge(DOUBLET, Limits(), Peaks(), still, RATE_HZ).reasons[0]
+    deaf = flown(DOUBLET, gain=0.0, noise=0.004)
+    assert "did not answer" in judge(DOUBLET, Limits(), Peaks(), deaf, RATE_HZ).reasons[0]
+
+
+def test_a_window_is_cut_to_the_maneuver() -> None:
+    t = np.arange(0, 10, 0.01)
+    window = LiveWindow(t, *[t] * 6)
+    samples = cut(window, 2.0, 3.0)
+    assert samples["t"][0] == pytest.approx(2.0)
+    assert samples["t"][-1] == pytest.approx(3.0)
+    assert np.array_equal(samples["q"], samples["t"])

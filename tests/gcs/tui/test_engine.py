@@ -1,0 +1,316 @@
+"""The app's engine: two steps to a start, and everything that calls a waiting run off. No vehicle, no sleeping."""
+
+from __future__ import annotations
+
+import json
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gcs.tui.engine
+from gcs.envelope import Limits, Peaks, Use
+from gcs.errors import LinkError, TippathError
+from gcs.flightdir import FlightFolder
+from gcs.logs.live import LiveWindow
+from gcs.preflight import Check, LinkLoss
+from gcs.profile import Plan
+from gcs.sweep import Briefing, Ending, Phase, RunProgress, RunReady, RunResult, SweepResult
+from gcs.tui.engine import FlightEngine, _keep
+from gcs.tui.state import Designed, Fitted, Mark, Stage
+from gcs.vehicle import SYSTEMID, VehicleSnapshot
+from gcs.verdict import Verdict
+
+WITHIN_S = 5.0
+VEHICLE = VehicleSnapshot(
+    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1650.0, p=0.1, q=0.2,
+    attitude_at_s=1.0,
+)  # fmt: skip
+
+
+class FakeSession:
+    link = "udpin:127.0.0.1:1"
+
+    def __init__(self) -> None:
+        self.now = VEHICLE
+        self.called: list[str] = []
+        self.closed = threading.Event()
+
+    def snapshot(self) -> VehicleSnapshot:
+        return self.now
+
+    def samples(self, last_s: float) -> LiveWindow:
+        none = np.empty(0)
+        return LiveWindow(none, none, none, none, none, none, none)
+
+    def call(self, procedure, timeout_s=None, *, cancelled=None):
+        self.called.append(type(procedure).__name__)
+        if type(procedure).__name__ == "SetMode":
+            self.now = replace(self.now, mode=0, mode_name="Stabilize")
+            return None
+        return type("Value", (), {"value": 0.0})()
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+class FakeCard:
+    """Stands in for `fly_card`: two runs by the same calls back, and what became of each."""
+
+    def __init__(self) -> None:
+        self.flown: list[str] = []
+        self.aborts: list[str | None] = []
+        self.flying = threading.Event()
+        self.land = threading.Event()
+        self.folder: Path | None = None
+
+    def __call__(self, session, card, *, folder, confirm, on_progress, aborted, about):
+        self.folder = folder.path
+        planned = [(run, _plan(run)) for run in card.runs()[:2]]
+        loss = LinkLoss("link lost: RETURNS after 5 s", True)
+        assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None))
+        results: list[RunResult] = []
+        for run, plan in planned:
+            on_progress(RunReady(run, plan))
+            self.aborts.append(aborted())
+            ending = Ending.FINISHED if aborted() is None else Ending.ABORTED
+            if aborted() is None:
+                self.flown.append(run.label)
+                on_progress(RunProgress(run, plan, Phase.FLYING, 3.0, 1.5, Peaks(p=0.5), Use(16.0, 1.0, 2.0), VEHICLE))
+                self.flying.set()
+                while aborted() is None and not self.land.wait(0.01):
+                    pass
+                ending = Ending.FINISHED if aborted() is None else Ending.ABORTED
+                self.flying.clear()
+            results.append(_result(run, plan, ending, aborted() or ""))
+            on_progress(results[-1])
+            if ending is not Ending.FINISHED:
+                break
+        stopped = "" if results[-1].ending is Ending.FINISHED else results[-1].reason
+        return SweepResult(card, None, tuple(results), 2, FlightFolder(folder.path), None, stopped)
+
+
+def _plan(run) -> Plan:
+    return Plan(run.maneuver, (), "Table 1", 10, SYSTEMID, 1.0, 16.0, 17.0)
+
+
+def _result(run, plan, ending, reason) -> RunResult:
+    keep = ending is Ending.FINISHED
+    verdict = Verdict(keep, () if keep else (reason,), 100, 100, 0, 0, Use(1.0, 1.0, 1.0), (0.5, 9.0), 0.9)
+    return RunResult(run, plan, ending, reason, "Stabilize", "now", 1.0, 1.0, Peaks(), verdict)
+
+
+@pytest.fixture
+def engine(monkeypatch, tmp_path):
+    card, session = FakeCard(), FakeSession()
+    monkeypatch.setattr(gcs.tui.engine, "fly_card", card)
+    made = FlightEngine("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
+    made.fake_card, made.fake_session = card, session
+    reach(made, Stage.IDLE)
+    yield made
+    card.land.set()
+    made.close()
+    assert session.closed.is_set()
+
+
+def until(condition) -> None:
+    wait = threading.Event()
+    for _ in range(int(WITHIN_S / 0.005)):
+        if condition():
+            return
+        wait.wait(0.005)
+    raise AssertionError("it did not come about")
+
+
+def reach(engine, stage) -> None:
+    until(lambda: engine.state().stage is stage)
+
+
+def test_nothing_starts_without_ready(engine):
+    engine.start()
+    assert "R first" in engine.state().said
+    assert engine.state().stage is Stage.IDLE
+    assert engine.fake_card.folder is None
+
+
+def test_ready_then_start_flies_and_each_run_asks_again(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    state = engine.state()
+    assert (state.current, state.link_loss) == (1, "link lost: RETURNS after 5 s")
+    assert state.checks == ((True, "trim: centred"),)
+    assert engine.fake_card.flown == []
+    engine.start()
+    assert engine.fake_card.flying.wait(WITHIN_S)
+    assert engine.state().progress.frequency_hz == 1.5
+    engine.fake_card.land.set()
+    reach(engine, Stage.HELD)
+    assert engine.state().current == 2
+    assert engine.state().runs[0].mark is Mark.KEEP
+    engine.start()
+    assert engine.state().stage is Stage.HELD, "the second run needs its own ready"
+    assert "R first" in engine.state().said
+    engine.ready()
+    assert engine.state().stage is Stage.READY
+    engine.start()
+    reach(engine, Stage.IDLE)
+    assert engine.fake_card.flown == ["roll chirp", "pitch chirp"]
+    assert "2 of 2 runs kept" in engine.state().said
+    assert engine.state().commands[-1].startswith("tippath sweep --connect udpin:127.0.0.1:1 --card quick -o ")
+    assert [run.mark for run in engine.state().runs] == [Mark.KEEP, Mark.KEEP, Mark.SKIPPED, Mark.SKIPPED]
+
+
+def test_abort_in_flight_ends_the_run_and_the_card(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    engine.start()
+    assert engine.fake_card.flying.wait(WITHIN_S)
+    engine.abort()
+    assert engine.state().stage in (Stage.ABORTING, Stage.CLOSING, Stage.IDLE)
+    reach(engine, Stage.IDLE)
+    assert engine.state().runs[0].mark is Mark.AGAIN
+    assert "F12" in engine.state().said
+
+
+def test_abort_while_ready_calls_off_and_moves_nothing(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    engine.abort()
+    assert engine.state().stage is Stage.HELD
+    engine.start()
+    assert engine.fake_card.flown == []
+    engine.end_card()
+    reach(engine, Stage.IDLE)
+    assert engine.fake_card.flown == []
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"lost": True, "link_age_s": 4.0}, "link was lost"),
+        ({"armed": False}, "disarmed"),
+        ({"mode": 6, "mode_name": "RTL"}, "RTL: the pilot has it"),
+    ],
+)
+def test_what_happens_while_a_run_waits_calls_it_off(engine, change, word):
+    engine.ready()
+    reach(engine, Stage.READY)
+    engine.fake_session.now = replace(VEHICLE, **change)
+    reach(engine, Stage.IDLE)
+    assert word in engine.state().said
+    engine.fake_session.now = VEHICLE
+    engine.start()
+    assert engine.fake_card.flown == [], "nothing resumes unasked"
+
+
+def test_closing_in_flight_aborts_first(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    engine.start()
+    assert engine.fake_card.flying.wait(WITHIN_S)
+    engine.close()
+    assert engine.fake_session.closed.is_set()
+    assert not engine.fake_card.flying.is_set(), "the run had ended before the link was let go"
+    assert engine.state().runs[0].mark is Mark.AGAIN
+
+
+def test_a_fault_in_the_card_is_told_and_ends_it(engine, monkeypatch):
+    def broken(*args, **kwargs):
+        raise RuntimeError("no such thing")
+
+    monkeypatch.setattr(gcs.tui.engine, "fly_card", broken)
+    engine.ready()
+    until(lambda: "no such thing" in engine.state().said)
+    assert engine.state().stage is Stage.IDLE
+
+
+def test_f12_ends_an_excitation_of_somebody_else(engine):
+    engine.fake_session.now = replace(VEHICLE, mode=SYSTEMID, mode_name="SystemID")
+    engine.abort()
+    until(lambda: "SetMode" in engine.fake_session.called)
+    until(lambda: engine.state().said == "the mode is Stabilize")
+
+
+def test_f12_commands_no_mode_where_nothing_is_excited(engine):
+    engine.abort()
+    assert engine.state().said == "nothing is excited"
+    assert "SetMode" not in engine.fake_session.called
+
+
+def test_no_card_is_changed_and_no_gains_moved_in_flight(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    for forbidden in (lambda: engine.choose_card("hover"), engine.push, engine.revert, engine.fit):
+        with pytest.raises(TippathError, match="card is"):
+            forbidden()
+
+
+def test_gains_are_not_pushed_to_an_armed_vehicle(engine):
+    with pytest.raises(TippathError, match="armed"):
+        engine.push()
+    with pytest.raises(TippathError, match="armed"):
+        engine.revert()
+    assert set(engine.fake_session.called) <= {"ReadParameter"}
+
+
+def test_there_is_no_pilot_on_a_link_that_the_app_did_not_make(engine):
+    assert not engine.state().simulated
+    with pytest.raises(TippathError, match="no simulated pilot"):
+        engine.pilot("takeoff")
+
+
+def test_telemetry_is_shown_until_the_log_comes(engine):
+    until(lambda: engine.window(10.0).t.size == 1)
+    engine.fake_session.now = replace(VEHICLE, attitude_at_s=1.1, p=0.3)
+    until(lambda: engine.window(10.0).t.size == 2)
+    window = engine.window(10.0)
+    assert window.p.tolist() == [0.1, 0.3]
+    assert np.isnan(window.delta_x).all()
+
+
+def test_another_flight_makes_the_old_fit_go_and_keeps_the_gains_that_name_theirs(engine, tmp_path):
+    fitted = Fitted(tmp_path, (), (), "", (), ())
+    engine._set(fitted=fitted, designed=Designed("", tmp_path / "gains.json", 1, ""))
+    engine.open_flight(str(tmp_path))
+    assert engine.state().fitted is None
+    assert engine.state().designed.path == tmp_path / "gains.json"
+    with pytest.raises(TippathError, match="no fit yet"):
+        engine.design()
+
+
+def test_no_vehicle_is_told_and_tried_again(tmp_path):
+    tries = threading.Semaphore(0)
+    session = FakeSession()
+
+    def open_session(link, **_):
+        tries.release()
+        if not opened.is_set():
+            raise LinkError(f"no vehicle at {link}: nothing heard")
+        return session
+
+    opened = threading.Event()
+    engine = FlightEngine("udpin:127.0.0.1:1", folder=tmp_path, open_session=open_session)
+    try:
+        assert tries.acquire(timeout=WITHIN_S)
+        until(lambda: engine.state().trouble == "no vehicle at udpin:127.0.0.1:1: nothing heard")
+        engine.ready()
+        assert engine.state().said == "there is no vehicle"
+        opened.set()
+        reach(engine, Stage.IDLE)
+        assert engine.state().trouble is None
+    finally:
+        engine.close()
+
+
+def test_results_never_overwrite_others(tmp_path):
+    first = _keep({"K": 1}, tmp_path / "gains.json")
+    again = _keep({"K": 1}, tmp_path / "gains.json")
+    other = _keep({"K": 2}, tmp_path / "gains.json")
+    assert (first.name, again.name, other.name) == ("gains.json", "gains.json", "gains-2.json")
+    assert json.loads(first.read_text()) == {"K": 1}
+
+
+def test_the_card_brings_its_limits(engine):
+    assert engine.state().limits == Limits()

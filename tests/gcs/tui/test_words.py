@@ -1,0 +1,135 @@
+"""Lines of text at any width: the abort key never goes, nothing is wider than it may be, the bell rings in time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from rich.cells import cell_len
+
+from gcs.envelope import Use
+from gcs.tui import words
+from gcs.tui.state import Mark, Progress, RunView, Stage, State
+from gcs.vehicle import Text, VehicleSnapshot
+
+VEHICLE = VehicleSnapshot(
+    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1648.0, battery_v=22.1
+)
+STATE = State("udpin:127.0.0.1:14550", vehicle=VEHICLE, stage=Stage.IDLE, card="hover", rpm_reference=1650.0)
+
+
+@pytest.mark.parametrize("width", [24, 40, 60, 80, 120])
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        None,
+        VEHICLE,
+        replace(VEHICLE, lost=True, link_age_s=4.2),
+        replace(VEHICLE, lost=True, link_age_s=math.inf),
+        replace(VEHICLE, mode_name="全角" * 20, rpm=None, battery_v=None),
+    ],
+)
+def test_the_abort_key_is_on_the_top_line_at_any_width(width, vehicle):
+    line = words.top_line(replace(STATE, vehicle=vehicle), width).plain
+    assert line.endswith("F12 ABORT ")
+    assert cell_len(line) == width
+
+
+def test_the_top_line_at_80_says_all_of_it():
+    line = words.top_line(STATE, 80).plain
+    for word in ("LINK 0.1 s", "Stabilize (pilot)", "ARMED", "RPM 1648 -0.1 %", "BAT 22.1 V"):
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("mode", "stage", "who"),
+    [
+        (0, Stage.IDLE, "pilot"),
+        (25, Stage.FLYING, "tippath"),
+        (25, Stage.ABORTING, "tippath"),
+        (25, Stage.IDLE, "excitation"),
+        (6, Stage.IDLE, "autopilot"),
+        (9, Stage.FLYING, "autopilot"),
+    ],
+)
+def test_who_commands_the_mode(mode, stage, who):
+    assert words.who(replace(STATE, vehicle=replace(VEHICLE, mode=mode), stage=stage)) == who
+
+
+@pytest.mark.parametrize("height", [1, 2, 3, 5, 20])
+@pytest.mark.parametrize("current", [0, 1, 6, 12])
+def test_the_current_run_is_in_sight(height, current):
+    runs = tuple(RunView(i, f"roll chirp {i}/12", "0.5-10 Hz", Mark.WAITING, "") for i in range(1, 13))
+    lines = words.run_lines(replace(STATE, runs=runs, current=current), 80, height)
+    assert len(lines) == min(height, 12)
+    assert all(cell_len(line) <= 80 for line, _ in lines)
+    if current:
+        assert any(f"roll chirp {current}/12" in line for line, _ in lines)
+    if height < 12:
+        assert any(f"({12 - height} more)" in line for line, _ in lines)
+
+
+def test_every_moment_has_something_to_do_next():
+    vehicles = [None, VEHICLE, replace(VEHICLE, armed=False), replace(VEHICLE, mode=25), replace(VEHICLE, lost=True)]
+    for stage in Stage:
+        for vehicle in vehicles:
+            for plant in (None, "hover"):
+                for screen in ("Fly", "Fit", "Controller", "help"):
+                    state = replace(STATE, stage=stage, vehicle=vehicle, plant=plant)
+                    assert len(words.next_words(state, screen)) > 5
+
+
+def test_on_hardware_the_tool_never_says_that_it_takes_off():
+    grounded = replace(STATE, vehicle=replace(VEHICLE, armed=False))
+    assert words.next_words(grounded, "Fly").startswith("the pilot arms")
+    assert words.next_words(replace(grounded, plant="hover"), "Fly").startswith("T: the simulated pilot")
+
+
+def flying(elapsed_s: float, percent: float = 10.0) -> State:
+    return replace(
+        STATE, stage=Stage.FLYING, progress=Progress(elapsed_s, 30.0, None, "Table 1"), use=Use(percent, 0.0, 0.0)
+    )
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "rings"),
+    [
+        (flying(-0.1), flying(0.1), True),
+        (flying(14.9), flying(15.1), True),
+        (flying(26.95), flying(27.05), True),
+        (flying(27.95), flying(28.05), True),
+        (flying(28.95), flying(29.05), True),
+        (flying(29.9), replace(STATE, stage=Stage.CLOSING), True),
+        (flying(5.0, 90), flying(5.1, 101), True),
+        (flying(5.1, 101), flying(5.2, 102), False),
+        (flying(5.0), flying(5.1), False),
+        (STATE, replace(STATE, vehicle=replace(VEHICLE, lost=True)), True),
+        (STATE, STATE, False),
+    ],
+)
+def test_the_bell(before, after, rings):
+    assert words.rings(before, after) is rings
+
+
+def test_what_is_missing_is_said():
+    recording = replace(VEHICLE, recording=Path("flight.BIN"), blocks_open=7)
+    assert "7 blocks missing" in words.recording_line(replace(STATE, vehicle=recording), 80)
+    full = replace(recording, recording_problem="no space left on device")
+    assert "NOT KEPT: no space left on device" in words.recording_line(replace(STATE, vehicle=full), 80)
+
+
+def test_the_newest_text_is_shown_harmless():
+    texts = tuple(Text(i, 0.0, 6, f"text {i}\x1b[31m") for i in range(1, 9))
+    lines = words.said_lines(replace(STATE, vehicle=replace(VEHICLE, texts=texts)), 80, 2)
+    assert lines == [" vehicle: text 7", " vehicle: text 8"]
+
+
+@pytest.mark.parametrize("width", [10, 40, 78])
+def test_long_words_are_cut_and_short_ones_left(width):
+    assert words.fitted("abc", width) == "abc"
+    assert cell_len(words.fitted("全角" * 100, width)) <= width
+    assert all(cell_len(line) <= max(width, 20) for line in words.wrapped("  " + "word " * 50, width))
+    assert len(words.notice_lines("word " * 500, 80, 3)) == 3
+    assert words.notice_lines("", 80, 3) == []
