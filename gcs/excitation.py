@@ -6,8 +6,8 @@ The rules that `step` keeps, whatever happens around it:
 - The way back is the mode before the run, sent again and again, but only while the vehicle's last word is that it is
   in the excitation mode. Any other mode means that the pilot, or a failsafe, has taken over: that ends the run, and
   no mode is commanded after it.
-- After a lost link nothing starts again. What the vehicle does then is decided by a heartbeat heard after the link
-  came back, never by one from before.
+- After a lost link nothing starts again. What the vehicle does then is decided by a heartbeat heard a second after the
+  link came back: neither by one from before nor by one that waited in a buffer, also while this program was stopped.
 - After an ordinary end the way back waits for a heartbeat later than the end: it costs a second, and does not talk
   over a pilot who used that second.
 
@@ -45,6 +45,10 @@ OTHER_HEARTBEATS = 2
 """So many heartbeats in another mode, after an accepted start that was never seen: one may have been under way."""
 LATE_S = 2.0
 """So long after its time a run without the word "Finished" is taken for finished."""
+STALL_S = 1.5
+"""Between two ticks: longer, and this program was stopped, and what it hears now may be old."""
+SETTLE_S = 1.0
+"""After a silence of the link or of ourselves, until what is heard is new."""
 LOST_PATIENCE_S = 60.0
 STUCK_S = 30.0
 """The vehicle answers and stays in the excitation mode for so long: say so, loudly, and leave it to the pilot."""
@@ -177,10 +181,19 @@ class RunState:
     """When the way back was last asked for."""
     mode_after: str = ""
     """What the heartbeat that ended the run showed."""
+    failsafe: str = ""
+    """What the vehicle said about one; its heartbeat follows up to a second later."""
+    ticked_at: float = math.inf
+    """The last step."""
+    settled_at: float = -math.inf
+    """Until then a heartbeat may be an old one, and decides nothing on the way back."""
 
 
 def step(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     """What follows from what was seen; the order, if any, is to be sent once."""
+    if seen.lost or seen.now - state.ticked_at > STALL_S:
+        state = replace(state, settled_at=seen.now + SETTLE_S)
+    state = replace(state, ticked_at=seen.now)
     match state.phase:
         case Phase.STARTING:
             return _starting(state, seen, plan)
@@ -221,7 +234,7 @@ def _starting(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order 
         # Asked for already, it may still come about: only heartbeats will tell.
         ended = _end(state, seen, Ending.PILOT, f"the mode is {seen.mode_name}: the pilot has it")
         return (_returning(ended, seen, plan)) if state.asks else (_ended(ended, seen), None)
-    if seen.now - state.asked_at < START_EVERY_S:
+    if seen.now - state.asked_at < START_EVERY_S or seen.now < state.settled_at:
         return state, None
     if state.asks >= START_TRIES:
         reason = "the vehicle does not answer to the start"
@@ -231,6 +244,9 @@ def _starting(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order 
 
 
 def _flying(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+    for text in seen.texts:
+        if "failsafe" in text.lower():
+            state = replace(state, failsafe=text)
     if seen.mode == plan.mode:
         state = replace(state, confirmed=True)
     elif state.confirmed or seen.heartbeats >= state.heartbeats_at_word + OTHER_HEARTBEATS:
@@ -260,10 +276,10 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
     if state.ending is not Ending.STUCK and seen.answer is not None and seen.answer.accepted is False:
         state = replace(state, reason=joined(state.reason, seen.answer.reason))
     waited = seen.now - state.returning_since
-    if seen.lost:
-        if waited > LOST_PATIENCE_S:
-            reason = joined(state.reason, f"no link for {waited:.0f} s: what the vehicle does is not known")
-            return replace(state, phase=Phase.ENDED, ending=Ending.LINK, reason=reason, mode_after="unknown"), None
+    if seen.lost and waited > LOST_PATIENCE_S:
+        reason = joined(state.reason, f"no link for {waited:.0f} s: what the vehicle does is not known")
+        return replace(state, phase=Phase.ENDED, ending=Ending.LINK, reason=reason, mode_after="unknown"), None
+    if seen.now < state.settled_at:
         # What was heard last is too old to act on.
         return replace(state, fresh_after=max(state.fresh_after, seen.heartbeats)), None
     fresh = seen.heartbeats > state.fresh_after
@@ -316,8 +332,7 @@ def _taken(seen: Seen, state: RunState) -> tuple[Ending, str]:
     # The vehicle's own end and a mode change by somebody else may fall into one tick.
     if any(text.startswith(FINISHED) for text in seen.texts):
         return Ending.FINISHED, ""
-    failsafe = next((text for text in seen.texts if "failsafe" in text.lower()), None)
-    who = f"the vehicle says {failsafe!r}" if failsafe is not None else "the pilot has it"
+    who = f"the vehicle says {state.failsafe!r}" if state.failsafe else "the pilot, or another station, has taken over"
     return Ending.PILOT, f"the mode is {seen.mode_name}: {who}"
 
 

@@ -128,7 +128,8 @@ class Maneuver:
     @property
     def numbers(self) -> str:
         """Its numbers in words: `0.5-10 Hz  30 s  A 0.10`."""
-        amplitude = f"A {self.amplitude:.2f}" + (" rad/s" if self.target == "rate" else "")
+        digits = 2 if abs(self.amplitude - round(self.amplitude, 2)) < 1e-9 else 3
+        amplitude = f"A {self.amplitude:.{digits}f}" + (" rad/s" if self.target == "rate" else "")
         match self.kind:
             case "chirp":
                 return f"{self.f_start_hz:g}-{self.f_stop_hz:g} Hz  {self.duration_s:g} s  {amplitude}"

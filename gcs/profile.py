@@ -189,9 +189,9 @@ def parse_profile(text: str, source: str) -> VehicleProfile:
     return profile
 
 
-def wanted_parameters() -> tuple[str, ...]:
-    """What must be asked of a vehicle to recognise it."""
-    return tuple(dict.fromkeys(name for profile in bundled_profiles() for name in profile.needs))
+def wanted_parameters() -> tuple[tuple[str, ...], ...]:
+    """What must be asked of a vehicle to recognise it: each profile's needs, the most particular first."""
+    return tuple(profile.needs for profile in bundled_profiles())
 
 
 def choose_profile(parameters: Mapping[str, float], autopilot: int) -> VehicleProfile:

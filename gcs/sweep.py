@@ -33,7 +33,7 @@ from gcs.excitation import (
     joined,
 )
 from gcs.flightdir import FlightFolder
-from gcs.link.procedures import ProcedureError, ReadParameter, WriteParameter
+from gcs.link.procedures import NoAnswerError, ProcedureError, ReadParameter, RefusedError, WriteParameter
 from gcs.maneuver import CardRun, TestCard
 from gcs.preflight import Check, LinkLoss
 from gcs.profile import Plan, VehicleProfile, choose_profile, wanted_parameters
@@ -43,6 +43,8 @@ from gcs.verdict import Verdict, cut, judge
 
 LOG_WAIT_S = 8.0
 HOVER_LOOK_S = 2.0
+SILENCES = 4
+"""So many unanswered questions, each with a witness, until a vehicle is believed not to have a parameter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,6 +218,8 @@ class SweepResult:
     """Why the card was not flown to its end; empty where it was."""
     ending: Ending | None = None
     """Of the run that stopped the card."""
+    link_loss: LinkLoss | None = None
+    """What the vehicle does when it no longer hears this station."""
 
     @property
     def complete(self) -> bool:
@@ -230,15 +234,16 @@ class NotReadyError(TippathError):
     """A check before the start failed; the message lists what and why."""
 
 
-def require_flyable(session: Connection, card: TestCard) -> None:
-    """Before a folder is made: whether this vehicle, as it is now, can fly the card at all.
+def require_flyable(session: Connection, card: TestCard) -> VehicleProfile:
+    """Before a folder is made: whether this vehicle, as it is now, can fly the card at all, and what it is.
 
     Raises CannotFlyError, NotReadyError or LinkError; `fly_card` looks again.
     """
-    profile = choose_profile(read_parameters(session, wanted_parameters()), session.snapshot().autopilot)
+    profile = recognise(session)
     for run in card.runs():
         profile.plan(run.maneuver)
     _require(preflight.flying(session.snapshot(), profile))
+    return profile
 
 
 def read_parameters(session: Connection, names: Sequence[str]) -> dict[str, float]:
@@ -252,19 +257,47 @@ def read_parameters(session: Connection, names: Sequence[str]) -> dict[str, floa
     return found
 
 
-def recognise(session: Connection) -> tuple[VehicleProfile, dict[str, float]]:
-    """What kind of vehicle this is, and its present parameters that matter. Raises CannotFlyError, LinkError."""
-    parameters = read_parameters(session, wanted_parameters())
-    profile = choose_profile(parameters, session.snapshot().autopilot)
-    others = [name for name in profile.settings if name not in parameters]
-    parameters |= read_parameters(
-        session, [*others, "FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "SCHED_LOOP_RATE"]
-    )
-    # ArduPilot renamed it: only one of the two is there.
-    parameters |= read_parameters(session, ["SYSID_MYGCS"])
-    if "SYSID_MYGCS" not in parameters:
-        parameters |= read_parameters(session, ["MAV_GCS_SYSID"])
-    return profile, parameters
+def recognise(session: Connection) -> VehicleProfile:
+    """What kind of vehicle this is. Raises CannotFlyError, LinkError.
+
+    A vehicle does not say that it lacks a parameter, it is silent; so is a link that lost the answer. Taking the one
+    for the other would fly ArduPilot's law where Table 1 was asked for, so a silence counts only where another
+    parameter, asked right after it, is answered, several times in a row.
+    """
+    found: dict[str, float] = {}
+    absent: set[str] = set()
+    for names in wanted_parameters():
+        for name in names:
+            if name not in found and not absent.intersection(names):
+                value = _look_for(session, name, witness=next(iter(found), None))
+                if value is None:
+                    absent.add(name)
+                else:
+                    found[name] = value
+    return choose_profile(found, session.snapshot().autopilot)
+
+
+def _look_for(session: Connection, name: str, witness: str | None) -> float | None:
+    for _ in range(SILENCES):
+        with contextlib.suppress(NoAnswerError):
+            try:
+                return session.call(ReadParameter(name, tries=2)).value
+            except RefusedError:
+                return None  # newer firmware says so
+        if witness is not None:
+            session.call(ReadParameter(witness))
+    return None
+
+
+def read_settings(session: Connection, profile: VehicleProfile) -> dict[str, float]:
+    """The vehicle's present values of all that a maneuver writes, and of what decides about a lost link.
+
+    Raises ProcedureError where a maneuver's parameter is not answered: what is not known cannot be put back.
+    """
+    parameters = {name: session.call(ReadParameter(name)).value for name in profile.settings}
+    # ArduPilot renamed the last: only one of the two is there.
+    parameters |= read_parameters(session, ["FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "SCHED_LOOP_RATE"])
+    return parameters | (read_parameters(session, ["SYSID_MYGCS"]) or read_parameters(session, ["MAV_GCS_SYSID"]))
 
 
 def write_plan(session: Connection, plan: Plan, profile: VehicleProfile) -> None:
@@ -295,16 +328,17 @@ def fly_card(
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
     `aborted` gives a reason once somebody wants the end. `about` goes into flight.json. Recording begins here and ends
-    here. Raises CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens
-    later is in the result. flight.json is written in every case where recording began.
+    here. `profile` spares asking the vehicle what it is. Raises CannotFlyError, NotReadyError, LinkError and
+    ProcedureError before anything was flown; what happens later is in the result. flight.json is written in every case
+    where recording began.
     """
     clock = clock or WallClock()
     limits = limits or card.limits
     disk_free = disk_free or free_bytes
-    recognised, parameters = recognise(session)
-    profile = profile or recognised
+    profile = profile or recognise(session)
     planned = tuple((run, profile.plan(run.maneuver)) for run in card.runs())
     _require(preflight.flying(session.snapshot(), profile))
+    parameters = read_settings(session, profile)
     loss = preflight.link_loss(parameters, session.station)
     flight = _Flight(session, card, profile, limits, planned, folder, loss, dict(about or {}), clock, on_progress)
     folder.write_card(card.text)
@@ -313,6 +347,7 @@ def fly_card(
         _require(checks)
         if not confirm(Briefing(card, tuple(planned), checks, loss, profile)):
             raise NotReadyError("not confirmed: nothing was flown")
+        _require(preflight.flying(session.snapshot(), profile))  # somebody may have thought for minutes
         flight.fly(parameters, aborted)
     return flight.result()
 
@@ -402,7 +437,12 @@ class _Flight:
                 self.stopped = self._unfit(mode_before, aborted) or self._locked(run)
                 if self.stopped:
                     return
-                write_plan(self.session, plan, self.profile)
+                try:
+                    write_plan(self.session, plan, self.profile)
+                except TippathError as error:
+                    # Between two runs nothing is excited; what was flown stays.
+                    self.stopped, self.ending = str(error), Ending.REFUSED
+                    return
                 self.on_progress(RunReady(run, plan))
                 result = fly_run(
                     self.session,
@@ -423,9 +463,6 @@ class _Flight:
                     self.stopped = joined(f"{run.label} {result.ending.value}", result.reason)
                     return
                 self._rest(mode_before, aborted)
-        except ProcedureError as error:
-            # Between two runs nothing is excited; what was flown stays.
-            self.stopped, self.ending = str(error), Ending.REFUSED
         finally:
             self._restore(parameters)
 
@@ -519,6 +556,7 @@ class _Flight:
             self.recording,
             self.stopped,
             self.ending,
+            self.loss,
         )
 
 
@@ -558,6 +596,7 @@ __all__ = [
     "fly_run",
     "free_bytes",
     "read_parameters",
+    "read_settings",
     "recognise",
     "require_flyable",
     "write_plan",

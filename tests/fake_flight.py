@@ -185,6 +185,8 @@ class FakeSession:
         """So many commands are lost on their way."""
         self.drop_acks = 0
         """So many acknowledgements are lost on their way back."""
+        self.drop_answers: dict[str, int] = {}
+        """So many answers about a parameter are lost on their way back."""
         self.calls = 0
         self.recordings: list[Path] = []
         self.ended_recordings = 0
@@ -310,6 +312,8 @@ class FakeSession:
                         self.drop_acks -= 1
                         continue
                     under_way.append((answer_at, CommandAck(1, 1, command, 0 if accepted else 4, 0, 0)))
+                case ParamRead(name, _) if self.drop_answers.get(name, 0) > 0:
+                    self.drop_answers[name] -= 1
                 case ParamRead(name, _) if name in vehicle.parameters:
                     under_way.append((answer_at, self._value(name)))
                 case ParamWrite(name, bits, _) if name in vehicle.parameters:
@@ -323,6 +327,7 @@ class FakeSession:
 
     def start_recording(self, directory: Path) -> None:
         self.recordings.append(directory)
+        self.vehicle.samples.clear()  # a new log
 
     def stop_recording(self) -> RecordingSummary:
         self.ended_recordings += 1

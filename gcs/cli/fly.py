@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gcs.tui.engine import FlightEngine
 
 DEFAULT_PLANT = "hover"
 
@@ -63,31 +67,46 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise TippathError(f"{args.output}: {error.strerror or error}; choose another folder with -o") from error
 
+    from gcs.maneuver import load_card
     from gcs.pilot import SimulatedVehicle
     from gcs.tui.app import TippathApp
     from gcs.tui.engine import FlightEngine
 
+    load_card(args.card)  # before anything is started
     plant = None if args.connect is not None else args.sim or DEFAULT_PLANT
+    with contextlib.ExitStack() as ends:
+        start_vehicle = None
+        if plant is not None:
+            print(f"starting the simulated vehicle ({plant})", file=sys.stderr)
+            vehicle = ends.enter_context(
+                SimulatedVehicle(plant, args.output / "vehicle-logs", seed=args.seed, on_ground=args.on_ground)
+            )
 
-    def start_vehicle() -> SimulatedVehicle:
-        assert plant is not None
-        return SimulatedVehicle(plant, args.output / "vehicle-logs", seed=args.seed, on_ground=args.on_ground)
+            def start_vehicle() -> SimulatedVehicle:
+                return vehicle
 
-    engine = FlightEngine(
-        args.connect,
-        plant=plant,
-        start_vehicle=None if plant is None else start_vehicle,
-        folder=args.output,
-        primary=args.primary or plant is not None,
-        card=args.card,
-    )
-    try:
+        engine = FlightEngine(
+            args.connect,
+            plant=plant,
+            start_vehicle=start_vehicle,
+            folder=args.output,
+            primary=args.primary or plant is not None,
+            card=args.card,
+        )
+        ends.callback(_close, engine)
         app = TippathApp(engine, args.plot, bell=not args.no_bell)
         app.run()
-    finally:
-        # However the app ends: a run under way is ended before the link is let go.
-        engine.close()
     commands = engine.state().commands
     if commands:
         print("\n".join(["what was done, as a shell does it:", *commands]))
     return app.return_code or 0
+
+
+def _close(engine: FlightEngine) -> None:
+    """However the app ends: a run under way is ended before the link is let go, also past an impatient Ctrl-C."""
+    if engine.state().stage.under_way:
+        print("ending the run: waiting until the vehicle is out of it", file=sys.stderr)
+    try:
+        engine.close()
+    except KeyboardInterrupt:
+        engine.close()

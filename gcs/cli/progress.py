@@ -68,9 +68,10 @@ class ProgressLines:
             text = f" … back to the pilot's mode (now {printable(snapshot.mode_name)})"
         else:
             hertz = f"  {progress.frequency_hz:.1f} Hz" if progress.frequency_hz else ""
+            duration_s = progress.plan.maneuver.duration_s
             attitude = "-" if peaks.attitude is None else f"{math.degrees(peaks.attitude):.1f}°"
             text = (
-                f" ▶ {max(0.0, progress.elapsed_s):4.1f} s of {progress.plan.maneuver.duration_s:g}{hertz}"
+                f" ▶ {min(max(0.0, progress.elapsed_s), duration_s):4.1f} s of {duration_s:g}{hertz}"
                 f"   p {peaks.p or 0:.2f}  q {peaks.q or 0:.2f} rad/s"
                 f"   attitude {attitude} of {math.degrees(self._limits.attitude):.0f}°"
                 f"   blocks {snapshot.blocks_received:,} open {snapshot.blocks_open}"

@@ -57,9 +57,12 @@ def run(args: argparse.Namespace) -> int:
     names = list(result.values)
     for row in ("K1", "K2", "L1", "L2", "L3", "L4", "G1", "G2"):
         print(f"  {row:4}" + " ".join(f"{result.values[n]:12.6g}" for n in names if n[:2] == row and n[2:].isdigit()))
-    if result.committed:
-        before = f"`tippath revert` goes back to {result.previous_crc:06x}"
-        print(before if result.previous_crc else "it is the first set: there is none to go back to")
+    if result.committed and result.previous_crc:
+        print(f"`tippath revert` goes back to the set before, {result.previous_crc:06x}")
+    elif result.committed:
+        print(
+            "it is the vehicle's first set: until the next one there is nothing to revert to; the way back is the switch"
+        )
     switch = {True: "the LQR", False: "the autopilot's own controller", None: "unknown"}[result.switch_on]
     print(f"the pilot's switch selects: {switch}")
     return 0

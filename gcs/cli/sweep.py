@@ -76,24 +76,31 @@ def run(args: argparse.Namespace) -> int:
         card = single_card(Maneuver("chirp", args.axis, amplitude, duration_s))
     lines = ProgressLines(card.limits)
 
-    def confirm(briefing: Briefing) -> bool:
-        lines.briefing(briefing)
-        if not args.hardware and is_loopback(args.connect) and "SIDX_LAW" in briefing.profile.needs:
-            return True
-        return typed_confirmation(args.yes)
-
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
-        require_flyable(session, card)
+        profile = require_flyable(session, card)
+        simulated = not args.hardware and is_loopback(args.connect) and "SIDX_LAW" in profile.needs
+        if not simulated:
+            require_terminal(args.yes)
+
+        def confirm(briefing: Briefing) -> bool:
+            lines.briefing(briefing)
+            return simulated or typed_confirmation()
+
         folder = flightdir.create(args.output)
         result = fly_card(
             session,
             card,
+            profile,
             folder=folder,
             confirm=confirm,
             on_progress=lines,
             aborted=wishes,
             about={"link": args.connect},
         )
+        if result.link_loss is not None and result.link_loss.ends_sweep and session.snapshot().armed:
+            # We hold its failsafe, and are about to leave.
+            words = result.link_loss.words.removeprefix("link lost: ")
+            print(f" the vehicle is still in the air and {words} once this program has ended", file=sys.stderr)
     ended = "" if result.complete else f"   stopped: {printable(result.stopped)}"
     if args.json:
         about = folder.read()
@@ -129,14 +136,18 @@ def is_loopback(link: str) -> bool:
         return False
 
 
-def typed_confirmation(yes: bool) -> bool:
-    """Ask for the word on the terminal. Raises UsageError where there is none, or where `--yes` would answer for it."""
+def require_terminal(yes: bool) -> None:
+    """Raises UsageError where nobody could type the word, or where `--yes` would answer in his place."""
     from gcs.errors import UsageError
 
     if yes:
         raise UsageError(f"--yes does not fly hardware: somebody types {WORD}")
     if not sys.stdin.isatty():
         raise UsageError(f"this is no simulated vehicle of ours: somebody must type {WORD} on a terminal")
+
+
+def typed_confirmation() -> bool:
+    """Ask for the word on the terminal."""
     print(
         f" This vehicle is real. Type {WORD} to start, anything else to leave it: ", end="", file=sys.stderr, flush=True
     )

@@ -53,7 +53,7 @@ class Page(Screen[None]):
         self.query_one("#screens", Lines).show([words.screens_line(state, self.NAME, width)])
         notice = self.query_one("#notice", Lines)
         trouble = state.trouble if state.vehicle is None and state.trouble else ""
-        lines = words.notice_lines(problem or trouble or state.said, width, NOTICE_LINES)
+        lines = words.notice_lines(problem or trouble or words.caution(state, width) or state.said, width, NOTICE_LINES)
         notice.styles.height = len(lines)
         notice.display = bool(lines)
         notice.show(lines)

@@ -40,6 +40,7 @@ from gcs.sweep import (
     SweepResult,
     fly_card,
     free_bytes,
+    require_flyable,
 )
 from gcs.tui import state as view
 from gcs.tui.state import Bank, Mark, RunView, Stage, State
@@ -193,6 +194,7 @@ class FlightEngine:
         with self._pressed:
             stage = self._state.stage
             if stage is Stage.READY:
+                self._started = False  # also a start that the card has not seen yet
                 self._set(stage=Stage.HELD, said="called off: nothing was started")
                 self._mark(self._state.current, Mark.NEXT)
             elif stage is Stage.FLYING:
@@ -252,11 +254,13 @@ class FlightEngine:
     def _fly(self, session: Session, card: TestCard) -> None:
         said = ""
         try:
+            profile = require_flyable(session, card)
             folder = create(None, self._folder)
-            self._set(flight=folder.path, fitted=None)
+            self._set(flight=folder.path)
             result = fly_card(
                 session,
                 card,
+                profile,
                 folder=folder,
                 confirm=self._briefed,
                 on_progress=self._progressed,
@@ -388,7 +392,7 @@ class FlightEngine:
         with self._lock:
             if self._state.stage.under_way:
                 raise TippathError("a card is being flown: end it first (1, then E)")
-            self._set(flight=path, fitted=None, said="")
+            self._set(flight=path, said="")
 
     def fit(self) -> None:
         """Fit the flight by the same functions as `tippath fit`, and keep the fits beside its log."""

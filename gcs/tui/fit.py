@@ -39,6 +39,8 @@ class FitScreen(Page):
 
     def show_body(self, state: State, width: int) -> None:
         flight = "no flight yet" if state.flight is None else f"flight {sanitise(str(state.flight))}"
+        if state.fitted is not None and state.fitted.flight != state.flight:
+            flight += f" · shown is the fit of {sanitise(str(state.fitted.flight))}"
         self.query_one("#flight", Lines).show([(words.fitted(f" {flight}", width), "bold")])
         lines = self._lines(state, width)
         text = self.query_one("#text", Lines)

@@ -7,6 +7,7 @@ is never markup. Where a line does not fit, what matters least goes first; the a
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 
 from rich.cells import cell_len
@@ -135,6 +136,8 @@ def progress_line(state: State, width: int, style: Style) -> str:
     match state.stage:
         case Stage.FLYING if state.progress is not None:
             return fitted(f" ▶ {_progress(state.progress, style, 24 if width < 100 else 40)}", width)
+        case Stage.ABORTING if state.lost:
+            return fitted(" LINK LOST IN THE RUN: nothing is sent until the vehicle is heard again", width)
         case Stage.ABORTING:
             return " ENDING EARLY: asking for the mode before, until the vehicle shows it"
         case Stage.READY:
@@ -175,6 +178,12 @@ def limits_line(state: State, width: int, style: Style) -> str:
         shown = "  - %" if percent is None else f"{percent:3.0f} %" + ("!" if percent > 100 else "")
         parts.append(f"{name} {bar((percent or 0) / 100, size, style)} {shown}" + (f" of {limit}" if wide else ""))
     return fitted((" limits:  " if wide else " of limit:  ") + "  ".join(parts), width)
+
+
+def caution(state: State, width: int) -> str:
+    """What a lost link does, in full, before a start where the line about it was cut; empty otherwise."""
+    waits = state.stage in (Stage.READY, Stage.HELD)
+    return state.link_loss if waits and state.link_loss not in recording_line(state, width) else ""
 
 
 def recording_line(state: State, width: int) -> str:
@@ -218,7 +227,7 @@ def run_lines(state: State, width: int, height: int) -> list[tuple[str, str]]:
     for run in runs[first : first + height]:
         head = f" {run.number:2d}  {run.label:<{label_width}}  "
         outcome = f"{run.mark.sign} {run.mark.word}"
-        verdict = run.verdict.removeprefix(run.mark.word).lstrip(":; ")
+        verdict = re.sub(r"\s{2,}", ", ", run.verdict.removeprefix(run.mark.word).lstrip(":; "))
         if verdict:
             outcome += f"  {verdict}"
         text = f"{head}{run.numbers:<{numbers_width}}  {outcome}"
@@ -264,7 +273,7 @@ def said_lines(state: State, width: int, height: int) -> list[str]:
 def next_words(state: State, screen: str) -> str:
     """What to do now."""
     if state.busy:
-        return f"wait: {state.busy}"
+        return f"wait: {sanitise(state.busy)}"
     if state.vehicle is None:
         return "wait for the vehicle" + ("" if state.simulated else ", or q and connect to another link")
     if state.lost:
@@ -299,15 +308,16 @@ def _next_fly(state: State, vehicle: VehicleSnapshot) -> str:
             return f"R makes {run.label if run else 'the next run'} ready; E ends the card here"
         case _:
             pass
+    to_fit = any(run.mark is Mark.KEEP and "chirp" in run.label for run in state.runs)
     if not vehicle.armed:
-        if any(run.mark is Mark.KEEP for run in state.runs):
+        if to_fit:
             return "2 fits what was flown"
         return "T: the simulated pilot takes off" if state.simulated else "the pilot arms, takes off and hovers; then R"
     if vehicle.mode == SYSTEMID:
         return "an excitation runs that this app did not start; F12 ends it"
-    if any(run.mark is Mark.KEEP for run in state.runs):
+    if to_fit:
         return "2 fits what was flown; R flies the card again into a new folder"
-    if any(run.mark is Mark.AGAIN for run in state.runs):
+    if any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in state.runs):
         return "R flies the card again into a new folder (nothing moves yet)"
     return "R makes the first run ready (nothing moves yet)"
 
@@ -315,19 +325,21 @@ def _next_fly(state: State, vehicle: VehicleSnapshot) -> str:
 def _next_fit(state: State) -> str:
     if state.stage.under_way:
         return "the card is still being flown (1); the fit comes after it"
-    if state.fitted is not None:
-        return "3 designs gains from this TPP"
     if state.flight is None:
         return "1 flies a card first; its flight is fitted here"
-    return f"F fits {state.flight.name}"
+    if state.fitted is None or state.fitted.flight != state.flight:
+        return f"F fits {sanitise(state.flight.name)}"
+    return "3 designs gains on this TPP"
 
 
 def _next_controller(state: State) -> str:
     if state.designed is None:
         return "2 fits a flight first; gains are designed on its TPP" if state.fitted is None else "D designs gains"
     if state.bank is not None and state.bank.active == state.designed.crc:
+        if state.bank.switch_on:
+            return "the LQR flies; card lqr-doublet (1, C) shows how it follows"
         switch = "B" if state.simulated else "the pilot's switch"
-        return f"in the air {switch} puts them on; card lqr-doublet (1, C) shows how it follows"
+        return f"in the air {switch} puts the LQR on; then card lqr-doublet (1, C)"
     if state.vehicle is not None and state.vehicle.armed:
         return (
             "L: the simulated pilot lands; then P" if state.simulated else "the pilot lands and disarms; then P pushes"

@@ -102,6 +102,33 @@ def test_any_other_mode_in_mid_run_ends_it_without_a_command(plan: Plan, mode: i
         assert order is None
 
 
+def test_a_pilot_who_takes_over_right_after_the_start_is_believed_at_once(plan: Plan) -> None:
+    state, order = step(flying(5), seen(0.4, ALT_HOLD, 6), plan)
+    assert (state.phase, state.ending, order) == (Phase.ENDED, Ending.PILOT, None)
+
+
+def test_a_start_that_may_have_arrived_before_the_link_was_lost_is_waited_for(plan: Plan) -> None:
+    state, order = step(RunState(STABILIZE), seen(0.0, STABILIZE, 5), plan)
+    assert order == Order(SYSTEMID)
+    for now, beats in ((0.3, 6), (0.4, 7)):
+        state, _ = step(state, seen(now, STABILIZE, beats), plan)
+    state, _ = step(state, seen(4.0, STABILIZE, 7, lost=True), plan)
+    now = 4.0
+    while now < 6.0:
+        now += 0.1
+        state, order = step(state, seen(now, STABILIZE, 7), plan)
+        assert (state.phase, order) == (Phase.RETURNING, None), "only a new heartbeat tells"
+    state, order = step(state, seen(6.1, SYSTEMID, 8), plan)
+    assert order == Order(STABILIZE)
+
+
+def test_a_failsafe_is_told_apart_from_the_pilot(plan: Plan) -> None:
+    state, _ = step(flying(), seen(4.0, SYSTEMID, 9, texts=("GCS Failsafe",)), plan)
+    state, order = step(state, seen(4.5, RTL, 10), plan)
+    assert (state.ending, order) == (Ending.PILOT, None)
+    assert "'GCS Failsafe'" in state.reason
+
+
 def test_a_heartbeat_that_was_under_way_at_the_start_is_no_pilot(plan: Plan) -> None:
     state = flying(5, confirmed=False)
     state, _ = step(state, seen(0.2, STABILIZE, 6), plan)
@@ -209,12 +236,33 @@ def test_nothing_is_sent_on_a_lost_link_and_a_heartbeat_from_before_decides_noth
     assert (state.phase, state.ending, order) == (Phase.RETURNING, Ending.LINK, None)
     state, order = step(state, seen(12.0, SYSTEMID, 12, lost=True, abort="Ctrl-C"), plan)
     assert order is None
-    state, order = step(state, seen(13.0, SYSTEMID, 12), plan)
+    state, order = step(state, seen(13.1, SYSTEMID, 12), plan)
     assert order is None, "something was heard, but no heartbeat yet"
     _, order = step(state, seen(13.5, SYSTEMID, 13), plan)
     assert order == Order(STABILIZE), "still excited: end it, do not go on"
     home, order = step(state, seen(13.5, RTL, 13), plan)
     assert (home.phase, home.ending, order) == (Phase.ENDED, Ending.LINK, None)
+
+
+def test_heartbeats_that_waited_in_a_buffer_decide_nothing(plan: Plan) -> None:
+    # The program was stopped for 7 s; the failsafe's RTL stands in the buffer behind five old heartbeats.
+    state, _ = step(flying(), seen(8.0, SYSTEMID, 12), plan)
+    state, order = step(state, seen(15.0, SYSTEMID, 12, lost=True), plan)
+    for tick, (mode, beats) in enumerate([(SYSTEMID, 14), (SYSTEMID, 17), (RTL, 18), (RTL, 18)]):
+        state, order = step(state, seen(15.05 + 0.05 * tick, mode, beats), plan)
+        assert order is None
+    state, order = step(state, seen(16.4, RTL, 19), plan)
+    assert (state.phase, state.ending, state.mode_after, order) == (Phase.ENDED, Ending.LINK, "RTL", None)
+
+
+def test_an_abort_after_a_stop_of_our_own_waits_for_news(plan: Plan) -> None:
+    state, _ = step(flying(), seen(8.0, SYSTEMID, 12), plan)
+    state, order = step(state, seen(11.0, SYSTEMID, 12, abort="Ctrl-C"), plan)
+    assert (state.phase, order) == (Phase.RETURNING, None), "no lost link yet, but three seconds of our own missing"
+    state, order = step(state, seen(11.2, SYSTEMID, 14), plan)
+    assert order is None
+    _, order = step(state, seen(12.3, SYSTEMID, 16), plan)
+    assert order == Order(STABILIZE)
 
 
 def test_a_link_that_stays_lost_is_given_up(plan: Plan) -> None:
@@ -226,7 +274,11 @@ def test_a_link_that_stays_lost_is_given_up(plan: Plan) -> None:
 
 def test_a_vehicle_that_will_not_leave_is_told_of_loudly(plan: Plan) -> None:
     state, _ = step(flying(), seen(8.0, SYSTEMID, 12, abort="Ctrl-C"), plan)
-    state, order = step(state, seen(8.0 + STUCK_S + 1, SYSTEMID, 50), plan)
+    order, now = None, 8.0
+    while state.phase is not Phase.ENDED:
+        now += 0.5
+        state, order = step(state, seen(now, SYSTEMID, 12 + int(now)), plan)
+    assert now == pytest.approx(8.0 + STUCK_S, abs=1.0)
     assert (state.phase, state.ending, order) == (Phase.ENDED, Ending.STUCK, None)
     assert "pilot must take it" in state.reason
 

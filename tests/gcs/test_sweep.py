@@ -274,6 +274,23 @@ def test_a_pilot_who_flies_the_excitation_mode_himself_is_left_alone(
     assert not any(mode == SYSTEMID for *_, mode in vehicle.written)
 
 
+def test_no_parameter_is_written_once_the_excitation_mode_is_on(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    plain = vehicle.write
+
+    def write(name: str, value: float) -> None:
+        plain(name, value)
+        if name == "SID_F_START_HZ":
+            vehicle.pilot(SYSTEMID)
+
+    vehicle.write = write  # type: ignore[method-assign]
+    result = fly(session, folder, CHIRP)
+    assert "no parameter is written now" in result.stopped
+    assert modes(vehicle) == []
+    assert [name for _, name, *_ in vehicle.written] == ["SID_AXIS", "SID_MAGNITUDE", "SID_F_START_HZ"]
+
+
 # -------------------------------------------------------------------------------------------- the link
 
 
@@ -586,3 +603,34 @@ def test_the_fake_refuses_as_the_session_does(session: FakeSession) -> None:
 
     with pytest.raises(ProcedureError, match="no answer"):
         session.call(ReadParameter("NO_SUCH", 2))
+
+
+def test_answers_that_are_lost_do_not_turn_table_1_into_another_law(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    session.drop_answers = {"SIDX_LAW": 5, "SIDX_KIND": 2}
+    result = fly(session, folder, CHIRP)
+    assert session.drop_answers == {"SIDX_LAW": 0, "SIDX_KIND": 0}
+    assert result.runs[0].plan.words == "Table 1"
+
+
+def test_a_setting_that_is_not_answered_is_never_overwritten(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    session.drop_answers = {"SID_T_REC": 100}
+    with pytest.raises(ProcedureError, match="SID_T_REC"):
+        fly(session, folder, CHIRP)
+    assert (vehicle.written, vehicle.asked) == ([], [])
+
+
+def test_a_pilot_who_lands_while_somebody_makes_up_his_mind_is_seen(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def think(briefing: Briefing) -> bool:
+        vehicle.armed = False
+        session.sleep(5.0)
+        return True
+
+    with pytest.raises(NotReadyError, match="not armed"):
+        fly(session, folder, CHIRP, confirm=think)
+    assert (vehicle.written, vehicle.asked) == ([], [])

@@ -20,8 +20,8 @@ from gcs.cli import main
 from gcs.cli.interrupts import interrupts
 from gcs.cli.progress import ProgressLines
 from gcs.cli.sim import next_directory
-from gcs.cli.sweep import is_loopback, typed_confirmation
-from gcs.demo import following
+from gcs.cli.sweep import is_loopback, require_terminal, typed_confirmation
+from gcs.demo import DemoError, following, require_same_bytes
 from gcs.envelope import Limits
 from gcs.errors import LinkError, UsageError
 from gcs.flightdir import create
@@ -76,13 +76,14 @@ class Terminal(io.StringIO):
 
 def test_hardware_wants_the_typed_word(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(UsageError, match="--yes does not fly hardware"):
-        typed_confirmation(True)
+        require_terminal(True)
     monkeypatch.setattr(sys, "stdin", io.StringIO("fly\n"))
     with pytest.raises(UsageError, match="on a terminal"):
-        typed_confirmation(False)
+        require_terminal(False)
     for text, answer in (("fly\n", True), ("yes\n", False), ("\n", False), ("", False)):
         monkeypatch.setattr(sys, "stdin", Terminal(text))
-        assert typed_confirmation(False) is answer
+        require_terminal(False)
+        assert typed_confirmation() is answer
     assert "This vehicle is real" in capsys.readouterr().err
 
 
@@ -258,3 +259,14 @@ def test_a_real_sweep_is_ended_by_ctrl_c_and_the_vehicle_is_back_in_its_mode(tmp
             assert session.snapshot().mode_name == "Stabilize"
     log = (tmp_path / "flight" / "flight.BIN").read_bytes()
     assert any(path.read_bytes() == log for path in (tmp_path / "vehicle").glob("*.BIN"))
+
+
+def test_the_log_must_be_a_file_of_the_vehicle_byte_for_byte(tmp_path: Path) -> None:
+    log, own = tmp_path / "flight.BIN", tmp_path / "vehicle"
+    own.mkdir()
+    log.write_bytes(b"abc" * 1000)
+    (own / "vehicle-1.BIN").write_bytes(b"abc" * 999 + b"abd")
+    with pytest.raises(DemoError, match="equals none of the vehicle's own 1 logs"):
+        require_same_bytes(log, own)
+    (own / "vehicle-2.BIN").write_bytes(log.read_bytes())
+    assert require_same_bytes(log, own).name == "vehicle-2.BIN"

@@ -78,9 +78,9 @@ def strip(
     left[-1] = f" {signal.name} {scale}" if rows == 1 else f" {scale}"
     now = f"{known[-1] + 0.0:+.2f} {signal.unit}" if np.isfinite(values[-1]) else f"  ?   {signal.unit}"
     if stale:
-        now = "old   (no link)"
+        now = "no link"
     right = [now, *[""] * (rows - 1)]
-    right[min(1, rows - 1)] = f"{now[:5]} ^{peak:.2f}" if rows == 1 else f"peak {peak:.2f}"
+    right[min(1, rows - 1)] = f"{now[:7].rstrip()} ^{peak:.2f}" if rows == 1 else f"peak {peak:.2f}"
     return [f"{left[i]:<{LEFT}.{LEFT}}{drawn[i]} {right[i]:<{RIGHT - 1}.{RIGHT - 1}}" for i in range(rows)]
 
 

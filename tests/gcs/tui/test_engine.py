@@ -17,7 +17,8 @@ from gcs.flightdir import FlightFolder
 from gcs.logs.live import LiveWindow
 from gcs.preflight import Check, LinkLoss
 from gcs.profile import Plan
-from gcs.sweep import Briefing, Ending, Phase, RunProgress, RunReady, RunResult, SweepResult
+from gcs.sweep import Briefing, Ending, NotReadyError, Phase, RunProgress, RunReady, RunResult, SweepResult
+from gcs.tui import words
 from gcs.tui.engine import FlightEngine, _keep
 from gcs.tui.state import Designed, Fitted, Mark, Stage
 from gcs.vehicle import SYSTEMID, VehicleSnapshot
@@ -66,7 +67,7 @@ class FakeCard:
         self.land = threading.Event()
         self.folder: Path | None = None
 
-    def __call__(self, session, card, *, folder, confirm, on_progress, aborted, about):
+    def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about):
         self.folder = folder.path
         planned = [(run, _plan(run)) for run in card.runs()[:2]]
         loss = LinkLoss("link lost: RETURNS after 5 s", True)
@@ -89,7 +90,16 @@ class FakeCard:
             if ending is not Ending.FINISHED:
                 break
         stopped = "" if results[-1].ending is Ending.FINISHED else results[-1].reason
-        return SweepResult(card, None, tuple(results), 2, FlightFolder(folder.path), None, stopped)
+        return SweepResult(
+            card=card,
+            profile=profile,
+            runs=tuple(results),
+            planned=2,
+            folder=FlightFolder(folder.path),
+            recording=None,
+            stopped=stopped,
+            link_loss=loss,
+        )
 
 
 def _plan(run) -> Plan:
@@ -106,6 +116,7 @@ def _result(run, plan, ending, reason) -> RunResult:
 def engine(monkeypatch, tmp_path):
     card, session = FakeCard(), FakeSession()
     monkeypatch.setattr(gcs.tui.engine, "fly_card", card)
+    monkeypatch.setattr(gcs.tui.engine, "require_flyable", lambda session, card: None)
     made = FlightEngine("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
     made.fake_card, made.fake_session = card, session
     reach(made, Stage.IDLE)
@@ -186,6 +197,19 @@ def test_abort_while_ready_calls_off_and_moves_nothing(engine):
     assert engine.fake_card.flown == []
 
 
+def test_abort_on_the_heels_of_a_start_wins(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    with engine._lock:  # the card's thread cannot see the start before the abort
+        engine.start()
+        engine.abort()
+    assert not engine.fake_card.flying.wait(0.25)
+    assert engine.state().stage is Stage.HELD
+    engine.end_card()
+    reach(engine, Stage.IDLE)
+    assert engine.fake_card.flown == []
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
@@ -224,6 +248,18 @@ def test_a_fault_in_the_card_is_told_and_ends_it(engine, monkeypatch):
     engine.ready()
     until(lambda: "no such thing" in engine.state().said)
     assert engine.state().stage is Stage.IDLE
+
+
+def test_a_card_that_cannot_be_flown_leaves_no_folder(engine, monkeypatch, tmp_path):
+    def refuse(session, card):
+        raise NotReadyError("not ready: not armed")
+
+    monkeypatch.setattr(gcs.tui.engine, "require_flyable", refuse)
+    engine.ready()
+    until(lambda: engine.state().said == "not ready: not armed")
+    reach(engine, Stage.IDLE)
+    assert list(tmp_path.iterdir()) == []
+    assert engine.state().flight is None
 
 
 def test_f12_ends_an_excitation_of_somebody_else(engine):
@@ -270,14 +306,15 @@ def test_telemetry_is_shown_until_the_log_comes(engine):
     assert np.isnan(window.delta_x).all()
 
 
-def test_another_flight_makes_the_old_fit_go_and_keeps_the_gains_that_name_theirs(engine, tmp_path):
-    fitted = Fitted(tmp_path, (), (), "", (), ())
+def test_another_flight_keeps_fit_and_gains_that_name_theirs(engine, tmp_path):
+    fitted = Fitted(tmp_path / "flight-0001", (), (), "", (), ())
     engine._set(fitted=fitted, designed=Designed("", tmp_path / "gains.json", 1, ""))
     engine.open_flight(str(tmp_path))
-    assert engine.state().fitted is None
-    assert engine.state().designed.path == tmp_path / "gains.json"
-    with pytest.raises(TippathError, match="no fit yet"):
-        engine.design()
+    state = engine.state()
+    assert (state.flight, state.fitted.flight, state.designed.crc) == (tmp_path, tmp_path / "flight-0001", 1)
+    assert words.next_words(state, "Fit") == f"F fits {tmp_path.name}"
+    with pytest.raises(TippathError, match="no such folder"):
+        engine.open_flight(str(tmp_path / "nowhere"))
 
 
 def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):

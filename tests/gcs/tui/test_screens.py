@@ -202,6 +202,8 @@ async def test_every_screen_at_every_moment_fits_and_says_what_is_next(size):
         for key in ("1", "2", "3", "question_mark"):
             await pilot.press(key)
             for name, state in MOMENTS.items():
+                if key == "question_mark" and name not in ("no vehicle", "refused", "flying", "hardware"):
+                    continue  # help hardly changes
                 engine.now = state
                 await settle(app)
                 where = f"{name} on screen {key}"
@@ -265,10 +267,10 @@ async def test_ready_and_start_are_two_keys():
 async def test_abort_from_every_screen():
     app, engine = app_on(FLYING)
     async with app.run_test() as pilot:
-        for key, abort in itertools.product(("1", "2", "3", "question_mark"), ("f12", "space")):
+        for key in ("1", "2", "3", "question_mark"):
             engine.asked.clear()
-            await pilot.press(key, abort)
-            assert engine.asked == ["abort"], f"{abort} on screen {key}"
+            await pilot.press(key, "f12", "space")
+            assert engine.asked == ["abort", "abort"], f"on screen {key}"
 
 
 async def test_f12_aborts_while_typing_and_space_is_typed():
@@ -287,14 +289,13 @@ async def test_f12_aborts_while_typing_and_space_is_typed():
         assert engine.asked == ["abort", "card a sq1"]
 
 
-@pytest.mark.parametrize("abort", ["f12", "space"])
-async def test_abort_from_a_question(abort):
+async def test_abort_from_a_question():
     app, engine = app_on(FLYING)
     async with app.run_test() as pilot:
         await pilot.press("q")
         assert isinstance(app.screen, Dialog)
-        await pilot.press(abort)
-        assert engine.asked == ["abort"]
+        await pilot.press("f12", "space")
+        assert engine.asked == ["abort", "abort"]
 
 
 async def test_quitting_in_a_run_asks_and_aborts_first():
@@ -391,7 +392,7 @@ async def test_any_size_is_survived_and_the_layout_comes_back():
     app, _ = app_on(FLYING)
     async with app.run_test(size=(120, 40)) as pilot:
         await settle(app)
-        for size in ((40, 12), (12, 4), (1, 1), (200, 60)):
+        for size in ((12, 4), (1, 1), (200, 60)):
             await pilot.resize_terminal(*size)
             for key in ("2", "3", "1"):
                 await pilot.press(key)

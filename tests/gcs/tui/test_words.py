@@ -133,3 +133,18 @@ def test_long_words_are_cut_and_short_ones_left(width):
     assert all(cell_len(line) <= max(width, 20) for line in words.wrapped("  " + "word " * 50, width))
     assert len(words.notice_lines("word " * 500, 80, 3)) == 3
     assert words.notice_lines("", 80, 3) == []
+
+
+def test_what_a_lost_link_does_is_told_in_full_before_a_start():
+    long = "link lost: the sweep RUNS ON (the failsafe listens to station 255, this is 254; --primary takes its place)"
+    ready = replace(STATE, stage=Stage.READY, link_loss=long)
+    assert words.caution(ready, 80) == long
+    assert words.caution(ready, 200) == "", "there the whole of it stands on its line"
+    assert words.caution(replace(ready, stage=Stage.FLYING), 80) == ""
+    assert words.caution(replace(ready, link_loss="link lost: RETURNS after 5 s"), 80) == ""
+
+
+def test_in_a_lost_link_the_tool_does_not_claim_to_abort():
+    lost = replace(STATE, stage=Stage.ABORTING, vehicle=replace(VEHICLE, lost=True))
+    assert "nothing is sent" in words.progress_line(lost, 80, "braille")
+    assert words.next_words(lost, "Fly").startswith("the PILOT ends it")
