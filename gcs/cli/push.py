@@ -60,9 +60,7 @@ def run(args: argparse.Namespace) -> int:
     if result.committed and result.previous_crc:
         print(f"`tippath revert` goes back to the set before, {result.previous_crc:06x}")
     elif result.committed:
-        print(
-            "it is the vehicle's first set: until the next one there is nothing to revert to; the way back is the switch"
-        )
+        print("it is the vehicle's first set: nothing to revert to until the next; the way back is the pilot's switch")
     switch = {True: "the LQR", False: "the autopilot's own controller", None: "unknown"}[result.switch_on]
     print(f"the pilot's switch selects: {switch}")
     return 0
