@@ -121,6 +121,8 @@ class Server:
         self._peers = {address: _Peer(link, address, vehicle.time_s) for address in link.known}
         self._delivery: _Delivery | None = None
         self._text_id = 0
+        self._told = (vehicle.mode, vehicle.armed)
+        """What the last heartbeat said."""
         self._parser = mavlink.MAVLink(None)
         self._answers: dict[int, Callable[[_Peer, Message], None]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._hear_heartbeat,
@@ -143,7 +145,10 @@ class Server:
         for address in self.link.gone():
             self._peers.pop(address, None)
         self._send_texts()
+        told, self._told = self._told, (self.vehicle.mode, self.vehicle.armed)
         for peer in list(self._peers.values()):
+            if told != self._told:  # as ArduPilot: a change of mode is told at once
+                peer.due_s[mavlink.MAVLINK_MSG_ID_HEARTBEAT] = now_s
             if now_s - peer.heard_s > _FORGET_S and peer.address not in self.link.known:
                 del self._peers[peer.address]
                 continue
