@@ -5,7 +5,9 @@ The same functions serve the command line, the app and the demo.
 
 from __future__ import annotations
 
+import math
 import textwrap
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +15,7 @@ from pathlib import Path
 from gcs.errors import TippathError
 from sysid.checks import Check, eigenfrequency_checks
 from sysid.identify import identify, judge
+from sysid.implied import Implied, Vehicle
 from sysid.model import Model
 from sysid.preprocess import DEFAULT_BAND_HZ
 from sysid.record import Record
@@ -23,6 +26,10 @@ from sysid.structures import CD, TPP, reduce_to_cd
 Band = tuple[float, float]
 
 # What the paper found on the real vehicle; shown beside, never mixed in.
+GUIDE_CRAMER_RAO = 20.0
+GUIDE_INSENSITIVITY = 10.0
+"""Percent; what engineers accept of a parameter (Tischler and Remple)."""
+
 PAPER_MODES = {"tpp": ((1.64, 0.39), (5.04, 0.22)), "cd": ((1.54, 0.35),)}
 PAPER_NRMSE = {
     ("tpp", "chirps"): (77.8, 77.3),
@@ -154,8 +161,9 @@ def wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
 def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
     """One fit for people."""
     structure = fit.model.structure
+    count = f"{len(fit.records)} run{'s' if len(fit.records) != 1 else ''}"
     lines = [
-        f"{structure.base.upper()} fitted to {len(fit.records)} run{'s' if len(fit.records) != 1 else ''}, "
+        f"{' + '.join([structure.base.upper(), *structure.effects])} fitted to {count}, "
         f"{fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz",
         "",
     ]
@@ -169,15 +177,59 @@ def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
     lines += [f"  {mode.frequency_hz:26.3f}        {mode.damping_ratio:8.3f}" for mode in fit.model.modes]
     if not fit.stable:
         lines.append("  unstable: see the warnings")
-    lines += ["", "parameter           value ± standard error       unit      Cramer-Rao, %"]
-    for parameter, value, error in zip(structure.parameters, fit.model.values, fit.standard_errors, strict=True):
-        share = f"{100 * error / abs(value):8.1f}" if value else "       -"
-        mark = "  implausible" if parameter.implausible(float(value)) else ""
-        lines.append(f"  {parameter.name:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8} {share}{mark}")
+    lines += ["", "parameter           value ± standard error       unit      Cramer-Rao, %  insensitivity, %"]
+    for parameter, value, error, alone in zip(
+        structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
+    ):
+        marks = []
+        if parameter.implausible(float(value)):
+            marks.append("implausible")
+        if parameter.name in fit.fixed or parameter.name in fit.at_bound:
+            marks.insert(0, "held" if parameter.name in fit.fixed else "at its bound")
+            figures = f"{'':13}     {parameter.unit:8}"
+        else:
+            share = 100 * error / abs(value) if value else math.inf
+            figures = f"± {error:<10.2g}      {parameter.unit:8} {share:8.1f} {alone:13.1f}"
+            if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
+                marks.append(f"above the guides of {GUIDE_CRAMER_RAO:g} and {GUIDE_INSENSITIVITY:g} %")
+        lines.append(f"  {parameter.name:12} {value:12.4f} {figures}  {', '.join(marks)}".rstrip())
+    if len(fit.lineage) > 1:
+        lines += ["", "ladder                              p         q"]
+        for rung in fit.lineage:
+            name = structure.base.upper() if not rung.effects else f"+ {rung.effects[-1]}"
+            lines.append(f"  {name:26} {rung.nrmse_percent['p']:8.1f}  {rung.nrmse_percent['q']:8.1f}")
     if checks:
         lines += ["", checks_text(checks)]
     for text in fit.warnings:
         lines += ["", *wrapped(f"warning: {text}", rest="  ")]
+    return "\n".join(lines)
+
+
+def load_vehicle(path: Path) -> Vehicle:
+    """A vehicle file: k_beta, and mass, arm, I_xx, I_yy where measured, in SI. Raises TippathError."""
+    try:
+        with path.open("rb") as stream:
+            said = tomllib.load(stream)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise TippathError(f"{path}: not TOML ({error})") from error
+    known = ("k_beta", "mass", "arm", "I_xx", "I_yy")
+    for name, value in said.items():
+        if name not in known:
+            raise TippathError(f"{path}: unknown key {name}; there are {', '.join(known)}")
+        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 < value < 1e6:
+            raise TippathError(f"{path}: {name} must be a positive number in SI units")
+    if "k_beta" not in said:
+        raise TippathError(f"{path}: k_beta is missing, the blade spring in N m/rad")
+    return Vehicle(**{name: float(value) for name, value in said.items()})
+
+
+def implied_text(figures: Sequence[Implied]) -> str:
+    """What the fit implies about the vehicle, beside what was measured."""
+    lines = ["implied by the fit           value   measured"]
+    for one in figures:
+        measured = "" if one.measured is None else f"{one.measured:10.3f}"
+        mark = "   implausible: a clue that something is missing" if one.implausible else ""
+        lines.append(f"  {one.name:20} {one.value:10.3f} {measured:10} {one.unit}{mark}")
     return "\n".join(lines)
 
 

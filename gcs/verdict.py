@@ -84,7 +84,8 @@ def judge(
 ) -> Verdict:
     """The verdict on one run.
 
-    `samples` has arrays of shape (n,) under t, p, q, delta_x, delta_y, excitation_x, excitation_y, cut to the maneuver;
+    `samples` has arrays of shape (n,) under t, p, q, delta_x, delta_y, excitation_x, excitation_y, cut to the maneuver,
+    and under delta_e, excitation_e where they are known;
     `rate_hz` is the log's nominal rate, None where it is not known; `interruption` says why the run ended early.
     """
     t = samples["t"]
@@ -127,12 +128,13 @@ def _gaps(t: FloatArray, spacing: float | None) -> tuple[int, float]:
 
 def _input(plan: Plan, samples: Mapping[str, FloatArray]) -> FloatArray:
     """What was put in on the excited axis: the excitation where it is logged, else the command."""
-    letter = "x" if plan.maneuver.axis == "roll" else "y"
-    excitation = samples["excitation_" + letter]
+    letter = {"roll": "x", "pitch": "y", "elevator": "e"}[plan.maneuver.axis]
+    unknown = np.full(samples["t"].shape, np.nan)
+    excitation = samples.get("excitation_" + letter, unknown)
     known = np.isfinite(excitation)
     if known.mean() > 0.99 and np.any(excitation[known]):
         return np.where(known, excitation, 0.0)
-    return samples["delta_" + letter]
+    return np.nan_to_num(samples.get("delta_" + letter, unknown))
 
 
 def coherent_band(
@@ -192,5 +194,6 @@ def _unanswered(plan: Plan, samples: Mapping[str, FloatArray]) -> list[str]:
 def cut(window: LiveWindow, start_s: float, stop_s: float) -> dict[str, FloatArray]:
     """The samples with start_s <= t <= stop_s of the log's time, as `judge` wants them."""
     keep = (window.t >= start_s) & (window.t <= stop_s)
-    names = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y")
-    return {name: getattr(window, name)[keep] for name in names}
+    names = ("t", "p", "q", "delta_x", "delta_y", "delta_e", "excitation_x", "excitation_y", "excitation_e")
+    known = {name: getattr(window, name) for name in names}
+    return {name: values[keep] for name, values in known.items() if values is not None}

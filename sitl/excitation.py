@@ -11,7 +11,7 @@ import random
 from dataclasses import dataclass
 
 KINDS = ("chirp", "doublet", "quiet")
-AXES = ("roll", "pitch", "rate_roll", "rate_pitch")
+AXES = ("roll", "pitch", "elevator", "rate_roll", "rate_pitch")
 PULSES_PER_DOUBLET = 6  # two pulses, then four of rest, so that the answer dies out
 
 
@@ -104,6 +104,8 @@ class Excitation:
             target = s.magnitude * _doublet(s, t)
         if s.axis.endswith("roll"):
             x += target
+        elif s.axis == "elevator":
+            e += target
         else:
             y += target
         return ExcitationSample(x, y, e, target, frequency_hz, False)

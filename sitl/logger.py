@@ -16,8 +16,8 @@ from typing import Protocol
 BLOCK_BYTES = 200
 _HEAD = (0xA3, 0x95)
 _HEAD_BYTES = 3
-_TYPES = {"M": "B", "n": "4s", "N": "16s", "Z": "64s"}
-"""DataFlash letters that `struct` calls otherwise; the rest of those used here are the same."""
+_TYPES = {"M": "B", "c": "h", "n": "4s", "N": "16s", "Z": "64s"}
+"""DataFlash letters that `struct` calls otherwise; the rest of those used here are the same. c is in hundredths."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,14 @@ FORMATS = (
         "F?????????BB--",
     ),
     Format(113, "RPM", "QBffB", "TimeUS,I,RPM,Qual,H", "s#q--", "F-000"),
+    Format(
+        112,
+        "ARSP",
+        "QBffcffBBffB",
+        "TimeUS,I,Airspeed,DiffPress,Temp,RawPress,Offset,U,H,Hp,TR,Pri",
+        "s#nPOPP-----",
+        "F-00B00-----",
+    ),
     Format(10, "SIDS", "QBfffffff", "TimeUS,Ax,Mag,FSt,FSp,TFin,TC,TR,TFout", "s--zzssss", "F--------"),
     Format(9, "SIDD", "Qfffffffff", "TimeUS,Time,Targ,F,Gx,Gy,Gz,Ax,Ay,Az", "ss-zkkkooo", "F---------"),
     # This vehicle's own: the added excitation and the commands that RATE does not carry, and what SIDS leaves out.
@@ -77,7 +85,10 @@ _UNITS = {
     "d": "deg",
     "h": "degheading",
     "k": "deg/s",
+    "n": "m/s",
     "o": "m/s/s",
+    "O": "degC",
+    "P": "Pa",
     "q": "rpm",
     "s": "s",
     "z": "Hz",

@@ -108,7 +108,7 @@ def highres_imu(vehicle: Vehicle) -> Message:
 def vfr_hud(vehicle: Vehicle) -> Message:
     heading = round(math.degrees(vehicle.yaw)) % 360
     throttle = round(50 * (1 + vehicle.commands[3]))
-    return mavlink.MAVLink_vfr_hud_message(vehicle.plant.airspeed, 0.0, heading, throttle, vehicle.height_m, 0.0)
+    return mavlink.MAVLink_vfr_hud_message(vehicle.airspeed, 0.0, heading, throttle, vehicle.height_m, 0.0)
 
 
 def global_position_int(vehicle: Vehicle) -> Message:

@@ -4,9 +4,9 @@ It needs no socket and no clock: `step` advances it by 2 ms, so a minute of flig
 A sample is one instant t_k: the gyro is read, the command computed from it and held until t_(k+1); both are logged
 with t_k.
 
-What is scripted, not modelled: taking off and landing (a few seconds each; on the ground the plant stands still),
-height, position, and the battery. In RTL it hovers where it is and does not land. The collective holds a constant
-and wanders a little, as a pilot's hand does.
+What is scripted, not modelled: taking off and landing (a few seconds each, in forward flight, too; on the ground the
+plant stands still), height, position, and the battery. In RTL it stays where it is and does not land. The collective
+holds a constant and wanders a little, as a pilot's hand does.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ _FIRST_SAMPLE_US = 1_000_000  # a real autopilot has been up for a while, too, b
 _HOUSEKEEPING_STEPS = 5
 _ATT_US = 100_000
 _RPM_US = 25_000
+_ARSP_US = 20_000
 
 _SPOOL_US = 2_000_000
 _CLIMB_US = 2_000_000
@@ -56,6 +57,9 @@ _CRASH_LEAN = 1.4  # rad
 _CRASH_RATE = 25.0  # rad/s
 
 _DEG = 180 / math.pi
+
+_AIR_DENSITY = 1.225
+_AIR_TEMPERATURE_CDEG = 1500
 
 
 class Mode(IntEnum):
@@ -107,7 +111,8 @@ class _Event(IntEnum):
     AIRBORNE = 28
 
 
-_AXES = {10: "roll", 11: "pitch", 7: "rate_roll", 8: "rate_pitch"}
+# ArduPilot ends at 19; 20 is this vehicle's own.
+_AXES = {10: "roll", 11: "pitch", 7: "rate_roll", 8: "rate_pitch", 20: "elevator"}
 _KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
 _LAWS = {0: "ardupilot", 1: "tischler"}
 
@@ -183,7 +188,7 @@ class Vehicle:
         self._ground_heard_us: int | None = None
         self._ground_lost = False
         self._until_housekeeping = 1
-        self._next_att_us = self._next_rpm_us = self.time_us
+        self._next_att_us = self._next_rpm_us = self._next_arsp_us = self.time_us
         if not on_ground:
             self._enter(Phase.HOVERING)
             self.height_m = HOVER_HEIGHT_M
@@ -208,6 +213,11 @@ class Vehicle:
     def attitude(self) -> tuple[float, float]:
         """phi, theta in rad; level on the ground."""
         return (0.0, 0.0) if self.landed else (self.plant.phi, self.plant.theta)
+
+    @property
+    def airspeed(self) -> float:
+        """m/s; none on the ground."""
+        return 0.0 if self.landed else self.plant.airspeed
 
     @property
     def rotor_rpm(self) -> float:
@@ -402,7 +412,7 @@ class Vehicle:
         if axis == 0:
             return "No axis selected, SID_AXIS = 0"
         if axis not in _AXES:
-            return f"SID_AXIS = {axis}: this vehicle has 7, 8, 10, 11"
+            return f"SID_AXIS = {axis}: this vehicle has 7, 8, 10, 11, 20"
         if self.landed:
             return "Aircraft must be flying"
         if self.mode is not Mode.STABILIZE:
@@ -585,6 +595,11 @@ class Vehicle:
         if time_us >= self._next_rpm_us:
             self._next_rpm_us = time_us - time_us % _RPM_US + _RPM_US
             log.write("RPM", time_us, 0, self.rotor_rpm, 1.0, 1)
+        if self.plant.has_pitot and time_us >= self._next_arsp_us:
+            self._next_arsp_us = time_us - time_us % _ARSP_US + _ARSP_US
+            pressure = 0.5 * _AIR_DENSITY * self.airspeed**2
+            air = (self.airspeed, pressure, _AIR_TEMPERATURE_CDEG, pressure)
+            log.write("ARSP", time_us, 0, *air, 0.0, 1, 1, 1.0, 0.0, 0)
         if time_us >= self._next_att_us:
             self._next_att_us = time_us - time_us % _ATT_US + _ATT_US
             phi, theta = self.attitude

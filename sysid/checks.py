@@ -12,6 +12,7 @@ import numpy as np
 
 from sysid.fit import FitError, estimate, held_stable, output_error, start
 from sysid.model import Model, Structure
+from sysid.predict import stack
 from sysid.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
 from sysid.record import Record
 
@@ -103,18 +104,19 @@ def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
     data without independent excitation looks so. The refits show what stable poles and late commands would give.
     """
     real = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
-    free = output_error(model, found).nrmse_percent
+    stacks = stack(found)
+    free = output_error(model, stacks).nrmse_percent
     said = [
         f"the model is unstable (pole at {real:+.1f} 1/s): do not simulate it or design on it; "
         "a pilot or controller in the loop, without independent excitation, makes data look so"
     ]
     try:
-        p, q = held_stable(model, found)[1].nrmse_percent
+        p, q = held_stable(model, stacks)[1].nrmse_percent
         said.append(
             f"with the poles held stable it reaches only p {p:.0f} / q {q:.0f} %, "
             f"free p {free[0]:.0f} / q {free[1]:.0f} %"
         )
-        late = lateness(model.structure, found)
+        late = lateness(Structure(model.structure.base_), found)
         if late is not None:
             said.append(late)
     except FitError as error:
@@ -128,13 +130,13 @@ LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
     """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not."""
-    base = _cost(start(structure, found), found)
+    base = _cost(structure, found)
     parts, least = [], np.inf
     for kind in ("lag", "delay"):
         costs = []
         for late_s in LATENESS_S:
             delayed = [_late(one, kind, late_s) for one in found]
-            costs.append(_cost(start(structure, delayed), delayed))
+            costs.append(_cost(structure, delayed))
         late_s = LATENESS_S[int(np.argmin(costs))]
         least = min(least, *costs)
         p, q = estimate(structure, [_late(one, kind, late_s) for one in found]).error.nrmse_percent
@@ -144,11 +146,12 @@ def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
     return f"something is late between command and rate: {', '.join(parts)}; these data do not separate the two"
 
 
-def _cost(model: Model, found: Sequence[Spectrum]) -> float:
-    return float(np.sum(np.log(output_error(model, found).residual_power)))
+def _cost(structure: Structure, found: Sequence[Spectrum]) -> float:
+    stacks = stack(found)
+    return float(np.sum(np.log(output_error(start(structure, stacks), stacks).residual_power)))
 
 
 def _late(one: Spectrum, kind: str, late_s: float) -> Spectrum:
     s = 2j * np.pi * one.frequency_hz
     factor = 1 / (1 + s * late_s) if kind == "lag" else np.exp(-s * late_s)
-    return replace(one, U=one.U * factor[:, None])
+    return replace(one, U=one.U * factor)

@@ -1,35 +1,47 @@
-"""Output-error fits of linear structures in the Fourier domain, without start values.
+"""Output-error fits in the Fourier domain: bare bases without start values, compositions from their parents.
 
-The measured samples enter once, as Fourier bins up to 15 Hz. First the structure's equation error, linear in its
-coefficients, reweighted by the last denominator (Sanathanan and Koerner), gives a start; then Gauss-Newton
-steps with halving minimise the output error. Each segment's difference between first and last state is an extra
-linear unknown, projected out, so that the bins are exact for records that are not periodic.
+The measured samples enter once, as Fourier bins up to 15 Hz. The base's equation error, linear in its coefficients
+and reweighted by its own last denominator (Sanathanan and Koerner), gives a start; Gauss-Newton steps with halving
+minimise the output error. Each segment's difference between first and last state is an extra linear unknown,
+projected out, so that the bins are exact for records that are not periodic.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sysid.errors import SysidError
-from sysid.model import AnyArray, FloatArray, Model, Structure, discrete_sensitivities, discretise
+from sysid.instrument import instruments
+from sysid.model import AnyArray, FloatArray, Model, Structure
+from sysid.polynomial import FORMS, Form, Regressors, inverse, through
+from sysid.predict import RelaxationError, Response, Stack, respond, stack
 from sysid.preprocess import ComplexArray, Spectrum
 
-REWEIGHTINGS = 4
+REWEIGHTINGS = 3
+START_THINNING = 4
 FIRST_SLOPES = (0.0, 1.0)
 """Powers of frequency that weigh the first equation error down: gusts ask for none, sensor noise for more."""
 CORNER = 3.0  # rad/s
 MAXIMUM_STEPS = 60
-TOLERANCE = 1e-8
-WEIGHING_ROUNDS = 8
+TOLERANCE = 1e-7  # of the summed logarithms of residual power: 0.02 standard errors
+SMALLEST_LENGTH = 1e-5
+TRIAL_STEPS = 3
 STABILITY_PUSHES = (0.03, 0.3, 3.0, 30.0)
 STABILITY_MARGIN = 0.1  # 1/s
 SMOOTHING_HZ = 1.0
 LEAST_COMMAND = 2e-4  # rms of full command in the band: one step of a 12-bit servo
 LEAST_INDEPENDENT_SHARE = 0.002
 LARGEST_RELATIVE_ERROR = 0.25
+SHARE_BAND_HZ = 0.5
+ENDS_RANK = 1e-10
+LARGEST_SEARCH = 24
+UNBIASING_STEPS = 8
+WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
 
 
 class FitError(SysidError):
@@ -41,9 +53,9 @@ class OutputError:
     """What a model leaves unexplained, end states projected out."""
 
     residuals: list[ComplexArray]
-    """For every segment (bins, k)."""
+    """For every segment (k, bins)."""
     measured_power: FloatArray
-    """(k,), summed over all bins of all segments."""
+    """(k,), mean square times samples, summed over all segments."""
     residual_power: FloatArray
     """(k,)"""
 
@@ -59,250 +71,482 @@ class Estimate:
 
     model: Model
     covariance: FloatArray
-    """(parameters, parameters), honest under coloured residuals."""
+    """(parameters, parameters), honest under coloured residuals; zero for held parameters."""
     error: OutputError
-
-
-def simulate_bins(model: Model, spectrum: Spectrum) -> tuple[ComplexArray, ComplexArray]:
-    """Outputs and the response to end states, exact for commands held between samples.
-
-    Returns Y (bins, k) and the columns of the end states (bins, k, n).
-    """
-    A, B, C, _ = model.matrices
-    Ad, Bd = discretise(A, B, spectrum.dt)
-    R = _resolvent(Ad, spectrum.z)
-    X = (R @ (spectrum.U @ Bd.T)[:, :, None])[:, :, 0]
-    return X @ C.T, spectrum.z[:, None, None] * (C @ R)
-
-
-def _resolvent(Ad: AnyArray, z: ComplexArray) -> ComplexArray:
-    return np.asarray(np.linalg.inv(z[:, None, None] * np.eye(Ad.shape[0]) - Ad))
-
-
-def _real(x: ComplexArray) -> FloatArray:
-    """(bins, k, ...) complex -> (2 bins k, ...) real."""
-    flat = x.reshape(x.shape[0] * x.shape[1], *x.shape[2:])
-    return np.concatenate([flat.real, flat.imag])
-
-
-def _complex(x: FloatArray, shape: tuple[int, ...]) -> ComplexArray:
-    half = x.shape[0] // 2
-    return np.asarray((x[:half] + 1j * x[half:]).reshape(shape))
-
-
-def output_error(model: Model, spectra: Sequence[Spectrum]) -> OutputError:
-    """What the model leaves of each segment after its own trim and end states."""
-    residuals = []
-    for one in spectra:
-        Y, ends = simulate_bins(model, one)
-        basis, _ = np.linalg.qr(_real(ends))
-        e = _real(one.Y - Y)
-        residuals.append(_complex(e - basis @ (basis.T @ e), one.Y.shape))
-    # every bin but zero stands for two of the full transform; 2/n^2 makes it a mean square, n weighs by samples
-    scale = [2 / one.samples for one in spectra]
-    power = sum(s * np.sum(np.abs(e) ** 2, axis=0) for s, e in zip(scale, residuals, strict=True))
-    measured = sum(s * np.sum(np.abs(one.Y) ** 2, axis=0) for s, one in zip(scale, spectra, strict=True))
-    return OutputError(residuals, np.asarray(measured), np.asarray(power))
-
-
-def start(structure: Structure, spectra: Sequence[Spectrum]) -> Model:
-    """A start from the data alone: equation error, reweighted by its own last denominator."""
-    equation = structure.equation_error
-    order, k = equation.order, len(structure.outputs)
-    measured = np.sqrt(sum(np.sum(np.abs(one.Y) ** 2, axis=0) for one in spectra))
-    blocks = []
-    for one in spectra:
-        s = 2j * np.pi * one.frequency_hz
-        hold = np.sinc(one.frequency_hz * one.dt) * np.exp(-0.5 * s * one.dt)
-        ends = np.zeros((s.size, k, k * order), dtype=complex)
-        for power in range(order):
-            for axis in range(k):
-                ends[:, axis, power * k + axis] = s**power
-        target = (s**order)[:, None] * one.Y
-        blocks.append((s, equation.regressors(s, one.Y, one.U * hold[:, None]), ends, target, one.samples**-0.5))
-    best: tuple[float, Model] | None = None
-    for slope in FIRST_SLOPES:
-        coefficients: FloatArray | None = None
-        for _ in range(REWEIGHTINGS):
-            rows, rights = [], []
-            for s, regressors, ends, target, scale in blocks:
-                if coefficients is None:
-                    weight = np.eye(k) / (CORNER + np.abs(s[:, None, None])) ** slope
-                else:
-                    weight = np.linalg.inv(equation.denominator(s, coefficients))
-                weight = weight * (scale / measured[:, None])
-                basis, _ = np.linalg.qr(_real(weight @ ends))
-                left, right = _real(weight @ regressors), _real((weight @ target[:, :, None])[:, :, 0])
-                rows.append(left - basis @ (basis.T @ left))
-                rights.append(right - basis @ (basis.T @ right))
-            left = np.concatenate(rows)
-            size = np.linalg.norm(left, axis=0)
-            if np.any(size == 0) or not np.all(np.isfinite(size)):
-                break
-            coefficients = np.linalg.lstsq(left / size, np.concatenate(rights), rcond=None)[0] / size
-            with np.errstate(all="ignore"):
-                values = equation.to_parameters(coefficients)
-            if not np.all(np.isfinite(values)):
-                break
-            model = Model(structure, values)
-            cost = float(np.sum(np.log(output_error(model, spectra).residual_power)))
-            if np.isfinite(cost) and (best is None or cost < best[0]):
-                best = (cost, model)
-    if best is None:
-        raise FitError("the data do not determine the model: the commands hardly move, or move together")
-    return best[1]
+    at_bound: tuple[str, ...] = field(default=())
+    instrumented: bool = False
+    """The logged excitation served as instrument, so that feedback does not bias the values."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Linearised:
-    residual: FloatArray
-    jacobian: FloatArray
-    parts: list[tuple[ComplexArray, ComplexArray]]
-    """For every segment the residual (bins, k) and the Jacobian (bins, k, parameters), projected, unweighted scale."""
+class _Normal:
+    """Normal equations of one weighted linearisation, end states projected out."""
+
+    power: FloatArray
+    """(k,), of the residual, as if unweighted; the weights are constant over frequency."""
+    curvature: FloatArray
+    gradient: FloatArray
 
 
-def _weighted(model: Model, spectra: Sequence[Spectrum], weights: Sequence[FloatArray], need: bool) -> _Linearised:
-    """Residual and Jacobian of all segments with weights (bins, k), each segment's end states projected out."""
-    structure, C = model.structure, model.matrices.C
-    by_dt: dict[float, tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = {}
-    residuals, jacobians, parts = [], [], []
-    for one, weight in zip(spectra, weights, strict=True):
-        if one.dt not in by_dt:
-            by_dt[one.dt] = discrete_sensitivities(structure, model.values, one.dt)
-        Ad, Bd, dAd, dBd = by_dt[one.dt]
-        R = _resolvent(Ad, one.z)
-        X = (R @ (one.U @ Bd.T)[:, :, None])[:, :, 0]
-        CR = C @ R
-        basis, _ = np.linalg.qr(_real(weight[:, :, None] * one.z[:, None, None] * CR))
-        e = _real(weight * (one.Y - X @ C.T))
-        e = e - basis @ (basis.T @ e)
-        residuals.append(e)
-        if need:
-            known = np.hstack([X, one.U])
-            changes = np.concatenate([dAd, dBd], axis=2).reshape(-1, known.shape[1])
-            drive = (known @ changes.T).reshape(one.z.size, -1, Ad.shape[0]).transpose(0, 2, 1)
-            J = _real(weight[:, :, None] * (CR @ drive))
-            J = J - basis @ (basis.T @ J)
-            jacobians.append(J)
-            parts.append((_complex(e, one.Y.shape), _complex(J, (*one.Y.shape, model.values.size))))
-    return _Linearised(np.concatenate(residuals), np.concatenate(jacobians) if need else np.zeros((0, 0)), parts)
+def rows(x: ComplexArray) -> FloatArray:
+    """(r, k, bins) complex -> (r, 2 k bins) real, so that real products are real parts."""
+    real: FloatArray = np.ascontiguousarray(x).reshape(x.shape[0], -1).view(float)
+    return real
 
 
-def minimise(model: Model, spectra: Sequence[Spectrum], weights: Sequence[FloatArray]) -> Model:
-    """Gauss-Newton with step halving on the weighted output error."""
-    for _ in range(MAXIMUM_STEPS):
-        here = _weighted(model, spectra, weights, True)
-        cost = float(here.residual @ here.residual)
-        size = np.linalg.norm(here.jacobian, axis=0)
-        size[size == 0] = 1
-        move = np.linalg.lstsq(here.jacobian / size, here.residual, rcond=1e-10)[0] / size
+def _project(E: FloatArray, others: FloatArray) -> FloatArray:
+    """Rows of `others` (r, N) less what the rows of E (n, N) explain of them."""
+    size = np.sqrt(np.einsum("ij,ij->i", E, E))
+    scaled = E / np.where(size > 0, size, 1.0)[:, None]
+    inner, axes = np.linalg.eigh(scaled @ scaled.T)
+    keep = inner > ENDS_RANK * inner[-1]
+    basis = (axes[:, keep] / np.sqrt(inner[keep])).T @ scaled
+    rest: FloatArray = others - (others @ basis.T) @ basis
+    return rest
+
+
+def output_error(model: Model, stacks: Sequence[Stack]) -> OutputError:
+    """What the model leaves of each segment after its own trim and end states."""
+    residuals = []
+    measured, left = np.zeros(2), np.zeros(2)
+    for group in stacks:
+        response = respond(model.structure, model.values, group, False)
+        e = group.Y - response.Y
+        for part in group.slices:
+            scale = group.scale[part.start]
+            rest = _project(rows(response.E[..., part]), rows(e[None, :, part]))
+            left_over: ComplexArray = rest.view(complex).reshape(e.shape[0], -1)
+            residuals.append(left_over)
+            left += scale**2 * np.sum(np.abs(left_over) ** 2, axis=1)
+            measured += scale**2 * np.sum(np.abs(group.Y[:, part]) ** 2, axis=1)
+    return OutputError(residuals, measured, left)
+
+
+def _normal(
+    structure: Structure, values: FloatArray, stacks: Sequence[Stack], weights: Sequence[FloatArray], full: bool
+) -> _Normal:
+    """Curvature J J^T, gradient J r and what is left, with weights (k, bins), end states projected out."""
+    count = values.size if full else 0
+    curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(2)
+    for group, weight in zip(stacks, weights, strict=True):
+        response = respond(structure, values, group, full)
+        e, E = weight * (group.Y - response.Y), weight * response.E
+        if response.J is not None:
+            np.multiply(response.J, weight, out=response.J)
+        for part in group.slices:
+            ends = rows(E[..., part])
+            rest = _project(ends, rows(e[None, :, part]))
+            power += np.sum(rest.reshape(2, -1) ** 2, axis=1) * (group.scale[part.start] / weight[:, part.start]) ** 2
+            if response.J is not None:
+                gram = _gram(ends, np.concatenate([rest, rows(response.J[..., part])]))
+                if response.to is not None:
+                    gram[1:] = response.to @ gram[1:]
+                    gram[:, 1:] = gram[:, 1:] @ response.to.T
+                curvature += gram[1:, 1:]
+                gradient += gram[1:, 0]
+    return _Normal(power, curvature, gradient)
+
+
+def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
+    """A start from the data alone, of a bare base: equation error, reweighted by its own last denominator.
+
+    The end states are polynomials in s, one set for each segment.
+    """
+    form = FORMS[structure.base]
+    measured = np.sqrt(sum(np.sum(np.abs(group.Y) ** 2, axis=1) for group in stacks))
+    blocks = []
+    for group in stacks:
+        at = group.sampling(form.order)
+        held = group.U[: len(structure.inputs)] * at.hold
+        for part in group.slices:
+            s, Y = at.s[part], group.Y[:, part]
+            target = ((0, Y[0] * s**form.order), (1, Y[1] * s**form.order))
+            known = (target, *form.regressors(s, Y, held[:, part]))
+            blocks.append((s, known, group.scale[part.start] / measured[:, None]))
+    tried = [_equation_error(form, structure, blocks, stacks, None, slope) for slope in FIRST_SLOPES]
+    found = [one for one in tried if one is not None]
+    if not found:
+        raise FitError("the data do not determine the model: the commands hardly move, or move together")
+    best = min(found, key=lambda one: one[0])
+    last: FloatArray = best[1]
+    for _ in range(REWEIGHTINGS):
+        again = _equation_error(form, structure, blocks, stacks, last, 0.0)
+        if again is None:
+            break
+        last = again[1]
+        best = min(best, again, key=lambda one: one[0])
+    return Model(structure, form.to_parameters(best[1]))
+
+
+def _equation_error(
+    form: Form,
+    structure: Structure,
+    blocks: Sequence[tuple[ComplexArray, Regressors, FloatArray]],
+    stacks: Sequence[Stack],
+    last: FloatArray | None,
+    slope: float,
+) -> tuple[float, FloatArray] | None:
+    """One linear solution, weighted by the last denominator or a power of frequency: its cost and coefficients.
+
+    The cost is that of the output error, so that solutions can be compared.
+    """
+    gram = np.zeros((form.coefficients + 1, form.coefficients + 1))
+    for s, known, scale in blocks:
+        if last is None:
+            weight = np.zeros((2, 2, s.size), dtype=complex)
+            weight[0, 0] = weight[1, 1] = (CORNER + np.abs(s)) ** -slope
+        else:
+            weight = inverse(form, s, last)
+        ends = np.concatenate([weight.transpose(1, 0, 2) * s**power for power in range(form.order)])
+        weighed = through(weight, known, np.empty((form.coefficients + 1, 2, s.size), dtype=complex))
+        gram += _gram(rows(scale * ends), rows(scale * weighed))
+    size = np.sqrt(np.diag(gram))
+    if not np.all(np.isfinite(size)) or np.any(size == 0):
+        return None
+    gram = gram / np.outer(size, size)
+    coefficients = np.linalg.lstsq(gram[1:, 1:], gram[1:, 0], rcond=1e-13)[0] * size[0] / size[1:]
+    with np.errstate(all="ignore"):
+        values = form.to_parameters(coefficients)
+    if not np.all(np.isfinite(values)):
+        return None
+    cost = float(np.sum(np.log(_normal(structure, values, stacks, axis_weights(stacks, np.ones(2)), False).power)))
+    return (cost, coefficients) if np.isfinite(cost) else None
+
+
+def _gram(ends: FloatArray, block: FloatArray) -> FloatArray:
+    """Inner products of the rows of `block`, less what the rows of `ends` explain of them."""
+    size = np.sqrt(np.einsum("ij,ij->i", ends, ends))
+    ends = ends / np.where(size > 0, size, 1.0)[:, None]
+    inner, axes = np.linalg.eigh(ends @ ends.T)
+    keep = inner > ENDS_RANK * inner[-1]
+    cross = (axes[:, keep] / np.sqrt(inner[keep])).T @ (ends @ block.T)
+    found: FloatArray = block @ block.T - cross.T @ cross
+    return found
+
+
+def minimise(
+    model: Model,
+    stacks: Sequence[Stack],
+    power: FloatArray,
+    held: Sequence[str] = (),
+    steps: int = MAXIMUM_STEPS,
+) -> tuple[Model, FloatArray]:
+    """Gauss-Newton with step halving and hard bounds on sum log(residual power) over the outputs.
+
+    After every step the outputs are weighed anew by what is left of them; `power` (k,) weighs the first. `held`
+    parameters stay. Returns the model and its residual power.
+    """
+    structure = model.structure
+    low = np.array([parameter.bounds[0] for parameter in structure.parameters])
+    high = np.array([parameter.bounds[1] for parameter in structure.parameters])
+    movable = np.array([name not in held for name in structure.names])
+    values = np.clip(model.values, low, high)
+    here = _normal(structure, values, stacks, axis_weights(stacks, power), True)
+    for _ in range(steps):
+        free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
+        if not np.any(free):
+            break
+        H, g = here.curvature[np.ix_(free, free)], here.gradient[free]
+        size = np.sqrt(np.diag(H))
+        size = np.where(size > 0, size, 1.0)
+        move = np.zeros(values.size)
+        move[free] = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
+        if float(here.gradient @ move) < TOLERANCE:  # what the step promises, in summed logarithms
+            break
+        weights = axis_weights(stacks, here.power)
+        goal = float(np.sum(np.log(here.power)))
         length = 1.0
-        while length > 1e-6:
-            trial = Model(model.structure, model.values + length * move)
-            if np.all(np.isfinite(trial.values)):
-                there = _weighted(trial, spectra, weights, False).residual
-                trial_cost = float(there @ there)
-                if np.isfinite(trial_cost) and trial_cost < cost:
-                    break
+        while length > SMALLEST_LENGTH:
+            trial = np.clip(values + length * move, low, high)
+            there = _try(structure, trial, stacks, weights)
+            reached = np.inf if there is None else float(np.sum(np.log(there.power)))
+            if there is not None and np.isfinite(reached) and reached < goal:
+                break
             length /= 2
         else:
-            return model
-        model = trial
-        if cost - trial_cost < TOLERANCE * cost:
-            return model
-    return model
+            break
+        values, here = trial, there
+        if goal - reached < TOLERANCE:
+            break
+    return Model(structure, values), here.power
 
 
-def estimate(structure: Structure, spectra: Sequence[Spectrum]) -> Estimate:
+def _try(
+    structure: Structure, values: FloatArray, stacks: Sequence[Stack], weights: Sequence[FloatArray]
+) -> _Normal | None:
+    """The normal equations there, or None where there is no response."""
+    if not np.all(np.isfinite(values)):
+        return None
+    try:
+        return _normal(structure, values, stacks, weights, True)
+    except (RelaxationError, np.linalg.LinAlgError):
+        return None
+
+
+def axis_weights(stacks: Sequence[Stack], power: FloatArray) -> list[FloatArray]:
+    """One over the residual's standard deviation, (k, bins), every sample of every run counting the same."""
+    floor = 1e-12 * max(float(power.max()), 1e-300)
+    scale = 1 / np.sqrt(np.maximum(power, floor))
+    return [scale[:, None] * group.scale for group in stacks]
+
+
+def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Sequence[str] = ()) -> Model:
+    """The best model of a composition that begins at its parent's fit.
+
+    Every new effect begins at its typical size and at each point of its grids; a few steps show which valley is
+    deepest, and that one is followed to the bottom. What the parent knows already is taken from it.
+    """
+    known = dict(zip(parent.structure.names, map(float, parent.values), strict=True))
+    first, choices = _beginnings(structure, known)
+    power = output_error(parent, stacks).residual_power
+
+    def tried(begin: Mapping[str, float]) -> tuple[float, Model | None]:
+        try:
+            # first the new parameters alone, then all: the parent's stay where they were fitted until it pays
+            model = Model(structure, structure.vector({**known, **begin}))
+            model, left = minimise(model, stacks, power, [*known, *held], TRIAL_STEPS)
+            model, left = minimise(model, stacks, left, held, TRIAL_STEPS)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return np.inf, None
+        cost = float(np.sum(np.log(left)))
+        return (cost, model) if np.isfinite(cost) else (np.inf, None)
+
+    best = tried(first)
+    if math.prod(len(values) for values in choices.values()) <= LARGEST_SEARCH:
+        for values in itertools.product(*choices.values()):
+            begin = {**first, **dict(zip(choices, values, strict=True))}
+            if begin != first:
+                best = min(best, tried(begin), key=lambda one: one[0])
+    else:  # too many together: one parameter after the other, the others where they were best
+        for name, values in choices.items():
+            for value in values:
+                if value != first[name]:
+                    again = tried({**first, name: value})
+                    if again[0] < best[0]:
+                        best, first = again, {**first, name: value}
+    if best[1] is None:
+        raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
+    return minimise(best[1], stacks, power, held)[0]
+
+
+def _beginnings(
+    structure: Structure, known: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, tuple[float, ...]]]:
+    """Where the new parameters begin, and what else to try for each that may have several valleys."""
+    first: dict[str, float] = {}
+    choices: dict[str, tuple[float, ...]] = {}
+    for effect in structure.composed:
+        new = [parameter for parameter in effect.parameters if parameter.name not in known]
+        if effect.start is not None and new:
+            first.update(effect.start(known, dict(structure.constants)))
+        for parameter in new:
+            if parameter.name in first:
+                continue
+            first[parameter.name] = parameter.typical
+            if parameter.grid:
+                choices[parameter.name] = tuple(dict.fromkeys((*parameter.grid, parameter.typical)))
+            elif parameter.null is not None and np.isfinite(parameter.null):
+                choices[parameter.name] = (parameter.typical, 0.25 * parameter.typical + 0.75 * parameter.null)
+    return first, choices
+
+
+def estimate(
+    structure: Structure,
+    spectra: Sequence[Spectrum],
+    parent: Model | None = None,
+    fixed: Mapping[str, float] | None = None,
+) -> Estimate:
     """Fit a structure to the bins of all segments together.
 
     The criterion is the paper's least squares over the low-passed samples, each output weighed by its own residual
-    power (repeated until that power has settled). Raises FitError where the data do not determine the parameters.
+    power (repeated until that power has settled). A composition grows from `parent`, or from its bare base. `fixed`
+    parameters are held. Raises FitError where the data do not determine the parameters.
     """
-    _refuse_still_channels(structure, spectra)
-    model = _settle(start(structure, spectra), spectra)
-    error = output_error(model, spectra)
-    weights = _axis_weights(spectra, error.residual_power)
-    found = Estimate(model, _covariance(_weighted(model, spectra, weights, True), spectra), error)
+    held = dict(fixed or {})
+    unknown = [name for name in held if name not in structure.names]
+    if unknown:
+        raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
+    refuse_still_channels(structure, spectra)
+    stacks = stack(spectra)
+    if parent is None and structure.composed:
+        parent = start(Structure(structure.base_), [group.thinned(START_THINNING) for group in stacks])
+    names = tuple(held)
+    if parent is None or parent.structure == structure:
+        if parent is None:
+            thin = [group.thinned(START_THINNING) for group in stacks]
+            parent = start(structure, thin)
+            parent, _ = minimise(_hold(parent, held), thin, output_error(parent, thin).residual_power, names)
+        model = _hold(parent, held)
+        model, _ = minimise(model, stacks, output_error(model, stacks).residual_power, names)
+    else:
+        model = _hold(grow(_hold(parent, held), structure, stacks, names), held)
+    bound = tuple(
+        parameter.name
+        for parameter, value in zip(structure.parameters, model.values, strict=True)
+        if parameter.name not in held and not parameter.bounds[0] < value < parameter.bounds[1]
+    )
+    loose = [i for i, name in enumerate(structure.names) if name not in held and name not in bound]
+    causes = instruments(stacks, structure.commands) if structure.linear else None
+    if causes is not None:
+        model = _unbias(model, stacks, loose, causes)
+    error = output_error(model, stacks)
+    weights = axis_weights(stacks, error.residual_power)
+    covariance = np.zeros((model.values.size, model.values.size))
+    covariance[np.ix_(loose, loose)] = _covariance(model, stacks, weights, loose, causes)
+    found = Estimate(model, covariance, error, bound, causes is not None)
     _refuse_vague_axes(found)
     return found
 
 
-def held_stable(free: Model, spectra: Sequence[Spectrum]) -> tuple[Model, OutputError]:
+def _unbias(model: Model, stacks: Sequence[Stack], loose: Sequence[int], causes: Sequence[ComplexArray]) -> Model:
+    """From the least-squares optimum to where the residual has nothing left that the excitation caused.
+
+    A few Newton steps; where they do not settle, or leave the bounds or the optimum far behind, the data have no good
+    instrument and the least-squares estimate stays.
+    """
+    structure, values = model.structure, model.values.copy()
+    low = np.array([parameter.bounds[0] for parameter in structure.parameters])
+    high = np.array([parameter.bounds[1] for parameter in structure.parameters])
+    error = output_error(model, stacks)
+    weights = axis_weights(stacks, error.residual_power)
+    for _ in range(UNBIASING_STEPS):
+        curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, loose, causes)
+        size = np.sqrt(np.abs(np.diag(curvature)))
+        if not np.all(np.isfinite(size)) or np.any(size == 0):
+            return model
+        scaled = curvature / np.outer(size, size)
+        if np.linalg.cond(scaled) > 1e10:
+            return model
+        move = np.linalg.solve(scaled, gradient / size) / size
+        values[list(loose)] += move
+        if not np.all(np.isfinite(values)) or np.any(values < low) or np.any(values > high):
+            return model
+        if np.max(np.abs(move) * size) < 1e-3 * np.sqrt(len(stacks) * stacks[0].z.size):
+            break
+    found = Model(structure, values)
+    after = output_error(found, stacks).residual_power
+    return found if np.all(after < WORST_UNBIASING * error.residual_power) else model
+
+
+def _to_parameters(response: Response) -> ComplexArray:
+    """Sensitivities to the parameters, (parameters, k, bins)."""
+    assert response.J is not None
+    if response.to is None:
+        return response.J
+    J = response.J
+    return np.asarray((response.to @ J.reshape(J.shape[0], -1).view(float)).view(complex).reshape(-1, *J.shape[1:]))
+
+
+def _linearised(
+    model: Model,
+    stacks: Sequence[Stack],
+    weights: Sequence[FloatArray],
+    loose: Sequence[int],
+    causes: Sequence[ComplexArray] | None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Z J^T, Z r and the variance of Z r under coloured residuals; Z are the sensitivities to the instruments, or J.
+
+    The residual spectrum is smoothed over about 1 Hz; residuals of the two outputs may be correlated.
+    """
+    count = len(loose)
+    curvature, gradient, variance = np.zeros((count, count)), np.zeros(count), np.zeros((count, count))
+    for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
+        response = respond(model.structure, model.values, group, True)
+        parts = [(weight * (group.Y - response.Y))[None], weight * _to_parameters(response)[list(loose)]]
+        if causes is not None:
+            asked = respond(model.structure, model.values, group, True, causes[number])
+            parts.append(weight * _to_parameters(asked)[list(loose)])
+        together, E = np.concatenate(parts), weight * response.E
+        for part in group.slices:
+            block = _project(rows(E[..., part]), rows(together[..., part]))
+            J, Z = block[1 : 1 + count], block[-count:]
+            curvature += Z @ J.T
+            gradient += Z @ block[0]
+            bins = block.view(complex).reshape(block.shape[0], weight.shape[0], -1)
+            e = bins[0]
+            cross = e[:, None, :] * e[None, :, :].conj()
+            S = smooth(cross.reshape(-1, cross.shape[-1]).T, group.frequency_hz[part]).T.reshape(cross.shape)
+            variance += 0.5 * (Z @ rows(np.einsum("klf,blf->bkf", S, bins[-count:])).T)
+    return curvature, gradient, variance
+
+
+def _hold(model: Model, held: Mapping[str, float]) -> Model:
+    named = dict(zip(model.structure.names, model.values, strict=True))
+    named.update({name: value for name, value in held.items() if name in named})
+    return Model(model.structure, model.structure.vector(named))
+
+
+def held_stable(free: Model, stacks: Sequence[Stack]) -> tuple[Model, OutputError]:
     """The best stable model found by pushing an unstable one's poles across the axis; for judging the free fit.
 
-    A penalty on the poles' real parts grows until they have crossed; the outputs keep the free fit's weights.
+    A penalty on the poles' real parts grows until they have crossed; the outputs count by their measured power.
     """
     from scipy.optimize import least_squares
 
     structure = free.structure
-    weights = _axis_weights(spectra, output_error(free, spectra).measured_power)
+    weights = axis_weights(stacks, output_error(free, stacks).measured_power)
     best: tuple[float, Model] | None = None
-    for begin in (free.values, np.array(structure.uncoupled)):
+    begins = [free.values]
+    if not structure.composed:
+        begins.append(np.array(structure.base_.uncoupled))
+    for begin in begins:
         values = begin
         scale = np.maximum(np.abs(begin), 1.0)
         for push in STABILITY_PUSHES:
 
             def residuals(x: FloatArray, push: float = push) -> FloatArray:
-                model = Model(structure, x)
-                real = np.linalg.eigvals(model.matrices.A).real
-                return np.concatenate(
-                    [_weighted(model, spectra, weights, False).residual, push * np.maximum(real + STABILITY_MARGIN, 0)]
-                )
+                real = np.linalg.eigvals(structure.matrices(x).A).real
+                parts = [push * np.maximum(real + STABILITY_MARGIN, 0)]
+                for group, weight in zip(stacks, weights, strict=True):
+                    response = respond(structure, x, group, False)
+                    e, E = weight * (group.Y - response.Y), weight * response.E
+                    parts += [_project(rows(E[..., part]), rows(e[None, :, part]))[0] for part in group.slices]
+                return np.concatenate(parts)
 
             values = least_squares(residuals, values, x_scale=scale, max_nfev=40).x
         model = Model(structure, values)
         if model.stable:
-            residual = _weighted(model, spectra, weights, False).residual
-            cost = float(residual @ residual)
+            error = output_error(model, stacks)
+            cost = float(np.sum(error.residual_power / error.measured_power))
             if best is None or cost < best[0]:
                 best = (cost, model)
     if best is None:
         raise FitError("no stable model was found near the data")
-    return best[1], output_error(best[1], spectra)
+    return best[1], output_error(best[1], stacks)
 
 
-def _settle(model: Model, spectra: Sequence[Spectrum]) -> Model:
-    """Minimise, weigh the outputs by what is left of them, and again until their weights have settled."""
-    power = output_error(model, spectra).residual_power
-    for _ in range(WEIGHING_ROUNDS):
-        model = minimise(model, spectra, _axis_weights(spectra, power))
-        last, power = power, output_error(model, spectra).residual_power
-        if np.all(np.abs(power - last) < 1e-4 * last):
-            break
-    return model
+def _covariance(
+    model: Model,
+    stacks: Sequence[Stack],
+    weights: Sequence[FloatArray],
+    loose: Sequence[int],
+    causes: Sequence[ComplexArray] | None,
+) -> FloatArray:
+    """Covariance of the estimate when residuals are coloured and cross-correlated: H^-1 V H^-T.
 
-
-def _axis_weights(spectra: Sequence[Spectrum], power: FloatArray) -> list[FloatArray]:
-    """One over the residual's standard deviation, in units that make every sample of every run count the same."""
-    floor = 1e-12 * max(float(power.max()), 1e-300)
-    scale = 1 / np.sqrt(np.maximum(power, floor))
-    return [np.broadcast_to(scale * np.sqrt(2 / one.samples), one.Y.shape) for one in spectra]
-
-
-def _covariance(here: _Linearised, spectra: Sequence[Spectrum]) -> FloatArray:
-    """Covariance of the least-squares estimate when residuals are coloured and cross-correlated.
-
-    H^-1 V H^-1 with H the curvature and V the variance of its gradient, from the residual spectrum smoothed over
-    about 1 Hz; treating the residuals as white makes the bounds too small.
+    Treating the residuals as white makes the bounds too small.
     """
-    curvature = here.jacobian.T @ here.jacobian
-    gradient = np.zeros_like(curvature)
-    for one, (e, J) in zip(spectra, here.parts, strict=True):
-        cross = e[:, :, None] * e[:, None, :].conj()
-        S = smooth(cross.reshape(cross.shape[0], -1), one.frequency_hz).reshape(cross.shape)
-        gradient += 0.5 * np.real(np.einsum("fka,fkl,flb->ab", J.conj(), S, J, optimize=True))
-    size = np.sqrt(np.diag(curvature))
+    curvature, _, variance = _linearised(model, stacks, weights, loose, causes)
+    size = np.sqrt(np.abs(np.diag(curvature)))
     if not np.all(np.isfinite(size)) or np.any(size == 0):
         raise FitError("the data do not determine the model: a parameter does not show in the response at all")
     correlation = curvature / np.outer(size, size)
     if np.linalg.cond(correlation) > 1e12:
-        raise FitError("the data do not determine the model: some of its parameters act alike on these runs")
+        raise FitError(_alike(model, 0.5 * (correlation + correlation.T), loose))
     inverse = np.linalg.inv(correlation) / np.outer(size, size)
-    return np.asarray(inverse @ gradient @ inverse)
+    return np.asarray(inverse @ variance @ inverse.T)
 
 
-def smooth(values: ComplexArray, frequency_hz: FloatArray, width_hz: float = SMOOTHING_HZ) -> ComplexArray:
+def _alike(model: Model, correlation: FloatArray, loose: Sequence[int]) -> str:
+    """Which direction in parameter space the data leave open."""
+    _, axes = np.linalg.eigh(correlation)
+    weakest = axes[:, 0]
+    named = sorted(zip(np.abs(weakest), loose, strict=True), reverse=True)[:4]
+    listed = ", ".join(model.structure.names[i] for size, i in named if size > 0.1)
+    return f"the data do not determine the model: {listed} act alike on these runs; hold one with --fix, or fly another"
+
+
+def smooth(values: AnyArray, frequency_hz: FloatArray, width_hz: float = SMOOTHING_HZ) -> AnyArray:
     """Moving average over frequency of (bins, columns), reflected at the ends."""
     from scipy.ndimage import uniform_filter1d
 
@@ -323,7 +567,7 @@ AXIS_OF = {
 }
 
 
-def _refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> None:
+def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> None:
     """Say which axis has no excitation, or none of its own, before any number is made of it."""
     if not spectra:
         raise FitError("no run has 2 s of gap-free samples: nothing to fit")
@@ -331,72 +575,94 @@ def _refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) ->
     count = len(structure.parameters)
     if bins < 2 * count:
         raise FitError(f"only {bins} frequencies in the band: too little data for {count} parameters")
-    energy = sum(2 / one.samples * np.sum(np.abs(one.U) ** 2, axis=0) for one in spectra)
+    m = len(structure.commands)
+    energy = sum(2 / one.samples * np.sum(np.abs(one.U[:m]) ** 2, axis=1) for one in spectra)
     rms_of_commands = np.sqrt(energy / sum(one.samples for one in spectra))
-    for name, rms in zip(structure.inputs, rms_of_commands, strict=True):
+    for name, rms in zip(structure.commands, rms_of_commands, strict=True):
+        axis = AXIS_OF.get(name, name)
         if rms < LEAST_COMMAND:
             raise FitError(
-                f"{AXIS_OF[name]} axis not identifiable: {name} hardly moves ({rms:.1e} rms of full command); "
-                f"fly a {AXIS_OF[name]} chirp and add its run"
+                f"{axis} axis not identifiable: {name} hardly moves ({rms:.1e} rms of full command); "
+                f"fly a {axis} chirp and add its run"
             )
-    for axis, name in enumerate(structure.outputs):
-        if not any(np.any(one.Y[:, axis]) for one in spectra):
+    for row, name in enumerate(structure.outputs):
+        if not any(np.any(one.Y[row]) for one in spectra):
             raise FitError(
                 f"{AXIS_OF[name]} axis not identifiable: {name} does not move at all; check the gyro's channel"
             )
-    own = independent_share(spectra)
-    for name, share in zip(structure.inputs, own, strict=True):
+    own = independent_share(spectra, m)
+    for name, share in zip(structure.commands, own, strict=True):
+        axis = AXIS_OF.get(name, name)
         if share < LEAST_INDEPENDENT_SHARE:
             raise FitError(
-                f"{AXIS_OF[name]} axis not identifiable: {name} only follows the other command "
-                f"({100 * share:.2g} % of its power is its own); fit it together with a {AXIS_OF[name]} chirp"
+                f"{axis} axis not identifiable: {name} only follows the other command "
+                f"({100 * share:.2g} % of its power is its own); fit it together with a {axis} chirp"
             )
 
 
-def independent_share(spectra: Sequence[Spectrum]) -> FloatArray:
+def independent_share(spectra: Sequence[Spectrum], commands: int = 2) -> FloatArray:
     """Share of each command's power, (m,), that the other commands do not explain linearly, pooled over all runs.
 
     With one noise-free sweep and a controller on, the other axis's command follows the swept one and this is near 0.
     """
-    grid = np.arange(0.25, max(one.frequency_hz[-1] for one in spectra) + 0.25, 0.5)
-    m = spectra[0].U.shape[1]
-    cross = np.zeros((grid.size, m, m), dtype=complex)
+    bands = int(max(one.frequency_hz[-1] for one in spectra) / SHARE_BAND_HZ) + 1
+    cross = np.zeros((bands, commands, commands), dtype=complex)
     for one in spectra:
-        band = np.minimum((one.frequency_hz / 0.5).astype(int), grid.size - 1)
-        np.add.at(cross, band, one.U[:, :, None] * one.U[:, None, :].conj() / one.samples)
-    own, whole = np.zeros(m), np.zeros(m)
-    for j in range(m):
-        others = [i for i in range(m) if i != j]
-        for S in cross:
-            power = float(S[j, j].real)
-            explained = 0.0
-            if others and power > 0:
-                inner = S[np.ix_(others, others)]
-                row = S[j, others]
-                explained = float((row @ np.linalg.pinv(inner, rcond=1e-9, hermitian=True) @ row.conj()).real)
-            own[j] += max(power - explained, 0.0)
-            whole[j] += power
+        U = one.U[:commands] / np.sqrt(one.samples)
+        edges = np.searchsorted(one.frequency_hz, SHARE_BAND_HZ * np.arange(bands))
+        for band, (first, last) in enumerate(zip(edges, [*edges[1:], U.shape[1]], strict=True)):
+            part = U[:, first:last]
+            cross[band] += part @ part.conj().T
+    own, whole = np.zeros(commands), np.zeros(commands)
+    for j in range(commands):
+        others = [i for i in range(commands) if i != j]
+        power = cross[:, j, j].real
+        explained = np.zeros(bands)
+        if others:
+            inner = np.linalg.pinv(cross[:, others][:, :, others], rcond=1e-9, hermitian=True)
+            row = cross[:, j, others][:, None, :]
+            explained = (row @ inner @ row.conj().transpose(0, 2, 1))[:, 0, 0].real
+        own[j] = float(np.sum(np.maximum(power - explained, 0)))
+        whole[j] = float(np.sum(power))
     return own / np.maximum(whole, 1e-300)
 
 
 def _refuse_vague_axes(found: Estimate) -> None:
     """An axis whose control effectiveness is not known to a quarter of itself is not identified."""
     structure = found.model.structure
-    B_of = structure.matrices
-    base = B_of(found.model.values.astype(complex)).B
-    for column, name in enumerate(structure.inputs):
-        gradient = []
-        for index in range(found.model.values.size):
-            stepped = found.model.values.astype(complex)
-            stepped[index] += 1e-30j
-            gradient.append(B_of(stepped).B[:, column].imag / 1e-30)
-        G = np.array(gradient).T
-        spread = np.sqrt(np.maximum(np.diag(G @ found.covariance @ G.T), 0))
-        values = np.abs(base[:, column].real)
-        known = values > 0
-        best = np.min(spread[known] / values[known]) if np.any(known) else np.inf
+    for column, name in enumerate(structure.commands):
+        if name not in ("delta_x", "delta_y") and "elevator" not in structure.effects:
+            continue  # an effect of its own says how well it is known
+        values, slopes = _effectiveness(structure, found.model.values, column)
+        spread = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", slopes, found.covariance, slopes), 0))
+        known = np.abs(values) > 0
+        best = np.min(spread[known] / np.abs(values[known])) if np.any(known) else np.inf
         if not best < LARGEST_RELATIVE_ERROR:
+            axis = AXIS_OF.get(name, name)
             raise FitError(
-                f"{AXIS_OF[name]} axis not identifiable: the effect of {name} is known only to "
-                f"{100 * best:.0f} % of itself; fly a {AXIS_OF[name]} chirp, longer or with more amplitude"
+                f"{axis} axis not identifiable: the effect of {name} is known only to "
+                f"{100 * best:.0f} % of itself; fly a {axis} chirp, longer or with more amplitude"
             )
+
+
+def _effectiveness(structure: Structure, values: FloatArray, column: int) -> tuple[FloatArray, FloatArray]:
+    """What one command does to the base's states: entries (states,) and their slopes (states, parameters).
+
+    Servo states stand between command and base, so the response at 1 Hz is taken instead of B where there are any.
+    """
+    from sysid.model import stepped
+
+    matrices = structure.matrices(stepped(values))
+    s = 2j * np.pi
+    n = matrices.A.shape[-1]
+
+    def reach(A: AnyArray, B: AnyArray) -> AnyArray:
+        return np.linalg.solve(s * np.eye(n) - A, B[..., column : column + 1])[..., 0]
+
+    A0, B0 = matrices.A[0].real, matrices.B[0].real
+    base = reach(A0, B0)
+    R = np.linalg.inv(s * np.eye(n) - A0)
+    dA, dB = matrices.A.imag / 1e-30, matrices.B.imag / 1e-30
+    slopes = (R @ (dA @ base[:, None] + dB[..., column : column + 1]))[..., 0]
+    k = 2
+    return np.abs(base[:k]), np.real(slopes[:, :k] * base[:k].conj() / np.maximum(np.abs(base[:k]), 1e-300)).T

@@ -1,4 +1,4 @@
-"""From records to a fit: several runs together, validated on others, with what the user should be told."""
+"""From records to a fit: several runs together, effect after effect, validated on others, with words for the user."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.checks import explain_instability
+from sysid.effect import Effect, EffectError
 from sysid.fit import AXIS_OF, Estimate, FitError, OutputError, estimate, output_error
 from sysid.model import Model, Structure
+from sysid.predict import stack
 from sysid.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
 from sysid.record import Record
-from sysid.result import Fit, RecordUsed
+from sysid.result import Fit, RecordUsed, Rung
+from sysid.structures import compose
 
 
 def identify(
@@ -19,43 +22,80 @@ def identify(
     records: Sequence[Record],
     validation: Sequence[Record] = (),
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+    *,
+    effects: Sequence[str | Effect] = (),
+    fixed: Mapping[str, float] | None = None,
     profile: str | None = None,
     window_s: tuple[float | None, float | None] | None = None,
 ) -> Fit:
-    """Fit a structure to all records together; validation records only judge.
+    """Fit a bare base with effects to all records together; validation records only judge.
 
-    `profile` and `window_s` say how the records were cut from their logs and are kept with the fit.
-
-    Raises FitError where an axis is not identifiable; the message says which and what to do.
+    Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
+    lineage. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
+    their logs and are kept with the fit. Raises FitError where an axis is not identifiable, EffectError where an
+    effect cannot act on these runs; the message says which and what to do.
     """
     refuse_mixed_sources([*records, *validation])
     if not 0 <= band_hz[0] < band_hz[1]:
         raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
-    fitted, warnings = spectra(records, structure.inputs, structure.outputs, band_hz)
-    found: Estimate = estimate(structure, fitted)
+    if not records:
+        raise FitError("no run to fit")
+    rungs: list[Rung] = []
+    warnings: list[str] = []
+    parent: Model | None = None
+    for count in range(len(effects) + 1):
+        try:
+            composed = on_runs(structure.base, effects[:count], [*records, *validation], records)
+        except EffectError:
+            if count == len(effects):
+                raise
+            continue  # it needs one that is named after it
+        fitted, warnings = spectra(records, composed.inputs, composed.outputs, band_hz)
+        held = {name: value for name, value in (fixed or {}).items() if name in composed.names}
+        if count == len(effects):
+            held = dict(fixed or {})
+        found: Estimate = estimate(composed, fitted, parent, held)
+        parent = found.model
+        judged: Mapping[str, float] | None = None
+        if validation:
+            judging, remarks = spectra(validation, composed.inputs, composed.outputs, band_hz)
+            warnings += remarks
+            if not judging:
+                raise FitError("no validation run has 2 s of gap-free samples")
+            judged = by_output(composed, output_error(found.model, stack(judging)))
+        rungs.append(Rung(composed.effects, by_output(composed, found.error), judged))
     warnings += _resampling(fitted)
     warnings += _suspicious_signs(found.model)
     if not found.model.stable:
         warnings += explain_instability(found.model, fitted)
-    judged: Mapping[str, float] | None = None
-    if validation:
-        judging, remarks = spectra(validation, structure.inputs, structure.outputs, band_hz)
-        warnings += remarks
-        if not judging:
-            raise FitError("no validation run has 2 s of gap-free samples")
-        judged = by_output(structure, output_error(found.model, judging))
     return Fit(
         found.model,
         found.covariance,
-        by_output(structure, found.error),
-        judged,
+        rungs[-1].nrmse_percent,
+        rungs[-1].validation_nrmse_percent,
         tuple(RecordUsed.of(record, band_hz[1]) for record in records),
         tuple(RecordUsed.of(record, band_hz[1]) for record in validation),
         band_hz,
-        tuple(warnings),
+        tuple(dict.fromkeys(warnings)),
         profile,
         window_s,
+        found.at_bound,
+        tuple(fixed or ()),
+        tuple(rungs),
     )
+
+
+def on_runs(
+    base: str, effects: Sequence[str | Effect], records: Sequence[Record], fitted: Sequence[Record]
+) -> Structure:
+    """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
+    available = set.intersection(*(set(record.channels) for record in records))
+    constants = {
+        name: float(np.mean(np.concatenate([record.channels[channel] for record in fitted])))
+        for name, channel in (("Omega_0", "omega"), ("V_0", "airspeed"))
+        if channel in available
+    }
+    return compose(base, effects, available, constants)
 
 
 def judge(model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:
@@ -63,7 +103,7 @@ def judge(model: Model, records: Sequence[Record], band_hz: tuple[float, float] 
     found, _ = spectra(records, model.structure.inputs, model.structure.outputs, band_hz)
     if not found:
         raise FitError("no run has 2 s of gap-free samples: nothing to judge by")
-    return by_output(model.structure, output_error(model, found))
+    return by_output(model.structure, output_error(model, stack(found)))
 
 
 def by_output(structure: Structure, error: OutputError) -> dict[str, float]:
@@ -90,17 +130,16 @@ def _resampling(found: Sequence[Spectrum]) -> list[str]:
 
 def _suspicious_signs(model: Model) -> list[str]:
     """Positive commands give positive steady rates by convention; a model that says otherwise met other signs."""
-    A, B, C, D = model.matrices
-    if not model.stable:
-        return []
-    steady = D - C @ np.linalg.solve(A, B)
     said = []
-    for index, (command, rate) in enumerate(zip(model.structure.inputs[:2], model.structure.outputs, strict=True)):
-        if steady[index, index] < 0:
-            said.append(
-                f"the steady {rate} answers {command} with the opposite sign: "
-                f"check the sign of {command} or of {rate} ({AXIS_OF[command]} axis)"
-            )
+    if model.stable and not model.structure.attitude_states:
+        A, B, C, D = model.matrices
+        steady = D - C @ np.linalg.solve(A, B)
+        for index, (command, rate) in enumerate(zip(("delta_x", "delta_y"), ("p", "q"), strict=True)):
+            if steady[index, index] < 0:
+                said.append(
+                    f"the steady {rate} answers {command} with the opposite sign: "
+                    f"check the sign of {command} or of {rate} ({AXIS_OF[command]} axis)"
+                )
     for parameter, value in zip(model.structure.parameters, model.values, strict=True):
         if parameter.implausible(float(value)):
             low, high = parameter.plausible

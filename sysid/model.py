@@ -1,26 +1,34 @@
-"""Linear structures and models: state equations in continuous time, and what follows from their matrices.
+"""Structures and models: equations without and with numbers, and what follows from their matrices.
 
-A structure is the equations without numbers; a model is a structure with numbers. Commands are held between
-samples, so discretisation by the matrix exponential is exact, at 50 Hz as at 1 kHz.
+A structure is a base and the physical effects composed onto it, in the order of physics. A model is a structure with
+numbers. Commands are held between samples, so discretisation by the matrix exponential is exact at any rate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.effect import Effect, Signals, Stage
 from sysid.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 AnyArray = NDArray[Any]
 
+G = 9.80665  # m/s^2
+COMPLEX_STEP = 1e-30
+SMALL_MOTION = 2.0**-300
+"""Far below rounding, and exact to divide by: what is not proportional to the motion vanishes beside what is."""
+FLIGHT_CONDITION = {"omega": "Omega_0", "airspeed": "V_0"}
+"""Channels that do not vary about zero, and the constants that they are at rest."""
+
 
 class Matrices(NamedTuple):
-    """x' = A x + B u, y = C x + D u. Shapes (n, n), (n, m), (k, n), (k, m)."""
+    """x' = A x + B u, y = C x + D u. Shapes (n, n), (n, m), (k, n), (k, m); a leading stack is allowed."""
 
     A: AnyArray
     B: AnyArray
@@ -38,10 +46,7 @@ class Mode:
 
 
 class EquationError(NamedTuple):
-    """The structure written as s^order y_i = sum_j coefficient_j regressor_ij, linear in its coefficients.
-
-    regressors: (bins, k, coefficients) complex, times 1; solve gives `coefficients`; `to_parameters` maps them.
-    """
+    """A base written as s^order y_i = sum_j coefficient_j regressor_ij, linear in its coefficients."""
 
     order: int
     regressors: Callable[[AnyArray, AnyArray, AnyArray], AnyArray]
@@ -52,29 +57,163 @@ class EquationError(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Structure:
-    """Equations without numbers."""
+class Base:
+    """One of the paper's two structures, before any effect."""
 
-    base: str
+    name: str
     """`cd` or `tpp`."""
     states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
     parameters: tuple[Parameter, ...]
-    matrices: Callable[[AnyArray], Matrices]
-    """Parameter values (real or complex, in order) -> matrices. Analytic, so that complex steps differentiate it."""
+    equations: Callable[[Signals], Mapping[str, Any]]
+    """Rates by `<state>_dot`; may define signals that effects read (theta_s, theta_c)."""
+    slots: tuple[tuple[str, Callable[[Signals], Mapping[str, Any]]], ...]
+    """Parts, by name, that one effect each may stand in for: evaluated after `equations` where none does."""
     equation_error: EquationError
     uncoupled: tuple[float, ...]
     """A stable point without coupling or control, to begin from where the poles are to be held stable."""
-    effects: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Equations without numbers: a base with effects. Made by `sysid.structures.compose`."""
+
+    base_: Base
+    composed: tuple[Effect, ...] = ()
+    """In the order in which they act."""
+    commands: tuple[str, ...] = ("delta_x", "delta_y")
+    channels: tuple[str, ...] = ()
+    """Logged signals other than commands that the equations read."""
+    attitude_states: tuple[str, ...] = ()
+    """phi, theta where an effect reads them and they are not logged."""
+    constants: tuple[tuple[str, float], ...] = ()
+    """Omega_0, V_0: means over the fitted runs."""
+
+    states: tuple[str, ...] = field(init=False)
+    parameters: tuple[Parameter, ...] = field(init=False)
+    outputs: tuple[str, ...] = field(init=False, default=("p", "q"))
+
+    def __post_init__(self) -> None:
+        states = [*self.base_.states, *self.attitude_states]
+        dropped = {name for effect in self.composed for name in effect.replaces}
+        parameters = [one for one in self.base_.parameters if one.name not in dropped]
+        for effect in self.composed:
+            if effect.per_command:
+                states += [f"{state}_{command}" for command in self.commands for state in effect.states]
+            else:
+                states += effect.states
+            parameters += effect.parameters
+        object.__setattr__(self, "states", tuple(states))
+        object.__setattr__(self, "parameters", tuple(parameters))
+
+    @property
+    def base(self) -> str:
+        return self.base_.name
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Catalogue ids, or the paths of users' effects."""
+        return tuple(effect.path or effect.id for effect in self.composed)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What drives the equations: commands, then channels."""
+        return (*self.commands, *self.channels)
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(parameter.name for parameter in self.parameters)
 
+    @property
+    def linear(self) -> bool:
+        """Constant coefficients throughout: the response is exact in matrices."""
+        return all(effect.linear for effect in self.composed)
+
+    @property
+    def equation_error(self) -> EquationError | None:
+        """Of the bare base; a composition has none and is reached from its parent."""
+        return None if self.composed else self.base_.equation_error
+
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Values by name -> values in order, shape (parameters,). Raises KeyError for a missing name."""
         return np.array([values[name] for name in self.names], dtype=float)
+
+    def named(self, values: AnyArray) -> dict[str, Any]:
+        """Values (..., parameters) -> by name, each (...)."""
+        return {name: values[..., i] for i, name in enumerate(self.names)}
+
+    def matrices(self, values: AnyArray) -> Matrices:
+        """Parameter values (..., parameters), real or complex -> matrices (..., rows, columns).
+
+        Effects outside the matrices (delay, play, limits) are left out. Nonlinear terms are those of small motions
+        at rest, in the mean flight condition.
+        """
+        values = np.asarray(values)
+        n, m = len(self.states), len(self.inputs)
+        unit = SMALL_MOTION * np.eye(n + m)
+        signals = {name: unit[i] for i, name in enumerate((*self.states, *self.inputs))}
+        known = dict(self.constants)
+        signals.update(
+            {name: np.array(known[mean]) for name, mean in FLIGHT_CONDITION.items() if name in self.channels}
+        )
+        parameters = {name: value[..., None] for name, value in self.named(values).items()}
+        rates, outputs = self.evaluate(parameters, signals)
+        shape = (*values.shape[:-1], n + m)
+        rows = np.stack([np.broadcast_to(rates[f"{state}_dot"], shape) for state in self.states], axis=-2)
+        out = np.stack([np.broadcast_to(outputs[name], shape) for name in self.outputs], axis=-2)
+        rows, out = rows / SMALL_MOTION, out / SMALL_MOTION
+        return Matrices(rows[..., :n], rows[..., n:], out[..., :n], out[..., n:])
+
+    def evaluate(
+        self, parameters: Mapping[str, Any], signals: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Rates by `<state>_dot` and outputs p, q (a, b) by name, all effects applied in order.
+
+        Parameters and signals are whatever broadcasts: scalars, unit vectors, time histories.
+        """
+        env: dict[str, Any] = {"g": G, **dict(self.constants), **parameters, **signals}
+        rates: dict[str, Any] = {f"{state}_dot": 0.0 * env[state] for state in self.states}
+
+        def take(changes: Mapping[str, Any], redefine_rates: bool = False) -> None:
+            for key, value in changes.items():
+                if key in rates:
+                    rates[key] = env[key] = value if redefine_rates else rates[key] + value
+                else:
+                    env[key] = value
+
+        def take_base() -> None:
+            take(self.base_.equations(Signals(env)))
+            for slot, equations in self.base_.slots:
+                if all(effect.slot != slot for effect in self.composed):
+                    take(equations(Signals(env)))
+
+        based = False
+        for effect in self.composed:
+            if effect.stage >= Stage.DYNAMICS and not based:
+                take_base()
+                based = True
+            if effect.equations is None:
+                continue
+            if effect.per_command:
+                for command in self.commands:
+                    local = {**env, "delta": env[command]}
+                    local.update({state: env[f"{state}_{command}"] for state in effect.states})
+                    for key, value in effect.equations(Signals(local)).items():
+                        if key == "delta":
+                            env[command] = value
+                        else:
+                            take({f"{key.removesuffix('_dot')}_{command}_dot": value})
+                continue
+            if effect.stage is Stage.MEASUREMENT:
+                env.setdefault("p_m", env["p"])
+                env.setdefault("q_m", env["q"])
+            take(effect.equations(Signals(env)), effect.stage is Stage.INERTIA)
+        if not based:
+            take_base()
+        for axis, rate in (("phi", "p"), ("theta", "q")):
+            if axis in self.attitude_states:
+                rates[f"{axis}_dot"] = env[rate]
+        outputs = {"p": env.get("p_m", env["p"]), "q": env.get("q_m", env["q"])}
+        return rates, outputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +237,9 @@ class Model:
 
     @property
     def stable(self) -> bool:
-        return bool(np.all(np.linalg.eigvals(self.matrices.A).real < 0))
+        """Attitude states integrate and do not count."""
+        integrators = len(self.structure.attitude_states)
+        return int(np.sum(np.linalg.eigvals(self.matrices.A).real >= -1e-9)) <= integrators
 
 
 def modes(A: AnyArray) -> tuple[Mode, ...]:
@@ -117,30 +258,26 @@ def discretise(A: AnyArray, B: AnyArray, dt: float) -> tuple[AnyArray, AnyArray]
     """Exact zero-order-hold equivalent over one sample of dt seconds.
 
     A (..., n, n) and B (..., n, m), real or complex, stacks allowed; returns arrays of the same shapes.
+    Scaling and squaring of a Taylor series: SciPy's expm takes 0.2 ms a matrix, and these are small.
     """
-    from scipy.linalg import expm
-
     n, m = B.shape[-2:]
     block = np.zeros((*A.shape[:-2], n + m, n + m), dtype=np.result_type(A, B))
     block[..., :n, :n] = A * dt
     block[..., :n, n:] = B * dt
-    power = expm(block)
+    norm = float(np.max(np.sum(np.abs(block), axis=-1))) if block.size else 0.0
+    squarings = max(0, int(np.ceil(np.log2(norm / 0.25)))) if norm > 0 else 0
+    block = block / 2.0**squarings
+    identity = np.eye(n + m)
+    power = identity + block / 11
+    for k in range(10, 0, -1):
+        power = identity + block @ power / k
+    for _ in range(squarings):
+        power = power @ power
     return power[..., :n, :n], power[..., :n, n:]
 
 
-COMPLEX_STEP = 1e-30
-
-
-def discrete_sensitivities(
-    structure: Structure, values: FloatArray, dt: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Discretised A, B and their derivatives to every parameter, exact to rounding by complex steps.
-
-    Returns Ad (n, n), Bd (n, m), dAd (parameters, n, n), dBd (parameters, n, m).
-    """
-    count = values.size
-    stepped = np.repeat(values.astype(complex)[None, :], count, axis=0)
-    stepped[np.arange(count), np.arange(count)] += 1j * COMPLEX_STEP
-    stacks = [structure.matrices(row) for row in stepped]
-    Ad, Bd = discretise(np.stack([m.A for m in stacks]), np.stack([m.B for m in stacks]), dt)
-    return Ad[0].real, Bd[0].real, Ad.imag / COMPLEX_STEP, Bd.imag / COMPLEX_STEP
+def stepped(values: FloatArray) -> AnyArray:
+    """A stack (parameters, parameters) of complex steps, one parameter each, for exact derivatives."""
+    stack = np.repeat(values.astype(complex)[None, :], values.size, axis=0)
+    stack[np.diag_indices(values.size)] += 1j * COMPLEX_STEP
+    return stack

@@ -19,6 +19,7 @@ ComplexArray = NDArray[np.complex128]
 
 MINIMUM_SEGMENT_S = 2.0
 DEFAULT_BAND_HZ = (0.0, 15.0)
+EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +59,19 @@ class Spectrum:
     z: ComplexArray
     """exp(j omega dt), (bins,)."""
     U: ComplexArray
-    """Inputs, (bins, m)."""
+    """Inputs, (m, bins)."""
     Y: ComplexArray
-    """Outputs, (bins, k)."""
+    """Outputs, (k, bins)."""
+    first: int
+    """Number of the first bin kept."""
+    inputs: tuple[str, ...]
+    """Names of the rows of U."""
+
+    def transform(self, rows: FloatArray) -> ComplexArray:
+        """Samples (rows, n) of this segment to the same bins, (rows, bins)."""
+        from scipy.fft import rfft
+
+        return np.asarray(rfft(rows, axis=1)[:, self.first : self.first + self.frequency_hz.size])
 
 
 def gap_threshold_s(t: FloatArray, high_hz: float) -> float:
@@ -121,22 +132,20 @@ def spectrum(
     segment: Segment, inputs: Sequence[str], outputs: Sequence[str], band_hz: tuple[float, float] = DEFAULT_BAND_HZ
 ) -> Spectrum:
     """Fourier bins with low < f <= high; bin zero, the trim, is never among them."""
-    from scipy.fft import rfft, rfftfreq
+    from scipy.fft import rfft
 
-    n = segment.samples
-    frequency_hz = rfftfreq(n, segment.dt)
+    n, dt = segment.samples, segment.dt
     # the Nyquist bin is real and would count twice
-    keep = (frequency_hz > max(band_hz[0], 0.0)) & (frequency_hz <= band_hz[1]) & (frequency_hz < 0.4999 / segment.dt)
-    frequency_hz = frequency_hz[keep]
+    last = min(int(band_hz[1] * n * dt + 1e-9), (n - 1) // 2)
+    first = max(1, int(band_hz[0] * n * dt + 1e-9) + 1)
+    frequency_hz = np.arange(first, last + 1) / (n * dt)
 
     def bins(names: Sequence[str]) -> ComplexArray:
-        if not names:
-            return np.zeros((frequency_hz.size, 0), dtype=complex)
-        stack = np.stack([segment.channels[name] - segment.channels[name].mean() for name in names])
-        return np.ascontiguousarray(rfft(stack, axis=1)[:, keep].T)
+        rows = np.stack([segment.channels[name] for name in names])
+        return np.ascontiguousarray(rfft(rows, axis=1)[:, first : last + 1])
 
-    z = np.exp(2j * np.pi * frequency_hz * segment.dt)
-    return Spectrum(segment, segment.dt, n, frequency_hz, z, bins(inputs), bins(outputs))
+    z = np.exp(2j * np.pi * dt * frequency_hz)
+    return Spectrum(segment, dt, n, frequency_hz, z, bins(inputs), bins(outputs), first, tuple(inputs))
 
 
 def low_pass(values: FloatArray, dt: float, high_hz: float) -> FloatArray:
@@ -158,7 +167,8 @@ def spectra(
     found: list[Spectrum] = []
     remarks: list[str] = []
     for record in records:
-        parts, said = segments(record, (*inputs, *outputs), band_hz[1])
+        logged = [name for name in EXCITATIONS if name in record.channels]
+        parts, said = segments(record, (*inputs, *outputs, *logged), band_hz[1])
         remarks += said
         found += [spectrum(part, inputs, outputs, band_hz) for part in parts]
     return found, remarks

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from sysid.effect import EffectError
 from sysid.errors import SysidError
 from sysid.model import FloatArray, Model
 from sysid.preprocess import gaps, rate_hz
 from sysid.record import Record
-from sysid.structures import STRUCTURES
+from sysid.structures import compose
 
 FORMAT = "tippath.fit/1"
 
@@ -57,6 +58,15 @@ class RecordUsed:
         )
 
 
+@dataclass(frozen=True)
+class Rung:
+    """One step from the bare base to the fitted structure."""
+
+    effects: tuple[str, ...]
+    nrmse_percent: Mapping[str, float]
+    validation_nrmse_percent: Mapping[str, float] | None
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """A model fitted to runs."""
@@ -75,6 +85,12 @@ class Fit:
     """The log profile that named the channels, where one was given."""
     window_s: tuple[float | None, float | None] | None = None
     """The part of every run that was used, in the log's own time."""
+    at_bound: tuple[str, ...] = ()
+    """Parameters that ended on a hard bound; they have no standard error."""
+    fixed: tuple[str, ...] = ()
+    """Parameters that were held."""
+    lineage: tuple[Rung, ...] = ()
+    """From the first structure to this one."""
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -84,8 +100,11 @@ class Fit:
     @property
     def insensitivity_percent(self) -> FloatArray:
         """(parameters,): how far each may move alone before the cost shows it, percent of its value."""
-        information = np.linalg.inv(self.covariance)
-        return np.asarray(100 / np.sqrt(np.diag(information)) / np.maximum(np.abs(self.model.values), 1e-300))
+        free = np.flatnonzero(np.diag(self.covariance) > 0)
+        found = np.zeros(self.model.values.size)
+        information = np.linalg.inv(self.covariance[np.ix_(free, free)])
+        found[free] = 100 / np.sqrt(np.diag(information)) / np.maximum(np.abs(self.model.values[free]), 1e-300)
+        return found
 
     @property
     def stable(self) -> bool:
@@ -97,50 +116,53 @@ class Fit:
 
         structure = self.model.structure
         matrices = self.model.matrices
-        parameters = {
-            parameter.name: {
+        parameters = {}
+        for parameter, value, error, insensitivity in zip(
+            structure.parameters, self.model.values, self.standard_errors, self.insensitivity_percent, strict=True
+        ):
+            bound = parameter.name not in self.at_bound and parameter.name not in self.fixed
+            parameters[parameter.name] = {
                 "value": float(value),
                 "unit": parameter.unit,
-                "standard_error": finite(error),
-                "cramer_rao_percent": finite(100 * error / abs(value)) if value else None,
-                "insensitivity_percent": finite(insensitivity),
-                "at_bound": False,
+                "standard_error": finite(error) if bound else None,
+                "cramer_rao_percent": finite(100 * error / abs(value)) if bound and value else None,
+                "insensitivity_percent": finite(insensitivity) if bound else None,
+                "at_bound": parameter.name in self.at_bound,
                 "implausible": parameter.implausible(float(value)),
-                "fixed": False,
+                "fixed": parameter.name in self.fixed,
             }
-            for parameter, value, error, insensitivity in zip(
-                structure.parameters,
-                self.model.values,
-                self.standard_errors,
-                self.insensitivity_percent,
-                strict=True,
-            )
-        }
-        nrmse = {name: finite(x) for name, x in self.nrmse_percent.items()}
-        validation = (
-            None
-            if self.validation_nrmse_percent is None
-            else {name: finite(x) for name, x in self.validation_nrmse_percent.items()}
-        )
+
+        def nrmse(values: Mapping[str, float] | None) -> dict[str, float | None] | None:
+            return None if values is None else {name: finite(x) for name, x in values.items()}
+
         return {
             "format": FORMAT,
-            "structure": {"base": structure.base, "effects": list(structure.effects)},
+            "structure": {
+                "base": structure.base,
+                "effects": [_relative(one, relative_to) if one.endswith(".py") else one for one in structure.effects],
+                "user_effects": {
+                    _relative(one.path, relative_to): one.sha256 for one in structure.composed if one.path is not None
+                },
+                "channels": list(structure.inputs),
+                "constants": dict(structure.constants),
+            },
             "parameters": parameters,
             "modes": [
                 {"frequency_hz": finite(mode.frequency_hz), "damping_ratio": finite(mode.damping_ratio)}
                 for mode in self.model.modes
             ],
             "stable": self.stable,
-            "nrmse_percent": nrmse,
-            "validation_nrmse_percent": validation,
+            "nrmse_percent": nrmse(self.nrmse_percent),
+            "validation_nrmse_percent": nrmse(self.validation_nrmse_percent),
             "records": [_record_json(one, relative_to) for one in self.records],
             "validation_records": [_record_json(one, relative_to) for one in self.validation],
             "lineage": [
                 {
-                    "effects": list(structure.effects),
-                    "nrmse_percent": nrmse,
-                    "validation_nrmse_percent": validation,
+                    "effects": list(rung.effects),
+                    "nrmse_percent": nrmse(rung.nrmse_percent),
+                    "validation_nrmse_percent": nrmse(rung.validation_nrmse_percent),
                 }
+                for rung in self.lineage
             ],
             "matrices": {name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
             "covariance": [[finite(x) for x in row] for row in self.covariance],
@@ -152,12 +174,21 @@ class Fit:
         }
 
     @classmethod
-    def from_json(cls, document: Any, directory: Path) -> Fit:
-        """Read what `to_json` wrote; record paths become usable from here. Raises ResultError."""
+    def from_json(cls, document: Any, directory: Path, named: Sequence[str] = ()) -> Fit:
+        """Read what `to_json` wrote; record paths become usable from here. Raises ResultError.
+
+        A user's effect is code: it runs only where its path is among `named`, and only unchanged.
+        """
         try:
             if document["format"] != FORMAT:
                 raise ResultError(f"not a {FORMAT} document but {document['format']}")
-            structure = STRUCTURES[document["structure"]["base"]]
+            said = document["structure"]
+            structure = compose(
+                said["base"],
+                _effects(said, directory, named),
+                [*said.get("channels", ())],
+                said.get("constants", {}),
+            )
             values = structure.vector({name: one["value"] for name, one in document["parameters"].items()})
             covariance = np.array(
                 [[math.nan if x is None else x for x in row] for row in document["covariance"]], dtype=float
@@ -176,21 +207,49 @@ class Fit:
                 tuple(document["warnings"]),
                 document["profile"],
                 None if window is None else (window[0], window[1]),
+                tuple(name for name, one in document["parameters"].items() if one["at_bound"]),
+                tuple(name for name, one in document["parameters"].items() if one["fixed"]),
+                tuple(
+                    Rung(tuple(one["effects"]), dict(one["nrmse_percent"]), one["validation_nrmse_percent"])
+                    for one in document["lineage"]
+                ),
             )
+        except EffectError as error:
+            raise ResultError(f"its structure cannot be composed: {error}") from error
         except (KeyError, TypeError, IndexError, AttributeError) as error:
             raise ResultError(f"not a {FORMAT} document: {error!r} is missing or of the wrong kind") from error
 
     @classmethod
-    def load(cls, path: Path) -> Fit:
+    def load(cls, path: Path, named: Sequence[str] = ()) -> Fit:
         """Raises ResultError for a file that is not a fit, OSError for one that cannot be read."""
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
         except ValueError as error:
             raise ResultError(f"{path}: not JSON ({error})") from error
         try:
-            return cls.from_json(document, path.parent)
+            return cls.from_json(document, path.parent, named)
         except ResultError as error:
             raise ResultError(f"{path}: {error}") from error
+
+
+def _effects(said: Any, directory: Path, named: Sequence[str]) -> list[Any]:
+    """The effects of a saved structure; users' files only where they are named and unchanged."""
+    from sysid.effect import load
+
+    allowed = {Path(word).resolve() for word in named}
+    found: list[Any] = []
+    for word in said["effects"]:
+        if word not in said.get("user_effects", {}):
+            found.append(word)
+            continue
+        path = directory / word
+        if path.resolve() not in allowed:
+            raise ResultError(f"it uses the effect file {path}, which is code: name it with --with {path} to run it")
+        effect = load(path)
+        if effect.sha256 != said["user_effects"][word]:
+            raise ResultError(f"the effect file {path} has changed since this fit was made")
+        found.append(effect)
+    return found
 
 
 def finite(x: float) -> float | None:

@@ -6,13 +6,14 @@ import numpy as np
 
 from sysid.fit import output_error
 from sysid.model import Model
+from sysid.predict import stack
 from sysid.preprocess import ComplexArray, Spectrum
 from sysid.record import FloatArray
 
 
 def overlay(model: Model, spectrum: Spectrum) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time (n,), measured (n, k) and modelled (n, k) rates in rad/s, by the inverse transform of the band's bins."""
-    (residual,) = output_error(model, [spectrum]).residuals
+    (residual,) = output_error(model, stack([spectrum])).residuals
     return spectrum.segment.t, _in_time(spectrum.Y, spectrum), _in_time(spectrum.Y - residual, spectrum)
 
 
@@ -20,7 +21,6 @@ def _in_time(bins: ComplexArray, spectrum: Spectrum) -> FloatArray:
     from scipy.fft import irfft
 
     n = spectrum.samples
-    whole = np.zeros((n // 2 + 1, bins.shape[1]), dtype=complex)
-    first = round(float(spectrum.frequency_hz[0]) * n * spectrum.dt)
-    whole[first : first + bins.shape[0]] = bins
-    return np.asarray(irfft(whole, n, axis=0))
+    whole = np.zeros((bins.shape[0], n // 2 + 1), dtype=complex)
+    whole[:, spectrum.first : spectrum.first + bins.shape[1]] = bins
+    return np.asarray(irfft(whole, n, axis=1).T)

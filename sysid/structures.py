@@ -1,30 +1,33 @@
-"""The paper's structures for hover: Tip-Path-Plane (eq. 5-7) and Cylinder Dynamics (eq. 8-9).
+"""The paper's structures as compositions: Cylinder Dynamics (eq. 8-9), Tip-Path Plane (eq. 5-7), and effects on them.
 
-Symbols are Table 4's, free of Omega: tau_f = tau_fn/Omega, A_b = A_bn/Omega^2, B_a = B_an/Omega^2.
+Symbols are Table 4's, free of Omega: tau_f = tau_fn/Omega, A_b = A_bn/Omega^2, B_a = B_an/Omega^2. Forward flight
+(eq. 15-16) is the TPP with `angular_damping` and `elevator`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
-from sysid.model import AnyArray, EquationError, FloatArray, Matrices, Model, Structure
+from sysid.effect import Effect, EffectError, Signals, Surroundings, find
+from sysid.model import AnyArray, Base, EquationError, FloatArray, Model, Structure
 from sysid.parameter import Parameter
 
-_INPUTS = ("delta_x", "delta_y")
-_OUTPUTS = ("p", "q")
+
+def _tpp_equations(s: Signals) -> Mapping[str, Any]:
+    theta_s = s.A_lat * s.delta_x + s.A_lon * s.delta_y
+    theta_c = s.B_lat * s.delta_x + s.B_lon * s.delta_y
+    return {"theta_s": theta_s, "theta_c": theta_c, "p_dot": s.L_b * s.b, "q_dot": s.M_a * s.a}
 
 
-def _tpp_matrices(values: AnyArray) -> Matrices:
-    L_b, M_a, tau_f, A_b, B_a, A_lat, A_lon, B_lat, B_lon = values
-    A = np.zeros((4, 4), dtype=values.dtype)
-    A[0, 3] = L_b
-    A[1, 2] = M_a
-    A[2] = np.array([0, -tau_f, -1, A_b]) / tau_f
-    A[3] = np.array([-tau_f, 0, B_a, -1]) / tau_f
-    B = np.zeros((4, 2), dtype=values.dtype)
-    B[2] = np.array([A_lat, A_lon]) / tau_f
-    B[3] = np.array([B_lat, B_lon]) / tau_f
-    return Matrices(A, B, np.eye(2, 4), np.zeros((2, 2)))
+def _tpp_rotor(s: Signals) -> Mapping[str, Any]:
+    return {
+        "a_dot": -s.q + (-s.a + s.A_b * s.b + s.theta_s) / s.tau_f,
+        "b_dot": -s.p + (-s.b + s.B_a * s.a + s.theta_c) / s.tau_f,
+    }
 
 
 # Eliminating a = q'/M_a and b = p'/L_b leaves two second-order equations whose nine coefficients
@@ -76,34 +79,32 @@ def _tpp_parameters(coefficients: FloatArray) -> FloatArray:
     )
 
 
-TPP = Structure(
-    base="tpp",
+TPP_BASE = Base(
+    name="tpp",
     states=("p", "q", "a", "b"),
-    inputs=_INPUTS,
-    outputs=_OUTPUTS,
     parameters=(
-        Parameter("L_b", "1/s^2", "roll acceleration per lateral flapping", (10.0, 1e4)),
-        Parameter("M_a", "1/s^2", "pitch acceleration per longitudinal flapping", (10.0, 1e4)),
-        Parameter("tau_f", "s", "time constant of the tip-path plane", (0.005, 0.5)),
-        Parameter("A_b", "-", "longitudinal flapping from lateral", (-5.0, 5.0)),
-        Parameter("B_a", "-", "lateral flapping from longitudinal", (-5.0, 5.0)),
-        Parameter("A_lat", "rad", "longitudinal flapping per roll cyclic", (-5.0, 5.0)),
-        Parameter("A_lon", "rad", "longitudinal flapping per pitch cyclic", (0.0, 5.0)),
-        Parameter("B_lat", "rad", "lateral flapping per roll cyclic", (0.0, 5.0)),
-        Parameter("B_lon", "rad", "lateral flapping per pitch cyclic", (-5.0, 5.0)),
+        Parameter("L_b", "1/s^2", "roll acceleration per lateral flapping", (10.0, 1e4), typical=150.0),
+        Parameter("M_a", "1/s^2", "pitch acceleration per longitudinal flapping", (10.0, 1e4), typical=700.0),
+        Parameter("tau_f", "s", "time constant of the tip-path plane", (0.005, 0.5), typical=0.09),
+        Parameter("A_b", "-", "longitudinal flapping from lateral", (-5.0, 5.0), typical=-1.3),
+        Parameter("B_a", "-", "lateral flapping from longitudinal", (-5.0, 5.0), typical=1.4),
+        Parameter("A_lat", "rad", "longitudinal flapping per roll cyclic", (-5.0, 5.0), typical=-0.3),
+        Parameter("A_lon", "rad", "longitudinal flapping per pitch cyclic", (0.0, 5.0), typical=0.3),
+        Parameter("B_lat", "rad", "lateral flapping per roll cyclic", (0.0, 5.0), typical=0.5),
+        Parameter("B_lon", "rad", "lateral flapping per pitch cyclic", (-5.0, 5.0), typical=-0.05),
     ),
-    matrices=_tpp_matrices,
+    equations=_tpp_equations,
+    slots=(("rotor", _tpp_rotor),),
     equation_error=EquationError(2, _tpp_regressors, _tpp_denominator, _tpp_parameters),
     uncoupled=(150.0, 150.0, 0.1, 0, 0, 0, 0.1, 0.1, 0),
 )
-"""Eq. 5-7, states p, q, a, b, nine parameters."""
 
 
-def _cd_matrices(values: AnyArray) -> Matrices:
-    L_p, L_q, M_p, M_q, L_lat, L_lon, M_lat, M_lon = values
-    A = np.array([[L_p, L_q], [M_p, M_q]])
-    B = np.array([[L_lat, L_lon], [M_lat, M_lon]])
-    return Matrices(A, B, np.eye(2), np.zeros((2, 2)))
+def _cd_equations(s: Signals) -> Mapping[str, Any]:
+    return {
+        "p_dot": s.L_p * s.p + s.L_q * s.q + s.L_lat * s.delta_x + s.L_lon * s.delta_y,
+        "q_dot": s.M_p * s.p + s.M_q * s.q + s.M_lat * s.delta_x + s.M_lon * s.delta_y,
+    }
 
 
 def _cd_regressors(s: AnyArray, Y: AnyArray, U: AnyArray) -> AnyArray:
@@ -120,11 +121,9 @@ def _cd_denominator(s: AnyArray, coefficients: FloatArray) -> AnyArray:
     return s[:, None, None] * np.eye(2) - A
 
 
-CD = Structure(
-    base="cd",
+CD_BASE = Base(
+    name="cd",
     states=("p", "q"),
-    inputs=_INPUTS,
-    outputs=_OUTPUTS,
     parameters=(
         Parameter("L_p", "1/s", "roll damping"),
         Parameter("L_q", "1/s", "roll acceleration per pitch rate"),
@@ -135,13 +134,96 @@ CD = Structure(
         Parameter("M_lat", "1/s^2", "pitch acceleration per roll cyclic"),
         Parameter("M_lon", "1/s^2", "pitch acceleration per pitch cyclic"),
     ),
-    matrices=_cd_matrices,
+    equations=_cd_equations,
+    slots=(),
     equation_error=EquationError(1, _cd_regressors, _cd_denominator, lambda coefficients: coefficients),
     uncoupled=(-5.0, 0, 0, -5.0, 0, 0, 0, 0),
 )
-"""Eq. 8-9, states p, q, eight parameters."""
 
-STRUCTURES = {"cd": CD, "tpp": TPP}
+BASES = {"cd": CD_BASE, "tpp": TPP_BASE}
+COMMANDS = ("delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "delta_a")
+
+
+def compose(
+    base: str,
+    effects: Sequence[str | Effect] = (),
+    available: Collection[str] = (),
+    constants: Mapping[str, float] | None = None,
+) -> Structure:
+    """A base with effects, in the order of physics whatever the order they are named in.
+
+    `available` are the channels that every run has. `cd` with `flapping` is `tpp`. Raises EffectError where an effect
+    cannot act: twice, on a base that contains it, without what it needs, or without its channel.
+    """
+    declared = [one if isinstance(one, Effect) else find(one) for one in effects]
+    if base == "cd" and any(one.id == "flapping" for one in declared):
+        declared = [one for one in declared if one.id != "flapping"]
+        base = "tpp"
+    ids = [one.id for one in declared]
+    for one in declared:
+        if ids.count(one.id) > 1:
+            raise EffectError(f"{one.id} is named twice")
+        reason = not_testable(one, base, ids, available)
+        if reason is not None:
+            raise EffectError(f"{one.id} cannot act here: {reason}")
+    found = [adapted(one, base, ids, available) for one in declared]
+    slots = [one.slot for one in found if one.slot is not None]
+    if len(slots) != len(set(slots)):
+        raise EffectError(f"two effects for the same slot: {', '.join(one.id for one in found if one.slot)}")
+    taken = {one.name for one in BASES[base].parameters}
+    for one in found:
+        clash = taken & set(one.names)
+        if clash:
+            raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base}")
+        taken |= set(one.names)
+    ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
+    needed = [name for one in ordered for name in one.channels]
+    commands = [name for name in COMMANDS if name in ("delta_x", "delta_y") or name in needed]
+    attitude: tuple[str, ...] = ()
+    if any(one.attitude for one in ordered):
+        if {"phi", "theta"} <= set(available):
+            needed += ["phi", "theta"]
+        else:
+            attitude = ("phi", "theta")
+    channels = dict.fromkeys(name for name in needed if name not in COMMANDS)
+    return Structure(
+        BASES[base],
+        tuple(ordered),
+        tuple(commands),
+        tuple(channels),
+        attitude,
+        tuple(sorted((constants or {}).items())),
+    )
+
+
+def adapted(effect: Effect, base: str, others: Collection[str], available: Collection[str]) -> Effect:
+    """The effect as it is declared for this base, with these effects, on runs with these channels."""
+    if effect.adapt is None:
+        return effect
+    made = effect.adapt(Surroundings(base, tuple(sorted({effect.id, *others})), frozenset(available)))
+    return made if effect.path is None else replace(made, path=effect.path, sha256=effect.sha256)
+
+
+def not_testable(effect: Effect, base: str, others: Collection[str], available: Collection[str]) -> str | None:
+    """Why an effect cannot act on this base, with these effects, on runs with these channels; None where it can."""
+    effect = adapted(effect, base, others, available)
+    if base in effect.absorbed_by:
+        return f"not testable on {base}: its parameters are the base's own there"
+    for need in effect.needs:
+        names = need.split("|")
+        if not any(name in others or (name == "flapping" and base == "tpp") for name in names):
+            return f"it needs {' or '.join(names)}"
+    logged = {"delta_x", "delta_y", *available}
+    missing = [name.replace("|", " or ") for name in effect.channels if logged.isdisjoint(name.split("|"))]
+    if missing:
+        return f"channel {', '.join(missing)} is not logged"
+    return None
+
+
+CD = compose("cd")
+"""Eq. 8-9, states p, q, eight parameters."""
+TPP = compose("tpp")
+"""Eq. 5-7, states p, q, a, b, nine parameters."""
 
 
 def reduce_to_cd(model: Model) -> Model:
@@ -156,5 +238,5 @@ def reduce_to_cd(model: Model) -> Model:
     except np.linalg.LinAlgError as error:
         raise ValueError("this model's flapping has no steady state") from error
     A_cd = A[slow, slow] + A[slow, fast] @ settled[:, :2]
-    B_cd = A[slow, fast] @ settled[:, 2:]
+    B_cd = B[slow] + A[slow, fast] @ settled[:, 2:]
     return Model(CD, np.concatenate([A_cd.ravel(), B_cd.ravel()]))

@@ -30,7 +30,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/ttyUSB0,921600 or COM5,57600",
     )
     where.add_argument(
-        "--sim", metavar="PLANT", help=f"start a simulated vehicle of this plant (default {DEFAULT_PLANT})"
+        "--sim",
+        metavar="PLANT",
+        help=f"start a simulated vehicle: hover, hover-ideal or forward (default {DEFAULT_PLANT})",
     )
     parser.add_argument(
         "-o", dest="output", metavar="DIR", type=Path, default=Path(), help="where the flights' folders are made"

@@ -19,11 +19,15 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "sim",
         help="the simulated vehicle, until interrupted",
-        description="A simulated helicopter, hovering, that answers on a MAVLink link as ArduPilot does. Its pilot "
-        "reads lines from this terminal: takeoff, land, lqr on, lqr off, mode stabilize, quit.",
+        description="A simulated helicopter, in the air, that answers on a MAVLink link as ArduPilot does. Its pilot "
+        "reads lines from this terminal: takeoff, land, lqr on, lqr off, mode stabilize, quit. "
+        "Plants: hover has physics that the models lack; hover-ideal is Table 4 exactly; forward is Table 5 in forward "
+        "flight, with an elevator, airspeed and rotor speed wandering.",
         epilog='--json prints {"ready", "link", "ground_link", "plant", "seed", "directory"} once it is up.',
     )
-    parser.add_argument("--plant", default="hover", choices=("hover", "hover-ideal"), help="default %(default)s")
+    parser.add_argument(
+        "--plant", default="hover", choices=("hover", "hover-ideal", "forward"), help="default %(default)s"
+    )
     parser.add_argument(
         "--listen",
         default="udpout:127.0.0.1:14550",

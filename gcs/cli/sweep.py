@@ -41,7 +41,9 @@ def add_parser(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_link_options(parser)
-    parser.add_argument("--card", metavar="CARD.toml|NAME", help="a test card; hover, quick and lqr-doublet are there")
+    parser.add_argument(
+        "--card", metavar="CARD.toml|NAME", help="a test card; hover, forward, quick and lqr-doublet are there"
+    )
     parser.add_argument("--axis", choices=("roll", "pitch", "elevator"), help="of a single chirp by Table 1")
     parser.add_argument("--amplitude", type=float, metavar="A", help="of full command (default 0.1)")
     parser.add_argument("--duration", type=float, metavar="S", help="seconds (default 30)")
@@ -67,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     if args.card is not None and single:
         raise UsageError(f"--card says what to fly; leave out --{single[0]}")
     if args.card is None and args.axis is None:
-        raise UsageError("what to fly? Give --axis roll|pitch, or --card hover")
+        raise UsageError("what to fly? Give --axis roll|pitch|elevator, or --card hover")
     if args.card is not None:
         card = load_card(args.card)
     else:

@@ -85,7 +85,8 @@ def check(
     longest = max(float(t[stop - 1] - t[start]) for start, stop in pairwise(edges.tolist()))
     excitation = {
         axis: (_band_rms(t, record.channels[command], f_high_hz), _band_rms(t, record.channels[rate], f_high_hz))
-        for axis, command, rate in (("roll", "delta_x", "p"), ("pitch", "delta_y", "q"))
+        for axis, command, rate in (("roll", "delta_x", "p"), ("pitch", "delta_y", "q"), ("elevator", "delta_e", "q"))
+        if axis != "elevator" or (record.axis == axis and command in record.channels)
     }
     commands = [name for name in ("delta_x", "delta_y", "delta_e") if name in record.channels]
     saturated = {name: float(np.mean(np.abs(record.channels[name]) >= SATURATED)) for name in commands}

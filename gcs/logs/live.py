@@ -30,7 +30,8 @@ WANTED = {
     "SIDD": ("TimeUS", "Time", "F"),
     "TPEX": ("TimeUS", "EX", "EY"),
 }
-_COLUMNS = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y")
+_WHERE_LOGGED = {"TPEX": ("EE", "Elev")}
+_COLUMNS = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y", "excitation_e", "delta_e")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -54,6 +55,9 @@ class LiveWindow:
     """Its frequency now."""
     received: int = 0
     """Samples read since the log began."""
+    excitation_e: FloatArray | None = None
+    """What was added to the elevator, and its command; None or NaN where the vehicle does not log them."""
+    delta_e: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +65,7 @@ class _Reader:
     name: str
     unpack: struct.Struct
     at: tuple[int, ...]
-    """Where the wanted columns are among the unpacked."""
+    """Where the wanted columns are among the unpacked; -1 where there is none."""
 
 
 class LiveLog:
@@ -88,7 +92,7 @@ class LiveLog:
             self._sizes: dict[int, int] = {FMT: FMT_SIZE}
             self._readers: dict[int, _Reader] = {}
             self._in_step = True
-            self._excitation: tuple[float, float, float] = (np.nan, np.nan, np.nan)
+            self._excitation: tuple[float, ...] = (np.nan,) * 5
             self._sweep: tuple[float, float, float] | None = None
             self._rows: list[tuple[float, ...]] = []
 
@@ -188,24 +192,26 @@ class LiveLog:
             return
         unpack = struct.Struct("<" + "".join(_CODES[code] for code in codes))
         if unpack.size == size - 3 and len(codes) == len(columns):
-            self._readers[kind] = _Reader(name, unpack, tuple(columns.index(column) for column in wanted))
+            names = (*wanted, *_WHERE_LOGGED.get(name, ()))
+            at = tuple(columns.index(column) if column in columns else -1 for column in names)
+            self._readers[kind] = _Reader(name, unpack, at)
 
     def _sample(self, reader: _Reader, buffer: bytearray, at: int) -> None:
         fields = reader.unpack.unpack_from(buffer, at)
-        values = [fields[i] for i in reader.at]
+        values = [fields[i] if i >= 0 else np.nan for i in reader.at]
         t = values[0] * 1e-6
         match reader.name:
             case "RATE":
                 _, p, q, delta_x, delta_y = values
-                x, y = self._excitation[1:] if self._excitation[0] == t else (np.nan, np.nan)
-                self._rows.append((t, p * _DEGREE, q * _DEGREE, delta_x, delta_y, x, y))
+                added = self._excitation[1:] if self._excitation[0] == t else (np.nan,) * 4
+                self._rows.append((t, p * _DEGREE, q * _DEGREE, delta_x, delta_y, *added))
             case "SIDD":
                 self._sweep = (t, values[1], values[2])
             case _:
-                self._excitation = (t, values[1], values[2])
+                self._excitation = (t, *values[1:])
                 # Whichever of the two is logged first, they belong together where their stamps are equal.
                 if self._rows and self._rows[-1][0] == t:
-                    self._rows[-1] = (*self._rows[-1][:5], values[1], values[2])
+                    self._rows[-1] = (*self._rows[-1][:5], *values[1:])
                 elif not self._rows and self._end and self._ring[self._end - 1, 0] == t:
                     self._ring[self._end - 1, 5:] = values[1:]
 

@@ -29,7 +29,8 @@ SYSTEMID = 25
 LEAD_S = 1.0  # of nothing before the maneuver
 KEEP_BEFORE_S = 0.5
 KEEP_AFTER_S = 1.0
-AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch"}
+AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
+"""SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
 RATE_AXES = (7, 8)  # the excitation is added to the rate command: it is no part of the cyclic command
 KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
 
@@ -368,7 +369,7 @@ def _span(
     if axis is None and maneuver != "quiet":
         axis = _excited_axis(log, start, stop)
     if entry.axis is not None and entry.axis not in AXES and axis is None and maneuver != "quiet":
-        notes.append(f"SID_AXIS {entry.axis} excites neither roll nor pitch")
+        notes.append(f"SID_AXIS {entry.axis} excites neither roll nor pitch nor the elevator")
     stop = max(start, stop)
     planned = entry.duration_s
     return Span(

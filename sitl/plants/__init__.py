@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from sitl.plants.forward import ForwardPlant
 from sitl.plants.hover import BEYOND_TPP, LIGHT_GUSTS, NOTHING_MISSING, HoverPlant
 
 
@@ -23,13 +24,15 @@ class Plant(Protocol):
     ay: float
     az: float
     nominal_rpm: float
+    has_pitot: bool
+    """Whether the vehicle measures its airspeed; in hover a Pitot tube has nothing to measure."""
 
     def reset(self) -> None: ...
 
     def step(self, delta_x: float, delta_y: float, delta_e: float, delta_c: float) -> None: ...
 
 
-PLANTS = ("hover", "hover-ideal")
+PLANTS = ("hover", "hover-ideal", "forward")
 
 
 def make_plant(name: str, seed: int) -> Plant:
@@ -38,4 +41,6 @@ def make_plant(name: str, seed: int) -> Plant:
         return HoverPlant(BEYOND_TPP, LIGHT_GUSTS, seed)
     if name == "hover-ideal":
         return HoverPlant(NOTHING_MISSING, LIGHT_GUSTS, seed)
+    if name == "forward":
+        return ForwardPlant(LIGHT_GUSTS, seed)
     raise ValueError(f"unknown plant {name!r}; there are {', '.join(PLANTS)}")

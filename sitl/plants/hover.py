@@ -63,6 +63,7 @@ class HoverPlant:
     """States p, q, a, b, inflow and attitude, advanced by 2 ms with commands held."""
 
     nominal_rpm = NOMINAL_RPM
+    has_pitot = False
 
     def __init__(self, missing: Missing, gusts: Gusts, seed: int, rotor: TipPathPlane = TABLE_4) -> None:
         self.rotor = rotor

@@ -279,7 +279,7 @@ def dataflash() -> Callable[..., bytes]:
             rate = (0.0, 57.29577951308232 * i, 0.001 * i, 0.0, -57.29577951308232 * i, -0.001 * i, *(0.0,) * 7)
             out.append(b"\xa3\x95\x01" + struct.pack("<Q13f", t, *rate))
             if excitation:
-                out.append(b"\xa3\x95\x02" + struct.pack("<Q5f", t, i, -i, 0, 0, 0))
+                out.append(b"\xa3\x95\x02" + struct.pack("<Q5f", t, i, -i, 2 * i, 3 * i, 0))
             if sweep:
                 out.append(b"\xa3\x95\x03" + struct.pack("<Q9f", t, 0.002 * i, 0, 0.5 + 0.01 * i, *(0.0,) * 6))
         data = b"".join(out)

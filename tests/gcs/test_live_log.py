@@ -31,6 +31,10 @@ def test_samples_in_si_and_in_step_with_the_excitation(dataflash: Make) -> None:
     assert window.delta_y == pytest.approx(-0.001 * i, rel=1e-6)
     assert np.array_equal(window.excitation_x, i)
     assert np.array_equal(window.excitation_y, -i)
+    assert window.excitation_e is not None
+    assert np.array_equal(window.excitation_e, 2 * i)
+    assert window.delta_e is not None
+    assert np.array_equal(window.delta_e, 3 * i)
     assert window.sweep_s == pytest.approx(0.002 * 999)
     assert window.sweep_hz == pytest.approx(0.5 + 9.99)
 

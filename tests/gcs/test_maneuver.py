@@ -75,7 +75,7 @@ def test_nonsense_is_refused_by_name(text: str, key: str) -> None:
 
 
 def test_the_bundled_cards_are_what_they_say() -> None:
-    assert set(bundled_cards()) >= {"hover", "quick", "lqr-doublet"}
+    assert set(bundled_cards()) >= {"hover", "forward", "quick", "lqr-doublet"}
     hover = load_card("hover")
     flown = [(run.maneuver.kind, run.maneuver.axis, run.maneuver.amplitude) for run in hover.runs()]
     assert flown == [
@@ -125,7 +125,7 @@ def test_a_file_goes_before_a_bundled_name(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_a_card_that_is_not_there_says_what_there_is(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"did you mean hover\?.*hover, lqr-doublet, quick"):
+    with pytest.raises(UsageError, match=r"did you mean hover\?.*forward, hover, lqr-doublet, quick"):
         load_card("hovr")
     with pytest.raises(UsageError, match="no such card"):
         load_card(str(tmp_path))

@@ -97,6 +97,12 @@ def test_a_rate_maneuver_goes_to_the_rate_axis_in_degrees() -> None:
     assert (values["SIDX_KIND"], values["SIDX_PULSE_S"]) == (1, 0.5)
 
 
+def test_the_elevator_is_an_axis_where_the_vehicle_has_one() -> None:
+    plan = choose_profile(SIDX, ARDUPILOT).plan(Maneuver("chirp", "elevator", 0.3, 30.0))
+    assert (plan.axis_number, plan.words) == (20, "Table 1")
+    assert plan.writes[0] == ("SID_AXIS", 20.0)
+
+
 def test_every_bundled_profile_plans_a_chirp_and_has_every_parameter_once() -> None:
     assert len(bundled_profiles()) >= 2
     for profile in bundled_profiles():

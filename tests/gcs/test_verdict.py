@@ -123,3 +123,14 @@ def test_a_window_is_cut_to_the_maneuver() -> None:
     assert samples["t"][0] == pytest.approx(2.0)
     assert samples["t"][-1] == pytest.approx(3.0)
     assert np.array_equal(samples["q"], samples["t"])
+
+
+def test_an_elevator_chirp_is_judged_by_the_elevator() -> None:
+    plan = PROFILE.plan(Maneuver("chirp", "elevator", 0.3, 30.0))
+    answered = flown(CHIRP)
+    answered["excitation_e"] = answered.pop("excitation_y")
+    answered["delta_e"] = answered["excitation_e"]
+    answered["excitation_y"] = answered["delta_y"] = np.zeros_like(answered["t"])
+    assert judge(plan, Limits(), Peaks(), answered, RATE_HZ).keep
+    unknown = {name: values for name, values in answered.items() if not name.endswith("_e")}
+    assert not judge(plan, Limits(), Peaks(), unknown, RATE_HZ).keep

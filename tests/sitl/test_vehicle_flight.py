@@ -123,12 +123,12 @@ def test_every_sample_is_logged_2_ms_apart_with_the_commands_really_sent(
     out = [m.ROut for m in log if m.get_type() == "RATE"]
     assert (min(out), max(out)) == (-1, 1)
     assert max(m.EX for m in log if m.get_type() == "TPEX") > 2
-    counts = {kind: sum(m.get_type() == kind for m in log) for kind in ("RPM", "ATT")}
-    assert counts == {"RPM": 80, "ATT": 20}
+    counts = {kind: sum(m.get_type() == kind for m in log) for kind in ("RPM", "ATT", "ARSP")}
+    assert counts == {"RPM": 80, "ATT": 20, "ARSP": 0}
     assert {m.Name for m in log if m.get_type() == "PARM"} == set(vehicle.parameters.table)
 
 
-@pytest.mark.parametrize(("axis", "channel"), [(10, "EX"), (11, "EY")])
+@pytest.mark.parametrize(("axis", "channel"), [(10, "EX"), (11, "EY"), (20, "EE")])
 def test_noise_is_on_every_axis_and_the_chirp_on_its_own(
     tmp_path: Path, fly: Fly, read_log: Reader, axis: int, channel: str
 ) -> None:
@@ -175,7 +175,7 @@ def test_each_run_has_its_own_noise_unless_a_seed_is_given(fly: Fly) -> None:
     ("changes", "text"),
     [
         ({"SID_AXIS": 0}, "No axis selected, SID_AXIS = 0"),
-        ({"SID_AXIS": 3}, "SID_AXIS = 3: this vehicle has 7, 8, 10, 11"),
+        ({"SID_AXIS": 3}, "SID_AXIS = 3: this vehicle has 7, 8, 10, 11, 20"),
     ],
 )
 def test_a_sweep_is_refused_with_a_reason(fly: Fly, changes: dict[str, float], text: str) -> None:

@@ -34,6 +34,7 @@ def random_values(layout: str, rng: random.Random) -> list[int | float | bytes]:
         "H": lambda: rng.randrange(2**16),
         "f": lambda: struct.unpack("<f", struct.pack("<f", rng.uniform(-1e3, 1e3)))[0],
         "d": lambda: rng.uniform(-1e3, 1e3),
+        "c": lambda: rng.randrange(-(2**15), 2**15),
         "n": lambda: rng.randbytes(2).hex().encode(),
         "N": lambda: rng.randbytes(8).hex().encode(),
         "Z": lambda: rng.randbytes(32).hex().encode(),
@@ -60,7 +61,11 @@ def test_every_message_reads_back_value_for_value(tmp_path: Path, read_log: Read
     assert [m.get_type() for m in read] == [name for name, _ in written]
     for message, (_, values) in zip(read, written, strict=True):
         fields = [getattr(message, name) for name in message.get_fieldnames()]
-        expected = [v.decode() if isinstance(v, bytes) else v for v in values]
+        layout = next(f.layout for f in plain if f.name == message.get_type())
+        expected = [
+            v.decode() if isinstance(v, bytes) else v / 100 if letter == "c" else v
+            for letter, v in zip(layout, values, strict=True)
+        ]
         assert fields == expected
 
 

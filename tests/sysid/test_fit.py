@@ -13,6 +13,7 @@ from sysid.checks import eigenfrequency_checks
 from sysid.fit import FitError, estimate, independent_share, output_error
 from sysid.identify import identify, judge
 from sysid.model import Model, discretise
+from sysid.predict import stack
 from sysid.preprocess import low_pass, spectra
 from sysid.record import Record
 from sysid.structures import CD, TPP
@@ -98,7 +99,7 @@ def exact_record(dt: float, seconds: float, seed: int, start: np.ndarray) -> Rec
 def test_hold_and_end_states_are_exact(dt: float) -> None:
     one = exact_record(dt, 12.0, 1, np.array([0.5, -0.3, 0.02, 0.01]))
     found, _ = spectra([one], TPP.inputs, TPP.outputs)
-    assert np.all(output_error(Model(TPP, TRUTH), found).nrmse_percent > 100 - 1e-6)
+    assert np.all(output_error(Model(TPP, TRUTH), stack(found)).nrmse_percent > 100 - 1e-6)
     np.testing.assert_allclose(estimate(TPP, found).model.values, TRUTH, rtol=1e-6)
 
 
@@ -115,7 +116,7 @@ def test_random_vehicles_from_no_start_values() -> None:
         y = y + rng.normal(size=y.shape) * y.std(axis=0) * 0.3
         found, _ = spectra([altered(base, p=y[:, 0], q=y[:, 1])], TPP.inputs, TPP.outputs)
         best = estimate(TPP, found)
-        truth = output_error(model, found).residual_power
+        truth = output_error(model, stack(found)).residual_power
         assert np.all(best.error.residual_power <= truth * 1.02)
 
 

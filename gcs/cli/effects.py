@@ -1,0 +1,193 @@
+"""`tippath effects`: the catalogue of physical effects, or one entry of it with all that it declares."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import textwrap
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from gcs.cli.options import print_json
+
+if TYPE_CHECKING:
+    from sysid.effect import Effect
+    from sysid.parameter import Parameter
+
+FORMAT = "tippath.effects/1"
+WIDTH = 78
+GROUPS = {
+    "rotor": "Rotor",
+    "fuselage": "Fuselage",
+    "forward": "Forward flight",
+    "actuators": "Actuators",
+    "sensors": "Sensors",
+}
+
+_FORMAT_HELP = """\
+--json prints {"format": "tippath.effects/1", "effects": [{"id", "title", "group", "equation", "source", "signature",
+"parameters": [{"name", "unit", "meaning", "null", "null_is_infinite", "bounds": [low, high], "plausible": [low, high],
+"typical", "grid"}], "channels", "attitude", "states", "needs", "absorbed_by", "replaces", "slot", "stage", "order",
+"linear", "path", "sha256"}]}; null in a range is an open end, null as a parameter's "null" is none or infinite.
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "effects",
+        help="the catalogue of physical effects",
+        description="List the physical effects that a structure may hold, or explain one: equation, parameters, "
+        "source, and what the residual looks like where it is missing.",
+        epilog=_FORMAT_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "effect", nargs="?", metavar="ID", help="a catalogue id, or the path of your own effect file (its code runs)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from gcs.errors import UsageError
+    from sysid.effect import EffectError, catalogue, find
+
+    if args.effect is None:
+        found = list(catalogue().values())
+    else:
+        try:
+            found = [find(args.effect)]
+        except EffectError as error:
+            if args.effect.endswith(".py"):
+                raise
+            raise UsageError(str(error)) from error
+    if args.json:
+        print_json({"format": FORMAT, "effects": [entry(one) for one in found]})
+    elif args.effect is None:
+        print(table(found))
+    else:
+        print(explanation(found[0]))
+    return 0
+
+
+def entry(effect: Effect) -> dict[str, Any]:
+    """One effect in the `tippath.effects/1` document."""
+    return {
+        "id": effect.id,
+        "title": effect.title,
+        "group": effect.group,
+        "equation": effect.equation,
+        "source": effect.source,
+        "signature": effect.signature,
+        "parameters": [_parameter_entry(one) for one in effect.parameters],
+        "channels": [name.split("|") if "|" in name else name for name in effect.channels],
+        "attitude": effect.attitude,
+        "states": list(effect.states),
+        "needs": [name.split("|") if "|" in name else name for name in effect.needs],
+        "absorbed_by": list(effect.absorbed_by),
+        "replaces": list(effect.replaces),
+        "slot": effect.slot,
+        "stage": effect.stage.name.lower(),
+        "order": effect.order,
+        "linear": effect.linear,
+        "path": effect.path,
+        "sha256": effect.sha256,
+    }
+
+
+def _parameter_entry(one: Parameter) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "unit": one.unit,
+        "meaning": one.meaning,
+        "null": None if one.null is None else _finite(one.null),
+        "null_is_infinite": one.null is not None and math.isinf(one.null),
+        "bounds": [_finite(x) for x in one.bounds],
+        "plausible": [_finite(x) for x in one.plausible],
+        "typical": one.typical,
+        "grid": list(one.grid),
+    }
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def table(effects: Iterable[Effect]) -> str:
+    """The catalogue by groups; 78 columns."""
+    lines: list[str] = []
+    group = None
+    for one in effects:
+        if one.group != group:
+            group = one.group
+            lines += ["", GROUPS.get(group, group)] if lines else [GROUPS.get(group, group)]
+        needs = _alternatives(one.channels)
+        lines.append(f"  {one.id:<22} {one.title:<36}{f' needs {needs}' if needs else ''}".rstrip())
+        if len(lines[-1]) > WIDTH:
+            lines[-1:] = [f"  {one.id:<22} {one.title}", *_wrapped(f"needs {needs}", 25)]
+    lines += ["", "`tippath effects ID` explains one; sysid/effects/README.md, how to add one."]
+    return "\n".join(lines)
+
+
+def explanation(effect: Effect) -> str:
+    """All that one effect declares, for people; 78 columns."""
+    lines = [f"{effect.id}: {effect.title}"]
+    for name, text in (
+        ("equation", effect.equation),
+        ("missing", effect.signature),
+        ("source", effect.source),
+        ("channels", _channels(effect)),
+        ("needs", _alternatives(effect.needs)),
+        ("part of", _alternatives(effect.absorbed_by)),
+        ("in place of", _alternatives(effect.replaces)),
+        ("file", effect.path or ""),
+    ):
+        if text:
+            lines += _wrapped(f"{name:<12}{text}", 2, 12)
+    lines.append("  parameters")
+    width = max(len(one.name) for one in effect.parameters) if effect.parameters else 0
+    for one in effect.parameters:
+        unit = "" if one.unit == "-" else f", {one.unit}"
+        lines += _wrapped(f"{one.name:<{width}}  {one.meaning}{unit}; typically {one.typical:g}", 4, width + 2)
+        ranges = f"null {_null(one.null)}; plausible {_range(one.plausible)}; bounds {_range(one.bounds)}"
+        lines += _wrapped(ranges, width + 6)
+    return "\n".join(lines)
+
+
+def _channels(effect: Effect) -> str:
+    attitude = "phi and theta, integrated from p and q where not logged" if effect.attitude else ""
+    return ", ".join(text for text in (_alternatives(effect.channels), attitude) if text)
+
+
+def _alternatives(names: Iterable[str]) -> str:
+    return ", ".join(name.replace("|", " or ") for name in names)
+
+
+def _wrapped(text: str, indent: int, hanging: int = 0) -> list[str]:
+    return textwrap.wrap(
+        text,
+        WIDTH,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent + hanging),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def _null(x: float | None) -> str:
+    if x is None:
+        return "none"
+    return "infinite" if math.isinf(x) else f"{x:g}"
+
+
+def _range(limits: tuple[float, float]) -> str:
+    low, high = limits
+    if low == high:
+        return f"{low:g} only"
+    if math.isinf(low) and math.isinf(high):
+        return "any"
+    if math.isinf(high):
+        return f"from {low:g}"
+    if math.isinf(low):
+        return f"up to {high:g}"
+    return f"{low:g} to {high:g}"

@@ -1,0 +1,52 @@
+"""Commands end at a limit, on the ring that a swashplate allows.
+
+A swashplate limits its tilt, whatever its direction: roll and pitch cyclic together are scaled back to the ring, every
+other command is cut by itself. With one axis at a time the ring and a limit on each axis are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import inf
+
+import numpy as np
+
+from sysid.effect import Effect, Stage
+from sysid.parameter import Parameter
+from sysid.record import FloatArray
+
+
+def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
+    """Absolute commands (c, n), delta_x and delta_y first -> limited ones (c, n)."""
+    limit = parameters["limit"]
+    acting = np.clip(commands, -limit, limit)
+    tilt = np.hypot(commands[0], commands[1])
+    acting[:2] = commands[:2] * (limit / np.maximum(tilt, limit) if limit < inf else 1.0)
+    return acting
+
+
+EFFECT = Effect(
+    id="servo_saturation",
+    title="limit of the commands",
+    group="actuators",
+    equation="|delta| <= limit, on the absolute command, as the cyclic ring sqrt(delta_x^2 + delta_y^2); other "
+    "commands each by itself",
+    source="the swashplate's travel, or a limit that the autopilot applies after logging",
+    signature="the tops of large commands have no effect; trim to one side makes it one-sided",
+    parameters=(
+        Parameter(
+            "limit",
+            "-",
+            "largest command that acts",
+            plausible=(0.05, inf),  # less could not be flown
+            null=inf,
+            bounds=(0.005, inf),
+            typical=0.2,
+            grid=(0.05, 0.1, 0.15, 0.2, 0.3, 0.5),
+        ),
+    ),
+    stage=Stage.COMMAND,
+    order=1,
+    linear=False,
+    samples=samples,
+)

@@ -1,0 +1,206 @@
+"""The bare bases as matrix polynomials D(s) Y = N U: linear in their coefficients, and closed in the frequency domain.
+
+Eliminating the flapping leaves two second-order equations; their nine coefficients map one to one to the parameters:
+  p'' = -L_b p - p'/tau_f + c_p q' + L_b/tau_f (B_lat delta_x + B_lon delta_y),   c_p = B_a L_b/(M_a tau_f)
+  q'' = -M_a q - q'/tau_f + c_q p' + M_a/tau_f (A_lat delta_x + A_lon delta_y),   c_q = A_b M_a/(L_b tau_f)
+Cylinder Dynamics is of first order and its coefficients are its parameters. So a fit needs no start values, and its
+steps need no matrices: that is what makes it fast. Held commands and sampling are accounted for in closed form, up to
+images of the response's second term (below 1e-7 of it at 500 Hz), so slow sampling goes through the matrices instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.model import COMPLEX_STEP, AnyArray, FloatArray, Structure, stepped
+from sysid.predict import Response, Stack
+from sysid.preprocess import ComplexArray
+
+SLOWEST_RATIO = 20.0
+"""Sample rate over highest frequency from which on the closed form is exact enough."""
+
+
+Regressors = tuple[tuple[tuple[int, ComplexArray], ...], ...]
+
+
+class Form(NamedTuple):
+    """s^order y_i = sum_j coefficient_j regressor_ij; the last four coefficients are those of the commands."""
+
+    order: int
+    coefficients: int
+    regressors: Callable[[ComplexArray, ComplexArray, ComplexArray], Regressors]
+    """(s (bins,), Y (2, bins), U (2, bins)) -> for every coefficient the equations it is in, and its factor there."""
+    denominator: Callable[[ComplexArray, FloatArray], tuple[AnyArray, AnyArray, AnyArray, AnyArray]]
+    """(s, coefficients) -> the entries of D(s) by rows."""
+    to_parameters: Callable[[FloatArray], FloatArray]
+    of_parameters: Callable[[AnyArray], AnyArray]
+    """(..., parameters) -> (..., coefficients), analytic."""
+    second: Callable[[FloatArray], FloatArray]
+    """M (2, 2) in s^(order-1) D(s)^-1 = 1/s + M/s^2 + ..., from the coefficients."""
+
+
+def _tpp_regressors(s: ComplexArray, Y: ComplexArray, U: ComplexArray) -> Regressors:
+    p, q = Y
+    p_dot, q_dot = s * Y
+    return (
+        ((0, -p),),
+        ((1, -q),),
+        ((0, -p_dot), (1, -q_dot)),
+        ((0, q_dot),),
+        ((1, p_dot),),
+        *(((axis, u),) for axis in (0, 1) for u in U),
+    )
+
+
+def _tpp_denominator(s: ComplexArray, c: FloatArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
+    common = s * s + c[2] * s
+    return common + c[0], -c[3] * s, -c[4] * s, common + c[1]
+
+
+def _tpp_parameters(c: FloatArray) -> FloatArray:
+    L_b, M_a, rate, c_p, c_q, p_x, p_y, q_x, q_y = c
+    roll, pitch = 1 / (rate * L_b), 1 / (rate * M_a)
+    return np.array(
+        [
+            L_b,
+            M_a,
+            1 / rate,
+            c_q * L_b * pitch,
+            c_p * M_a * roll,
+            q_x * pitch,
+            q_y * pitch,
+            p_x * roll,
+            p_y * roll,
+        ]
+    )
+
+
+def _tpp_coefficients(values: AnyArray) -> AnyArray:
+    L_b, M_a, tau_f, A_b, B_a, A_lat, A_lon, B_lat, B_lon = np.moveaxis(values, -1, 0)
+    roll, pitch = L_b / tau_f, M_a / tau_f
+    return np.stack(
+        [
+            L_b,
+            M_a,
+            1 / tau_f,
+            B_a * roll / M_a,
+            A_b * pitch / L_b,
+            roll * B_lat,
+            roll * B_lon,
+            pitch * A_lat,
+            pitch * A_lon,
+        ],
+        axis=-1,
+    )
+
+
+def _cd_regressors(s: ComplexArray, Y: ComplexArray, U: ComplexArray) -> Regressors:
+    return tuple(((axis, signal),) for signals in (Y, U) for axis in (0, 1) for signal in signals)
+
+
+def _cd_denominator(s: ComplexArray, c: FloatArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
+    return s - c[0], -c[1] + 0 * s, -c[2] + 0 * s, s - c[3]
+
+
+FORMS = {
+    "tpp": Form(
+        2,
+        9,
+        _tpp_regressors,
+        _tpp_denominator,
+        _tpp_parameters,
+        _tpp_coefficients,
+        lambda c: np.array([[-c[2], c[3]], [c[4], -c[2]]]),
+    ),
+    "cd": Form(
+        1, 8, _cd_regressors, _cd_denominator, lambda c: c, lambda values: values, lambda c: c[:4].reshape(2, 2)
+    ),
+}
+
+
+class Sampling(NamedTuple):
+    """What holding and sampling do on the bins of a stack."""
+
+    s: ComplexArray
+    hold: ComplexArray
+    """Of a command between samples."""
+    images: ComplexArray
+    """Of the response's leading term, per unit of its coefficient."""
+    jump: ComplexArray
+    """Of an end state's leading term 1/s, its first sample included."""
+    bend: ComplexArray
+    """Of its second term, 1/s^2."""
+
+
+def sampling(stack: Stack, order: int) -> Sampling:
+    """Sums over all images of the spectrum, in closed form: hyperbolic functions of half a sample."""
+    dt = stack.dt
+    s = np.asarray(2j * np.pi * stack.frequency_hz, dtype=np.complex128)
+    half = 0.5 * s * dt
+    sinh, cosh = np.sinh(half), np.cosh(half)
+    back = 1 - 1 / stack.z
+    hold = back / (2 * half)
+    if order == 2:
+        every = (0.5 * dt) ** 3 * cosh / sinh**3 - s**-3.0
+    else:
+        every = (0.5 * dt) ** 2 / sinh**2 - s**-2.0
+    bend = (0.5 * dt / sinh) ** 2 - s**-2.0
+    return Sampling(s, hold, back / dt * every, 0.5 * dt * cosh / sinh - 1 / s + 0.5 * dt, bend)
+
+
+def exact_enough(stack: Stack) -> bool:
+    return bool(SLOWEST_RATIO * stack.frequency_hz[-1] < 1 / stack.dt)
+
+
+def inverse(form: Form, s: ComplexArray, c: FloatArray) -> ComplexArray:
+    """D(s)^-1, (2, 2, bins)."""
+    d00, d01, d10, d11 = form.denominator(s, c)
+    scale = 1 / (d00 * d11 - d01 * d10)
+    found = np.empty((2, 2, s.size), dtype=complex)
+    found[0, 0], found[0, 1] = d11 * scale, -d01 * scale
+    found[1, 0], found[1, 1] = -d10 * scale, d00 * scale
+    return found
+
+
+def through(D: ComplexArray, regressors: Regressors, out: ComplexArray) -> ComplexArray:
+    """D(s)^-1 (2, 2, bins) times every regressor, into `out` (coefficients, 2, bins)."""
+    for row, parts in zip(out, regressors, strict=True):
+        axis, factor = parts[0]
+        np.multiply(D[:, axis], factor, out=row)
+        for axis, factor in parts[1:]:
+            row += D[:, axis] * factor
+    return out
+
+
+def respond(structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool, U: ComplexArray) -> Response:
+    """As `predict.respond`, of a bare base; sensitivities are to the coefficients, `to` turns them to parameters."""
+    form = FORMS[structure.base]
+    at = stack.sampling(form.order)
+    c = form.of_parameters(values)
+    D = inverse(form, at.s, c)
+    held = U * at.hold
+    N = c[-4:].reshape(2, 2)
+    driven = N @ held
+    Y = D[:, 0] * driven[0]
+    Y += D[:, 1] * driven[1]
+    E = np.empty((2 * form.order, 2, at.s.size), dtype=complex)
+    E[:2] = D.transpose(1, 0, 2)
+    if form.order == 2:
+        np.multiply(E[:2], at.s, out=E[2:])
+    E[-2, 0] += at.jump
+    E[-1, 1] += at.jump
+    E[-2:] += form.second(c).T[:, :, None] * at.bend
+    if form.order == 2:
+        E[0, 0] += at.bend
+        E[1, 1] += at.bend
+    images = at.images * U
+    if not sensitivities:
+        return Response(Y + N @ images, E, None, None)
+    to = form.of_parameters(stepped(values)).imag / COMPLEX_STEP
+    J = through(D, form.regressors(at.s, Y, held), np.empty((form.coefficients, 2, at.s.size), dtype=complex))
+    J[-4:-2, 0] += images
+    J[-2:, 1] += images
+    return Response(Y + N @ images, E, J, to)
