@@ -19,12 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gcs.errors import TippathError
 from gcs.flightdir import FlightFolder
-from gcs.gains import PushResult, RevertResult, gains_of, push, revert
+from gcs.gains import PushResult, RevertResult, checksum, gains_of, push, revert
+from gcs.logs.following import Following, measure_following
 from gcs.maneuver import load_card
 from gcs.pilot import SimulatedVehicle
 from gcs.session import Session
@@ -35,49 +33,18 @@ if TYPE_CHECKING:  # they bring matplotlib and the control library along, which 
     from sysid.record import Record
     from sysid.regulator import Gains
 
-FloatArray = NDArray[np.float64]
-
 FIRST_INPUT_COST = 20.0
 """The first set is a gentle one, as on a first flight; it is also what a revert goes back to."""
 INPUT_COST = 5.0
 """The paper's."""
 LAND_WITHIN_S = 20.0
 TAKE_OFF_WITHIN_S = 20.0
-MOST_LAG_S = 0.3
-SETTLED_S = 0.25
-"""After a step of the rate command its answer is taken for steady."""
-FOLLOWS_CORRELATION = 0.8
-FOLLOWS_SHARE = (0.75, 1.25)
 
 Say = Callable[[str], None]
 
 
 class DemoError(TippathError):
     """Something that had to hold does not; the message says what."""
-
-
-@dataclass(frozen=True, slots=True)
-class Following:
-    """How one rate followed its command."""
-
-    axis: str
-    correlation: float
-    """Of measured and commanded rate at the best lag."""
-    lag_s: float
-    steady_share: float
-    """Measured over commanded once the answer has settled, each at the lag; 1 is perfect."""
-
-    @property
-    def follows(self) -> bool:
-        low, high = FOLLOWS_SHARE
-        return self.correlation >= FOLLOWS_CORRELATION and low <= self.steady_share <= high
-
-    @property
-    def words(self) -> str:
-        return (
-            f"{self.axis}: correlation {self.correlation:.2f} at a lag of {1000 * self.lag_s:.0f} ms, "
-            f"steady {100 * self.steady_share:.0f} %" + ("" if self.follows else "   does not follow")
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +75,8 @@ class Demonstration:
             "",
             gains_text(self.gains),
             "",
-            f"pushed {last.crc:06x}: {len(last.values)} of {len(last.values)} values read back equal; "
-            f"reverted to {self.reverted.crc:06x} after the flight",
+            f"pushed {checksum(last.crc)}: {len(last.values)} of {len(last.values)} values read back equal; "
+            f"reverted to {checksum(self.reverted.crc)} after the flight",
             "following the rate command with the LQR",
             *(f"  {one.words}" for one in self.following),
             "",
@@ -143,18 +110,10 @@ class Demonstration:
                 for name, model in (("tpp", found.tpp.model), ("cd", found.cd.model), ("cd_reduced", found.reduced))
             },
             "checks": [{"name": c.name, "passed": c.passed, "text": c.text} for c in found.checks],
-            "pushed": [{"crc": p.crc, "verified": len(p.values)} for p in self.pushed],
+            "pushed": [{"crc": p.crc, "checksum": checksum(p.crc), "verified": len(p.values)} for p in self.pushed],
             "reverted_to": self.reverted.crc,
-            "following": [
-                {
-                    "axis": one.axis,
-                    "correlation": round(one.correlation, 4),
-                    "lag_s": round(one.lag_s, 4),
-                    "steady_share": round(one.steady_share, 4),
-                    "follows": one.follows,
-                }
-                for one in self.following
-            ],
+            "reverted_to_checksum": checksum(self.reverted.crc),
+            "following": [one.to_json() for one in self.following],
             "files": sorted(p.name for p in self.folder.path.iterdir() if p.is_file()),
             "duration_s": round(self.duration_s, 1),
         }
@@ -169,11 +128,13 @@ def fly_demo(
     on_progress: Callable[[Progress], None] = lambda progress: None,
     on_briefing: Callable[[Briefing], None] = lambda briefing: None,
     aborted: Callable[[], str | None] = lambda: None,
+    interruptions: Callable[[], int] = lambda: 0,
 ) -> Demonstration:
     """The demonstration, in about five minutes, into an empty folder.
 
-    `aborted` is looked at in every run and between the steps. Raises DemoError where something does not hold,
-    KeyboardInterrupt where somebody wanted the end, and what the steps raise. The vehicle ends in every case.
+    `aborted` is looked at in every run and between the steps; `interruptions` as in `fly_card`. Raises DemoError where
+    something does not hold, KeyboardInterrupt where somebody wanted the end, and what the steps raise. The vehicle ends
+    in every case.
     """
     began = time.monotonic()
 
@@ -194,6 +155,7 @@ def fly_demo(
             confirm=briefed,
             on_progress=on_progress,
             aborted=aborted,
+            interruptions=interruptions,
             about={"link": session.link, "simulated": {"plant": plant, "seed": seed}},
         )
         require_flown(result, aborted)
@@ -219,7 +181,7 @@ def fly_demo(
         again = FlightFolder(folder.path / "lqr")
         again.path.mkdir()
         lqr_flown = fly(session, "lqr-doublet", again)
-        following = tuple(measure_following(again, lqr_flown))
+        following = tuple(measure_following(again.log, lqr_flown.runs))
         for one in following:
             tell(one.words)
         land(vehicle, session, tell)
@@ -308,67 +270,17 @@ def take_off(vehicle: SimulatedVehicle, session: Session, say: Say) -> None:
 def push_gains(session: Session, gains: Gains, say: Say) -> PushResult:
     """Write one set, prove it bit for bit, commit it, prove it again. Raises what the vehicle says against it."""
     result = push(session, gains_of(gains.to_json()))
-    say(f"pushed input cost {gains.input_cost:g}: {len(result.values)} values read back equal, {result.crc:06x} active")
+    equal = f"{len(result.values)} values read back equal"
+    say(f"pushed input cost {gains.input_cost:g}: {equal}, {checksum(result.crc)} active")
     return result
-
-
-def measure_following(folder: FlightFolder, flown: SweepResult) -> list[Following]:
-    """How the rates followed their commands in each run, from the vehicle's log. Raises DemoError without samples."""
-    from gcs.logs import dataflash
-    from gcs.logs.tables import DataFlashTables
-
-    log = DataFlashTables(dataflash.read(folder.log), str(folder.log))
-    found = []
-    for result in flown.runs:
-        maneuver = result.run.maneuver
-        letter = {"roll": "R", "pitch": "P"}[maneuver.axis]
-        if result.log_start_s is None:
-            raise DemoError(f"{result.run.label}: no samples came")
-        start = result.log_start_s + result.plan.lead_s
-        commanded, measured = (
-            log.series(f"RATE.{name}").part(start, start + maneuver.duration_s) for name in (f"{letter}Des", letter)
-        )
-        target = log.series("SIDD.Targ").part(start, start + maneuver.duration_s)
-        if commanded.t.size < 100 or target.t.size < 100:
-            raise DemoError(f"{result.run.label}: no samples of the commanded rate in {folder.log}")
-        pulse = np.interp(commanded.t, target.t, target.values)
-        found.append(following(maneuver.axis, commanded.t, commanded.values, measured.values, pulse))
-    return found
-
-
-def following(axis: str, t: FloatArray, commanded: FloatArray, measured: FloatArray, pulse: FloatArray) -> Following:
-    """How `measured` follows `commanded`: rates of one unit at times t, all of shape (n,).
-
-    `pulse` is what the maneuver adds to the command; where it has been constant and not zero for `SETTLED_S`, the
-    answer counts as steady.
-    """
-    dt = float(np.median(np.diff(t)))
-    best, lag = -1.0, 0
-    for shift in range(round(MOST_LAG_S / dt) + 1):
-        a, b = commanded[: commanded.size - shift], measured[shift:]
-        spread = float(a.std() * b.std())
-        r = float(((a - a.mean()) * (b - b.mean())).mean() / spread) if spread > 0 else 0.0
-        if r > best:
-            best, lag = r, shift
-    n = round(SETTLED_S / dt)
-    steady = np.zeros(t.size, dtype=bool)
-    # Constant over the last n samples: no step inside them.
-    steps = np.concatenate(([0], np.cumsum(np.abs(np.diff(pulse)) > 1e-6)))
-    steady[n:] = (steps[n:] == steps[:-n]) & (pulse[n:] != 0)
-    # The command itself moves on while the answer comes: compare each answer with what it answers to.
-    steady[t.size - lag :] = False
-    at = np.flatnonzero(steady)
-    power = float((commanded[at] ** 2).sum())
-    share = float((commanded[at] * measured[at + lag]).sum() / power) if power > 0 else 0.0
-    return Following(axis, best, lag * dt, share)
 
 
 def revert_gains(session: Session, pushed: Sequence[PushResult], say: Say) -> RevertResult:
     """Back to the first set. Raises DemoError where another is active afterwards."""
     result = revert(session)
     if result.crc != pushed[0].crc:
-        raise DemoError(f"the revert went to {result.crc:06x}, not to {pushed[0].crc:06x}")
-    say(f"reverted to the set before, {result.crc:06x}")
+        raise DemoError(f"the revert went to {checksum(result.crc)}, not to {checksum(pushed[0].crc)}")
+    say(f"reverted to the set before, {checksum(result.crc)}")
     return result
 
 

@@ -6,8 +6,9 @@ The rules that `step` keeps, whatever happens around it:
 - The way back is the mode before the run, sent again and again, but only while the vehicle's last word is that it is
   in the excitation mode. Any other mode means that the pilot, or a failsafe, has taken over: that ends the run, and
   no mode is commanded after it.
-- After a lost link nothing starts again. What the vehicle does then is decided by a heartbeat heard a second after the
-  link came back: neither by one from before nor by one that waited in a buffer, also while this program was stopped.
+- After a lost link nothing starts again, and after a minute, or when somebody says so, it is no longer waited for.
+  What the vehicle does then is decided by a heartbeat heard a second after the link came back: neither by one from
+  before nor by one that waited in a buffer, also while this program was stopped.
 - After an ordinary end the way back waits for a heartbeat later than the end: it costs a second, and does not talk
   over a pilot who used that second.
 
@@ -144,6 +145,8 @@ class Seen:
     violations: tuple[str, ...] = ()
     abort: str | None = None
     """Why somebody wants the end."""
+    given_up: bool = False
+    """Somebody no longer wants to wait for a lost link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +279,7 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
     if state.ending is not Ending.STUCK and seen.answer is not None and seen.answer.accepted is False:
         state = replace(state, reason=joined(state.reason, seen.answer.reason))
     waited = seen.now - state.returning_since
-    if seen.lost and waited > LOST_PATIENCE_S:
+    if seen.lost and (waited > LOST_PATIENCE_S or seen.given_up):
         reason = joined(state.reason, f"no link for {waited:.0f} s: what the vehicle does is not known")
         return replace(state, phase=Phase.ENDED, ending=Ending.LINK, reason=reason, mode_after="unknown"), None
     if seen.now < state.settled_at:
@@ -400,7 +403,7 @@ class Excitation:
                     )
                 self._clock.sleep(TICK_S)
 
-    def tick(self, abort: str | None = None, *, look_at_log: bool = True) -> bool:
+    def tick(self, abort: str | None = None, *, look_at_log: bool = True, given_up: bool = False) -> bool:
         """Look, decide, and send what was decided. False once the run has ended."""
         snapshot = self.snapshot = self._session.snapshot()
         self._cursor, texts = self._session.texts_since(self._cursor)
@@ -417,6 +420,7 @@ class Excitation:
             sweep_s=sweep_s,
             violations=violations(self._limits, self.peaks),
             abort=abort,
+            given_up=given_up,
         )
         self._answer = None
         if self.state.flying_since is not None and self.state.phase is Phase.FLYING:

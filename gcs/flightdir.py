@@ -55,14 +55,19 @@ class FlightFolder:
             part.write_text(text + "\n", "utf-8")
             part.replace(self.about)
         except OSError as error:
+            part.unlink(missing_ok=True)
             raise TippathError(f"{self.about} cannot be written ({error.strerror or error})") from error
 
     def write_card(self, text: str) -> None:
         """Keep the card beside the log. Raises TippathError where the disk does not take it."""
+        made = False
         try:
             with self.card.open("x", encoding="utf-8") as stream:
+                made = True
                 stream.write(text)
         except OSError as error:
+            if made:
+                self.card.unlink(missing_ok=True)
             raise TippathError(f"{self.card} cannot be written ({error.strerror or error})") from error
 
     def read(self) -> dict[str, Any]:

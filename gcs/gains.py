@@ -77,7 +77,9 @@ class PushResult:
         return {
             "format": "tippath.push/1",
             "crc": self.crc,
+            "checksum": checksum(self.crc) if self.crc else None,
             "previous_crc": self.previous_crc,
+            "previous_checksum": checksum(self.previous_crc) if self.previous_crc else None,
             "committed": self.committed,
             "verified": len(self.values),
             "values": dict(self.values),
@@ -95,7 +97,18 @@ class RevertResult:
     """Of the bank that was active before."""
 
     def to_json(self) -> dict[str, Any]:
-        return {"format": "tippath.revert/1", "crc": self.crc, "reverted_crc": self.reverted_crc}
+        return {
+            "format": "tippath.revert/1",
+            "crc": self.crc,
+            "checksum": checksum(self.crc) if self.crc else None,
+            "reverted_crc": self.reverted_crc,
+            "reverted_checksum": checksum(self.reverted_crc) if self.reverted_crc else None,
+        }
+
+
+def checksum(crc: int) -> str:
+    """A checksum as it is written everywhere: six hexadecimal digits; `none` for no bank."""
+    return f"{crc:06x}" if crc else "none"
 
 
 def load_gains(path: Path) -> Gains:
@@ -168,11 +181,12 @@ def _bits(value: float, name: str) -> int:
 
 
 def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] = lambda _: None) -> PushResult:
-    """Write a set to the shadow bank, prove it, commit it, and prove what is active.
+    """Write a set to the shadow bank, prove it, commit it, and prove what is active; only disarmed.
 
     Raises GainsError or ProcedureError, with the vehicle's own words where it gave any; the active bank is then what
     it was, unless the message says otherwise. Raises LinkError where the link is gone.
     """
+    _require_disarmed(session, "nothing was written")
     _require_bank(session)
     previous = _active_crc(session)
     if previous == gains.crc and _bank(session, "LQR_") == gains.bits:
@@ -184,12 +198,12 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     on_progress("reading the shadow bank back")
     _require_equal(_bank(session, "LQS_"), gains.bits, "shadow bank", "nothing was committed")
 
-    on_progress(f"committing {gains.crc:06x}")
+    on_progress(f"committing {checksum(gains.crc)}")
     refusal = _act(session, "LQR_COMMIT", float(gains.crc), previous)
     active = _active_crc(session)
     if active != gains.crc:
         raise GainsError(
-            f"the vehicle did not take the set: {refusal or f'its active bank is {active:06x}'}; "
+            f"the vehicle did not take the set: {refusal or f'its active bank is {checksum(active)}'}; "
             f"the active bank is {'as before' if active == previous else 'another one'}"
         )
     on_progress("reading the active bank back")
@@ -198,17 +212,23 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
 
 
 def revert(session: Session) -> RevertResult:
-    """Go back to the bank before the last commit.
+    """Go back to the bank before the last commit; only disarmed.
 
     Raises GainsError where the vehicle refuses, has nothing to go back to, or offers no bank.
     """
+    _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
     _require_bank(session)
     before = _active_crc(session)
     refusal = _act(session, "LQR_REVERT", 1.0, before)
     after = _active_crc(session)
     if after == before and refusal is not None:
-        raise GainsError(f"the vehicle did not go back: {refusal}; the active bank is as before ({before:06x})")
+        raise GainsError(f"the vehicle did not go back: {refusal}; the active bank is as before ({checksum(before)})")
     return RevertResult(after, before)
+
+
+def _require_disarmed(session: Session, then: str) -> None:
+    if session.snapshot().armed:
+        raise GainsError(f"the vehicle is armed: land and disarm first; {then}")
 
 
 def _require_bank(session: Session) -> None:
@@ -253,10 +273,15 @@ def _act(session: Session, name: str, value: float, before: int) -> str | None:
                 return said
             silence = str(error)
         except ProcedureError as error:
-            return str(error)
+            return _in_hex(str(error), name, value)
         else:
             return None
-    return silence
+    return _in_hex(silence, name, value)
+
+
+def _in_hex(text: str, name: str, value: float) -> str:
+    """What is said about a write of a checksum, with the checksum as it is written everywhere else."""
+    return text.replace(f"{value:.9g}", checksum(int(value))) if name == "LQR_COMMIT" else text
 
 
 def _active_crc(session: Session) -> int:

@@ -107,6 +107,16 @@ def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, .
     return tuple(checks)
 
 
+def controller(lqr_switch: float | None) -> tuple[Check, ...]:
+    """Whether the LQR is there to follow a commanded rate. `lqr_switch` is LQR_SW, None where the vehicle has none."""
+    if lqr_switch is None:
+        return (Check("controller", "the vehicle does not tell which one follows the rates (no LQR_SW)"),)
+    if lqr_switch != 1:
+        words = "the LQR is not selected (LQR_SW is 0): the pilot switches it on, then fly this again"
+        return (Check("controller", words, False),)
+    return (Check("controller", "the pilot's switch selects the LQR"),)
+
+
 def recording(
     before: VehicleSnapshot, now: VehicleSnapshot, disk_free: int | None, duration_s: float
 ) -> tuple[Check, ...]:

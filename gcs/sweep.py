@@ -144,14 +144,21 @@ def fly_run(
     on_progress: Callable[[Progress], None],
     aborted: Callable[[], str | None],
     rate_hz: float | None,
+    interruptions: Callable[[], int] = lambda: 0,
 ) -> RunResult:
     """Fly one run whose parameters are in the vehicle, from the mode that the pilot left it in.
 
-    Raises what `on_progress` raises, after the excitation ended.
+    `interruptions` counts how often somebody pressed Ctrl-C: once more while the link is lost, and it is not waited for
+    any longer. Raises what `on_progress` raises, after the excitation ended.
     """
     started = datetime.now(UTC).isoformat(timespec="milliseconds")
     with Excitation(session, plan, limits, clock, mode_before) as flown:
-        while flown.tick(aborted()):
+        pressed_before: int | None = None  # the link was lost
+        while flown.tick(aborted(), given_up=pressed_before is not None and interruptions() > pressed_before):
+            if not flown.snapshot.lost:
+                pressed_before = None
+            elif pressed_before is None:
+                pressed_before = interruptions()
             elapsed = flown.elapsed_s - plan.lead_s
             on_progress(
                 RunProgress(
@@ -229,6 +236,18 @@ class SweepResult:
     def missing_blocks(self) -> int:
         return 0 if self.recording is None else self.recording.missing_blocks
 
+    @property
+    def missing_words(self) -> str:
+        """`0 samples missing`, or what is: blocks of the log, or samples that were to be flown and did not come."""
+        verdicts = [run.verdict for run in self.runs if run.verdict is not None]
+        samples, planned = sum(v.missing for v in verdicts), sum(v.expected for v in verdicts)
+        parts = [f"{self.missing_blocks} blocks of the log missing"] if self.missing_blocks else []
+        if any(not v.keep and v.missing for v in verdicts):
+            parts.append(f"{samples:,} of {planned:,} planned samples not flown or not received")
+        if not parts and samples:
+            parts.append("0 blocks of the log missing")  # a sample more or less at the ends of a run
+        return ", ".join(parts) or "0 samples missing"
+
 
 class NotReadyError(TippathError):
     """A check before the start failed; the message lists what and why."""
@@ -242,8 +261,15 @@ def require_flyable(session: Connection, card: TestCard) -> VehicleProfile:
     profile = recognise(session)
     for run in card.runs():
         profile.plan(run.maneuver)
-    _require(preflight.flying(session.snapshot(), profile))
+    _require((*preflight.flying(session.snapshot(), profile), *_controller(session, card)))
     return profile
+
+
+def _controller(session: Connection, card: TestCard) -> tuple[Check, ...]:
+    """Which controller follows the rates that a card commands; nothing where it commands none."""
+    if all(maneuver.target != "rate" for maneuver in card.maneuvers):
+        return ()
+    return preflight.controller(read_parameters(session, ["LQR_SW"]).get("LQR_SW"))
 
 
 def read_parameters(session: Connection, names: Sequence[str]) -> dict[str, float]:
@@ -321,34 +347,36 @@ def fly_card(
     confirm: Callable[[Briefing], bool] = lambda briefing: True,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     aborted: Callable[[], str | None] = lambda: None,
+    interruptions: Callable[[], int] = lambda: 0,
     about: Mapping[str, Any] | None = None,
     clock: Clock | None = None,
     disk_free: Callable[[Path], int | None] | None = None,
 ) -> SweepResult:
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
-    `aborted` gives a reason once somebody wants the end. `about` goes into flight.json. Recording begins here and ends
-    here. `profile` spares asking the vehicle what it is. Raises CannotFlyError, NotReadyError, LinkError and
-    ProcedureError before anything was flown; what happens later is in the result. flight.json is written in every case
-    where recording began.
+    `aborted` gives a reason once somebody wants the end; `interruptions` as in `fly_run`. `about` goes into
+    flight.json. Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
+    CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens later is in the
+    result. flight.json is written in every case where recording began.
     """
     clock = clock or WallClock()
     limits = limits or card.limits
     disk_free = disk_free or free_bytes
     profile = profile or recognise(session)
     planned = tuple((run, profile.plan(run.maneuver)) for run in card.runs())
-    _require(preflight.flying(session.snapshot(), profile))
+    controller = _controller(session, card)
+    _require((*preflight.flying(session.snapshot(), profile), *controller))
     parameters = read_settings(session, profile)
     loss = preflight.link_loss(parameters, session.station)
     flight = _Flight(session, card, profile, limits, planned, folder, loss, dict(about or {}), clock, on_progress)
     folder.write_card(card.text)
     with flight:
-        checks = flight.look(disk_free)
+        checks = flight.look(disk_free, controller)
         _require(checks)
         if not confirm(Briefing(card, tuple(planned), checks, loss, profile)):
             raise NotReadyError("not confirmed: nothing was flown")
         _require(preflight.flying(session.snapshot(), profile))  # somebody may have thought for minutes
-        flight.fly(parameters, aborted)
+        flight.fly(parameters, aborted, interruptions)
     return flight.result()
 
 
@@ -407,8 +435,8 @@ class _Flight:
             with contextlib.suppress(TippathError):  # the first error is the one to tell
                 self.write()
 
-    def look(self, disk_free: Callable[[Path], int | None]) -> tuple[Check, ...]:
-        """Wait for the log to arrive and for some seconds of hover, and check both."""
+    def look(self, disk_free: Callable[[Path], int | None], before_it: Sequence[Check] = ()) -> tuple[Check, ...]:
+        """Wait for the log to arrive and for some seconds of hover, and check both; with what was looked at before."""
         self.clock.sleep(4 * TICK_S)  # until the count of blocks is this recording's
         before = self.session.snapshot()
         deadline = self.clock.now() + LOG_WAIT_S
@@ -423,12 +451,18 @@ class _Flight:
         plans = [plan for _, plan in self.planned]
         self.checks = (
             *preflight.flying(snapshot, self.profile),
+            *before_it,
             *preflight.recording(before, snapshot, disk_free(self.folder.path), self.card.duration_s),
             *preflight.hover(snapshot, window, plans, self.limits),
         )
         return self.checks
 
-    def fly(self, parameters: Mapping[str, float], aborted: Callable[[], str | None]) -> None:
+    def fly(
+        self,
+        parameters: Mapping[str, float],
+        aborted: Callable[[], str | None],
+        interruptions: Callable[[], int] = lambda: 0,
+    ) -> None:
         """Run after run, until one of them says stop; then the parameters as they were."""
         rate_hz = parameters.get("SCHED_LOOP_RATE")
         mode_before = self.session.snapshot().mode
@@ -454,6 +488,7 @@ class _Flight:
                     on_progress=self.on_progress,
                     aborted=aborted,
                     rate_hz=rate_hz,
+                    interruptions=interruptions,
                 )
                 self.runs.append(result)
                 self.write()

@@ -227,7 +227,7 @@ class Parameters:
         if armed:
             reason = "armed"
         elif value != crc:
-            reason = f"CRC {value:.0f}, shadow bank {crc}"
+            reason = f"CRC {int(value):06x}, shadow bank {crc:06x}"
         elif shadow != self.active_bank():
             try:
                 self._check_bank(shadow)

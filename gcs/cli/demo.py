@@ -46,7 +46,14 @@ def run(args: argparse.Namespace) -> int:
     folder = flightdir.create(args.output)
     with interrupts() as wishes:
         found = fly_demo(
-            folder, args.plant, args.seed, say=say, on_progress=lines, on_briefing=lines.briefing, aborted=wishes
+            folder,
+            args.plant,
+            args.seed,
+            say=say,
+            on_progress=lines,
+            on_briefing=lines.briefing,
+            aborted=wishes,
+            interruptions=lambda: wishes.pressed,
         )
     if args.json:
         print_json(found.to_json())

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from gcs.tui.engine import FlightEngine
 
 DEFAULT_PLANT = "hover"
+PLANTS = ("hover", "hover-ideal", "forward")
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -32,6 +33,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     where.add_argument(
         "--sim",
         metavar="PLANT",
+        choices=PLANTS,
         help=f"start a simulated vehicle: hover, hover-ideal or forward (default {DEFAULT_PLANT})",
     )
     parser.add_argument(
@@ -62,6 +64,13 @@ def run(args: argparse.Namespace) -> int:
 
     if args.connect is not None and (args.seed is not None or args.on_ground):
         raise UsageError("--seed and --on-ground are the simulated vehicle's; leave them out with --connect")
+    from gcs.link.transport import parse_link
+    from gcs.maneuver import load_card
+
+    # Before anything is started, and before it is asked where: words that make no sense do so anywhere.
+    if args.connect is not None:
+        parse_link(args.connect)
+    load_card(args.card)
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise TippathError("the app needs a terminal; `tippath sweep` and `tippath demo` do without")
     try:
@@ -69,12 +78,10 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise TippathError(f"{args.output}: {error.strerror or error}; choose another folder with -o") from error
 
-    from gcs.maneuver import load_card
     from gcs.pilot import SimulatedVehicle
     from gcs.tui.app import TippathApp
     from gcs.tui.engine import FlightEngine
 
-    load_card(args.card)  # before anything is started
     plant = None if args.connect is not None else args.sim or DEFAULT_PLANT
     with contextlib.ExitStack() as ends:
         start_vehicle = None

@@ -1,7 +1,8 @@
 """`tippath ingest`: list the runs in logs with their health, and write records.
 
 The listing is for people unless --json asks for the `tippath.runs/1` document. Nothing is written before it is certain
-that everything can be: an existing file stops the command, not half of its work.
+that everything can be: an existing file stops the command, not half of its work. With --json the document is printed
+also where no log could be read: `refused` says why.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gcs.errors import TippathError
-from gcs.logs import Ingest, Run, Source, ingest, parse_window
+from gcs.errors import TippathError, UsageError
+from gcs.logs import Ingest, Run, Source, UnreadableError, ingest, parse_window
 from gcs.logs.dataflash import printable
+from gcs.logs.tables import EVENTS
 from sysid.record import CHANNELS, REQUIRED
 
 FORMAT = "tippath.runs/1"
@@ -25,8 +27,13 @@ FORMAT = "tippath.runs/1"
 _FORMAT_HELP = """\
 --json prints {"format": "tippath.runs/1", "runs": [{"id", "path", "maneuver", "axis", "start_s", "duration_s",
 "rate_hz", "gaps": [[start_s, stop_s]], "usable", "reasons", "notes", "rate_source", "swept_band_hz", "excitation",
-"record"}], "damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused"}.
-start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
+"record"}], "damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused":
+{path: reason}}. start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
+With --explain each source also has "channels": {channel: {"unit", "source", "scale", "offset"}}, "absent": {channel:
+reason} and "fields".
+
+A flight.json beside a log is believed: a run that it says is to be flown again (aborted, link lost, limits left) is
+listed as not usable; `tippath fit LOG#n` takes it all the same.
 """
 
 
@@ -53,12 +60,17 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
     window = None if args.window is None else parse_window(args.window)
-    found = ingest(args.logs, args.profile, window)
+    try:
+        found = ingest(args.logs, args.profile, window)
+    except UnreadableError as error:
+        if not args.json:
+            raise
+        found = Ingest((), (), error.refused)
     written: dict[str, str] = {}
     if args.output is not None:
         written = write_records(found, args.output, args.force)
     if args.json:
-        print(json.dumps(document(found, written), indent=1, allow_nan=False))
+        print(json.dumps(document(found, written, explain=args.explain), indent=1, allow_nan=False))
     else:
         print("\n".join(table(found)))
         for path in written.values():
@@ -73,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def document(found: Ingest, written: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """The `tippath.runs/1` document; `written` maps run ids to the records' paths."""
+def document(found: Ingest, written: Mapping[str, str] | None = None, *, explain: bool = False) -> dict[str, Any]:
+    """The `tippath.runs/1` document; `written` maps run ids to the records' paths, `explain` adds the channels."""
     return {
         "format": FORMAT,
         "runs": [_run_entry(run, (written or {}).get(_key(run))) for run in found.runs],
@@ -95,10 +107,41 @@ def document(found: Ingest, written: Mapping[str, str] | None = None) -> dict[st
                 "kind": source.kind,
                 "profile": None if source.profile is None else source.profile.name,
                 "notes": list(source.notes),
+                **(_channels(found, source) if explain else {}),
             }
             for source in found.sources
         ],
         "refused": dict(found.refused),
+    }
+
+
+def _channels(found: Ingest, source: Source) -> dict[str, Any]:
+    have, absent = _found_and_absent(found, source)
+    sources = {} if source.profile is None else source.profile.channels
+    return {
+        "channels": {
+            name: {
+                "unit": CHANNELS[name],
+                "source": text,
+                "scale": sources[name].scale if name in sources else 1.0,
+                "offset": sources[name].offset if name in sources else 0.0,
+            }
+            for name, text in have.items()
+        },
+        "absent": absent,
+        "fields": [printable(name) for name in source.fields],
+    }
+
+
+def _found_and_absent(found: Ingest, source: Source) -> tuple[dict[str, str], dict[str, str]]:
+    """Channel -> where its values come from; channel -> why it has none."""
+    its_runs = [run for run in found.runs if run.path == source.path]
+    have = dict(next((run.sources for run in its_runs if run.sources), {}))
+    reasons = next((run.absent for run in its_runs if run.absent), {})
+    return have, {
+        name: reasons.get(name, "no source")
+        for name in CHANNELS
+        if name != "t" and name not in have and source.kind != "record"
     }
 
 
@@ -137,15 +180,15 @@ def _number(value: float) -> float | None:
 
 
 def write_records(found: Ingest, folder: Path, force: bool) -> dict[str, str]:
-    """Write the usable runs as NAME-1.npz, ... Returns run -> path. Raises TippathError where a file is in the way."""
+    """Write the usable runs as NAME-1.npz, ... Returns run -> path. Raises UsageError where a file is in the way."""
     usable = [run for run in found.usable if run.record is not None]
     names = _names(usable)
     targets = {_key(run): folder / name for run, name in zip(usable, names, strict=True)}
     in_the_way = [path for path in targets.values() if path.exists()]
     if in_the_way and not force:
-        raise TippathError(f"{in_the_way[0]} exists; choose another -o DIR, or --force to overwrite")
+        raise UsageError(f"{in_the_way[0]} exists; choose another -o DIR, or --force to overwrite")
     if folder.exists() and not folder.is_dir():
-        raise TippathError(f"{folder} is a file; -o takes a folder")
+        raise UsageError(f"{folder} is a file; -o takes a folder")
     try:
         if usable:
             folder.mkdir(parents=True, exist_ok=True)
@@ -180,12 +223,13 @@ def _stem(run: Run) -> str:
 
 def table(found: Ingest) -> list[str]:
     """Lines for people: a row for each run, its notes and reasons below it."""
-    width = max([len(run.id) for run in found.runs] + [3])
+    ids = shown_ids(found.runs)
+    width = max([len(id) for id in ids] + [3])
     lines = [f" {'run':<{width}}  {'maneuver':<8}  {'axis':<8}  {'start s':>8}  {'length s':>8}  {'Hz':>6}  gaps"]
-    for run in found.runs:
+    for id, run in zip(ids, found.runs, strict=True):
         rate = "-" if run.rate_hz is None else f"{run.rate_hz:.1f}"
         lines.append(
-            f" {run.id:<{width}}  {run.maneuver:<8}  {run.axis or '-':<8}  {run.start_s:8.2f}  {run.duration_s:8.2f}  "
+            f" {id:<{width}}  {run.maneuver:<8}  {run.axis or '-':<8}  {run.start_s:8.2f}  {run.duration_s:8.2f}  "
             f"{rate:>6}  {len(run.gaps):4d}  {'usable' if run.usable else 'not usable, because'}"
         )
         lines += [f"    - {reason}" for reason in run.reasons]
@@ -195,35 +239,56 @@ def table(found: Ingest) -> list[str]:
     return lines
 
 
+def shown_ids(runs: Sequence[Run]) -> list[str]:
+    """The runs' ids; where two logs share a name, with as much of their folders in front as tells them apart."""
+    paths = {run.id: {other.path for other in runs if other.id == run.id} for run in runs}
+    shown = []
+    for run in runs:
+        others = [Path(path).parts for path in paths[run.id] - {run.path}]
+        parts = Path(run.path).parts
+        depth = 1
+        while depth < len(parts) and any(other[-depth:] == parts[-depth:] for other in others):
+            depth += 1
+        shown.append(printable("/".join([*parts[-depth:-1], run.id])))
+    return shown
+
+
 def explanation(found: Ingest) -> list[str]:
     """Which channel came from where, which are missing and why, and a profile to start from."""
     lines = []
     for source in found.sources:
-        its_runs = [run for run in found.runs if run.path == source.path]
         name = source.profile.name if source.profile is not None else None
         lines.append(f"\n {printable(source.path)}: {source.kind}" + (f", profile {name}" if name else ""))
-        have = dict(next((run.sources for run in its_runs if run.sources), {}))
-        absent = dict(next((run.absent for run in its_runs if run.absent), {}))
+        have, absent = _found_and_absent(found, source)
         if source.kind == "record":
             continue
-        lines.append("  channels found")
-        lines += [f"    {channel:<13} {CHANNELS[channel]:<7} from {text}" for channel, text in have.items()] or [
-            "    none"
-        ]
+        lines.append("  channels found (p right side down, q nose up, r nose right; positive delta_x gives positive p)")
+        lines += [
+            f"    {channel:<13} {CHANNELS[channel]:<7} = {_scaled(text, source, channel)}"
+            for channel, text in have.items()
+        ] or ["    none"]
         lines.append("  not found")
-        for channel in CHANNELS:
-            if channel != "t" and channel not in have:
-                need = " (needed)" if channel in REQUIRED else ""
-                lines.append(f"    {channel:<13} {CHANNELS[channel]:<7} {absent.get(channel, 'no source')}{need}")
+        for channel, reason in absent.items():
+            need = " (needed)" if channel in REQUIRED else ""
+            lines.append(f"    {channel:<13} {CHANNELS[channel]:<7} {reason}{need}")
         lines += _to_write(source)
     return lines
+
+
+def _scaled(text: str, source: Source, channel: str) -> str:
+    """`+0.0174533 * SIDD.Gx`: the sign is there also where it is a plus."""
+    mapping = None if source.profile is None else source.profile.channels.get(channel)
+    scale, offset = (1.0, 0.0) if mapping is None else (mapping.scale, mapping.offset)
+    shown = printable(text)
+    shown = f"({shown})" if any(c in shown for c in " +-*/") else shown
+    return f"{scale:+.6g} * {shown}" + (f" {offset:+.6g}" if offset else "")
 
 
 def _to_write(source: Source) -> list[str]:
     fields = [printable(name) for name in source.fields]
     shown = ", ".join(fields[:40]) + (f" and {len(fields) - 40} more" if len(fields) > 40 else "")
     rates = [name for name in fields if "gyr" in name.lower()]
-    others = [name for name in fields if "time" not in name.lower()]
+    others = [name for name in fields if "time" not in name.lower() and name.split(".")[0] not in EVENTS]
     example = next(iter(rates + others), "FIELD")
     time = "TIME_COLUMN" if source.kind == "csv" else "MESSAGE.TimeUS"
     return [

@@ -22,6 +22,8 @@ class Interrupts:
 
     def __init__(self) -> None:
         self.count = 0
+        self.pressed = 0
+        """Times somebody pressed Ctrl-C, as against a signal that nobody chose."""
         self.reason: str | None = None
 
     def __call__(self) -> str | None:
@@ -30,6 +32,7 @@ class Interrupts:
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.count += 1
+        self.pressed += number == signal.SIGINT
         name = {signal.SIGINT: "Ctrl-C"}.get(signal.Signals(number), signal.Signals(number).name)
         self.reason = self.reason or name
         if self.count == 1:

@@ -8,7 +8,9 @@ import time
 from typing import TextIO
 
 from gcs.envelope import Limits
+from gcs.excitation import LOST_PATIENCE_S
 from gcs.sweep import Briefing, Ending, Note, Phase, Progress, RunProgress, RunReady, RunResult
+from gcs.vehicle import LOST_AFTER_S
 
 EVERY_S = 5.0
 """Between two lines of progress where the output is no terminal."""
@@ -30,6 +32,8 @@ class ProgressLines:
         self._bell = bell and self._terminal
         self._next = 0.0
         self._open = False
+        self._link_loss = "the vehicle's own answer to a lost link is not known"
+        self._lost = False
 
     def __call__(self, progress: Progress) -> None:
         match progress:
@@ -52,18 +56,31 @@ class ProgressLines:
         for check in briefing.checks:
             self._line(f"   {'✓' if check.ok else '✗'} {check.name}: {printable(check.words)}")
         self._line(f"   {briefing.link_loss.words}")
+        self._link_loss = "the vehicle's own answer to a lost link: " + briefing.link_loss.words.removeprefix(
+            "link lost: "
+        )
         flown = sorted({plan.words for run, plan in briefing.plans if run.maneuver.kind == "chirp"})
         if flown:
             self._line(f"   chirps: {'; '.join(flown)}")
 
     def _running(self, progress: RunProgress) -> None:
         now = time.monotonic()
+        peaks, snapshot = progress.peaks, progress.snapshot
+        if snapshot.lost and not self._lost:
+            self._line(" ✗ LINK LOST: no abort reaches the vehicle. PILOT: take over, any other mode ends the sweep")
+            self._line(f"   {self._link_loss}")
+            self._line(
+                f"   waiting up to {LOST_PATIENCE_S:.0f} s for the vehicle, to end the sweep if it is heard again; "
+                "Ctrl-C ends the wait"
+            )
+            self._next = now + (REDRAW_S if self._terminal else EVERY_S)
+        self._lost = snapshot.lost
         if now < self._next:
             return
         self._next = now + (REDRAW_S if self._terminal else EVERY_S)
-        peaks, snapshot = progress.peaks, progress.snapshot
         if snapshot.lost:
-            text = f" ✗ link lost for {snapshot.link_age_s:.0f} s"
+            left_s = max(0.0, LOST_PATIENCE_S + LOST_AFTER_S - snapshot.link_age_s)
+            text = f" ✗ link lost for {snapshot.link_age_s:.0f} s, waiting {left_s:.0f} s more; pilot: take over"
         elif progress.phase is Phase.RETURNING:
             text = f" … back to the pilot's mode (now {printable(snapshot.mode_name)})"
         else:

@@ -15,9 +15,10 @@ def add_parser(subparsers: Any) -> None:
         help="write gains to the vehicle as one verified set",
         description="Write a GAINS.json of `tippath design` to the vehicle's shadow bank, read it back bit for bit, "
         "and commit it with its checksum. The vehicle must be disarmed; whether the LQR flies is the pilot's switch.",
-        epilog='--json prints {"format": "tippath.push/1", "crc", "previous_crc", "committed", "verified", "values", '
-        '"switch_on"}: the checksums of the bank that is active now and of the one before (0: none), whether anything '
-        "had to be committed, how many values were read back equal, and those values.",
+        epilog='--json prints {"format": "tippath.push/1", "crc", "checksum", "previous_crc", "previous_checksum", '
+        '"committed", "verified", "values", "switch_on"}: the checksums of the bank that is active now and of the one '
+        "before, as numbers (0: none) and as they are written everywhere else, in six hexadecimal digits; whether "
+        "anything had to be committed, how many values were read back equal, and those values.",
     )
     parser.add_argument("gains", type=Path, metavar="GAINS.json")
     add_link_options(parser)
@@ -41,7 +42,7 @@ def add_link_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.gains import load_gains, push  # here, because --help should not wait for MAVLink
+    from gcs.gains import checksum, load_gains, push  # here, because --help should not wait for MAVLink
     from gcs.session import Session
 
     gains = load_gains(args.gains)
@@ -51,14 +52,14 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(result.to_json(), indent=2, allow_nan=False))
         return 0
     if result.committed:
-        print(f"committed {result.crc:06x}; {len(result.values)} of {len(result.values)} values read back equal")
+        print(f"committed {checksum(result.crc)}; {len(result.values)} of {len(result.values)} values read back equal")
     else:
-        print(f"the vehicle had this set already ({result.crc:06x}); nothing was written")
+        print(f"the vehicle had this set already ({checksum(result.crc)}); nothing was written")
     names = list(result.values)
     for row in ("K1", "K2", "L1", "L2", "L3", "L4", "G1", "G2"):
         print(f"  {row:4}" + " ".join(f"{result.values[n]:12.6g}" for n in names if n[:2] == row and n[2:].isdigit()))
     if result.committed and result.previous_crc:
-        print(f"`tippath revert` goes back to the set before, {result.previous_crc:06x}")
+        print(f"`tippath revert` goes back to the set before, {checksum(result.previous_crc)}")
     elif result.committed:
         print("it is the vehicle's first set: nothing to revert to until the next; the way back is the pilot's switch")
     switch = {True: "the LQR", False: "the autopilot's own controller", None: "unknown"}[result.switch_on]

@@ -13,17 +13,18 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "revert",
         help="go back to the gains before the last push",
-        description="Make the vehicle's previous bank of gains the active one again. In the air the pilot's switch is "
-        "the faster way back; the vehicle says whether it takes this.",
-        epilog='--json prints {"format": "tippath.revert/1", "crc", "reverted_crc"}: the checksums of the bank that is '
-        "active now and of the one that was (0: none).",
+        description="Make the vehicle's previous bank of gains the active one again. The vehicle must be disarmed; in "
+        "the air the pilot's switch is the way back.",
+        epilog='--json prints {"format": "tippath.revert/1", "crc", "checksum", "reverted_crc", "reverted_checksum"}: '
+        "the checksums of the bank that is active now and of the one that was, as numbers (0: none) and in six "
+        "hexadecimal digits.",
     )
     add_link_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.gains import revert  # here, because --help should not wait for MAVLink
+    from gcs.gains import checksum, revert  # here, because --help should not wait for MAVLink
     from gcs.session import Session
 
     with Session.open(args.connect, primary=args.primary) as session:
@@ -31,6 +32,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(result.to_json(), indent=2, allow_nan=False))
         return 0
-    now = f"{result.crc:06x} is active again" if result.crc else "no LQR is active, as before the first push"
-    print(f"{now}; {result.reverted_crc:06x} is kept as the one to go back to")
+    now = f"{checksum(result.crc)} is active again" if result.crc else "no LQR is active, as before the first push"
+    print(f"{now}; {checksum(result.reverted_crc)} is kept as the one to go back to")
     return 0

@@ -11,6 +11,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+MODES = ("stabilize", "alt_hold", "rtl", "land", "systemid")
+PILOT_LINES = ("takeoff", "land", "lqr on", "lqr off", *(f"mode {name}" for name in MODES), "quit")
+"""What the simulated pilot hears, as the vehicle's own refusal of an unknown line lists it."""
 GRACE_S = 2.0
 """A Ctrl-C in the terminal reaches the vehicle by itself; after so long it is told once more."""
 
@@ -20,7 +23,7 @@ def add_parser(subparsers: Any) -> None:
         "sim",
         help="the simulated vehicle, until interrupted",
         description="A simulated helicopter, in the air, that answers on a MAVLink link as ArduPilot does. Its pilot "
-        "reads lines from this terminal: takeoff, land, lqr on, lqr off, mode stabilize, quit. "
+        f"reads lines from this terminal: {', '.join(PILOT_LINES)}. "
         "Plants: hover has physics that the models lack; hover-ideal is Table 4 exactly; forward is Table 5 in forward "
         "flight, with an elevator, airspeed and rotor speed wandering.",
         epilog='--json prints {"ready", "link", "ground_link", "plant", "seed", "directory"} once it is up.',
@@ -82,7 +85,7 @@ def _follow(vehicle: subprocess.Popen[bytes], as_json: bool) -> int:
             text = raw.decode("utf-8", "replace").rstrip("\n")
             if first:
                 first = False
-                print(text if as_json else _words(text), flush=True)
+                print(text if as_json else banner(text), flush=True)
             elif as_json:  # standard output holds one document
                 print(f" pilot: {text}", file=sys.stderr, flush=True)
             else:
@@ -94,14 +97,17 @@ def _follow(vehicle: subprocess.Popen[bytes], as_json: bool) -> int:
         return 0
 
 
-def _words(line: str) -> str:
+def banner(line: str) -> str:
+    """What to do with the vehicle that is up, from its own first line; that line itself where it is another."""
     try:
         about = json.loads(line)
+        forward = about["plant"] == "forward"
+        card, axes = ("forward", "roll|pitch|elevator") if forward else ("quick", "roll|pitch")
         return (
             f"vehicle on {about['link']} · plant {about['plant']} · its logs in {about['directory']}\n"
             f"  tippath fly --connect {about['ground_link']}\n"
-            f"  tippath sweep --connect {about['ground_link']} --card quick\n"
-            "  the pilot hears: takeoff, land, lqr on, lqr off, mode stabilize, quit; Ctrl-C ends"
+            f"  tippath sweep --connect {about['ground_link']} --card {card}, or --axis {axes}\n"
+            f"  the pilot hears: {', '.join(PILOT_LINES)}; Ctrl-C ends"
         )
     except (ValueError, KeyError, TypeError):
         return line

@@ -11,9 +11,13 @@ import argparse
 import ipaddress
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs.cli.push import add_link_options
+
+if TYPE_CHECKING:
+    from gcs.logs.following import Following
+    from gcs.sweep import SweepResult
 
 WORD = "fly"
 
@@ -22,13 +26,43 @@ _HELP = """\
 telemetry, card.toml the card, flight.json the runs and verdicts.
 
 Ctrl-C ends the excitation first: the mode before the run is sent again and again while the vehicle is in its excitation
-mode, and never after the pilot chose another. Nothing here arms, takes off or lands.
+mode, and never after the pilot chose another. Nothing here arms, takes off or lands. A lost link is waited for up to a
+minute, to end the excitation then; Ctrl-C ends that wait, and the pilot takes over in any case.
+
+A card is a TOML file. What is left out is the paper's Table 1:
+
+  name = "my card"
+  description = "what it is for"
+  rest_s = 2                  # hover between two runs
+  [limits]                    # beyond any of these a run is ended
+  rate_rad_s = 3.0
+  attitude_deg = 25
+  command = 0.9               # of full command
+  [[step]]                    # build-up before each maneuver; each step unlocks the next
+  amplitude = 0.5             # part of the maneuver's own
+  f_stop_hz = 5               # chirps: up to here
+  [[maneuver]]
+  kind = "chirp"              # chirp, doublet or quiet
+  axis = "roll"               # roll, pitch or elevator
+  amplitude = 0.1             # of full command; rad/s with target = "rate"
+  duration_s = 30
+  repeat = 2
+  purpose = "fit"             # fit, validate, noise or build-up
+  f_start_hz = 0.5            # chirps only, as f_stop_hz = 10, noise_fraction = 0.2, c1 = 4, fade_in_s, fade_out_s = 0
+  [[maneuver]]
+  kind = "doublet"
+  axis = "pitch"
+  amplitude = 0.1
+  duration_s = 9
+  target = "command"          # or "rate": added to the rate command, for the LQR to follow
+  pulse_s = 0.25              # doublets only
 
 --json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
 "card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "runs": [{"label", "purpose", "maneuver",
 "flew", "parameters", "ending", "reason", "mode_after", "started", "duration_s", "log_start_s", "peaks", "verdict":
 {"keep", "reasons", "samples", "expected", "missing", "gaps", "percent_of_limits", "coherent_hz"}}], "recording",
-"missing_blocks"}. Exit status: 0 flown to the end, whatever the verdicts; 1 not; 130 ended by Ctrl-C.
+"missing_blocks", and "following": [{"axis", "correlation", "lag_s", "steady_share", "follows"}] of runs with target
+"rate"}. Exit status: 0 flown to the end, whatever the verdicts; 1 not; 130 ended by Ctrl-C.
 """
 
 
@@ -97,30 +131,53 @@ def run(args: argparse.Namespace) -> int:
             confirm=confirm,
             on_progress=lines,
             aborted=wishes,
+            interruptions=lambda: wishes.pressed,
             about={"link": args.connect},
         )
         if result.link_loss is not None and result.link_loss.ends_sweep and session.snapshot().armed:
             # We hold its failsafe, and are about to leave.
             words = result.link_loss.words.removeprefix("link lost: ")
             print(f" the vehicle is still in the air and {words} once this program has ended", file=sys.stderr)
+    followed, unknown = rates_followed(result)
     ended = "" if result.complete else f"   stopped: {printable(result.stopped)}"
     if args.json:
         about = folder.read()
         head = {"format": "tippath.sweep/1", "folder": str(folder.path), "complete": result.complete}
         ending = None if result.ending is None else result.ending.value
-        print_json({**head, "ending": ending, **{k: v for k, v in about.items() if k != "format"}})
+        rest = {key: value for key, value in about.items() if key != "format"}
+        print_json({**head, "ending": ending, **rest, "following": [one.to_json() for one in followed]})
     else:
         count = f"{len(result.runs)} of {result.planned} runs"
         log = folder.log if result.recording is not None and result.recording.logs else folder.path
-        missing = f"{result.missing_blocks} blocks of the log" if result.missing_blocks else "0 samples"
-        print(f" recorded {log}  {count}  {missing} missing{ended}")
+        print(f" recorded {log}  {count}  {result.missing_words}{ended}")
         for problem in result.recording.problems if result.recording is not None else ():
             print(f"   {printable(problem)}")
+        if followed:
+            print(" how the rates followed their commands")
+        for one in followed:
+            print(f"   {one.words}")
+    if unknown:
+        print(f" how the rates followed is not known: {printable(unknown)}", file=sys.stderr)
     if result.complete:
         return EXIT_DONE
     if args.json:
         print(f"stopped: {printable(result.stopped)}", file=sys.stderr)
     return EXIT_INTERRUPTED if wishes() is not None and result.ending is Ending.ABORTED else EXIT_NO
+
+
+def rates_followed(result: SweepResult) -> tuple[list[Following], str]:
+    """How the rates followed where rates were commanded, and why that is not known."""
+    from gcs.errors import TippathError
+    from gcs.logs.following import measure_following
+    from gcs.sweep import Ending
+
+    flown = [one for one in result.runs if one.ending is Ending.FINISHED and one.run.maneuver.target == "rate"]
+    if not flown or result.recording is None or result.recording.log is None:
+        return [], ""
+    try:
+        return measure_following(result.recording.log, flown), ""
+    except TippathError as error:
+        return [], str(error)
 
 
 def is_loopback(link: str) -> bool:

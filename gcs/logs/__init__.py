@@ -2,7 +2,8 @@
 
 The log is the truth and is never changed; runs and records are cut from it by the same code whether it came over the
 air, off an SD card, or from another program as CSV. `ingest` lists everything with reasons; `resolve_runs` turns the
-words a user types for runs into usable records.
+words a user types for runs into usable records. What should be known of a run, the damage of its log included, travels
+with its record, as `Record.notes`.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -22,6 +23,7 @@ from gcs.logs.dataflash import Damage, printable
 from gcs.logs.profiles import Profile
 from gcs.logs.runs import Run, Window
 from gcs.logs.tables import DataFlashTables, Log
+from gcs.logs.verdicts import named_all_the_same, with_verdicts
 from sysid.record import CHANNELS, Record, RecordError
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "Profile",
     "Run",
     "Source",
+    "UnreadableError",
     "Window",
     "check_same_rate_source",
     "ingest",
@@ -84,6 +87,15 @@ class Ingest:
         return {s.path: s.damage for s in self.sources if s.damage is not None and s.damage.any}
 
 
+class UnreadableError(TippathError):
+    """None of the logs could be read."""
+
+    def __init__(self, refused: Mapping[str, str]) -> None:
+        super().__init__("\n".join(refused.values()))
+        self.refused = dict(refused)
+        """Path -> why."""
+
+
 def parse_window(text: str) -> Window:
     """`START:STOP` in seconds of the log's own time; either may be empty. Raises UsageError."""
     parts = text.split(":")
@@ -127,29 +139,33 @@ def ingest(
 ) -> Ingest:
     """Find the runs in logs and flight folders, cut their records, check their health.
 
-    A log that cannot be read raises TippathError where it is the only one; of several it goes into `refused`, unless
-    all are. A file that occurs twice in one folder (equal bytes) is read once. `profile` is a TOML file, the name of
-    a bundled one, or a Profile; without it one is chosen by what each log holds.
+    A log that cannot be read goes into `refused`; where all are, UnreadableError is raised. A file that occurs twice in
+    one folder (equal bytes) is read once. `profile` is a TOML file, the name of a bundled one, or a Profile; without it
+    one is chosen by what each log holds. Runs that the flight.json beside a log says are to be flown again are not
+    usable. Raises TippathError for a profile that makes no sense.
     """
     chosen = profiles.load(Path(profile)) if isinstance(profile, Path | str) else profile
     logs: list[Path] = []
+    refused: dict[str, str] = {}
     for word in paths:
         path = Path(word)
-        if not path.exists():
-            raise TippathError(f"{path}: no such file or folder")
-        logs += [one for one in (logs_in(path) if path.is_dir() else [path]) if one not in logs]
-    if not logs:
+        try:
+            its_logs = logs_in(path) if path.is_dir() else [path]
+        except OSError as error:
+            refused[str(path)] = f"{path}: cannot be read ({error.strerror or error})"
+        except TippathError as error:
+            refused[str(path)] = str(error)
+        else:
+            logs += [one for one in its_logs if one not in logs]
+    if not logs and not refused:
         raise UsageError("name at least one log, flight folder or record")
     found: list[Run] = []
     sources: list[Source] = []
-    refused: dict[str, str] = {}
     folders: set[tuple[Path, str]] = set()
     for path in logs:
         try:
             source, its_runs = _read(path, chosen, window, f_high_hz)
         except (TippathError, RecordError) as error:
-            if len(logs) == 1:
-                raise TippathError(str(error)) from error
             refused[str(path)] = str(error)
             continue
         if (path.parent, source.sha256) in folders and path.suffix.lower() == ".bin":
@@ -158,12 +174,14 @@ def ingest(
         sources.append(source)
         found += its_runs
     if not sources:
-        raise TippathError("\n".join(refused.values()))
+        raise UnreadableError(refused)
     return Ingest(tuple(found), tuple(sources), refused)
 
 
 def _read(path: Path, profile: Profile | None, window: Window | None, f_high_hz: float) -> tuple[Source, list[Run]]:
     suffix = path.suffix.lower()
+    if not path.exists():
+        raise TippathError(f"{path}: no such file or folder")
     try:
         with path.open("rb") as stream:
             head = stream.read(2)
@@ -192,14 +210,23 @@ def _read_dataflash(
     chosen = profile or profiles.choose(table, profiles.bundled_profiles())
     if chosen is None:
         chosen = next(one for one in profiles.bundled_profiles() if one.name == "arducopter")
-    its_runs = list(runs.runs_of(table, chosen, printable(path.name), sha256, window, f_high_hz))
+    its_runs = with_verdicts(runs.runs_of(table, chosen, printable(path.name), sha256, window, f_high_hz), path)
     notes = [
         f"{count} messages of {name} left out: their time stamps break the order of the others"
         for name, count in sorted(table.dropped.items())
     ]
     if log.damage.any:
         notes.append(log.damage.describe())
-    return Source(str(path), sha256, "dataflash", chosen, log.damage, table.fields(), tuple(notes)), its_runs
+    source = Source(str(path), sha256, "dataflash", chosen, log.damage, table.fields(), tuple(notes))
+    return source, [_told(run, source) for run in its_runs]
+
+
+def _told(run: Run, source: Source) -> Run:
+    """With what is wrong with the whole log among the notes of its record."""
+    if run.record is None or not source.notes:
+        return run
+    notes = (*run.record.notes, *(f"{printable(Path(source.path).name)}: {note}" for note in source.notes))
+    return replace(run, record=replace(run.record, notes=notes))
 
 
 def _read_csv(path: Path, profile: Profile | None, window: Window | None, f_high_hz: float) -> tuple[Source, list[Run]]:
@@ -216,13 +243,15 @@ def _read_csv(path: Path, profile: Profile | None, window: Window | None, f_high
             f"{path}, line 1: column t missing; add the time in seconds as t, or name the time column in a profile "
             "([time] source = ..., scale = ...)"
         )
-    notes = []
+    notes = list(file.notes)
     if profile is None and chosen.name == "channels":
         others = [name for name in file.header if name not in CHANNELS]
         if others:
             notes.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
-    its_runs = list(runs.runs_of(table, chosen, printable(path.name), sha256, window, f_high_hz))
-    return Source(str(path), sha256, "csv", chosen, None, file.header, tuple(notes)), its_runs
+    its_runs = runs.runs_of(table, chosen, printable(path.name), sha256, window, f_high_hz)
+    source = Source(str(path), sha256, "csv", chosen, None, file.header, tuple(notes))
+    told = replace(source, notes=file.notes)  # which columns are not used is no news to whoever fits
+    return source, [_told(run, told) for run in its_runs]
 
 
 def _csv_profile(file: CsvFile) -> Profile:
@@ -257,8 +286,10 @@ def resolve_runs(
 ) -> list[Record]:
     """RUN words to usable records, in the order given, each run once.
 
-    A word is a flight folder or a log (all its usable runs), LOG#n (that run, which must be usable), or a record
-    (.npz). All records take p and q from the same kind of message. Raises TippathError with the reasons.
+    A word is a flight folder or a log (all its usable runs), LOG#n (that run, which must be usable, but for the
+    flight's own verdict on it), or a record (.npz). All records take p and q from the same kind of message. What the
+    user should know of each (cut short, gaps, damage of the log) is in `Record.notes`. Raises TippathError with the
+    reasons.
     """
     if not words:
         raise UsageError("name at least one run: a flight folder, LOG, LOG#n or a record")
@@ -275,6 +306,7 @@ def resolve_runs(
             if not found:
                 has = ", ".join(run.id for run in read[path].runs)
                 raise TippathError(f"{word}: no such run{' in this window' if window else ''}; the log has {has}")
+            found = tuple(named_all_the_same(run) for run in found)
         usable = [run for run in found if run.usable and run.record is not None]
         if not usable:
             listed = "\n".join(f"  {run.id}: {reason}" for run in found for reason in run.reasons)

@@ -2,6 +2,9 @@
 
 numpy's reader takes the whole file at once. Only when it refuses, or what it read is not all finite numbers, are the
 lines looked at one by one, to tell the user the line, the column and what to do.
+
+Two things are forgiven, because they are how files come: comment lines (#) before the header, or the header itself
+behind a #, as numpy writes it; and a last line that was being written when the power went, which is left out and said.
 """
 
 from __future__ import annotations
@@ -33,6 +36,8 @@ class CsvFile:
     header: tuple[str, ...]
     _body: str
     _header_line: int
+    notes: tuple[str, ...] = ()
+    """What was left out."""
 
     @classmethod
     def read(cls, path: Path) -> CsvFile:
@@ -60,20 +65,26 @@ class CsvFile:
             raise TippathError(
                 f"{path}, line {number}: not text (a zero byte); is it a binary log with the wrong name?"
             )
-        start, number = 0, 1
-        while True:  # the header is the first line that is not blank
+        if "\r" in text:
+            text = text.replace("\r\n", "\n").replace("\r", "\n")
+        start, number, comment = 0, 1, ""
+        while True:  # the header is the first line that is neither blank nor a comment
             stop = text.find("\n", start)
             line = text[start : stop if stop >= 0 else len(text)].strip()
-            if line:
+            if line and not line.startswith("#"):
                 break
             if stop < 0:
                 raise TippathError(f"{path}: the file is empty; it needs a header such as t,p,q,delta_x,delta_y")
+            comment = line.lstrip("# ") or comment
             start, number = stop + 1, number + 1
+        if _are_numbers(_cells(line, path, number)) and len(_cells(comment, path, number - 1)) > 1:
+            line, stop, number = comment, start - 1, number - 1
         header = _header(line, path, number)
         body = text[stop + 1 :] if stop >= 0 else ""
+        body, note = _without_half_line(body, len(header), number)
         if not body.strip():
             raise TippathError(f"{path}, line {number}: a header and no rows; the log has no samples")
-        return cls(path, header, body, number)
+        return cls(path, header, body, number, (note,) if note else ())
 
     def columns(self, names: Sequence[str]) -> dict[str, FloatArray]:
         """Some columns by name, each of shape (n,), all finite.
@@ -146,7 +157,7 @@ class CsvFile:
 
 
 def _header(line: str, path: str, number: int) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in next(csv.reader([line])))
+    names = tuple(name.strip() for name in _cells(line, path, number))
     where = f"{path}, line {number}"
     if len(names) == 1:
         for separator, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "blanks")):
@@ -154,7 +165,7 @@ def _header(line: str, path: str, number: int) -> tuple[str, ...]:
                 raise TippathError(
                     f"{where}: columns are separated by {word}; save it with commas (and decimal points)"
                 )
-    if all(_is_number(name) for name in names):
+    if _are_numbers(names):
         raise TippathError(
             f"{where}: the first line holds numbers, not names; put a header first, such as t,p,q,delta_x,delta_y"
         )
@@ -164,6 +175,35 @@ def _header(line: str, path: str, number: int) -> tuple[str, ...]:
         if name in names[:place]:
             raise TippathError(f"{where}, column {place + 1}: {name[:_SHOWN]!r} stands twice in the header; rename one")
     return names
+
+
+def _cells(line: str, path: str, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error as error:
+        raise TippathError(f"{path}, line {number}: cannot be read ({error}); is it a CSV file?") from error
+
+
+def _without_half_line(body: str, columns: int, header_line: int) -> tuple[str, str]:
+    """The body without a last line that ends in its middle, and a note about it where there is one.
+
+    Such a line has no end, and fewer columns than the header or a last one that is no number where the line before has
+    one.
+    """
+    if body.endswith("\n"):
+        return body, ""
+    whole, _, last = body.rpartition("\n")
+    before = whole.rpartition("\n")[2].split(",")
+    cells = last.split(",")
+    half = len(cells) == columns and _is_number(before[-1]) and not _is_number(cells[-1])
+    if not last.strip() or not (len(cells) < columns or half):
+        return body, ""
+    number = header_line + 1 + body.count("\n")
+    return whole + "\n", f"the last line, {number}, is half written ({len(cells)} of {columns} columns) and left out"
+
+
+def _are_numbers(cells: Sequence[str]) -> bool:
+    return bool(cells) and all(_is_number(cell) for cell in cells)
 
 
 def _is_number(text: str) -> bool:

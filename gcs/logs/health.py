@@ -30,7 +30,9 @@ SATURATED_NOTE, SATURATED_REASON = 0.002, 0.1  # shares of the samples
 FASTEST_RAD_S = 60.0  # no gyro measures more; values above are degrees
 CLIPPED_SAMPLES = 5
 
-SWEEP = "fly a chirp: tippath sweep --connect LINK --axis roll, then pitch"
+SWEEP = "fly a chirp: tippath sweep --connect LINK --axis roll, then pitch (and elevator in forward flight)"
+LIKELY_HZ = (40.0, 5000.0)  # what vehicles log their rates at
+UNITS_OF_TIME = (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9))
 
 
 @dataclass(frozen=True)
@@ -95,10 +97,14 @@ def check(
     reasons: list[str] = []
     notes: list[str] = []
     needed_hz = 4 * f_high_hz
-    if rate_hz < needed_hz * (1 - 1e-6):
+    mistaken = _mistaken_time(record, rate_hz)
+    if mistaken is not None:
+        reasons.append(mistaken)
+    elif rate_hz < needed_hz * (1 - 1e-6):
+        advice = "switch fast attitude logging on (LOG_BITMASK bit 0 on ArduPilot), or log faster"
         reasons.append(
             f"the rates are logged at {rate_hz:.1f} Hz; up to {f_high_hz:g} Hz at least {needed_hz:.0f} Hz are needed: "
-            "switch fast attitude logging on (LOG_BITMASK bit 0 on ArduPilot), or log faster"
+            + ("log faster" if record.rate_source == "csv" else advice)
         )
     for name in ("delta_x", "delta_y"):
         spacing = (slow_channels or {}).get(name, 0.0)
@@ -108,8 +114,11 @@ def check(
                 "log the command in every control loop"
             )
     reasons += _values(record, commands, saturated, notes)
-    if record.maneuver != "quiet" and not any(
-        command >= COMMAND_RMS and rate >= RATE_RMS for command, rate in excitation.values()
+    # With another unit of time the band from 0.3 Hz to f_high is not where it seems.
+    if (
+        record.maneuver != "quiet"
+        and mistaken is None
+        and not any(command >= COMMAND_RMS and rate >= RATE_RMS for command, rate in excitation.values())
     ):
         reasons.append(
             "no excitation: "
@@ -135,6 +144,20 @@ def check(
     return Health(
         rate_hz, gaps, record.duration_s, longest, excitation, saturated, not reasons, tuple(reasons), tuple(notes)
     )
+
+
+def _mistaken_time(record: Record, rate_hz: float) -> str | None:
+    """Whether the times of a CSV look as if they were not seconds, and what to write then."""
+    if record.rate_source != "csv":
+        return None
+    for name, scale in UNITS_OF_TIME:
+        if LIKELY_HZ[0] <= rate_hz / scale <= LIKELY_HZ[1]:
+            return (
+                f"time goes on by {1 / rate_hz:g} from row to row, which would be {rate_hz:.3g} Hz: is it in {name}? "
+                f"t is in seconds; convert it, or name it in a profile: [time] source = ..., scale = {scale:g} "
+                "(where it is in seconds, log faster)"
+            )
+    return None
 
 
 def _values(record: Record, commands: list[str], saturated: Mapping[str, float], notes: list[str]) -> list[str]:

@@ -106,6 +106,10 @@ class ChannelsMissing(TippathError):
     """A required channel cannot be had from this log."""
 
 
+class OutsideLog(TippathError):
+    """The log has no samples at that time."""
+
+
 # ------------------------------------------------------------------------------------------------ reading
 
 
@@ -307,12 +311,14 @@ def open_csv(file: CsvFile, profile: Profile) -> CsvTable:
 def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float = math.inf) -> Mapped:
     """The channels between two times of the log's own clock.
 
-    Raises ChannelsMissing where a required channel is not in the log, TippathError where the profile makes no sense.
+    Raises ChannelsMissing where a required channel is not in the log, OutsideLog where the log does not reach there,
+    TippathError where the profile makes no sense.
     """
     missing = [name for name in REQUIRED if name != "t" and name not in profile.channels]
     if missing:
         raise ChannelsMissing(_what_is_missing(profile, log, missing))
     p, q = profile.channels["p"], profile.channels["q"]
+    _require_overlap((*p.sources, *q.sources), log, start_s, stop_s)
     pairs = [
         (a, b, min(_covered_s(a, log, start_s, stop_s), _covered_s(b, log, start_s, stop_s)))
         for a, b in zip(p.sources, q.sources, strict=False)
@@ -331,7 +337,7 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
     base = _bind(pair[0], log).fields[0]
     clock = log.series(_time_key(profile, log) or base).part(start_s, stop_s)
     if clock.t.size < 2:
-        raise ChannelsMissing(f"{log.path}: fewer than two samples of {base} between {start_s} and {stop_s} s")
+        raise ChannelsMissing(f"{log.path}: fewer than two samples of {base}{_between(start_s, stop_s)}")
 
     found: dict[str, FloatArray] = {}
     sources: dict[str, str] = {}
@@ -373,6 +379,27 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
     channels = {"t": clock.t[valid], **{name: values[valid] for name, values in found.items()}}
     kind = "csv" if log.kind == "csv" else base.split(".")[0].split("[")[0]
     return Mapped(channels, sources, reasons, kind, slow, int(np.count_nonzero(~valid)))
+
+
+def _require_overlap(sources: Sequence[str], log: Log, start_s: float, stop_s: float) -> None:
+    """Raises OutsideLog where the rates are logged, but not in this stretch."""
+    fields = {key for text in sources for key in _bind(text, log).fields if log.has(key)}
+    clocks = [t for t in (log.series(key).t for key in sorted(fields)) if t.size]
+    if not clocks:
+        return
+    first, last = min(float(t[0]) for t in clocks), max(float(t[-1]) for t in clocks)
+    if stop_s < first or start_s > last:
+        raise OutsideLog(
+            f"{log.path}: no samples{_between(start_s, stop_s)}: the log runs from {first:.3f} to {last:.3f} s"
+        )
+
+
+def _between(start_s: float, stop_s: float) -> str:
+    if math.isinf(start_s) and math.isinf(stop_s):
+        return ""
+    if math.isinf(start_s):
+        return f" before {stop_s:g} s"
+    return f" after {start_s:g} s" if math.isinf(stop_s) else f" between {start_s:g} and {stop_s:g} s"
 
 
 def _time_key(profile: Profile, log: Log) -> str | None:
@@ -440,6 +467,7 @@ def _what_is_missing(profile: Profile, log: Log, channels: Sequence[str]) -> str
     where = f"{log.path}, line 1" if log.kind == "csv" else log.path
     fields = log.fields()
     listed = ", ".join(fields[:12]) + (f" and {len(fields) - 12} more" if len(fields) > 12 else "")
+    listed = listed or "no field with samples in it"
     word = "column" if log.kind == "csv" else "channel"
     return (
         f"{where}: {word} {', '.join(parts)} missing; profile {profile.name} does not find it. "

@@ -3,6 +3,7 @@
 A DataFlash log says it in SIDS (settings, at entry of mode SYSTEMID) and SIDD (every loop): one second of nothing, the
 maneuver, then zero input until the mode is left. The run is cut by the maneuver; up to 0.5 s before and 1 s after it
 are kept, for trim and for the answer to die out. Where SIDS was lost, SIDD's own clock tells the entry.
+The swept band is what was flown: of a chirp that ended early, or that a window cuts, SIDD.F tells how far it came.
 A log without either has no maneuver: it is one stretch, and not usable unless the user cuts it (--window, or [[runs]]
 in a profile) and so vouches for what is in it.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ KEEP_BEFORE_S = 0.5
 KEEP_AFTER_S = 1.0
 AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
 """SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
+FEW = 5
+CUT_SHORT_S = 0.1  # a sweep that ends so much before its time did not reach its last frequency
 RATE_AXES = (7, 8)  # the excitation is added to the rate command: it is no part of the cyclic command
 KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
 
@@ -58,11 +61,16 @@ class Run:
     """What else the user should know."""
     rate_source: str | None = None
     swept_band_hz: tuple[float, float] | None = None
+    """First and last frequency that were flown, where known."""
     sources: Mapping[str, str] = field(default_factory=dict)
     """Channel -> field of the log."""
     absent: Mapping[str, str] = field(default_factory=dict)
     """Channel of the profile -> why the run does not have it."""
     health: health.Health | None = None
+    entered_s: float | None = None
+    """When the excitation mode was entered, in the log's own time, where the log tells."""
+    verdict: str | None = None
+    """What the flight's own verdict has against it, see `gcs.logs.verdicts`; it is then among the reasons."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,7 @@ class Span:
     excites_command: bool = True
     reasons: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    entered_s: float | None = None
 
 
 def runs_of(
@@ -108,11 +117,15 @@ def runs_of(
     numbered = [(number, span) for number, span in enumerate(spans, 1) if span.start_s <= high and span.stop_s >= low]
     if not numbered:
         reasons: tuple[str, ...] = ()
-        if log.kind == "dataflash" and window is None:
+        if isinstance(log, DataFlashTables) and log.sampled_s < health.SHORTEST_PIECE_S:
+            return (_empty(log, f"{name}#{len(spans) + 1}"),)
+        if isinstance(log, DataFlashTables) and window is None:
+            entered = log.has("MODE.ModeNum") and np.any(log.series("MODE.ModeNum").values == SYSTEMID)
             reasons = (
-                "no excitation maneuver: the log has no SIDS and no SIDD, mode SYSTEMID was never entered; pilot and "
-                "controller alone moved the commands, and their feedback cannot be told from the vehicle: "
-                f"{health.SWEEP}; or name a stretch that was flown as one: --window START:STOP",
+                "no excitation maneuver: the log has no SIDS and no SIDD, "
+                + ("though mode SYSTEMID was entered" if entered else "mode SYSTEMID was never entered")
+                + "; pilot and controller alone moved the commands, and their feedback cannot be told from the "
+                f"vehicle: {health.SWEEP}; or name a stretch that was flown as one: --window START:STOP",
             )
         numbered = [(len(spans) + 1, Span(-math.inf, math.inf, -math.inf, math.inf, reasons=reasons))]
     return tuple(
@@ -123,6 +136,12 @@ def runs_of(
 def _ends(window: Window | None) -> tuple[float, float]:
     start, stop = window or (None, None)
     return -math.inf if start is None else start, math.inf if stop is None else stop
+
+
+def _empty(log: DataFlashTables, id: str) -> Run:
+    when = f"{log.sampled_s:.2f} s after its first sample" if log.sampled_s else "before any samples"
+    reason = f"the log ends {when}: fetch it from the vehicle again, whole"
+    return Run(None, id, log.path, "unknown", None, 0.0, 0.0, None, (), False, (reason,))
 
 
 def _run(
@@ -137,6 +156,7 @@ def _run(
     low = max(span.first_s, span.start_s - KEEP_BEFORE_S, window[0])
     high = min(span.last_s, span.stop_s + KEEP_AFTER_S, window[1])
     start, stop = max(span.start_s, window[0]), min(span.stop_s, window[1])
+    band = _flown_band(log, span, start, stop)
     try:
         mapped = profiles.apply(profile, log, low, high)
         channels = dict(mapped.channels)
@@ -154,7 +174,7 @@ def _run(
             mapped.rate_source,
             log.path,
             sha256,
-            span.swept_band_hz,
+            band,
             tuple(notes),
         )
     except (TippathError, RecordError) as error:
@@ -175,7 +195,8 @@ def _run(
             False,
             reasons,
             span.notes,
-            swept_band_hz=span.swept_band_hz,
+            swept_band_hz=band,
+            entered_s=span.entered_s,
         )
     start = start if math.isfinite(start) else float(record.t[0])
     stop = stop if math.isfinite(stop) else float(record.t[-1])
@@ -188,6 +209,8 @@ def _run(
         f_high_hz=f_high_hz,
     )
     reasons = (*span.reasons, *found.reasons)
+    # The record carries what was noted about it to whoever fits it.
+    record = replace(record, notes=(*notes, *found.notes))
     return Run(
         record,
         id,
@@ -200,12 +223,13 @@ def _run(
         found.gaps,
         not reasons,
         reasons,
-        (*notes, *found.notes),
+        record.notes,
         mapped.rate_source,
-        span.swept_band_hz,
+        band,
         {name: source for name, source in mapped.sources.items() if name in channels},
         mapped.absent,
         found,
+        span.entered_s,
     )
 
 
@@ -226,11 +250,27 @@ def of_record(record: Record, window: Window | None = None, f_high_hz: float = h
         found.gaps,
         found.usable,
         found.reasons,
-        (*record.notes, *found.notes),
+        tuple(dict.fromkeys((*record.notes, *found.notes))),
         record.rate_source,
         record.swept_band_hz,
         health=found,
     )
+
+
+def _flown_band(log: Log, span: Span, start_s: float, stop_s: float) -> tuple[float, float] | None:
+    """The part of the sweep that lies between two times; the plan where nothing is cut, or the log does not tell."""
+    if span.swept_band_hz is None or not isinstance(log, DataFlashTables) or not log.has("SIDD.F"):
+        return span.swept_band_hz
+    low, high = span.swept_band_hz
+    flown = log.series("SIDD.F").part(start_s, stop_s).values
+    flown = np.clip(flown[np.isfinite(flown) & (flown > 0)], low, high)
+    if not flown.size:
+        return span.swept_band_hz
+    planned_stop_s = span.stop_s if span.planned_s is None else span.start_s + span.planned_s
+    # Of a few samples the middle one: a single damaged value must not make a sweep.
+    first = low if start_s <= span.start_s else float(np.median(flown[:FEW]))
+    last = high if stop_s >= planned_stop_s - CUT_SHORT_S else float(np.median(flown[-FEW:]))
+    return first, max(first, last)
 
 
 def _excitation_known(channels: Mapping[str, FloatArray], span: Span) -> bool:
@@ -384,6 +424,7 @@ def _span(
         entry.axis not in RATE_AXES,
         tuple(reasons),
         tuple(notes),
+        entry.t,
     )
 
 

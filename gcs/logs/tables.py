@@ -9,7 +9,7 @@ messages. Nothing is put in their place.
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -26,6 +26,9 @@ FloatArray = NDArray[np.float64]
 _FIELD = re.compile(r"([A-Za-z0-9_]{1,4})(?:\[(\d{1,3})\])?\.([A-Za-z0-9_]+)")
 _CLOCKS = (("TimeUS", 1e-6), ("TimeMS", 1e-3))
 _INSTANCE = ("I", "Instance")
+EVENTS = frozenset({"CMD", "ERR", "EV", "FILE", "FMT", "FMTU", "MAVC", "MODE", "MSG", "MULT", "ORGN", "PARM"})
+EVENTS |= {"SIDS", "SIDY", "UNIT", "VER"}
+"""Messages that tell of something that happened once: several may share a time, and nothing is due after them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,7 @@ class Series:
     """One field over time."""
 
     t: FloatArray
-    """s of the log's own clock, strictly increasing, shape (n,)."""
+    """s of the log's own clock, increasing, shape (n,); strictly, but for `EVENTS`."""
     values: FloatArray
     """Shape (n,); not finite where the log says so."""
     clock: str
@@ -107,6 +110,13 @@ class DataFlashTables:
         every = (f"{name}.{column}" for name in self.log.names for column in self.log.formats[name].columns)
         return tuple(key for key in every if not key.endswith((".TimeUS", ".TimeMS")) and self.has(key))
 
+    @property
+    def sampled_s(self) -> float:
+        """From the first sample to the last of what is logged regularly; 0 where there is nothing but `EVENTS`."""
+        names = [name for name in self.log.names if name not in EVENTS and self._time_of(name) is not None]
+        clocks = [self._clock(name, None)[0] for name in names]
+        return max((float(t[-1] - t[0]) for t in clocks if t.size), default=0.0)
+
     def texts(self, message: str, column: str) -> list[tuple[float, str]]:
         """A string field with its times, in s."""
         if message not in self.log.formats or column not in self.log.formats[message].columns:
@@ -148,11 +158,12 @@ class DataFlashTables:
                 starts = starts[:0]
             field, scale = self._time_of(message) or ("", 1.0)
             t = self.log.column(message, field, starts).astype(np.float64) * scale if field else np.empty(0)
-            keep = increasing(t)
+            event = message in EVENTS
+            keep = increasing(t, strictly=not event)
             if not keep.all():
                 self.dropped[name if instance is not None else message] = int(np.count_nonzero(~keep))
             t, starts = t[keep], starts[keep]
-            trusted = before_no_gap(t)
+            trusted = np.ones(t.size, np.bool_) if event else before_no_gap(t)
             self._clocks[name] = (t[trusted], starts[trusted])
         return self._clocks[name]
 
@@ -200,7 +211,8 @@ class CsvTable:
                 row = int(back[0])
                 raise TippathError(
                     f"{self.path}, line {self.file.line_of(row + 1)}, column {self.time_column}: time does not increase"
-                    f" ({self._column(self.time_column)[row + 1]!r} after {self._column(self.time_column)[row]!r}); "
+                    f" ({float(self._column(self.time_column)[row + 1])!r} after "
+                    f"{float(self._column(self.time_column)[row])!r}); "
                     "sort the rows by time and remove repeated ones"
                 )
             self._t = t
@@ -226,21 +238,23 @@ def before_no_gap(t: FloatArray) -> NDArray[np.bool_]:
     return keep
 
 
-def increasing(t: FloatArray) -> NDArray[np.bool_]:
-    """Which samples form the longest strictly increasing sequence of time stamps, shape (n,).
+def increasing(t: FloatArray, *, strictly: bool = True) -> NDArray[np.bool_]:
+    """Which samples form the longest increasing sequence of time stamps, shape (n,).
 
     A damaged stamp breaks the order of its neighbours; the fewest samples are given up to restore it. A stamp that is
-    not finite never stays.
+    not finite never stays. Not `strictly`: several may share a time.
     """
     keep = np.isfinite(t)
-    if keep.all() and (t.size < 2 or np.all(np.diff(t) > 0)):
+    steps = np.diff(t)
+    if keep.all() and np.all(steps > 0 if strictly else steps >= 0):
         return keep
+    place = bisect_left if strictly else bisect_right
     places = np.flatnonzero(keep)
     tails: list[float] = []  # smallest last stamp of an increasing sequence of each length
     ends: list[int] = []
     before = np.full(places.size, -1, np.int64)
     for i, stamp in enumerate(t[places].tolist()):
-        length = bisect_left(tails, stamp)
+        length = place(tails, stamp)
         if length == len(tails):
             tails.append(stamp)
             ends.append(i)

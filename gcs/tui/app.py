@@ -45,12 +45,12 @@ class TippathApp(App[None]):
         Binding("2", "screen('fit')", "Fit"),
         Binding("3", "screen('controller')", "Controller"),
         Binding("question_mark", "screen('help')", "help"),
-        Binding("q", "leave", "quit"),
+        Binding("q,Q", "leave", "quit"),
         Binding("ctrl+q", "leave", "quit", show=False, priority=True),
         Binding("ctrl+c", "leave", "quit", show=False, priority=True),
-        Binding("t", "pilot('takeoff')", "take off"),
-        Binding("l", "pilot('land')", "land"),
-        Binding("b", "pilot('lqr')", "bank switch"),
+        Binding("t,T", "pilot('takeoff')", "take off"),
+        Binding("l,L", "pilot('land')", "land"),
+        Binding("b,B", "pilot('lqr')", "bank switch"),
     ]
 
     class Finished(Message):

@@ -17,6 +17,8 @@ from gcs.tui.widgets.lines import Lines
 PILOT_KEYS = " simulated pilot: T take off  L land  B bank switch (LQR / autopilot)"
 
 NOTICE_LINES = 3
+SMALLEST = (80, 24)
+"""Columns and rows; below, lines would hide each other."""
 
 
 class Page(Screen[None]):
@@ -30,6 +32,7 @@ class Page(Screen[None]):
     def __init__(self, style: Style) -> None:
         super().__init__(classes=f"page {style}")
         self.style: Style = style
+        self._small = False
 
     def compose(self) -> ComposeResult:
         yield Lines(self.style, "top")
@@ -50,6 +53,10 @@ class Page(Screen[None]):
         if width < 1 or not self.query("#pilot"):
             return  # not there yet, or being taken down
         self.query_one("#top", Lines).show([words.top_line(state, width)])
+        if self._too_small():
+            text = words.too_small((width, self.size.height), SMALLEST)
+            self.query_one("#screens", Lines).show([(text, "bold")])
+            return
         self.query_one("#screens", Lines).show([words.screens_line(state, self.NAME, width)])
         notice = self.query_one("#notice", Lines)
         trouble = state.trouble if state.vehicle is None and state.trouble else ""
@@ -62,6 +69,15 @@ class Page(Screen[None]):
         self.query_one("#pilot").display = state.simulated
         self.query_one("#pilot", Lines).show([words.fitted(PILOT_KEYS, width) if state.simulated else ""])
         self.show_body(state, width)
+
+    def _too_small(self) -> bool:
+        """Whether the terminal is too small for this screen: then only the line with the abort key is left."""
+        small = self.size.width < SMALLEST[0] or self.size.height < SMALLEST[1]
+        if small != self._small:
+            self._small = small
+            for child in self.children:
+                child.display = not small or child.id in ("top", "screens")
+        return small
 
     def show_body(self, state: State, width: int) -> None:
         """Show what is this screen's own."""

@@ -20,9 +20,9 @@ class ControllerScreen(Page):
     NAME = "Controller"
     KEYS = "D design  P push (asks)  V revert (asks)  up/down scroll  F12/space abort"
     BINDINGS = [
-        ("d", "app.work('design')", "design"),
-        ("p", "app.push", "push"),
-        ("v", "app.revert", "revert"),
+        ("d,D", "app.work('design')", "design"),
+        ("p,P", "app.push", "push"),
+        ("v,V", "app.revert", "revert"),
         ("down", "scroll(1)", "down"),
         ("up", "scroll(-1)", "up"),
     ]

@@ -42,7 +42,7 @@ class Ask(Dialog):
 class Confirm(Dialog):
     """Asks for a yes. Gives "yes", or None; every other key than Y is a no."""
 
-    BINDINGS = [("y", "dismiss('yes')", "yes"), ("n", "dismiss(None)", "no")]
+    BINDINGS = [("y,Y", "dismiss('yes')", "yes"), ("n,N", "dismiss(None)", "no")]
 
     def __init__(self, style: Style, question: str, lines: tuple[str, ...]) -> None:
         super().__init__(style)

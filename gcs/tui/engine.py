@@ -671,9 +671,11 @@ def _keep(document: Mapping[str, Any], path: Path) -> Path:
     text = json.dumps(document, indent=1, allow_nan=False) + "\n"
     number = 1
     while True:
+        made = False
         target = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
         try:
             with target.open("x", encoding="utf-8") as stream:
+                made = True
                 stream.write(text)
             return target
         except FileExistsError:
@@ -682,4 +684,6 @@ def _keep(document: Mapping[str, Any], path: Path) -> Path:
                     return target
             number += 1
         except OSError as error:
+            if made:
+                target.unlink(missing_ok=True)  # half a file would be taken for one
             raise TippathError(f"{target} cannot be written ({error.strerror or error})") from error

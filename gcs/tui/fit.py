@@ -20,8 +20,8 @@ class FitScreen(Page):
     NAME = "Fit"
     KEYS = "F fit this flight  O open another flight  up/down scroll  F12/space abort"
     BINDINGS = [
-        ("f", "app.work('fit')", "fit"),
-        ("o", "app.open_flight", "open"),
+        ("f,F", "app.work('fit')", "fit"),
+        ("o,O", "app.open_flight", "open"),
         ("down", "scroll(1)", "down"),
         ("up", "scroll(-1)", "up"),
         ("pagedown", "scroll(10)", "down"),

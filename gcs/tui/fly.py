@@ -24,10 +24,10 @@ class FlyScreen(Page):
     NAME = "Fly"
     KEYS = "R ready  S start  F12/space abort  E end card  C choose card  1 2 3 screens"
     BINDINGS = [
-        ("r", "app.engine('ready')", "ready"),
-        ("s", "app.engine('start')", "start"),
-        ("e", "app.engine('end_card')", "end the card"),
-        ("c", "app.choose_card", "choose a card"),
+        ("r,R", "app.engine('ready')", "ready"),
+        ("s,S", "app.engine('start')", "start"),
+        ("e,E", "app.engine('end_card')", "end the card"),
+        ("c,C", "app.choose_card", "choose a card"),
     ]
 
     def body(self) -> Iterable[Widget]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import textwrap
+from collections.abc import Sequence
 
 from rich.cells import cell_len
 from textual.content import Content
@@ -68,9 +69,20 @@ def who(state: State) -> str:
     return "autopilot" if vehicle.mode in _BY_THEMSELVES else "pilot"
 
 
+def too_small(size: tuple[int, int], smallest: tuple[int, int]) -> str:
+    """That the terminal is too small, in what fits there."""
+    needed = f"{smallest[0]}x{smallest[1]}"
+    for text in (f" too small: {size[0]}x{size[1]}, enlarge the terminal to {needed}", f" too small: {needed}"):
+        if cell_len(text) <= size[0]:
+            return text
+    return fitted("too small", size[0])
+
+
 def top_line(state: State, width: int) -> Content:
-    """Link, mode and who commands it, armed, rotor speed, battery, and the abort key."""
+    """Link, mode and who commands it, armed, rotor speed, battery, and the abort key, which goes last of all."""
     room = width - len(ABORT) - 2
+    if room < 1:
+        return Content.styled(ABORT[:width], "bold reverse")
     for level in range(4):
         parts = _top_parts(state, level)
         text = " " + "  ".join(parts)
@@ -256,13 +268,25 @@ def sanitise_line(text: str) -> str:
     return " " * (len(text) - len(text.lstrip(" "))) + sanitise(text)
 
 
+def looked_at(checks: Sequence[tuple[bool, str]], width: int, height: int) -> list[str]:
+    """What was found before the start: in full where it fits, else what was looked at and what is wrong."""
+    in_full = " · ".join(text if ok else f"NOT {text}" for ok, text in checks)
+    wrong = [f"NOT {text}" for ok, text in checks if not ok]
+    names = [text.partition(":")[0] for ok, text in checks if ok]
+    briefly = " · ".join([*wrong, *([f"in order: {', '.join(names)}"] if names else [])])
+    lines: list[str] = []
+    for text in (f"looked at: {in_full}", briefly, f"{len(names)} of {len(checks)} checks in order"):
+        lines = textwrap.wrap(sanitise(text), width - 2, subsequent_indent="  ", break_on_hyphens=False)
+        if len(lines) <= height:
+            break
+    return [f" {line}" for line in lines[:height]]
+
+
 def said_lines(state: State, width: int, height: int) -> list[str]:
     """The last texts of the vehicle, newest last."""
     lines = []
     if state.stage in (Stage.READY, Stage.HELD) and state.checks:
-        seen = " · ".join(text if ok else f"NOT {text}" for ok, text in state.checks)
-        lines = textwrap.wrap(sanitise(f"looked at: {seen}"), width - 2, subsequent_indent="  ", break_on_hyphens=False)
-        lines = [f" {line}" for line in lines[:height]]
+        lines = looked_at(state.checks, width, height)
     texts = [] if state.vehicle is None else [sanitise(text.text) for text in state.vehicle.texts]
     if not texts and not lines:
         return [" the vehicle has said nothing yet"]

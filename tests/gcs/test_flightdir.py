@@ -64,3 +64,20 @@ def test_a_card_is_kept_once(tmp_path: Path) -> None:
     assert folder.card.read_text() == "name = 'x'\n"
     with pytest.raises(TippathError, match="cannot be written"):
         folder.write_card("again")
+
+
+def test_a_full_disk_leaves_neither_half_a_card_nor_half_a_file(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    folder = create(tmp_path / "flight")
+    folder.write({"runs": []})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))  # as good as full
+    try:
+        with pytest.raises(TippathError, match="cannot be written"):
+            folder.write_card("# " + "x" * 5000)
+        with pytest.raises(TippathError, match="cannot be written"):
+            folder.write({"runs": ["x" * 5000]})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [entry.name for entry in folder.path.iterdir()] == ["flight.json"]
+    assert folder.runs() == []

@@ -85,6 +85,29 @@ def test_a_refused_commit_says_why_and_changes_nothing(
     assert active(vehicle) == (0,) * 29
 
 
+def test_nothing_is_written_to_an_armed_vehicle(
+    session: Session, vehicle: Any, gains_document: dict[str, Any], until: Callable[..., Any]
+) -> None:
+    vehicle.armed = True
+    until(lambda: session.snapshot().armed)
+    for move in (lambda: push(session, gains_of(gains_document)), lambda: revert(session)):
+        with pytest.raises(GainsError, match="the vehicle is armed: land and disarm first"):
+            move()
+    assert not [m for m in vehicle.heard if m.get_type() == "PARAM_SET"]
+
+
+def test_a_checksum_is_hexadecimal_also_in_a_refusal(
+    session: Session, vehicle: Any, gains_document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gains = gains_of(gains_document)
+    vehicle.commit_refusal = "armed"
+    monkeypatch.setattr(vehicle, "text", lambda *_: None)  # its words get lost: ours are left
+    with pytest.raises(GainsError) as caught:
+        push(session, gains)
+    assert f"{gains.crc:06x}" in str(caught.value)
+    assert str(gains.crc) not in str(caught.value)
+
+
 def test_a_commit_whose_answer_is_lost_is_not_repeated(
     session: Session, vehicle: Any, gains_document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -242,9 +265,16 @@ def test_the_commands(
     document = json.loads(capsys.readouterr().out)
     assert document["format"] == "tippath.push/1"
     assert (document["crc"], document["verified"], document["committed"]) == (crc, 29, True)
+    assert (document["checksum"], document["previous_checksum"]) == (f"{crc:06x}", None)
     assert command(push_command, ["push", str(path), "--connect", vehicle.link]) == 0
     assert "had this set already" in capsys.readouterr().out
     assert command(revert_command, ["revert", "--connect", vehicle.link, "--json", "--primary"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"format": "tippath.revert/1", "crc": 0, "reverted_crc": crc}
+    assert json.loads(capsys.readouterr().out) == {
+        "format": "tippath.revert/1",
+        "crc": 0,
+        "checksum": None,
+        "reverted_crc": crc,
+        "reverted_checksum": f"{crc:06x}",
+    }
     assert command(revert_command, ["revert", "--connect", vehicle.link]) == 0
     assert f"{crc:06x} is active again" in capsys.readouterr().out

@@ -10,7 +10,7 @@ import pytest
 from gcs.envelope import Limits
 from gcs.logs.live import LiveWindow
 from gcs.maneuver import Maneuver
-from gcs.preflight import flying, hover, link_loss, recording
+from gcs.preflight import controller, flying, hover, link_loss, recording
 from gcs.profile import bundled_profiles
 from gcs.vehicle import VehicleSnapshot
 
@@ -110,3 +110,9 @@ def test_what_is_not_known_of_the_hover_is_said_and_blocks_nothing() -> None:
     checks = hover(HOVERING, window(n=10), [PLAN], Limits())
     assert failed(checks) == []
     assert "not known" in checks[0].words
+
+
+def test_the_controller_that_follows_a_rate_is_the_one_that_is_meant() -> None:
+    assert failed(controller(1.0)) == []
+    assert failed(controller(0.0)) == ["controller"]
+    assert failed(controller(None)) == []

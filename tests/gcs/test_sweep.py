@@ -340,6 +340,58 @@ def test_a_link_that_stays_lost_ends_without_a_command(
     assert result.runs[0].mode_after == "unknown"
 
 
+def test_ctrl_c_ends_the_wait_for_a_lost_link_and_sends_nothing(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    """Ctrl-C from before the loss is no wish to give up; one after it is."""
+    pressed = [1]
+
+    def lose() -> None:
+        session.deaf_from = vehicle.now
+        vehicle.at(vehicle.now + 12.0, lambda: pressed.append(1))
+
+    vehicle.in_sweep(3.0, lose)
+    result = fly(session, folder, CHIRP, DOUBLET, interruptions=lambda: len(pressed))
+    assert (result.ending, len(result.runs)) == (Ending.LINK, 1)
+    assert "what the vehicle does is not known" in result.stopped
+    assert modes(vehicle) == [SYSTEMID]
+    assert 12.0 < vehicle.now - session.deaf_from < 13.0, "not the whole minute"
+    assert result.missing_words.endswith("planned samples not flown or not received")
+
+
+@pytest.mark.parametrize(("switch", "flown"), [(0.0, False), (1.0, True), (None, True)])
+def test_a_rate_to_follow_needs_the_lqr_where_the_vehicle_tells(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder, switch: float | None, flown: bool
+) -> None:
+    rate = Maneuver("doublet", "roll", 0.01, 3.0, target="rate", pulse_s=0.25)
+    if switch is not None:
+        vehicle.parameters["LQR_SW"] = switch
+    if flown:
+        result = fly(session, folder, rate)
+        assert result.complete, result.stopped
+        checks = {check["name"]: check["words"] for check in json.loads(folder.about.read_text())["checks"]}
+        assert checks["controller"].startswith("the pilot's switch selects" if switch else "the vehicle does not tell")
+        return
+    for attempt in (
+        lambda: require_flyable(session, single_card(rate)),
+        lambda: fly(session, folder, rate),
+    ):
+        with pytest.raises(NotReadyError, match=r"controller: the LQR is not selected \(LQR_SW is 0\)"):
+            attempt()
+    assert modes(vehicle) == []
+    assert session.recordings == []
+    assert fly(session, folder, CHIRP).complete, "a chirp is flown with either controller"
+
+
+def test_what_is_missing_is_not_denied(session: FakeSession, vehicle: FakeVehicle, folder: FlightFolder) -> None:
+    assert fly(session, folder, CHIRP).missing_words == "0 samples missing"
+    vehicle.in_sweep(4.0, lambda: vehicle.pilot(ALT_HOLD))
+    early = fly(session, create(folder.path / "second"), CHIRP)
+    verdict = early.runs[0].verdict
+    assert verdict is not None
+    assert early.missing_words == f"{verdict.missing:,} of 1,000 planned samples not flown or not received"
+
+
 def test_a_short_silence_is_no_lost_link(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
     def lose() -> None:
         session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 2.5

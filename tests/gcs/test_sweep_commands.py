@@ -9,23 +9,26 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from fake_flight import FakeSession, FakeVehicle
+from planted import TABLE_4
 
 from gcs.cli import main
 from gcs.cli.interrupts import interrupts
 from gcs.cli.progress import ProgressLines
-from gcs.cli.sim import next_directory
+from gcs.cli.sim import PILOT_LINES, banner, next_directory
 from gcs.cli.sweep import is_loopback, require_terminal, typed_confirmation
-from gcs.demo import DemoError, following, require_same_bytes
+from gcs.demo import DemoError, require_same_bytes
 from gcs.envelope import Limits
 from gcs.errors import LinkError, UsageError
 from gcs.flightdir import create
-from gcs.maneuver import Maneuver, TestCard
+from gcs.logs.following import following
+from gcs.maneuver import Maneuver, TestCard, parse_card
 from gcs.pilot import SimulatedVehicle
 from gcs.session import Session
 from gcs.sweep import Note, fly_card
@@ -145,6 +148,70 @@ def test_what_a_vehicle_says_cannot_reach_the_terminal_as_an_escape() -> None:
     stream = io.StringIO()
     ProgressLines(Limits(), stream)(Note("bad \x1b[2J\x07 words"))
     assert stream.getvalue() == " bad ?[2J? words\n"
+
+
+def test_a_lost_link_is_told_with_the_wait_the_way_out_and_who_takes_over(tmp_path: Path) -> None:
+    vehicle, stream = FakeVehicle(), io.StringIO()
+    session, lines = FakeSession(vehicle, station=255), ProgressLines(Limits(), stream)
+    vehicle.in_sweep(3.0, lambda: setattr(session, "deaf_from", vehicle.now))
+
+    def confirm(briefing: Any) -> bool:
+        lines.briefing(briefing)
+        return True
+
+    fly_card(
+        session,
+        TestCard("one", (Maneuver("chirp", "roll", 0.1, 10.0),)),
+        folder=create(tmp_path / "f"),
+        clock=session,
+        disk_free=lambda _: 10**12,
+        confirm=confirm,
+        on_progress=lines,
+    )
+    text = stream.getvalue()
+    assert text.count("LINK LOST: no abort reaches the vehicle. PILOT: take over") == 1
+    assert "the vehicle's own answer to a lost link: RETURNS after 5 s" in text
+    assert "waiting up to 60 s for the vehicle" in text
+    assert "Ctrl-C ends the wait" in text
+
+
+def test_only_ctrl_c_counts_as_pressed() -> None:
+    with interrupts() as wishes:
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert (wishes.count, wishes.pressed) == (1, 0)
+        os.kill(os.getpid(), signal.SIGINT)
+        assert (wishes.count, wishes.pressed) == (2, 1)
+
+
+def test_the_sweeps_help_holds_a_card_that_can_be_flown(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["sweep", "--help"])
+    text = capsys.readouterr().out
+    example = text[text.index('  name = "my card"') : text.index("--json prints")]
+    card = parse_card(example, "help")
+    assert [m.kind for m in card.maneuvers] == ["chirp", "doublet"]
+    assert card.limits == Limits()
+    keys = {field.name for field in fields(Maneuver)}
+    assert [key for key in keys if key not in example] == [], "every key is in the help"
+    assert card.maneuvers[0].is_table_1
+
+
+def test_the_pilots_lines_are_all_named(capsys: pytest.CaptureFixture[str]) -> None:
+    from sitl.vehicle import Mode
+
+    assert set(PILOT_LINES) == {"takeoff", "land", "lqr on", "lqr off", "quit"} | {
+        f"mode {m.name.lower()}" for m in Mode
+    }
+    with pytest.raises(SystemExit):
+        main(["sim", "--help"])
+    help_text = " ".join(capsys.readouterr().out.split())
+    ready = {"link": "a", "ground_link": "udpin:127.0.0.1:14550", "plant": "forward", "directory": "d"}
+    words = banner(json.dumps(ready))
+    for line in PILOT_LINES:
+        assert line in help_text
+        assert line in words
+    assert "--card forward, or --axis roll|pitch|elevator" in words
+    assert "elevator" not in banner(json.dumps(ready | {"plant": "hover"}))
 
 
 def test_vehicle_folders_are_numbered(tmp_path: Path) -> None:
@@ -270,3 +337,41 @@ def test_the_log_must_be_a_file_of_the_vehicle_byte_for_byte(tmp_path: Path) -> 
         require_same_bytes(log, own)
     (own / "vehicle-2.BIN").write_bytes(log.read_bytes())
     assert require_same_bytes(log, own).name == "vehicle-2.BIN"
+
+
+@pytest.mark.realtime
+def test_rate_doublets_need_the_lqr_and_tell_how_they_were_followed(tmp_path: Path) -> None:
+    """A gentle set is pushed on the ground; with the switch off the card is refused, with it on it is measured."""
+    from gcs.gains import gains_of, push
+    from sysid.model import Model
+    from sysid.regulator import design
+    from sysid.structures import compose
+
+    card = tmp_path / "rates.toml"
+    card.write_text(
+        'rest_s = 0\n[[maneuver]]\nkind = "doublet"\ntarget = "rate"\naxis = "roll"\namplitude = 0.3\nduration_s = 4\n'
+        "pulse_s = 0.5\n"
+    )
+
+    def sweep(link: str, name: str) -> subprocess.CompletedProcess[bytes]:
+        command = [sys.executable, "-m", "gcs.cli", "sweep", "--connect", link, "--card", str(card)]
+        return subprocess.run(
+            [*command, "-o", str(tmp_path / name), "--json"], capture_output=True, timeout=60, check=False
+        )
+
+    with SimulatedVehicle("hover-ideal", tmp_path / "vehicle", seed=3, on_ground=True) as vehicle:
+        tpp = compose("tpp")
+        model = Model(tpp, np.array([TABLE_4[name] for name in tpp.names]))
+        with Session.open(vehicle.ground_link) as session:
+            push(session, gains_of(design(model).to_json()))
+        vehicle.say("takeoff")
+        time.sleep(5.0)
+        refused = sweep(vehicle.ground_link, "refused")
+        assert refused.returncode == 1
+        assert b"the LQR is not selected (LQR_SW is 0)" in refused.stderr
+        assert not (tmp_path / "refused").exists()
+        vehicle.say("lqr on")
+        flown = sweep(vehicle.ground_link, "flown")
+    assert flown.returncode == 0, flown.stderr
+    (found,) = json.loads(flown.stdout)["following"]
+    assert (found["axis"], found["follows"]) == ("roll", True)

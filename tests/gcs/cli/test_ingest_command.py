@@ -96,7 +96,7 @@ def test_records_are_written_and_never_overwritten_unasked(tmp_path: Path) -> No
     assert record.id == "flight.csv#1"
     before = (folder / "flight-1.npz").read_bytes()
     flight(log, seconds=30)
-    with pytest.raises(TippathError, match="--force"):
+    with pytest.raises(UsageError, match="--force"):
         call(log, "-o", folder)
     assert (folder / "flight-1.npz").read_bytes() == before
     assert call(log, "-o", folder, "--force", "--json") == 0
@@ -113,7 +113,7 @@ def test_logs_of_one_name_get_their_folders_names(tmp_path: Path) -> None:
 
 def test_an_output_that_is_a_file_is_refused(tmp_path: Path) -> None:
     log = flight(tmp_path / "flight.csv")
-    with pytest.raises(TippathError):
+    with pytest.raises(UsageError, match="is a file"):
         call(log, "-o", log)
 
 
@@ -123,6 +123,7 @@ def test_explain_lists_found_missing_and_what_to_write(tmp_path: Path, capsys: p
     found, missing = out.split("channels found")[1].split("not found")
     assert "delta_x" in found
     assert "omega" in missing
+    assert "+1 * delta_x" in found
     assert "[channels.p]" in missing
     assert "--profile" in missing
 
@@ -136,6 +137,42 @@ def test_wrong_words_are_wrong_usage(tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as caught:
         call()
     assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("name", ["absent.csv", "nothing.xyz"])
+def test_json_tells_of_a_refusal_too(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    (tmp_path / "nothing.xyz").write_text("x")
+    path = tmp_path / name
+    assert call(path, "--json") == 1
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    jsonschema.validate(document, SCHEMA)
+    assert document["runs"] == []
+    assert list(document["refused"]) == [str(path)]
+    assert document["refused"][str(path)] in captured.err
+
+
+def test_json_explains_the_channels_with_scale_and_sign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, profile = flight(tmp_path / "flight.csv"), tmp_path / "mine.toml"
+    channels = {"p": -0.5, "q": 1.0, "delta_x": 1.0, "delta_y": 1.0}
+    profile.write_text("".join(f'[channels.{name}]\nsource = "{name}"\nscale = {v}\n' for name, v in channels.items()))
+    assert call(log, "--json", "--explain", "--profile", profile) == 0
+    (source,) = json.loads(capsys.readouterr().out)["sources"]
+    assert source["channels"]["p"] == {"unit": "rad/s", "source": "p", "scale": -0.5, "offset": 0.0}
+    assert "omega" in source["absent"]
+    assert source["fields"] == ["t", "p", "q", "delta_x", "delta_y"]
+    assert call(log, "--explain", "--profile", profile) == 0
+    assert "rad/s   = -0.5 * p\n" in capsys.readouterr().out
+
+
+def test_runs_of_logs_with_one_name_can_be_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    places = [tmp_path / one / "flight-0001" for one in ("a", "b")] + [tmp_path / "b" / "flight-0002"]
+    for place in places:
+        place.mkdir(parents=True)
+        flight(place / "x.csv", seconds=20 + len(str(place)) % 7)
+    assert call(*(place / "x.csv" for place in places), flight(tmp_path / "y.csv")) == 0
+    ids = [line.split()[0] for line in capsys.readouterr().out.splitlines() if "usable" in line]
+    assert ids == ["a/flight-0001/x.csv#1", "b/flight-0001/x.csv#1", "flight-0002/x.csv#1", "y.csv#1"]
 
 
 @pytest.mark.data

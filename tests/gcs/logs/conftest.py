@@ -63,13 +63,13 @@ def fly(
     step = round(1e6 / rate_hz)
     clock = 10_000_000
 
-    def sample(us: int, target: float, axis: int, sidd: float | None) -> None:
+    def sample(us: int, target: float, axis: int, sidd: float | None, hertz: float = 0.0) -> None:
         x, y = (target, 0.0) if axis in (10, 7) else (0.0, target)
         t = us * 1e-6
         p, q = 20 * x + 0.3 * math.sin(1.3 * t), 15 * y + 0.2 * math.sin(1.7 * t)
         log.add("RATE", us, 0, p + 1, x + 0.001 * math.sin(t), 0, q + 1, y, 0, 0, 0.1, 0, 0, 0.4, 0)
         if sidd is not None:
-            log.add("SIDD", us, sidd, target, 1.0, p, q, 0.0, 0.0, 0.0, -9.8)
+            log.add("SIDD", us, sidd, target, hertz, p, q, 0.0, 0.0, 0.0, -9.8)
         if own_messages:
             log.add("TPEX", us, x, y, 0.0, 0.05, 0.4)
         if us % 25_000 < step:
@@ -103,7 +103,7 @@ def fly(
                 target = 0.1 * math.sin(2 * math.pi * (0.5 * t + 0.4 * t * t)) if flying else 0.0
             if stop_after < duration and abs(t - stop_after) < 0.5 / rate_hz:
                 log.add("MSG", clock, b"SystemID Stopped: lean=31.000000 max=30.000000")
-            sample(clock, target, axis, since)
+            sample(clock, target, axis, since, 0.5 + 0.8 * t if flying and kind == 0 else 0.0)
         if leave:
             clock += step
             log.add("MODE", clock, 0, 0, 1)

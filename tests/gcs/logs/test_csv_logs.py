@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError
-from gcs.logs import ingest
+from gcs.logs import ingest, resolve_runs
 from gcs.logs.csv import CsvFile
 
 Saved = Callable[[bytes, str], Path]
@@ -41,7 +41,21 @@ def test_a_file_with_the_channels_names_is_one_usable_run(saved: Saved) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", ["bom", "crlf", "blank lines", "quotes", "extra column", "blanks", "no last newline"]
+    "change",
+    [
+        "bom",
+        "crlf",
+        "cr",
+        "comment",
+        "numpy",
+        "half line",
+        "half number",
+        "blank lines",
+        "quotes",
+        "extra column",
+        "blanks",
+        "no last newline",
+    ],
 )
 def test_harmless_differences_change_nothing(saved: Saved, change: str) -> None:
     table = rows()
@@ -52,6 +66,16 @@ def test_harmless_differences_change_nothing(saved: Saved, change: str) -> None:
             raw = b"\xef\xbb\xbf" + raw
         case "crlf":
             raw = raw.replace(b"\n", b"\r\n")
+        case "cr":
+            raw = raw.replace(b"\n", b"\r")
+        case "comment":
+            raw = b"# flown by hand, 3 May\n\n#\n" + raw
+        case "numpy":
+            raw = b"# by numpy\n# " + raw
+        case "half line":
+            raw += b"20.000,0.1,0.0"
+        case "half number":
+            raw += b"20.000,0.1,0.0,0.0,-"
         case "blank lines":
             raw = b"\n\n" + raw.replace(b"\n0.1", b"\n\n0.1") + b"\n\n"
         case "quotes":
@@ -155,3 +179,43 @@ def test_forty_thousand_measured_rows_are_read_at_once(shared_data: Path) -> Non
         assert np.array_equal(slow[name], run.record.channels[name][:2000])
     assert run.usable
     assert run.rate_hz == pytest.approx(1009, abs=2)
+
+
+def test_a_half_written_last_line_is_said(saved: Saved) -> None:
+    path = saved(text(rows()) + b"20.000,0.1,0.0", "flight.csv")
+    (source,) = ingest([path]).sources
+    assert source.notes == ("the last line, 4002, is half written (3 of 5 columns) and left out",)
+    (record,) = resolve_runs([str(path)])
+    assert any("half written" in note for note in record.notes)
+    with pytest.raises(TippathError, match="no rows"):
+        ingest([saved(b"t,p,q,delta_x,delta_y\n1,2", "short.csv")])
+
+
+@pytest.mark.parametrize("ending", [b"\n", b"\r", b"\r\n"])
+def test_what_the_csv_module_cannot_read_is_named_too(saved: Saved, ending: bytes) -> None:
+    long = b'"' + b"9" * 200_000 + b'"'
+    for number, raw in ((1, b"t,p," + long), (7, text(rows()[:6]) + long + b",1,2,3,4")):
+        with pytest.raises(TippathError, match=f"line {number}"):
+            ingest([saved(raw.replace(b"\n", ending) + ending, "flight.csv")])
+
+
+def test_messages_show_plain_numbers(saved: Saved) -> None:
+    with pytest.raises(TippathError, match=r"\(0\.1 after 0\.985\)"):
+        ingest([saved(with_cell(200, 0, "0.1"), "flight.csv")])
+
+
+@pytest.mark.parametrize(("factor", "unit", "scale"), [(1e3, "milliseconds", "0.001"), (1e6, "microseconds", "1e-06")])
+def test_times_that_are_no_seconds_are_suspected(saved: Saved, factor: float, unit: str, scale: str) -> None:
+    table = rows()
+    for row in table[1:]:
+        row[0] = f"{float(row[0]) * factor:.3f}"
+    (run,) = ingest([saved(text(table), "flight.csv")]).runs
+    (reason,) = run.reasons
+    assert f"is it in {unit}?" in reason
+    assert f"scale = {scale}" in reason
+    assert "LOG_BITMASK" not in reason
+
+
+def test_a_window_outside_a_csv_says_where_it_runs(saved: Saved) -> None:
+    with pytest.raises(TippathError, match=r"no samples after 500 s: the log runs from 0\.000 to 19\.995 s"):
+        ingest([saved(text(rows()), "flight.csv")], window=(500.0, None))

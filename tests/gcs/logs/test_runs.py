@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -341,3 +342,86 @@ def test_texts_that_share_a_time_are_all_kept(two_chirps: bytes) -> None:
     message = b"\xa3\x95\x3b" + (10_000_000).to_bytes(8, "little") + b"same time".ljust(64, b"\0")
     tables = DataFlashTables(parse(np.frombuffer(two_chirps + 3 * message, np.uint8)), "log")
     assert tables.texts("MSG", "Message") == [(10.0, "same time")] * 3
+
+
+def test_the_swept_band_of_a_chirp_cut_short_is_what_was_flown(flown: Flown, saved: Saved) -> None:
+    whole, early = ingest([saved(flown([{}, {"stop_after": 5.5, "duration": 20.0}]), "flight.BIN")]).runs
+    assert whole.swept_band_hz == (0.5, 10.0), "the plan's, of a run that reached its end"
+    assert early.swept_band_hz == pytest.approx((0.5, 0.5 + 0.8 * 5.5), abs=0.02)
+    assert early.record is not None
+    assert early.record.swept_band_hz == early.swept_band_hz
+
+
+def test_the_swept_band_of_a_log_that_ends_in_the_sweep_is_what_is_in_it(flown: Flown, saved: Saved) -> None:
+    data = flown([{"duration": 12.0}], quiet_s=1.0)
+    (run,) = ingest([saved(data[: len(data) * 2 // 3], "cut.BIN")]).runs
+    assert run.swept_band_hz == pytest.approx((0.5, 0.5 + 0.8 * run.duration_s), abs=0.02)
+
+
+def test_a_window_sweeps_what_lies_in_it(two_chirps: bytes, saved: Saved) -> None:
+    (run,) = ingest([saved(two_chirps, "flight.BIN")], window=(14.0, 18.5)).runs
+    assert run.swept_band_hz == pytest.approx((0.5 + 0.8 * 1.0, 0.5 + 0.8 * 5.5), abs=0.02)
+
+
+def test_what_was_noted_travels_with_the_record(flown: Flown, saved: Saved, tmp_path: Path) -> None:
+    data = flown([{"duration": 12.0}])
+    middle = len(data) // 2
+    holed = saved(data[:middle] + bytes(9000) + data[middle + 9000 :] + b"\xa3\x95", "holed.BIN")
+    (record,) = resolve_runs([str(holed)])
+    assert any("gap" in note for note in record.notes)
+    assert any(note.startswith("holed.BIN: ") and "bytes could not be read" in note for note in record.notes)
+    assert any("the end is cut" in note for note in record.notes)
+    (short,) = resolve_runs([str(saved(flown([{"stop_after": 5.5, "duration": 20.0}]), "short.BIN"))])
+    assert any("cut short: 5.5 s of 20.0 s" in note for note in short.notes)
+    assert any("Stopped: lean" in note for note in short.notes)
+    record.save(tmp_path / "again.npz")
+    (again,) = resolve_runs([str(tmp_path / "again.npz")])
+    assert again.notes == record.notes
+    (listed,) = ingest([tmp_path / "again.npz"]).runs
+    assert len(set(listed.notes)) == len(listed.notes), "nothing is noted twice"
+
+
+@pytest.mark.parametrize(("size", "when"), [(700, "before any samples"), (1800, "s after its first sample")])
+def test_a_log_that_hardly_began_says_that_it_ends(flown: Flown, saved: Saved, size: int, when: str) -> None:
+    path = saved(flown([{}])[:size], "flight.BIN")
+    (run,) = ingest([path]).runs
+    (reason,) = run.reasons
+    assert reason.startswith("the log ends")
+    assert when in reason
+    assert "SYSTEMID" not in reason
+    with pytest.raises(TippathError, match="the log ends"):
+        resolve_runs([str(path)])
+
+
+def test_a_log_without_one_usable_field_lists_none(saved: Saved, writer: Callable[..., Any]) -> None:
+    log = writer({"MSG": (59, "QZ", "TimeUS,Message")})
+    for i in range(4):
+        log.add("MSG", 1_000_000 * i, b"hello")
+    for run in ingest([saved(log.data, "flight.BIN")], Path("arducopter"), window=(0.0, 9.0)).runs:
+        assert not any("The log has ." in reason for reason in run.reasons)
+
+
+@pytest.mark.parametrize("window", [(500.0, 600.0), (500.0, None), (None, 3.0)])
+def test_a_window_outside_the_log_says_where_the_log_runs(
+    two_chirps: bytes, saved: Saved, window: tuple[float | None, float | None]
+) -> None:
+    with pytest.raises(TippathError, match=r"the log runs from 10\.000 to 3\d\.\d{3} s"):
+        resolve_runs([str(saved(two_chirps, "flight.BIN"))], window=window)
+
+
+def test_modes_that_share_a_time_are_all_kept_and_not_complained_about(two_chirps: bytes) -> None:
+    from gcs.logs.dataflash import parse
+    from gcs.logs.tables import DataFlashTables
+
+    def mode(us: int, number: int) -> bytes:
+        return b"\xa3\x95\x78" + us.to_bytes(8, "little") + bytes((number, number, 1))
+
+    end = 40_000_000
+    many = b"".join(mode(end + i // 2 * 7_000_000, i) for i in range(14))  # in pairs, and far apart
+    tables = DataFlashTables(parse(np.frombuffer(two_chirps + many, np.uint8)), "log")
+    assert tables.series("MODE.ModeNum").values.tolist() == [0, 25, 0, 25, 0, *range(14)]
+    assert tables.dropped == {}
+    back = mode(end, 9)
+    tables = DataFlashTables(parse(np.frombuffer(two_chirps + many + back + many[-14:], np.uint8)), "log")
+    tables.series("MODE.ModeNum")
+    assert tables.dropped == {"MODE": 1}, "a time that goes back is still damage"

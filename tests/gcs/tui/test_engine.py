@@ -352,3 +352,15 @@ def test_results_never_overwrite_others(tmp_path):
 
 def test_the_card_brings_its_limits(engine):
     assert engine.state().limits == Limits()
+
+
+def test_a_full_disk_leaves_no_half_fit(tmp_path):
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))  # as good as full
+    try:
+        with pytest.raises(TippathError, match="cannot be written"):
+            _keep({"K": "x" * 5000}, tmp_path / "gains.json")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []

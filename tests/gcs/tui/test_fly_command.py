@@ -37,3 +37,19 @@ def test_a_vehicle_is_real_or_simulated():
 def test_the_command_is_there_with_its_function():
     assert parsed().run is fly.run
     assert parsed("--plot", "ascii", "--primary").plot == "ascii"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(("--connect", "nonsense"), "'nonsense' is no link"), (("--card", "nocard"), "no such card")],
+)
+def test_words_that_make_no_sense_are_wrong_usage_also_without_a_terminal(tmp_path, words, message):
+    with pytest.raises(UsageError, match=message):
+        fly.run(parsed(*words, "-o", str(tmp_path / "flights")))
+    assert not (tmp_path / "flights").exists()
+
+
+def test_a_plant_that_is_none_is_wrong_usage():
+    with pytest.raises(SystemExit) as ended:
+        parsed("--sim", "balloon")
+    assert ended.value.code == 2

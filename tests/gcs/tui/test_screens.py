@@ -241,6 +241,62 @@ async def test_what_matters_can_be_read_at_80_by_24():
             assert words in "\n".join(screen_text(app)), moment
 
 
+async def test_a_terminal_too_small_keeps_the_abort_key_and_says_so():
+    app, engine = app_on(FLYING)
+    async with app.run_test(size=(80, 24)) as pilot:
+        for size in ((79, 24), (80, 23), (40, 10), (12, 4)):
+            await pilot.resize_terminal(*size)
+            for key in ("1", "2", "3", "question_mark"):
+                await pilot.press(key)
+                await settle(app)
+                lines = screen_text(app)
+                assert lines[0].rstrip().endswith("F12 ABORT"), (size, key)
+                assert "too small" in lines[1], (size, key)
+                assert not "".join(lines[2:]).strip(), "nothing half hidden"
+            await pilot.press("f12")
+            assert engine.asked == ["abort"]
+            engine.asked.clear()
+        await pilot.resize_terminal(80, 24)
+        await pilot.press("1")
+        await settle(app)
+        text = "\n".join(screen_text(app))
+        assert "too small" not in text
+        assert "next: " in text
+
+
+@pytest.mark.parametrize("case", [str.lower, str.upper])
+async def test_a_key_works_as_it_is_shown_and_as_it_is_typed(case):
+    app, engine = app_on(IDLE)
+    async with app.run_test() as pilot:
+        keys = {"r": "ready", "s": "start", "e": "end card"}
+        for key, what in keys.items():
+            await pilot.press(case(key))
+            assert engine.asked.pop() == what
+        for key, what in {"t": "pilot takeoff", "l": "pilot land", "b": "pilot lqr"}.items():
+            await pilot.press(case(key))
+            await workers_done(app, pilot)
+            assert engine.asked.pop() == what
+        await pilot.press(case("c"))
+        assert isinstance(app.screen, Dialog)
+        await pilot.press("escape", "2", case("o"))
+        assert isinstance(app.screen, Dialog)
+        await pilot.press("escape", case("f"), "3", case("d"))
+        await workers_done(app, pilot)
+        assert sorted(engine.asked) == ["design", "fit"]
+        engine.asked.clear()
+        engine.now = DESIGNED
+        await pilot.press(case("p"), case("n"))
+        assert not isinstance(app.screen, Dialog)
+        await pilot.press(case("p"), case("y"))
+        await workers_done(app, pilot)
+        await pilot.press(case("v"), case("y"))
+        await workers_done(app, pilot)
+        assert engine.asked == ["push", "revert"]
+        await pilot.press(case("q"))
+        await pilot.pause()
+        assert app._exit
+
+
 async def test_hardware_has_no_pilot_keys():
     app, engine = app_on(replace(IDLE, plant=None))
     async with app.run_test() as pilot:

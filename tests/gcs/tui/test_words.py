@@ -148,3 +148,44 @@ def test_in_a_lost_link_the_tool_does_not_claim_to_abort():
     lost = replace(STATE, stage=Stage.ABORTING, vehicle=replace(VEHICLE, lost=True))
     assert "nothing is sent" in words.progress_line(lost, 80, "braille")
     assert words.next_words(lost, "Fly").startswith("the PILOT ends it")
+
+
+CHECKS = tuple(
+    (True, text)
+    for text in (
+        "link: heard 0.1 s ago",
+        "in the air: armed and in the air",
+        "mode: Stabilize",
+        "battery: 22.1 V 87 %",
+        "log: arrives: 1234 blocks, 0 open",
+        "disk: 41.0 GB free",
+        "attitude: 2° lean",
+        "rates: vary by 0.03 rad/s",
+        "trim: delta_x +0.01, delta_y -0.02",
+    )
+)
+
+
+@pytest.mark.parametrize("width", [80, 100, 120, 300])
+@pytest.mark.parametrize("height", [1, 2, 4])
+@pytest.mark.parametrize("checks", [CHECKS, (*CHECKS, (True, "stations: 2 other ground station(s) on this link"))])
+def test_what_was_looked_at_is_shortened_and_never_cut(width, height, checks):
+    lines = words.looked_at(checks, width, height)
+    assert 1 <= len(lines) <= height
+    assert all(cell_len(line) <= width for line in lines)
+    text = " ".join(line.strip() for line in lines)
+    assert (
+        text == "looked at: " + " · ".join(check for _, check in checks)
+        or text == "in order: " + ", ".join(check.partition(":")[0] for _, check in checks)
+        or text == f"{len(checks)} of {len(checks)} checks in order"
+    )
+    if width == 80 and height == 1 and checks is CHECKS:
+        assert text.startswith("in order: link, in the air, mode, ")
+
+
+@pytest.mark.parametrize("width", [1, 9, 12, 20, 40, 79])
+def test_too_small_is_said_in_what_fits(width):
+    assert cell_len(words.too_small((width, 20), (80, 24))) <= width
+    assert width < 12 or "too small" in words.too_small((width, 20), (80, 24))
+    top = words.top_line(STATE, width).plain
+    assert top.strip().endswith("F12 ABORT"[:width].strip())

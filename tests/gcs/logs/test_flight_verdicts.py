@@ -1,0 +1,113 @@
+"""Runs that flight.json says are to be flown again: not taken unasked, taken when named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_flight import FakeSession, FakeVehicle
+
+from gcs.errors import TippathError
+from gcs.flightdir import create
+from gcs.logs import ingest, resolve_runs
+from gcs.maneuver import Maneuver, TestCard
+from gcs.sweep import fly_card
+
+Flown = Callable[..., bytes]
+
+ENTERED_S = (12.0, 22.5)
+"""Of the two runs of `two_chirps`, in the log's own time."""
+
+
+@pytest.fixture(scope="module")
+def flown_about(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """flight.json as a sweep writes it: one run kept, one ended by Ctrl-C."""
+    vehicle = FakeVehicle()
+    session = FakeSession(vehicle)
+    started: list[float] = []
+    folder = create(tmp_path_factory.mktemp("flown") / "flight")
+
+    def aborted() -> str | None:
+        if vehicle.entered is not None and vehicle.entered not in started:
+            started.append(vehicle.entered)
+        return "Ctrl-C" if len(started) == 2 and vehicle.now > started[1] + 4.0 else None
+
+    card = TestCard("two", (Maneuver("chirp", "roll", 0.1, 10.0), Maneuver("chirp", "pitch", 0.1, 10.0)))
+    fly_card(session, card, folder=folder, clock=session, disk_free=lambda _: 10**12, aborted=aborted)
+    about: dict[str, Any] = folder.read()
+    assert [run["ending"] for run in about["runs"]] == ["finished", "aborted"]
+    return about
+
+
+def flight(folder: Path, log: bytes, about: dict[str, Any], **changes: Any) -> Path:
+    """A flight folder whose log is `log`, its runs at `ENTERED_S`."""
+    folder.mkdir()
+    runs = [run | {"log_start_s": start} for run, start in zip(about["runs"], ENTERED_S, strict=True)]
+    (folder / "flight.json").write_text(json.dumps(about | {"runs": runs} | changes))
+    (folder / "flight.BIN").write_bytes(log)
+    return folder
+
+
+@pytest.mark.parametrize("word", ["", "flight.BIN"])
+def test_an_aborted_run_is_not_taken_unasked(
+    two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path, word: str
+) -> None:
+    path = flight(tmp_path / "flight-0001", two_chirps, flown_about) / word
+    kept, aborted = ingest([path]).runs
+    assert kept.usable
+    assert not aborted.usable
+    (reason,) = aborted.reasons
+    assert reason.startswith("the sweep's verdict: fly again: aborted: Ctrl-C")
+    assert [record.id for record in resolve_runs([str(path)])] == ["flight.BIN#1"]
+
+
+def test_an_aborted_run_is_taken_when_it_is_named(
+    two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = flight(tmp_path / "flight-0001", two_chirps, flown_about)
+    (record,) = resolve_runs([f"{folder}#2"])
+    assert record.id == "flight.BIN#2"
+    assert "used because it was named, against the sweep's verdict: fly again: aborted: Ctrl-C" in record.notes
+
+
+def test_a_flight_of_nothing_but_refused_runs_says_how_to_take_one(
+    two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path
+) -> None:
+    both = {"runs": [flown_about["runs"][1] | {"log_start_s": start} for start in ENTERED_S]}
+    folder = flight(tmp_path / "flight-0001", two_chirps, flown_about, **both)
+    with pytest.raises(TippathError, match=r"fly again: aborted.*named by itself \(flight.BIN#1\)"):
+        resolve_runs([str(folder)])
+
+
+def test_what_is_wrong_with_the_samples_stays_wrong_when_named(
+    flown: Flown, flown_about: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = flight(tmp_path / "flight-0001", flown([{}, {"stop_after": 0.0}]), flown_about)
+    with pytest.raises(TippathError, match="before the maneuver began"):
+        resolve_runs([f"{folder}#2"])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"runs": "none"},
+        {"format": "somebody's"},
+        {"recording": {"logs": [{"path": "flight-2.BIN"}]}},
+        {"runs": [{"log_start_s": None, "ending": "aborted"}, 7, {"ending": "aborted", "log_start_s": 17.0}]},
+    ],
+)
+def test_a_file_that_says_nothing_of_these_runs_changes_nothing(
+    two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path, changes: dict[str, Any]
+) -> None:
+    folder = flight(tmp_path / "flight-0001", two_chirps, flown_about, **changes)
+    assert [run.usable for run in ingest([folder]).runs] == [True, True]
+
+
+def test_a_flight_that_ended_before_its_recording_was_summed_up_is_judged_too(
+    two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path
+) -> None:
+    folder = flight(tmp_path / "flight-0001", two_chirps, flown_about, recording=None)
+    assert [run.usable for run in ingest([folder]).runs] == [True, False]
