@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.stamp
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly demo test lint types contracts tests bench clean
+.PHONY: help setup fly demo test lint types contracts tests bench study clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -41,6 +41,9 @@ tests: $(STAMP)
 
 bench: $(STAMP)  ## speed, as ratios against peers in the same run
 	$(BIN)/python -m pytest tests/benchmarks --override-ini 'python_files=bench_*.py' --override-ini 'python_functions=bench_*' -s -q
+
+study: $(STAMP)  ## what only many flights show: optimum, honest errors, every effect planted; a quarter of an hour
+	$(BIN)/python -m pytest tests/study --override-ini 'python_files=study_*.py' --override-ini 'python_functions=study_*' -s -q
 
 clean:  ## remove what setup and the tests made
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache tippath.egg-info

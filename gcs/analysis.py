@@ -11,25 +11,27 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from gcs.errors import TippathError
-from sysid.checks import Check, eigenfrequency_checks
+from sysid.checks import Check, Spread, eigenfrequency_checks, fit_checks
 from sysid.identify import identify, judge
-from sysid.implied import Implied, Vehicle
+from sysid.implied import Implied, Vehicle, implied, rotor_speed
+from sysid.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches, mismatch
 from sysid.model import Model
-from sysid.preprocess import DEFAULT_BAND_HZ
+from sysid.preprocess import DEFAULT_BAND_HZ, spectra
 from sysid.record import Record
 from sysid.regulator import Gains
-from sysid.result import Fit, RecordUsed
+from sysid.result import HIGH_CORRELATION, Fit, RecordUsed
 from sysid.structures import CD, TPP, reduce_to_cd
 
 Band = tuple[float, float]
 
-# What the paper found on the real vehicle; shown beside, never mixed in.
 GUIDE_CRAMER_RAO = 20.0
 GUIDE_INSENSITIVITY = 10.0
 """Percent; what engineers accept of a parameter (Tischler and Remple)."""
 
+# What the paper found on the real vehicle; shown beside, never mixed in.
 PAPER_MODES = {"tpp": ((1.64, 0.39), (5.04, 0.22)), "cd": ((1.54, 0.35),)}
 PAPER_NRMSE = {
     ("tpp", "chirps"): (77.8, 77.3),
@@ -158,15 +160,12 @@ def wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
     return textwrap.wrap(text, 78, initial_indent=first, subsequent_indent=rest)
 
 
-def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
-    """One fit for people."""
+def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = None) -> str:
+    """One fit for people; 78 columns."""
     structure = fit.model.structure
     count = f"{len(fit.records)} run{'s' if len(fit.records) != 1 else ''}"
-    lines = [
-        f"{' + '.join([structure.base.upper(), *structure.effects])} fitted to {count}, "
-        f"{fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz",
-        "",
-    ]
+    title = f"{' + '.join([structure.base.upper(), *structure.effects])} fitted to {count}"
+    lines = [*wrapped(f"{title}, {fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz", rest="  "), ""]
     lines.append("NRMSE fit, %        p         q")
     lines.append(f"  fitted       {fit.nrmse_percent['p']:6.1f}    {fit.nrmse_percent['q']:6.1f}")
     if fit.validation_nrmse_percent is not None:
@@ -177,27 +176,14 @@ def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
     lines += [f"  {mode.frequency_hz:26.3f}        {mode.damping_ratio:8.3f}" for mode in fit.model.modes]
     if not fit.stable:
         lines.append("  unstable: see the warnings")
-    lines += ["", "parameter           value ± standard error       unit      Cramer-Rao, %  insensitivity, %"]
-    for parameter, value, error, alone in zip(
-        structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
-    ):
-        marks = []
-        if parameter.implausible(float(value)):
-            marks.append("implausible")
-        if parameter.name in fit.fixed or parameter.name in fit.at_bound:
-            marks.insert(0, "held" if parameter.name in fit.fixed else "at its bound")
-            figures = f"{'':13}     {parameter.unit:8}"
-        else:
-            share = 100 * error / abs(value) if value else math.inf
-            figures = f"± {error:<10.2g}      {parameter.unit:8} {share:8.1f} {alone:13.1f}"
-            if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
-                marks.append(f"above the guides of {GUIDE_CRAMER_RAO:g} and {GUIDE_INSENSITIVITY:g} %")
-        lines.append(f"  {parameter.name:12} {value:12.4f} {figures}  {', '.join(marks)}".rstrip())
+    lines += ["", *_parameters(fit)]
     if len(fit.lineage) > 1:
         lines += ["", "ladder                              p         q"]
         for rung in fit.lineage:
-            name = structure.base.upper() if not rung.effects else f"+ {rung.effects[-1]}"
+            name = structure.base.upper() if not rung.effects else f"+ {Path(rung.effects[-1]).name}"
             lines.append(f"  {name:26} {rung.nrmse_percent['p']:8.1f}  {rung.nrmse_percent['q']:8.1f}")
+    if responses is not None:
+        lines += ["", responses_text(responses)]
     if checks:
         lines += ["", checks_text(checks)]
     for text in fit.warnings:
@@ -205,31 +191,153 @@ def fit_text(fit: Fit, checks: Sequence[Check]) -> str:
     return "\n".join(lines)
 
 
+def _parameters(fit: Fit) -> list[str]:
+    """Values with standard errors and the engineers' two figures, what is to be said of a value on a line below it."""
+    structure = fit.model.structure
+    width = max(12, *(len(name) for name in structure.names))
+    lines = [f"  {'parameter':{width}}      value ± std. error  unit        CR, %  insens., %"]
+    vague = fit.undetermined
+    for parameter, value, error, alone in zip(
+        structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
+    ):
+        marks = []
+        number, figures = f"{value:11.4f}", ""
+        if parameter.name in fit.fixed or parameter.name in fit.at_bound:
+            marks.append("held" if parameter.name in fit.fixed else "at its bound")
+        elif parameter.name in vague:
+            number = "not determined"
+        else:
+            share = 100 * error / abs(value) if value else math.inf
+            figures = f"{share:8.1f} {alone:9.1f}"
+            if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
+                marks.append("above a guide")
+        if parameter.implausible(float(value)) and parameter.name not in vague:
+            marks.append("implausible")
+        spread = f"± {error:<10.2g}" if figures else " " * (12 - max(0, len(number) - 11))
+        lines.append(f"  {parameter.name:{width}}{number} {spread} {parameter.unit:8}{figures}".rstrip())
+        if marks:
+            lines.append(f"  {'':{width}}    {', '.join(marks)}")
+    lines.append(f"  guides: CR at most {GUIDE_CRAMER_RAO:g} %, insensitivity at most {GUIDE_INSENSITIVITY:g} %")
+    pairs = [f"{one} and {other} {value:+.2f}" for one, other, value in fit.correlations]
+    if pairs:
+        above = abs(fit.correlations[0][2]) > HIGH_CORRELATION
+        said = f"correlated above {HIGH_CORRELATION:g}" if above else "largest correlation"
+        lines += wrapped(f"{said}: {', '.join(pairs)}", "  ", "    ")
+    return lines
+
+
+def responses_text(found: Mismatches) -> str:
+    """Model less measured responses where these can be trusted, with the integrated cost."""
+    lines = [
+        "model less measured     where coherence     rms        largest         cost",
+        f"                        is {LEAST_COHERENCE:g} or more    dB    deg     dB    deg          J",
+    ]
+    for one in found.each:
+        name = f"  {one.output} per {one.command}"
+        band = one.band_hz
+        if band is None:
+            separate = found.measured.separates(one.output, one.command)
+            lines.append(f"{name:24}{'nowhere' if separate else 'the runs do not separate the commands'}")
+            continue
+        (dB, deg), (most_dB, most_deg) = one.rms, one.largest
+        lines.append(
+            f"{name:24}{f'{band[0]:.2g}-{band[1]:.2g} Hz':14}{dB:6.1f} {deg:6.0f} {most_dB:6.1f} {most_deg:6.0f} "
+            f"{one.cost:10.0f}{' above' if one.cost > GOOD_COST else ''}"
+        )
+    lines.append(f"  guide: J at most {GOOD_COST:g}; {reference_text(found)}")
+    return "\n".join(lines)
+
+
+def reference_text(found: Mismatches) -> str:
+    """What the measured responses were taken against."""
+    if found.measured.closed_loop_safe:
+        return "measured against the logged excitation"
+    missing = [name for name in found.measured.references if not name.startswith("excitation")]
+    return f"excitation not logged for {', '.join(missing)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What engineers ask of a fit beside its own numbers."""
+
+    responses: Mismatches
+    checks: tuple[Check, ...]
+    spread: Spread | None
+    implied: tuple[Implied, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Keys that are added to the fit's document."""
+        return {
+            "guides": {
+                "cramer_rao_percent": GUIDE_CRAMER_RAO,
+                "insensitivity_percent": GUIDE_INSENSITIVITY,
+                "coherence": LEAST_COHERENCE,
+                "cost": GOOD_COST,
+            },
+            "responses": [one.to_json() for one in self.responses.each],
+            "responses_reference": dict(
+                zip(self.responses.measured.commands, self.responses.measured.references, strict=True)
+            ),
+            "checks": [{"name": one.name, "passed": one.passed, "text": one.text} for one in self.checks],
+            "spread": None if self.spread is None else self.spread.to_json(),
+            "implied": [one.to_json() for one in self.implied],
+        }
+
+
+def assess(fit: Fit, records: Sequence[Record], vehicle: Vehicle | None = None) -> Judgement:
+    """Judge a fit on the runs it was made from."""
+    structure = fit.model.structure
+    found, _ = spectra(records, structure.inputs, structure.outputs, fit.band_hz)
+    checks, spread = fit_checks(fit.model, records, fit.band_hz, fit.fixed)
+    figures = () if vehicle is None else implied(fit, vehicle, rotor_speed(records))
+    return Judgement(mismatch(fit.model, found), checks, spread, figures)
+
+
+VEHICLE_KEYS = {
+    "k_beta": "spring of the rotor against tilt, N m/rad (needed)",
+    "mass": "kg",
+    "arm": "rotor plane above the centre of mass, m",
+    "I_xx": "inertia about the roll axis, kg m^2",
+    "I_yy": "inertia about the pitch axis, kg m^2",
+    "omega": "usual rotor speed, rad/s, where the runs do not log it",
+}
+"""Of a vehicle file, and what they mean."""
+
+
 def load_vehicle(path: Path) -> Vehicle:
-    """A vehicle file: k_beta, and mass, arm, I_xx, I_yy where measured, in SI. Raises TippathError."""
+    """A vehicle file, VEHICLE_KEYS in SI. Raises TippathError for what is not one, OSError where it cannot be read."""
     try:
         with path.open("rb") as stream:
             said = tomllib.load(stream)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise TippathError(f"{path}: not TOML ({error})") from error
-    known = ("k_beta", "mass", "arm", "I_xx", "I_yy")
     for name, value in said.items():
-        if name not in known:
-            raise TippathError(f"{path}: unknown key {name}; there are {', '.join(known)}")
+        if name not in VEHICLE_KEYS:
+            raise TippathError(f"{path}: unknown key {name}; there are {', '.join(VEHICLE_KEYS)}")
         if not isinstance(value, int | float) or isinstance(value, bool) or not 0 < value < 1e6:
-            raise TippathError(f"{path}: {name} must be a positive number in SI units")
+            raise TippathError(f"{path}: {name} must be a positive number ({VEHICLE_KEYS[name]})")
     if "k_beta" not in said:
-        raise TippathError(f"{path}: k_beta is missing, the blade spring in N m/rad")
+        raise TippathError(f"{path}: k_beta is missing, the {VEHICLE_KEYS['k_beta']}")
+    if ("mass" in said) != ("arm" in said):
+        raise TippathError(f"{path}: mass and arm go together, their product is what the thrust adds to k_beta")
     return Vehicle(**{name: float(value) for name, value in said.items()})
 
 
 def implied_text(figures: Sequence[Implied]) -> str:
     """What the fit implies about the vehicle, beside what was measured."""
-    lines = ["implied by the fit           value   measured"]
+    if not figures:
+        return "this structure implies nothing about the vehicle: fit with --model tpp"
+    lines = ["implied by the fit        value ± std. error    measured"]
     for one in figures:
-        measured = "" if one.measured is None else f"{one.measured:10.3f}"
-        mark = "   implausible: a clue that something is missing" if one.implausible else ""
-        lines.append(f"  {one.name:20} {one.value:10.3f} {measured:10} {one.unit}{mark}")
+        spread = "" if one.standard_error is None else f"± {one.standard_error:.2g}"
+        measured = "" if one.measured is None else f"{one.measured:.4g}"
+        lines.append(f"  {one.name:20} {one.value:8.3f} {spread:14}{measured:>9} {one.unit}".rstrip(" -"))
+        if one.implausible:
+            lines += wrapped(
+                "implausible: a clue that something is missing, or the vehicle file is off", " " * 6, " " * 6
+            )
+    if not any(one.name == "Lock number" for one in figures):
+        lines += wrapped("without the rotor speed (channel omega, or omega in the file) no Lock number", "  ", "  ")
     return "\n".join(lines)
 
 

@@ -195,7 +195,7 @@ def load(path: Path) -> Effect:
     try:
         spec.loader.exec_module(module)
         effect = module.EFFECT
-    except Exception as error:  # a user's file may fail in any way; it must not take the tool down
+    except (Exception, SystemExit) as error:  # a user's file may fail in any way; it must not take the tool down
         raise EffectError(f"{path}: not an effect file ({type(error).__name__}: {error})") from error
     if not isinstance(effect, Effect):
         raise EffectError(f"{path}: EFFECT is not an Effect but {type(effect).__name__}")

@@ -15,20 +15,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sysid import fast
 from sysid.errors import SysidError
+from sysid.identifiable import alike
 from sysid.instrument import instruments
 from sysid.model import AnyArray, FloatArray, Model, Structure
 from sysid.polynomial import FORMS, Form, Regressors, inverse, through
-from sysid.predict import RelaxationError, Response, Stack, respond, stack
+from sysid.predict import Ends, RelaxationError, Response, Stack, respond, stack
 from sysid.preprocess import ComplexArray, Spectrum
 
 REWEIGHTINGS = 3
+OTHER_SLOPES = (-1.0, 0.5, 2.0)
+SETTLED = 0.02
+"""Relative change of residual power from which on the outputs are weighed anew."""
+POOR_SHARE = 0.25  # of the measured power: NRMSE below 50 %
+MOST_BEGINNINGS = 8
 START_THINNING = 4
 FIRST_SLOPES = (0.0, 1.0)
 """Powers of frequency that weigh the first equation error down: gusts ask for none, sensor noise for more."""
 CORNER = 3.0  # rad/s
 MAXIMUM_STEPS = 60
-TOLERANCE = 1e-7  # of the summed logarithms of residual power: 0.02 standard errors
+TOLERANCE = 3e-6  # of the summed logarithms of residual power: at most 0.1 standard errors
 SMALLEST_LENGTH = 1e-5
 TRIAL_STEPS = 3
 STABILITY_PUSHES = (0.03, 0.3, 3.0, 30.0)
@@ -40,6 +47,8 @@ LARGEST_RELATIVE_ERROR = 0.25
 SHARE_BAND_HZ = 0.5
 ENDS_RANK = 1e-10
 LARGEST_SEARCH = 24
+SEARCH_ROUNDS = 2
+NEAR_NULL = 0.9
 UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
 
@@ -86,6 +95,8 @@ class _Normal:
     """(k,), of the residual, as if unweighted; the weights are constant over frequency."""
     curvature: FloatArray
     gradient: FloatArray
+    ends: list[list[FloatArray]]
+    """For every stack and segment, the differences of first and last state."""
 
 
 def rows(x: ComplexArray) -> FloatArray:
@@ -103,6 +114,16 @@ def _project(E: FloatArray, others: FloatArray) -> FloatArray:
     basis = (axes[:, keep] / np.sqrt(inner[keep])).T @ scaled
     rest: FloatArray = others - (others @ basis.T) @ basis
     return rest
+
+
+def _differences(E: FloatArray, e: FloatArray) -> FloatArray:
+    """Least-squares factors (n,) of the rows of E (n, N) in e (N,); weak combinations stay out."""
+    size = np.sqrt(np.einsum("ij,ij->i", E, E))
+    size = np.where(size > 0, size, 1.0)
+    scaled = E / size[:, None]
+    inner, axes = np.linalg.eigh(scaled @ scaled.T)
+    inverse = np.where(inner > ENDS_RANK * inner[-1], 1 / np.maximum(inner, 1e-300), 0.0)
+    return np.asarray(axes @ (inverse * (axes.T @ (scaled @ e))) / size)
 
 
 def output_error(model: Model, stacks: Sequence[Stack]) -> OutputError:
@@ -123,32 +144,44 @@ def output_error(model: Model, stacks: Sequence[Stack]) -> OutputError:
 
 
 def _normal(
-    structure: Structure, values: FloatArray, stacks: Sequence[Stack], weights: Sequence[FloatArray], full: bool
+    structure: Structure,
+    values: FloatArray,
+    stacks: Sequence[Stack],
+    weights: Sequence[FloatArray],
+    full: bool,
+    ends: Sequence[Ends] | None = None,
 ) -> _Normal:
     """Curvature J J^T, gradient J r and what is left, with weights (k, bins), end states projected out."""
     count = values.size if full else 0
     curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(2)
-    for group, weight in zip(stacks, weights, strict=True):
-        response = respond(structure, values, group, full)
+    found: list[list[FloatArray]] = []
+    for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
+        response = respond(structure, values, group, full, None, None if ends is None else ends[number])
+        found.append([])
         e, E = weight * (group.Y - response.Y), weight * response.E
         if response.J is not None:
             np.multiply(response.J, weight, out=response.J)
         for part in group.slices:
-            ends = rows(E[..., part])
-            rest = _project(ends, rows(e[None, :, part]))
+            columns = rows(E[..., part])
+            left_over = rows(e[None, :, part])
+            difference = _differences(columns, left_over[0])
+            rest = left_over - difference @ columns
+            found[-1].append(difference)
             power += np.sum(rest.reshape(2, -1) ** 2, axis=1) * (group.scale[part.start] / weight[:, part.start]) ** 2
             if response.J is not None:
-                gram = _gram(ends, np.concatenate([rest, rows(response.J[..., part])]))
+                gram = _gram(columns, np.concatenate([rest, rows(response.J[..., part])]))
                 if response.to is not None:
                     gram[1:] = response.to @ gram[1:]
                     gram[:, 1:] = gram[:, 1:] @ response.to.T
                 curvature += gram[1:, 1:]
                 gradient += gram[1:, 0]
-    return _Normal(power, curvature, gradient)
+    return _Normal(power, curvature, gradient, found)
 
 
 def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
-    """A start from the data alone, of a bare base: equation error, reweighted by its own last denominator.
+    """The optimum on these bins from the data alone, of a bare base.
+
+    It begins at the equation error, reweighted by its own last denominator.
 
     The end states are polynomials in s, one set for each segment.
     """
@@ -163,19 +196,45 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
             target = ((0, Y[0] * s**form.order), (1, Y[1] * s**form.order))
             known = (target, *form.regressors(s, Y, held[:, part]))
             blocks.append((s, known, group.scale[part.start] / measured[:, None]))
-    tried = [_equation_error(form, structure, blocks, stacks, None, slope) for slope in FIRST_SLOPES]
-    found = [one for one in tried if one is not None]
+    begins = [_equation_error(form, structure, blocks, stacks, None, slope) for slope in FIRST_SLOPES]
+    found = sorted((one for one in begins if one is not None), key=lambda one: one[0])
     if not found:
         raise FitError("the data do not determine the model: the commands hardly move, or move together")
-    best = min(found, key=lambda one: one[0])
-    last: FloatArray = best[1]
-    for _ in range(REWEIGHTINGS):
+    found += _reweighted(form, structure, blocks, stacks, found[0][1], REWEIGHTINGS)
+    best = Model(structure, form.to_parameters(min(found, key=lambda one: one[0])[1]))
+    power = output_error(best, stacks).residual_power
+    best, left = minimise(best, stacks, power)
+    if np.all(left < POOR_SHARE * output_error(best, stacks).measured_power):
+        return best
+    # a poor fit may be a poor valley: begin from every other solution as well
+    for slope in OTHER_SLOPES:
+        again = _equation_error(form, structure, blocks, stacks, None, slope)
+        if again is not None:
+            found += [again, *_reweighted(form, structure, blocks, stacks, again[1], 2 * REWEIGHTINGS)]
+    for _, coefficients in sorted(found, key=lambda one: one[0])[:MOST_BEGINNINGS]:
+        other, rest = minimise(Model(structure, form.to_parameters(coefficients)), stacks, power)
+        if np.sum(np.log(rest)) < np.sum(np.log(left)):
+            best, left = other, rest
+    return best
+
+
+def _reweighted(
+    form: Form,
+    structure: Structure,
+    blocks: Sequence[tuple[ComplexArray, Regressors, FloatArray]],
+    stacks: Sequence[Stack],
+    last: FloatArray,
+    times: int,
+) -> list[tuple[float, FloatArray]]:
+    """Solutions of the equation error, each weighted by the denominator of the one before."""
+    found = []
+    for _ in range(times):
         again = _equation_error(form, structure, blocks, stacks, last, 0.0)
         if again is None:
             break
+        found.append(again)
         last = again[1]
-        best = min(best, again, key=lambda one: one[0])
-    return Model(structure, form.to_parameters(best[1]))
+    return found
 
 
 def _equation_error(
@@ -241,8 +300,11 @@ def minimise(
     high = np.array([parameter.bounds[1] for parameter in structure.parameters])
     movable = np.array([name not in held for name in structure.names])
     values = np.clip(model.values, low, high)
-    here = _normal(structure, values, stacks, axis_weights(stacks, power), True)
+    here, weighed_by = _normal(structure, values, stacks, axis_weights(stacks, power), True), power
     for _ in range(steps):
+        if not np.allclose(weighed_by, here.power, rtol=SETTLED):
+            weights = axis_weights(stacks, here.power)
+            here, weighed_by = _normal(structure, values, stacks, weights, True, here.ends), here.power
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
@@ -258,27 +320,32 @@ def minimise(
         length = 1.0
         while length > SMALLEST_LENGTH:
             trial = np.clip(values + length * move, low, high)
-            there = _try(structure, trial, stacks, weights)
+            there = _try(structure, trial, stacks, weights, here.ends)
             reached = np.inf if there is None else float(np.sum(np.log(there.power)))
             if there is not None and np.isfinite(reached) and reached < goal:
                 break
             length /= 2
         else:
             break
-        values, here = trial, there
+        values, here, weighed_by = trial, there, here.power
         if goal - reached < TOLERANCE:
             break
     return Model(structure, values), here.power
 
 
 def _try(
-    structure: Structure, values: FloatArray, stacks: Sequence[Stack], weights: Sequence[FloatArray]
+    structure: Structure,
+    values: FloatArray,
+    stacks: Sequence[Stack],
+    weights: Sequence[FloatArray],
+    ends: Sequence[Ends],
 ) -> _Normal | None:
     """The normal equations there, or None where there is no response."""
     if not np.all(np.isfinite(values)):
         return None
     try:
-        return _normal(structure, values, stacks, weights, True)
+        with np.errstate(all="ignore"):  # a time constant of zero has no response: what comes out is not finite
+            return _normal(structure, values, stacks, weights, True, ends)
     except (RelaxationError, np.linalg.LinAlgError):
         return None
 
@@ -299,31 +366,39 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Seq
     known = dict(zip(parent.structure.names, map(float, parent.values), strict=True))
     first, choices = _beginnings(structure, known)
     power = output_error(parent, stacks).residual_power
+    # which valley is deepest shows on some of the bins; a simulation costs the same for few as for all
+    few = [group.thinned(START_THINNING) for group in stacks] if structure.linear else stacks
 
     def tried(begin: Mapping[str, float]) -> tuple[float, Model | None]:
         try:
             # first the new parameters alone, then all: the parent's stay where they were fitted until it pays
             model = Model(structure, structure.vector({**known, **begin}))
-            model, left = minimise(model, stacks, power, [*known, *held], TRIAL_STEPS)
-            model, left = minimise(model, stacks, left, held, TRIAL_STEPS)
+            model, left = minimise(model, few, power, [*known, *held], TRIAL_STEPS)
+            model, left = minimise(model, few, left, held, TRIAL_STEPS)
         except (RelaxationError, np.linalg.LinAlgError):
             return np.inf, None
         cost = float(np.sum(np.log(left)))
         return (cost, model) if np.isfinite(cost) else (np.inf, None)
 
+    if not choices:
+        return minimise(Model(structure, structure.vector({**known, **first})), stacks, power, held)[0]
     best = tried(first)
     if math.prod(len(values) for values in choices.values()) <= LARGEST_SEARCH:
         for values in itertools.product(*choices.values()):
             begin = {**first, **dict(zip(choices, values, strict=True))}
             if begin != first:
                 best = min(best, tried(begin), key=lambda one: one[0])
-    else:  # too many together: one parameter after the other, the others where they were best
-        for name, values in choices.items():
-            for value in values:
-                if value != first[name]:
-                    again = tried({**first, name: value})
-                    if again[0] < best[0]:
-                        best, first = again, {**first, name: value}
+    else:  # too many together: one parameter after the other, the others where they were best, and round again
+        for _ in range(SEARCH_ROUNDS):
+            before = best[0]
+            for name, values in choices.items():
+                for value in values:
+                    if value != first[name]:
+                        again = tried({**first, name: value})
+                        if again[0] < best[0]:
+                            best, first = again, {**first, name: value}
+            if best[0] == before:
+                break
     if best[1] is None:
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
     return minimise(best[1], stacks, power, held)[0]
@@ -332,7 +407,7 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Seq
 def _beginnings(
     structure: Structure, known: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, tuple[float, ...]]]:
-    """Where the new parameters begin, and what else to try for each that may have several valleys."""
+    """Where the new parameters begin, and what to try for each whose cost may have several valleys."""
     first: dict[str, float] = {}
     choices: dict[str, tuple[float, ...]] = {}
     for effect in structure.composed:
@@ -346,7 +421,8 @@ def _beginnings(
             if parameter.grid:
                 choices[parameter.name] = tuple(dict.fromkeys((*parameter.grid, parameter.typical)))
             elif parameter.null is not None and np.isfinite(parameter.null):
-                choices[parameter.name] = (parameter.typical, 0.25 * parameter.typical + 0.75 * parameter.null)
+                # one valley that reaches to the null, where the parent stands
+                first[parameter.name] += NEAR_NULL * (parameter.null - parameter.typical)
     return first, choices
 
 
@@ -371,11 +447,17 @@ def estimate(
     if parent is None and structure.composed:
         parent = start(Structure(structure.base_), [group.thinned(START_THINNING) for group in stacks])
     names = tuple(held)
+    if parent is None and not held and fast.applies(structure, stacks):
+        quick = fast.fit(structure, stacks[0])
+        if quick is not None and np.all(quick.residual_power < POOR_SHARE * quick.measured_power):
+            parent = Model(structure, quick.values)
+            if instruments(stacks, structure.commands) is None:
+                _refuse_vagueness(structure, quick.vagueness)
+                return Estimate(parent, quick.covariance, output_error(parent, stacks))
     if parent is None or parent.structure == structure:
         if parent is None:
             thin = [group.thinned(START_THINNING) for group in stacks]
             parent = start(structure, thin)
-            parent, _ = minimise(_hold(parent, held), thin, output_error(parent, thin).residual_power, names)
         model = _hold(parent, held)
         model, _ = minimise(model, stacks, output_error(model, stacks).residual_power, names)
     else:
@@ -387,8 +469,12 @@ def estimate(
     )
     loose = [i for i, name in enumerate(structure.names) if name not in held and name not in bound]
     causes = instruments(stacks, structure.commands) if structure.linear else None
-    if causes is not None:
-        model = _unbias(model, stacks, loose, causes)
+    if causes is not None and loose:
+        unbiased = _unbias(model, stacks, loose, causes)
+        if unbiased is None:
+            causes = None  # the estimate is that of least squares, and so are its errors
+        else:
+            model = unbiased
     error = output_error(model, stacks)
     weights = axis_weights(stacks, error.residual_power)
     covariance = np.zeros((model.values.size, model.values.size))
@@ -398,11 +484,13 @@ def estimate(
     return found
 
 
-def _unbias(model: Model, stacks: Sequence[Stack], loose: Sequence[int], causes: Sequence[ComplexArray]) -> Model:
+def _unbias(
+    model: Model, stacks: Sequence[Stack], loose: Sequence[int], causes: Sequence[ComplexArray]
+) -> Model | None:
     """From the least-squares optimum to where the residual has nothing left that the excitation caused.
 
-    A few Newton steps; where they do not settle, or leave the bounds or the optimum far behind, the data have no good
-    instrument and the least-squares estimate stays.
+    A few Newton steps; None where they do not settle, or leave the bounds or the optimum far behind: the data have no
+    good instrument and the least-squares estimate stays.
     """
     structure, values = model.structure, model.values.copy()
     low = np.array([parameter.bounds[0] for parameter in structure.parameters])
@@ -413,19 +501,19 @@ def _unbias(model: Model, stacks: Sequence[Stack], loose: Sequence[int], causes:
         curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, loose, causes)
         size = np.sqrt(np.abs(np.diag(curvature)))
         if not np.all(np.isfinite(size)) or np.any(size == 0):
-            return model
+            return None
         scaled = curvature / np.outer(size, size)
         if np.linalg.cond(scaled) > 1e10:
-            return model
+            return None
         move = np.linalg.solve(scaled, gradient / size) / size
         values[list(loose)] += move
         if not np.all(np.isfinite(values)) or np.any(values < low) or np.any(values > high):
-            return model
+            return None
         if np.max(np.abs(move) * size) < 1e-3 * np.sqrt(len(stacks) * stacks[0].z.size):
             break
     found = Model(structure, values)
     after = output_error(found, stacks).residual_power
-    return found if np.all(after < WORST_UNBIASING * error.residual_power) else model
+    return found if np.all(after < WORST_UNBIASING * error.residual_power) else None
 
 
 def _to_parameters(response: Response) -> ComplexArray:
@@ -526,24 +614,18 @@ def _covariance(
 
     Treating the residuals as white makes the bounds too small.
     """
+    if not loose:
+        return np.zeros((0, 0))
     curvature, _, variance = _linearised(model, stacks, weights, loose, causes)
     size = np.sqrt(np.abs(np.diag(curvature)))
     if not np.all(np.isfinite(size)) or np.any(size == 0):
-        raise FitError("the data do not determine the model: a parameter does not show in the response at all")
+        still = ", ".join(model.structure.names[i] for i, x in zip(loose, size, strict=True) if not x > 0)
+        raise FitError(f"the data do not determine the model: {still} does not show in the response on these runs")
     correlation = curvature / np.outer(size, size)
     if np.linalg.cond(correlation) > 1e12:
-        raise FitError(_alike(model, 0.5 * (correlation + correlation.T), loose))
+        raise FitError(alike(model.structure, model.values, loose, 0.5 * (correlation + correlation.T), size))
     inverse = np.linalg.inv(correlation) / np.outer(size, size)
     return np.asarray(inverse @ variance @ inverse.T)
-
-
-def _alike(model: Model, correlation: FloatArray, loose: Sequence[int]) -> str:
-    """Which direction in parameter space the data leave open."""
-    _, axes = np.linalg.eigh(correlation)
-    weakest = axes[:, 0]
-    named = sorted(zip(np.abs(weakest), loose, strict=True), reverse=True)[:4]
-    listed = ", ".join(model.structure.names[i] for size, i in named if size > 0.1)
-    return f"the data do not determine the model: {listed} act alike on these runs; hold one with --fix, or fly another"
 
 
 def smooth(values: AnyArray, frequency_hz: FloatArray, width_hz: float = SMOOTHING_HZ) -> AnyArray:
@@ -637,11 +719,17 @@ def _refuse_vague_axes(found: Estimate) -> None:
         spread = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", slopes, found.covariance, slopes), 0))
         known = np.abs(values) > 0
         best = np.min(spread[known] / np.abs(values[known])) if np.any(known) else np.inf
-        if not best < LARGEST_RELATIVE_ERROR:
+        _refuse_vagueness(structure, np.array([best]), column)
+
+
+def _refuse_vagueness(structure: Structure, vagueness: FloatArray, first: int = 0) -> None:
+    """Raises FitError for the first command whose effect has too large a relative standard error."""
+    for name, relative in zip(structure.commands[first:], vagueness, strict=False):
+        if not relative < LARGEST_RELATIVE_ERROR:
             axis = AXIS_OF.get(name, name)
             raise FitError(
                 f"{axis} axis not identifiable: the effect of {name} is known only to "
-                f"{100 * best:.0f} % of itself; fly a {axis} chirp, longer or with more amplitude"
+                f"{100 * relative:.0f} % of itself; fly a {axis} chirp, longer or with more amplitude"
             )
 
 

@@ -6,15 +6,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.checks import explain_instability
+from sysid.checks import explain_instability, explain_poverty
 from sysid.effect import Effect, EffectError
 from sysid.fit import AXIS_OF, Estimate, FitError, OutputError, estimate, output_error
+from sysid.identifiable import structural, vague
 from sysid.model import Model, Structure
 from sysid.predict import stack
 from sysid.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
 from sysid.record import Record
 from sysid.result import Fit, RecordUsed, Rung
 from sysid.structures import compose
+
+LARGE_TILT = 5.0  # rad of flapping per full command
 
 
 def identify(
@@ -54,6 +57,9 @@ def identify(
         held = {name: value for name, value in (fixed or {}).items() if name in composed.names}
         if count == len(effects):
             held = dict(fixed or {})
+        open_to_all = structural(composed, held) if composed.composed else None
+        if open_to_all is not None:
+            raise FitError(open_to_all)
         found: Estimate = estimate(composed, fitted, parent, held)
         parent = found.model
         judged: Mapping[str, float] | None = None
@@ -68,6 +74,11 @@ def identify(
     warnings += _suspicious_signs(found.model)
     if not found.model.stable:
         warnings += explain_instability(found.model, fitted)
+    else:
+        warnings += explain_poverty(found.model, found.error.nrmse_percent, fitted)
+    warnings += _vague_directions(found)
+    warnings += _missing_sweeps(records, composed)
+    warnings += _failed_validation(judged)
     return Fit(
         found.model,
         found.covariance,
@@ -120,6 +131,34 @@ def refuse_mixed_sources(records: Sequence[Record]) -> None:
         )
 
 
+def _vague_directions(found: Estimate) -> list[str]:
+    """What these runs hardly determine, with the direction in which the numbers may move together."""
+    return [
+        f"these runs do not determine {direction.moves[0][0]} (practical: too little power at this noise): "
+        f"one standard error moves {direction}; fly longer or harder there, or hold it with --fix"
+        for direction in vague(found.model.structure, found.model.values, found.covariance)
+    ]
+
+
+def _missing_sweeps(records: Sequence[Record], structure: Structure) -> list[str]:
+    """An axis that no run swept is known only through what the controller or the pilot did there."""
+    swept = {record.axis for record in records}
+    if None in swept or any(record.maneuver == "unknown" for record in records):
+        return []
+    missing = [AXIS_OF[name] for name in structure.commands if name in AXIS_OF and AXIS_OF[name] not in swept]
+    return [
+        f"no {axis} maneuver among the runs: what the {axis} command does is known only from the controller's "
+        "reactions; add a run that sweeps it"
+        for axis in missing
+    ]
+
+
+def _failed_validation(judged: Mapping[str, float] | None) -> list[str]:
+    if judged is None or min(judged.values()) > 0:
+        return []
+    return ["on the validation runs the model is worse than none at all: do not use it there"]
+
+
 def _resampling(found: Sequence[Spectrum]) -> list[str]:
     moved = sum(one.segment.resampled for one in found)
     total = sum(one.samples for one in found)
@@ -144,4 +183,9 @@ def _suspicious_signs(model: Model) -> list[str]:
         if parameter.implausible(float(value)):
             low, high = parameter.plausible
             said.append(f"{parameter.name} = {value:.4g} is outside what physics allows ({low:g} to {high:g})")
+    large = {
+        one.name for one, value in zip(model.structure.parameters, model.values, strict=True) if value > LARGE_TILT
+    }
+    if {"A_lon", "B_lat"} <= large:
+        said.append("both axes answer the cyclic tens of times too much: are p and q in degrees per second?")
     return said

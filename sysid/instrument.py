@@ -15,12 +15,16 @@ from sysid.model import FloatArray
 from sysid.predict import Stack
 from sysid.preprocess import EXCITATIONS, ComplexArray
 
+FOLLOWING = ("alpha", "beta", "phi", "theta")
+"""Channels that follow the vehicle's own motion, and with it what gusts do to it."""
 WINDOW_HZ = 0.5
 """Within it the closed loop from excitation to command counts as one complex gain."""
 
 
 def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[ComplexArray] | None:
-    """For every stack the inputs (m, bins) with each command's part that the excitation caused; other inputs as logged.
+    """For every stack the inputs (m, bins) as far as the excitation caused them; those from outside as logged.
+
+    Commands and channels that follow the motion are caused; rotor speed, airspeed and yaw come from outside.
 
     None where the excitation was not logged on every run, or did not excite every command.
     """
@@ -35,7 +39,7 @@ def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[Comple
         )
         if not np.all(np.any(R, axis=1)):
             return None
-        rows = [stack.inputs.index(command) for command in commands]
+        rows = [i for i, name in enumerate(stack.inputs) if name in commands or name in FOLLOWING]
         caused = stack.U.copy()
         caused[rows] = _caused(stack.U[rows], R, stack.scale, stack.frequency_hz)
         found.append(caused)

@@ -177,6 +177,8 @@ class Structure:
             for key, value in changes.items():
                 if key in rates:
                     rates[key] = env[key] = value if redefine_rates else rates[key] + value
+                elif key.endswith("_dot"):
+                    raise ValueError(f"{key}: there is no state {key.removesuffix('_dot')}")
                 else:
                     env[key] = value
 

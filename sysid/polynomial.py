@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.model import COMPLEX_STEP, AnyArray, FloatArray, Structure, stepped
-from sysid.predict import Response, Stack
+from sysid.predict import Ends, Response, Stack
 from sysid.preprocess import ComplexArray
 
 SLOWEST_RATIO = 20.0
@@ -175,7 +175,14 @@ def through(D: ComplexArray, regressors: Regressors, out: ComplexArray) -> Compl
     return out
 
 
-def respond(structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool, U: ComplexArray) -> Response:
+def respond(
+    structure: Structure,
+    values: FloatArray,
+    stack: Stack,
+    sensitivities: bool,
+    U: ComplexArray,
+    ends: Ends | None = None,
+) -> Response:
     """As `predict.respond`, of a bare base; sensitivities are to the coefficients, `to` turns them to parameters."""
     form = FORMS[structure.base]
     at = stack.sampling(form.order)
@@ -200,7 +207,12 @@ def respond(structure: Structure, values: FloatArray, stack: Stack, sensitivitie
     if not sensitivities:
         return Response(Y + N @ images, E, None, None)
     to = form.of_parameters(stepped(values)).imag / COMPLEX_STEP
-    J = through(D, form.regressors(at.s, Y, held), np.empty((form.coefficients, 2, at.s.size), dtype=complex))
+    moved = Y
+    if ends is not None:
+        moved = Y.copy()
+        for part, difference in zip(stack.slices, ends, strict=True):
+            moved[:, part] += np.einsum("e,ekf->kf", difference, E[..., part])
+    J = through(D, form.regressors(at.s, moved, held), np.empty((form.coefficients, 2, at.s.size), dtype=complex))
     J[-4:-2, 0] += images
     J[-2:, 1] += images
     return Response(Y + N @ images, E, J, to)

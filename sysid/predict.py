@@ -8,14 +8,16 @@ All arrays have the bins last, so that rows of real numbers are views of rows of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sysid.effect import Effect, Signals
 from sysid.model import FloatArray, Structure, discretise, stepped
-from sysid.preprocess import ComplexArray, Spectrum
+from sysid.preprocess import ComplexArray, Segment, Spectrum
 
 if TYPE_CHECKING:
     from sysid.polynomial import Sampling
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
 WORST_MODAL_CONDITION = 1e7
 RELAXATION_HZ = 30.0
 RELAXATIONS = 40
-RELAXED = 1e-7
-STEP = 1e-4
+RELAXED = 1e-6
+STEP = 1e-3
 FEWEST_BINS = 60
 
 
@@ -130,10 +132,22 @@ def _stacked(group: Sequence[Spectrum]) -> Stack:
     )
 
 
+Ends = Sequence[FloatArray]
+"""For every segment of a stack the differences of first and last state, one for each of the columns E."""
+
+
 def respond(
-    structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool, U: ComplexArray | None = None
+    structure: Structure,
+    values: FloatArray,
+    stack: Stack,
+    sensitivities: bool,
+    U: ComplexArray | None = None,
+    ends: Ends | None = None,
 ) -> Response:
-    """Predict a stack's outputs. `U` (m, bins) stands in for the logged inputs, for sensitivities to instruments."""
+    """Predict a stack's outputs. `U` (m, bins) stands in for the logged inputs, for sensitivities to instruments.
+
+    The free motion from `ends`, the last estimate of them, counts in the sensitivities: it changes with the parameters.
+    """
     if not _linear_dynamics(structure):
         return _relaxed(structure, values, stack, sensitivities)
     if U is None:
@@ -144,9 +158,29 @@ def respond(
         from sysid import polynomial
 
         if polynomial.exact_enough(stack):
-            return polynomial.respond(structure, values, stack, sensitivities, U)
-    acting, changes = _commands(structure, values, stack, U, sensitivities)
-    return _linear(structure, values, stack, acting, changes, sensitivities)
+            return polynomial.respond(structure, values, stack, sensitivities, U, ends)
+    front, rest = divided(structure)
+    acting, changes = _commands(structure, front, values, stack, U, sensitivities)
+    inner = np.array([values[structure.names.index(name)] for name in rest.names])
+    found = _linear(rest, inner, stack, acting, list(changes.values()), sensitivities, ends)
+    if found.J is None or (structure.names == rest.names and not changes):
+        return found
+    J = np.zeros((values.size, *found.J.shape[1:]), dtype=complex)
+    J[[structure.names.index(name) for name in rest.names]] = found.J[: inner.size]
+    J[[structure.names.index(name) for name in changes]] += found.J[inner.size :]
+    return Response(found.Y, found.E, J)
+
+
+@lru_cache(maxsize=256)
+def divided(structure: Structure) -> tuple[tuple[Effect, ...], Structure]:
+    """What must act on the commands' samples in time, in order, and the structure of all that follows.
+
+    A servo's lag before play, a limit or a dead band acts in time too. A delay stays behind: it commutes with
+    everything that does not depend on time.
+    """
+    last = max((i for i, one in enumerate(structure.composed) if one.samples is not None), default=-1)
+    front = tuple(one for one in structure.composed[: last + 1] if one.samples is not None or one.per_command)
+    return front, replace(structure, composed=tuple(one for one in structure.composed if one not in front))
 
 
 def _linear_dynamics(structure: Structure) -> bool:
@@ -161,10 +195,11 @@ def _linear(
     values: FloatArray,
     stack: Stack,
     U: ComplexArray,
-    changes: dict[int, ComplexArray],
+    changes: Sequence[ComplexArray],
     sensitivities: bool,
+    initial: Ends | None = None,
 ) -> Response:
-    """Response to acting inputs U; `changes` are their own derivatives to some parameters."""
+    """Response to acting inputs U, and to each of the `changes` of them, which stand behind the parameters in J."""
     parameters = stepped(values) if sensitivities else values[None, :].astype(complex)
     matrices = structure.matrices(parameters)
     Ads, Bds = discretise(matrices.A, matrices.B, stack.dt)
@@ -188,13 +223,17 @@ def _linear(
     h = 1e-30
     dA, dB = Ads.imag / h, Bds.imag / h
     dC, dD = matrices.C.imag / h, matrices.D.imag / h
+    if initial is not None:
+        X = X.copy()
+        for part, difference in zip(stack.slices, initial, strict=True):
+            X[:, part] += poles[:, part] * stack.z[part] * (W @ difference)[:, None]
     drive = np.concatenate([W @ dA @ V, W @ dB], axis=2).reshape(count * n, -1)
     inner = (drive @ np.concatenate([X, U])).reshape(count, n, -1) * poles
     J = CV @ inner
     if np.any(dC) or np.any(dD):
         J = J + (dC @ V) @ X + dD @ U
-    for index, dU in changes.items():
-        J[index] += CV @ ((W @ Bd @ dU) * poles) + D @ dU
+    if changes:
+        J = np.concatenate([J, [CV @ ((W @ Bd @ dU) * poles) + D @ dU for dU in changes]])
     return Response(Y, E, J)
 
 
@@ -202,45 +241,74 @@ def _linear(
 
 
 def _commands(
-    structure: Structure, values: FloatArray, stack: Stack, logged: ComplexArray, sensitivities: bool
-) -> tuple[ComplexArray, dict[int, ComplexArray]]:
-    """Inputs as they act after delay, play and limits, and their derivatives to those effects' parameters."""
-    outside = [one for one in structure.composed if one.samples is not None or one.response is not None]
-    if not outside:
+    structure: Structure,
+    front: Sequence[Effect],
+    values: FloatArray,
+    stack: Stack,
+    logged: ComplexArray,
+    sensitivities: bool,
+) -> tuple[ComplexArray, dict[str, ComplexArray]]:
+    """Inputs as they act behind `front` and every delay, and their derivatives to those effects' parameters."""
+    late = [one for one in structure.composed if one.response is not None]
+    if not front and not late:
         return logged, {}
-    names = [name for one in outside for name in one.names]
-    named = dict(zip(structure.names, values, strict=True))
-    acting = _acting(structure, named, stack, logged)
-    changes: dict[int, ComplexArray] = {}
-    if sensitivities:
-        for name in names:
-            index = structure.names.index(name)
-            parameter = structure.parameters[index]
-            step = STEP * max(abs(named[name]), 1e-2 * abs(parameter.typical))
-            above = _acting(structure, {**named, name: named[name] + step}, stack, logged)
-            below_at = max(named[name] - step, parameter.bounds[0])
-            below = _acting(structure, {**named, name: below_at}, stack, logged)
-            changes[index] = (above - below) / (named[name] + step - below_at)
-    return acting, changes
-
-
-def _acting(structure: Structure, named: dict[str, float], stack: Stack, logged: ComplexArray) -> ComplexArray:
-    """Commands after the effects that no matrix holds; other inputs pass."""
+    named = dict(zip(structure.names, map(float, values), strict=True))
     commands = len(structure.commands)
-    acting = logged.copy()
-    sequential = [one for one in structure.composed if one.samples is not None]
-    if sequential:
-        for one, part in zip(stack.spectra, stack.slices, strict=True):
-            raw = np.stack([one.segment.channels[name] for name in structure.commands])
-            for effect in sequential:
-                assert effect.samples is not None
-                raw = effect.samples(raw, one.dt, {name: named[name] for name in effect.names})
-            acting[:commands, part] = one.transform(raw)
     s = 2j * np.pi * stack.frequency_hz
-    for effect in structure.composed:
-        if effect.response is not None:
-            acting[:commands] *= effect.response(s, {name: named[name] for name in effect.names})
+
+    def acting(at: Mapping[str, float]) -> ComplexArray:
+        found = logged.copy()
+        if front:
+            for one, part in zip(stack.spectra, stack.slices, strict=True):
+                found[:commands, part] = one.transform(in_time(structure, front, one.segment, at))
+        for effect in late:
+            assert effect.response is not None
+            found[:commands] *= effect.response(s, {name: at[name] for name in effect.names})
+        return found
+
+    changes: dict[str, ComplexArray] = {}
+    if sensitivities:
+        for name in (name for one in (*front, *late) for name in one.names):
+            above, below = _beside(structure, named, name)
+            changes[name] = (acting({**named, name: above}) - acting({**named, name: below})) / (above - below)
+    return acting(named), changes
+
+
+def _beside(structure: Structure, named: Mapping[str, float], name: str) -> tuple[float, float]:
+    """A little more and a little less of a parameter, inside its bounds."""
+    parameter = structure.parameters[structure.names.index(name)]
+    step = STEP * max(abs(named[name]), 1e-2 * abs(parameter.typical))
+    return min(named[name] + step, parameter.bounds[1]), max(named[name] - step, parameter.bounds[0])
+
+
+def in_time(structure: Structure, front: Sequence[Effect], segment: Segment, named: Mapping[str, float]) -> FloatArray:
+    """Command samples (commands, n) of a segment as they act behind `front`, absolute."""
+    acting = np.stack([segment.channels[name] for name in structure.commands])
+    for effect in front:
+        parameters = {name: named[name] for name in effect.names}
+        if effect.samples is not None:
+            acting = effect.samples(acting, segment.dt, parameters)
+        else:
+            acting = _filtered(effect, acting, segment.dt, parameters)
     return acting
+
+
+def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
+    """A servo's linear answer to held commands (c, n), steady before the first sample; the mean over each sample."""
+    from scipy.signal import lfilter, ss2tf
+
+    assert effect.equations is not None
+    unit = np.eye(len(effect.states) + 1)
+    signals = {**parameters, "delta": unit[-1], **{state: unit[i] for i, state in enumerate(effect.states)}}
+    said = effect.equations(Signals(signals))
+    rows = np.stack([said[f"{state}_dot"] for state in effect.states])
+    A, B = discretise(rows[:, :-1], rows[:, -1:], dt)
+    C = np.asarray(said["delta"])[None, :-1]
+    numerator, denominator = ss2tf(A, B, C, np.zeros((1, 1)))
+    first = commands[:, :1]
+    answer = lfilter(numerator[0], denominator, commands - first, axis=1) + first
+    following = np.concatenate([answer[:, 1:], answer[:, -1:]], axis=1)
+    return np.asarray(0.5 * (answer + following))
 
 
 # ------------------------------------------------------------------------------------------------ relaxation
@@ -248,22 +316,31 @@ def _acting(structure: Structure, named: dict[str, float], stack: Stack, logged:
 
 def _relaxed(structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool) -> Response:
     """Nonlinear or time-varying dynamics: the values and a step of each parameter, relaxed side by side."""
-    steps = np.array(
-        [STEP * max(abs(v), 1e-2 * abs(p.typical)) for v, p in zip(values, structure.parameters, strict=True)]
-    )
-    batch = values[None, :]
+    front, rest = divided(structure)
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    batch, steps = [named], []
     if sensitivities:
-        batch = np.concatenate([batch, values + np.diag(steps)])
-    Y = np.empty((batch.shape[0], len(structure.outputs), stack.z.size), dtype=complex)
-    E = np.empty((len(structure.states), len(structure.outputs), stack.z.size), dtype=complex)
+        for name in structure.names:
+            above, _ = _beside(structure, named, name)
+            step = above - named[name] or _beside(structure, named, name)[1] - named[name]
+            steps.append(step)
+            batch.append({**named, name: named[name] + step})
+    Y = np.empty((len(batch), len(structure.outputs), stack.z.size), dtype=complex)
+    E = np.empty((len(rest.states), len(structure.outputs), stack.z.size), dtype=complex)
     for one, part in zip(stack.spectra, stack.slices, strict=True):
-        Y[..., part], E[..., part] = _relax(structure, batch, one)
-    J = (Y[1:] - Y[0]) / steps[:, None, None] if sensitivities else None
+        acting = [in_time(structure, front, one.segment, named)]
+        outside = {name for effect in structure.composed if effect in front for name in effect.names}
+        for name, values_of in zip(structure.names, batch[1:], strict=False):
+            acting.append(in_time(structure, front, one.segment, values_of) if name in outside else acting[0])
+        Y[..., part], E[..., part] = _relax(rest, batch, one, acting)
+    J = (Y[1:] - Y[0]) / np.array(steps)[:, None, None] if sensitivities else None
     return Response(Y[0], E, J)
 
 
-def _relax(structure: Structure, batch: FloatArray, one: Spectrum) -> tuple[ComplexArray, ComplexArray]:
-    """One segment: Y (batch, k, bins) and E (n, k, bins)."""
+def _relax(
+    structure: Structure, batch: Sequence[Mapping[str, float]], one: Spectrum, acting: Sequence[FloatArray]
+) -> tuple[ComplexArray, ComplexArray]:
+    """One segment with acting command samples for each of the batch: Y (batch, k, bins) and E (n, k, bins)."""
     from scipy.fft import irfft, next_fast_len, rfft
 
     segment, n, m = one.segment, len(structure.states), len(structure.commands)
@@ -274,27 +351,30 @@ def _relax(structure: Structure, batch: FloatArray, one: Spectrum) -> tuple[Comp
     s = 2j * np.pi * np.arange(bins + 1) / length
     hold = np.sinc(np.arange(bins + 1) / segment.samples) * np.exp(-0.5 * s * segment.dt)
 
-    def histories(names: Sequence[str], centred: bool) -> tuple[ComplexArray, FloatArray]:
-        rows = np.stack([segment.channels[name] for name in names]) if names else np.zeros((0, segment.samples))
-        spectrum = rfft(rows, axis=1)[:, : bins + 1]
-        if centred:
-            spectrum[:, 0] = 0
-        return spectrum, irfft(spectrum, grid, axis=1) * (grid / segment.samples)
+    def on_grid(spectrum: ComplexArray) -> FloatArray:
+        return np.asarray(irfft(spectrum, grid, axis=-1) * (grid / segment.samples))
 
-    U, u = histories(structure.commands, True)
-    _, channels = histories(structure.channels, False)
-    A, B, _, _ = structure.matrices(batch[0])
+    distinct = {id(samples): rfft(samples, axis=1)[:, : bins + 1] for samples in acting}
+    U = np.stack([distinct[id(samples)] for samples in acting])
+    U[..., 0] = 0
+    for effect in structure.composed:
+        if effect.response is not None:
+            U *= np.stack([effect.response(s, {name: at[name] for name in effect.names}) for at in batch])[:, None]
+    u = on_grid(U)
+    rows_of = [segment.channels[name] for name in structure.channels]
+    channels = [on_grid(rfft(row)[: bins + 1]) for row in rows_of]
+    A, B, _, _ = structure.matrices(structure.vector(batch[0]))
     transfer = np.linalg.inv(s[1:, None, None] * np.eye(n) - A)  # (bins, n, n)
-    forced = np.zeros((n, bins + 1), dtype=complex)
-    forced[:, 1:] = (transfer @ (B[:, :m] @ (U * hold)[:, 1:]).T[:, :, None])[:, :, 0].T
+    forced = np.zeros((len(batch), n, bins + 1), dtype=complex)
+    forced[..., 1:] = np.einsum("fij,bjf->bif", transfer, B[:, :m] @ (U * hold)[..., 1:])
     C = np.eye(2, n)
     first = round(float(one.frequency_hz[0]) * length)
     inside = slice(first, first + one.frequency_hz.size)
     E = (C @ transfer[inside.start - 1 : inside.stop - 1]).transpose(2, 1, 0)
     rows = E.reshape(n, -1).view(float)
-    parameters = {name: batch[:, i, None] for i, name in enumerate(structure.names)}
-    X = np.broadcast_to(forced, (batch.shape[0], n, bins + 1)).copy()
-    outputs = np.zeros((batch.shape[0], 2, bins + 1), dtype=complex)
+    parameters = {name: np.array([at[name] for at in batch])[:, None] for name in structure.names}
+    X = forced.copy()
+    outputs = np.zeros((len(batch), 2, bins + 1), dtype=complex)
     last = np.inf
     for _ in range(RELAXATIONS):
         # the free motion from the run's end states, as the measured rates show it
@@ -307,20 +387,15 @@ def _relax(structure: Structure, batch: FloatArray, one: Spectrum) -> tuple[Comp
         x = irfft(X + free, grid, axis=2) * (grid / segment.samples)
         signals = {
             **{name: x[:, i] for i, name in enumerate(structure.states)},
-            **{name: u[i] for i, name in enumerate(structure.commands)},
+            **{name: u[:, i] for i, name in enumerate(structure.commands)},
             **{name: channels[i] for i, name in enumerate(structure.channels)},
         }
         rates, measured = structure.evaluate(parameters, signals)
         shape = x[:, 0].shape
         rhs = np.stack([np.broadcast_to(rates[f"{state}_dot"], shape) for state in structure.states], axis=1)
         other = rfft(rhs - A @ x - B[:, :m] @ u, axis=2)[:, :, : bins + 1] * (segment.samples / grid)
-        new = forced + np.concatenate(
-            [
-                np.zeros((batch.shape[0], n, 1)),
-                (transfer @ other[:, :, 1:].transpose(0, 2, 1)[..., None])[..., 0].transpose(0, 2, 1),
-            ],
-            axis=2,
-        )
+        new = forced.copy()
+        new[..., 1:] += np.einsum("fij,bjf->bif", transfer, other[..., 1:])
         change = float(np.max(np.abs(new - X)) / max(float(np.max(np.abs(new))), 1e-300))
         if not np.isfinite(change) or change > 1e3:
             raise RelaxationError("the response grows without limit")

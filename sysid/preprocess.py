@@ -74,22 +74,25 @@ class Spectrum:
         return np.asarray(rfft(rows, axis=1)[:, self.first : self.first + self.frequency_hz.size])
 
 
-def gap_threshold_s(t: FloatArray, high_hz: float) -> float:
+def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:
     """Spacing above which time stamps have a gap: three medians, or a quarter period of the band's upper end."""
-    return max(3 * float(np.median(np.diff(t))), 1 / (4 * high_hz))
+    shortest = 1 / (4 * high_hz)
+    if float(spacing.max()) <= shortest:
+        return shortest  # no gap whatever the median
+    return max(3 * float(np.median(spacing)), shortest)
 
 
 def gaps(t: FloatArray, high_hz: float) -> tuple[tuple[float, float], ...]:
     """(start, stop) of every gap in the time stamps, s."""
     spacing = np.diff(t)
-    where = np.flatnonzero(spacing > gap_threshold_s(t, high_hz))
+    where = np.flatnonzero(spacing > gap_threshold_s(spacing, high_hz))
     return tuple((float(t[i]), float(t[i + 1])) for i in where)
 
 
 def rate_hz(t: FloatArray, high_hz: float) -> float:
     """One over the mean spacing outside gaps."""
     spacing = np.diff(t)
-    inside = spacing[spacing <= gap_threshold_s(t, high_hz)]
+    inside = spacing[spacing <= gap_threshold_s(spacing, high_hz)]
     return float(1 / np.mean(inside))
 
 
@@ -102,7 +105,8 @@ def segments(
     Commands are held, rates interpolated linearly where a time stamp is off the grid.
     """
     t = record.t
-    edges = np.flatnonzero(np.diff(t) > gap_threshold_s(t, high_hz)) + 1
+    spacing = np.diff(t)
+    edges = np.flatnonzero(spacing > gap_threshold_s(spacing, high_hz)) + 1
     found: list[Segment] = []
     remarks: list[str] = []
     for start, stop in zip([0, *edges], [*edges, t.size], strict=True):
@@ -118,14 +122,26 @@ def segments(
         for name in names:
             values = record.channels[name][start:stop]
             if off:
-                # time in, command held: take the last sample at or before each grid point
-                if name.startswith(("delta", "excitation")):
-                    values = values[np.maximum(np.searchsorted(part, grid + 1e-9, side="right") - 1, 0)]
-                else:
-                    values = np.interp(grid, part, values)
+                values = _held(part, values, grid, dt) if _is_held(name) else np.interp(grid, part, values)
             channels[name] = values
         found.append(Segment(record, float(part[0]), dt, channels, off))
     return found, remarks
+
+
+def _is_held(name: str) -> bool:
+    return name.startswith(("delta", "excitation"))
+
+
+def _held(t: FloatArray, values: FloatArray, grid: FloatArray, dt: float) -> FloatArray:
+    """What a command held from each sample to the next is on the mean between points of a uniform clock.
+
+    So its integral, which is what moves the vehicle, is kept whatever the times of the samples.
+    """
+    integral = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(t))])
+    edges = np.append(grid, grid[-1] + dt)
+    at = np.interp(edges, t, integral)
+    at[-1] = at[-2] + values[-1] * dt
+    return np.asarray(np.diff(at) / dt)
 
 
 def spectrum(

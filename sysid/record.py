@@ -122,9 +122,12 @@ class Record:
         if stop_s is not None:
             keep &= self.t <= stop_s
         if keep.sum() < 2:
+            first, last = (
+                "its start" if start_s is None else f"{start_s:g} s",
+                "its end" if stop_s is None else f"{stop_s:g} s",
+            )
             raise RecordError(
-                f"{self.id}: no samples between {start_s} and {stop_s} s; "
-                f"it runs from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
+                f"{self.id}: no samples between {first} and {last}; it runs from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
             )
         return self._with({name: values[keep] for name, values in self.channels.items()})
 
@@ -142,7 +145,10 @@ class Record:
         )
 
     def save(self, path: Path) -> None:
-        """Write as a compressed NumPy archive; the description travels as JSON inside."""
+        """Write as a compressed NumPy archive, whole or not at all; the description travels as JSON inside.
+
+        Raises OSError where the disk does not take it.
+        """
         about = {
             "format": FORMAT,
             "id": self.id,
@@ -155,10 +161,14 @@ class Record:
             "notes": list(self.notes),
         }
         part = path.with_name(path.name + ".part")
-        with part.open("wb") as stream:
-            arrays: dict[str, Any] = dict(self.channels)
-            np.savez_compressed(stream, about=np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays)
-        part.replace(path)
+        arrays: dict[str, Any] = dict(self.channels)
+        try:
+            with part.open("wb") as stream:
+                np.savez_compressed(stream, about=np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays)
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
 
     @classmethod
     def load(cls, path: Path) -> Record:

@@ -17,12 +17,14 @@ import numpy as np
 
 from sysid.effect import EffectError
 from sysid.errors import SysidError
+from sysid.identifiable import undetermined
 from sysid.model import FloatArray, Model
 from sysid.preprocess import gaps, rate_hz
 from sysid.record import Record
 from sysid.structures import compose
 
 FORMAT = "tippath.fit/1"
+HIGH_CORRELATION = 0.9
 
 
 class ResultError(SysidError):
@@ -107,6 +109,32 @@ class Fit:
         return found
 
     @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters whose standard error exceeds their own size: their values are not to be read as numbers."""
+        return undetermined(self.model.structure, self.model.values, self.covariance)
+
+    @property
+    def correlations(self) -> tuple[tuple[str, str, float], ...]:
+        """Pairs of parameters whose estimates move together, above 0.9 in size, the closest first; else the closest.
+
+        Empty where fewer than two parameters are free.
+        """
+        free = np.flatnonzero(np.diag(self.covariance) > 0)
+        errors = self.standard_errors[free]
+        correlation = self.covariance[np.ix_(free, free)] / np.outer(errors, errors)
+        names = [self.model.structure.names[i] for i in free]
+        pairs = sorted(
+            (
+                (names[i], names[j], float(np.clip(correlation[i, j], -1, 1)))
+                for i in range(len(names))
+                for j in range(i + 1, len(names))
+            ),
+            key=lambda pair: -abs(pair[2]),
+        )
+        close = [pair for pair in pairs if abs(pair[2]) > HIGH_CORRELATION]
+        return tuple(close or pairs[:1])
+
+    @property
     def stable(self) -> bool:
         return self.model.stable
 
@@ -116,7 +144,7 @@ class Fit:
 
         structure = self.model.structure
         matrices = self.model.matrices
-        parameters = {}
+        parameters, vague = {}, self.undetermined
         for parameter, value, error, insensitivity in zip(
             structure.parameters, self.model.values, self.standard_errors, self.insensitivity_percent, strict=True
         ):
@@ -130,6 +158,7 @@ class Fit:
                 "at_bound": parameter.name in self.at_bound,
                 "implausible": parameter.implausible(float(value)),
                 "fixed": parameter.name in self.fixed,
+                "determined": parameter.name not in vague,
             }
 
         def nrmse(values: Mapping[str, float] | None) -> dict[str, float | None] | None:
@@ -166,6 +195,9 @@ class Fit:
             ],
             "matrices": {name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
             "covariance": [[finite(x) for x in row] for row in self.covariance],
+            "correlations": [
+                {"parameters": [one, other], "correlation": finite(value)} for one, other, value in self.correlations
+            ],
             "band_hz": list(self.band_hz),
             "profile": self.profile,
             "window_s": None if self.window_s is None else list(self.window_s),

@@ -176,6 +176,12 @@ def compose(
         if clash:
             raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base}")
         taken |= set(one.names)
+    owners: dict[tuple[str, bool], str] = {}
+    for one in found:
+        for state in one.states:
+            other = owners.setdefault((state, one.per_command), one.id)
+            if other != one.id:
+                raise EffectError(f"{other} and {one.id} stand for the same part (state {state}): name one of them")
     ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
     needed = [name for one in ordered for name in one.channels]
     commands = [name for name in COMMANDS if name in ("delta_x", "delta_y") or name in needed]
@@ -186,7 +192,7 @@ def compose(
         else:
             attitude = ("phi", "theta")
     channels = dict.fromkeys(name for name in needed if name not in COMMANDS)
-    return Structure(
+    structure = Structure(
         BASES[base],
         tuple(ordered),
         tuple(commands),
@@ -194,6 +200,33 @@ def compose(
         attitude,
         tuple(sorted((constants or {}).items())),
     )
+    if any(one.path is not None for one in ordered):
+        _refuse_broken(structure)
+    return structure
+
+
+def _refuse_broken(structure: Structure) -> None:
+    """Evaluate a composition with users' effects once, so that their slips are said before a fit begins."""
+    users = ", ".join(one.path for one in structure.composed if one.path is not None)
+    typical = np.array([one.typical for one in structure.parameters])
+    named = dict(zip(structure.names, map(float, typical), strict=True))
+    try:
+        with np.errstate(all="ignore"):
+            matrices = structure.matrices(typical)
+            for one in structure.composed:
+                if one.path is None:
+                    continue
+                own = {name: named[name] for name in one.names}
+                if one.samples is not None:
+                    rows = np.zeros((len(structure.commands), 8))
+                    if np.shape(one.samples(rows, 0.002, own)) != rows.shape:
+                        raise ValueError("samples must return as many samples as it is given")
+                if one.response is not None and np.shape(one.response(np.array([1j, 2j]), own)) not in ((2,), ()):
+                    raise ValueError("response must return one factor for each frequency")
+    except Exception as error:  # a user's code may fail in any way
+        raise EffectError(f"{users}: its equations fail ({type(error).__name__}: {error})") from error
+    if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
+        raise EffectError(f"{users}: its equations give no finite numbers at their typical parameters")
 
 
 def adapted(effect: Effect, base: str, others: Collection[str], available: Collection[str]) -> Effect:
@@ -216,7 +249,7 @@ def not_testable(effect: Effect, base: str, others: Collection[str], available: 
     logged = {"delta_x", "delta_y", *available}
     missing = [name.replace("|", " or ") for name in effect.channels if logged.isdisjoint(name.split("|"))]
     if missing:
-        return f"channel {', '.join(missing)} is not logged"
+        return f"channel {', '.join(missing)} is not logged on every run, so it is not testable on these"
     return None
 
 

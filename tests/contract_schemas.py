@@ -43,6 +43,7 @@ FIT = exactly(
                     "at_bound": {"type": "boolean"},
                     "implausible": {"type": "boolean"},
                     "fixed": {"type": "boolean"},
+                    "determined": {"type": "boolean"},
                 }
             ),
         },
@@ -69,12 +70,49 @@ FIT = exactly(
         ),
         "matrices": exactly({name: listed(listed(NUMBER)) for name in "ABCD"}),
         "covariance": listed(listed(MAYBE)),
+        "correlations": listed(exactly({"parameters": listed(TEXT), "correlation": MAYBE})),
         "band_hz": {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2},
         "profile": {"type": ["string", "null"]},
         "warnings": listed(TEXT),
         "version": TEXT,
     }
 )
+
+RESPONSE = exactly(
+    {
+        "output": {"enum": ["p", "q"]},
+        "input": TEXT,
+        "band_hz": {"anyOf": [{"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}, {"type": "null"}]},
+        **dict.fromkeys(("rms_db", "rms_deg", "largest_db", "largest_deg", "cost"), MAYBE),
+    }
+)
+JUDGED = exactly(
+    {
+        "guides": exactly(dict.fromkeys(("cramer_rao_percent", "insensitivity_percent", "coherence", "cost"), NUMBER)),
+        "responses": listed(RESPONSE),
+        "responses_reference": {"type": "object", "additionalProperties": TEXT},
+        "checks": listed(exactly({"name": TEXT, "passed": {"type": ["boolean", "null"]}, "text": TEXT})),
+        "spread": {
+            "anyOf": [
+                exactly({"sets": {"type": "integer"}, "standard_errors": {"type": "object"}, "moved": listed(TEXT)}),
+                {"type": "null"},
+            ]
+        },
+        "implied": listed(
+            exactly(
+                {
+                    "name": TEXT,
+                    "unit": TEXT,
+                    "value": MAYBE,
+                    "standard_error": MAYBE,
+                    "measured": MAYBE,
+                    "implausible": {"type": "boolean"},
+                }
+            )
+        ),
+    }
+)
+"""What the `fit` command adds to a fit's own document."""
 
 GAINS = exactly(
     {

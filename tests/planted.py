@@ -484,6 +484,7 @@ def _fly(
     flights: int = 1,
     closed: bool = True,
     steps: int = STEPS,
+    rpm: float | None = None,
 ) -> dict[str, Array]:
     """Arrays (n, runs) of everything that happens, for runs of several flights; `closed` False: no controller."""
     E = equations(effect, size, forward)
@@ -502,9 +503,14 @@ def _fly(
     attitude = [index["phi"], index["theta"]]
 
     trim = np.repeat(np.array(TRIM)[:, None], runs, axis=1)
-    constant_omega = effect == "second_order_flapping"
-    omega = np.full_like(air.omega, NOMINAL_OMEGA) if constant_omega else air.omega
+    omega = air.omega
+    if effect == "second_order_flapping":
+        omega = np.full_like(omega, NOMINAL_OMEGA)
+    elif rpm is not None:
+        omega = np.full_like(omega, rpm * 2 * math.pi / 60)
     mean = {"omega": _mean(omega, flights), "airspeed": _mean(air.airspeed, flights)}
+    if rpm is not None:
+        mean["omega"] = np.full(runs, NOMINAL_OMEGA)  # the tables' own speed
     actuators = _Actuators(effect, size, trim)
     X = np.zeros((len(states), runs))
     signals = np.zeros((len(SIGNALS), runs))
@@ -571,12 +577,16 @@ def fly_many(
     forward: bool = False,
     vanes: bool | None = None,
     steps: int = STEPS,
+    rpm: float | None = None,
 ) -> list[list[Run]]:
-    """`fly` for several seeds side by side: a flight is the same whatever flies beside it."""
+    """`fly` for several seeds side by side: a flight is the same whatever flies beside it.
+
+    rpm: a constant rotor speed, at which `rotor_speed` changes the tables' vehicle of 1650 RPM by what it is off.
+    """
     flown = axes(forward)
     columns = [_air_of_run(axis, (seed, i), duration_s, gusts, noise) for seed in seeds for i, axis in enumerate(flown)]
     air = _Air(*(np.stack(values, axis=-1) for values in zip(*columns, strict=True)))
-    found = _fly(effect, parameters, air, forward, flights=len(seeds), steps=steps)
+    found = _fly(effect, parameters, air, forward, flights=len(seeds), steps=steps, rpm=rpm)
     t = np.arange(air.excitation.shape[0]) * DT
     logged: dict[str, Array] = {
         **{name: found[name] for name in ("p", "q", "delta_x", "delta_y", "delta_e", "omega")},

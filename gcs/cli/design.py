@@ -7,7 +7,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from gcs.cli.options import add_output_options, print_json, refuse_existing, write_json
+from gcs.cli.options import (
+    NAMED,
+    add_effects_option,
+    add_output_options,
+    parse_words,
+    print_json,
+    refuse_existing,
+    write_json,
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -21,6 +29,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
+    add_effects_option(parser, NAMED)
     add_output_options(parser, "GAINS.json")
     parser.set_defaults(run=run)
 
@@ -31,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from sysid.result import Fit
 
     refuse_existing(args.output, args.force)
-    gains = design(Fit.load(args.fit).model, args.input_cost)
+    gains = design(Fit.load(args.fit, parse_words(args.effects)).model, args.input_cost)
     document = gains.to_json()
     if args.output:
         write_json(document, args.output)

@@ -5,20 +5,41 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import (
     add_band_option,
+    add_effects_option,
     add_log_options,
     add_output_options,
     parse_band,
     parse_profile,
+    parse_words,
     print_json,
     refuse_existing,
     write_json,
 )
+
+if TYPE_CHECKING:
+    from sysid.effect import Effect
+
+_VEHICLE_HELP = """\
+VEHICLE.toml holds what was measured on the ground, in SI units; only k_beta is needed:
+  k_beta = 88.0     # spring of the rotor against tilt, N m/rad
+  mass = 4.5        # kg, and
+  arm = 0.15        # rotor plane above the centre of mass, m: together the thrust's share in hover
+  I_xx = 0.64       # kg m^2, roll
+  I_yy = 0.13       # kg m^2, pitch
+  omega = 172.8     # rad/s, where the runs do not log the rotor speed
+From L_b and M_a follow I_xx and I_yy, from tau_f, A_b, B_a the Lock number and the flap frequency ratio. One that is
+implausible, or off the measured one by more than a factor of 1.4, is a clue that something is missing.
+
+FIT.json has, beside the keys every fit has, "responses" (model less measured, in dB and degrees, where the partial
+coherence is at least 0.6, and the integrated cost), "checks", "spread" (parameters between sets of runs, in standard
+errors), "correlations", "guides", and "implied" with a vehicle file.
+"""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -27,18 +48,16 @@ def add_parser(subparsers: Any) -> None:
         help="fit a model to runs",
         description="Fit the Tip-Path-Plane (tpp) or Cylinder-Dynamics (cd) model to several runs together.",
         epilog="RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` "
-        "numbers them), or a record written by ingest. A CSV with columns t, p, q, delta_x, delta_y is one run.",
+        "numbers them), or a record written by ingest. A CSV with columns t, p, q, delta_x, delta_y is one run.\n\n"
+        + _VEHICLE_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("runs", nargs="+", metavar="RUN")
     parser.add_argument("--model", choices=("cd", "tpp"), required=True, help="the structure to fit")
-    parser.add_argument(
-        "--with",
-        dest="effects",
-        action="append",
-        default=[],
-        metavar="EFFECT,...",
-        help="physical effects to add, in this order: ids of `tippath effects`, or paths of your own files; "
-        "forward flight is --with angular_damping,elevator",
+    add_effects_option(
+        parser,
+        "physical effects to add, in this order: ids of `tippath effects`, or paths of your own files (their code "
+        "runs); forward flight is --with angular_damping,elevator",
     )
     parser.add_argument(
         "--fix", action="append", default=[], metavar="NAME=VALUE,...", help="hold parameters at these values"
@@ -51,7 +70,9 @@ def add_parser(subparsers: Any) -> None:
         help="hold parameters at another fit's values (the paper held L_b and M_a in forward flight)",
     )
     parser.add_argument(
-        "--vehicle", metavar="VEHICLE.toml", help="k_beta, mass, arm, inertias: print what the fit implies beside them"
+        "--vehicle",
+        metavar="VEHICLE.toml",
+        help="what was measured on the ground, see below: print what the fit implies",
     )
     parser.add_argument(
         "--validate", nargs="+", default=[], metavar="RUN", help="runs that only judge; they never enter the fit"
@@ -63,12 +84,10 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis import fit_text, implied_text, load_vehicle
+    from gcs.analysis import assess, fit_text, implied_text, load_vehicle
     from gcs.errors import TippathError
     from gcs.logs import parse_window, resolve_runs
-    from sysid.checks import eigenfrequency_checks
     from sysid.identify import identify
-    from sysid.implied import implied, rotor_speed
     from sysid.structures import compose
 
     band = parse_band(args.band)
@@ -76,6 +95,9 @@ def run(args: argparse.Namespace) -> int:
     profile = parse_profile(args.profile)
     refuse_existing(args.output, args.force)
     vehicle = None if args.vehicle is None else load_vehicle(Path(args.vehicle))
+    words = parse_words(args.effects)
+    held = parse_fixed(args.fix, args.fix_from, [word for word in words if word.endswith(".py")])
+    effects = parse_effects(args.model, words, held)
     validation = resolve_runs(args.validate, profile, window, f_high_hz=band[1]) if args.validate else []
     judging = {(record.path, record.id) for record in validation}
     records = [
@@ -85,18 +107,18 @@ def run(args: argparse.Namespace) -> int:
     ]
     if not records:
         raise TippathError("no run is left to fit: they are quiet hover or validation runs")
-    effects = [word for group in args.effects for word in group.split(",") if word]
     fit = identify(
         compose(args.model),
         records,
         validation,
         band,
         effects=effects,
-        fixed=parse_fixed(args.fix, args.fix_from),
+        fixed=held,
         profile=args.profile,
         window_s=window,
     )
-    document = fit.to_json(args.output.parent if args.output else Path.cwd())
+    judged = assess(fit, records, vehicle)
+    document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judged.to_json()}
     if args.output:
         write_json(document, args.output)
         print(f"wrote {args.output}", file=sys.stderr)
@@ -105,35 +127,81 @@ def run(args: argparse.Namespace) -> int:
         for text in fit.warnings:
             print(f"warning: {text}", file=sys.stderr)
     else:
-        print(fit_text(fit, eigenfrequency_checks(fit.model, records, band)))
+        print(fit_text(fit, judged.checks, judged.responses))
         if vehicle is not None:
-            print("\n" + implied_text(implied(fit.model, vehicle, rotor_speed(records))))
+            print("\n" + implied_text(judged.implied))
     return 0
 
 
-def parse_fixed(words: Sequence[str], files: Sequence[str]) -> dict[str, float]:
-    """`NAME=VALUE,...` and `FIT.json:NAME,...` to held values. Raises UsageError for words that are neither."""
+def parse_effects(base: str, words: Sequence[str], held: Mapping[str, float]) -> list[Effect]:
+    """Effects by id or path, checked against base and held parameters before any log is read.
+
+    Raises UsageError for words that make no sense whatever is logged, EffectError for a file that is no effect.
+    """
+    from gcs.errors import UsageError
+    from sysid.effect import EffectError, find
+    from sysid.record import CHANNELS
+    from sysid.structures import compose
+
+    found = []
+    for word in words:
+        try:
+            found.append(find(word))
+        except EffectError as error:
+            if word.endswith(".py"):
+                raise
+            raise UsageError(f"--with {word}: {error}") from error
+    try:
+        structure = compose(base, found, CHANNELS, {"Omega_0": 1.0, "V_0": 1.0})
+    except EffectError as error:
+        if any(one.path is not None and str(error).startswith(one.path) for one in found):
+            raise
+        raise UsageError(f"--with {','.join(words)}: {error}") from error
+    parameters = {one.name: one for one in structure.parameters}
+    for name, value in held.items():
+        if name not in parameters:
+            raise UsageError(f"--fix {name}: there is no such parameter; there are {', '.join(parameters)}")
+        low, high = parameters[name].bounds
+        if not low <= value <= high:
+            raise UsageError(f"--fix {name}={value:g}: its equation holds from {low:g} to {high:g}")
+    if len(held) == len(parameters):
+        raise UsageError("--fix holds every parameter: nothing is left to fit")
+    return found
+
+
+def parse_fixed(words: Sequence[str], files: Sequence[str], named: Sequence[str] = ()) -> dict[str, float]:
+    """`NAME=VALUE,...` and `FIT.json:NAME,...` to held values; `named` are effect files whose code may run.
+
+    Raises UsageError for words that are neither, and for a parameter that is held twice.
+    """
     from gcs.errors import UsageError
     from sysid.result import Fit
 
     held: dict[str, float] = {}
+
+    def hold(name: str, value: float, said: str) -> None:
+        if name in held and held[name] != value:
+            raise UsageError(f"{said}: {name} is held twice, at {held[name]:g} and at {value:g}")
+        held[name] = value
+
     for word in words:
         for part in word.split(","):
-            name, mark, value = part.partition("=")
+            name, mark, text = part.partition("=")
             try:
-                held[name] = float(value)
+                value = float(text)
             except ValueError:
-                mark = ""
-            if not mark or not name or not math.isfinite(held.get(name, math.inf)):
+                value = math.nan
+            if not mark or not name.strip() or not math.isfinite(value):
                 raise UsageError(f"--fix {part}: wants NAME=VALUE, such as L_b=147.5")
+            hold(name.strip(), value, f"--fix {part}")
     for word in files:
         path, mark, names = word.rpartition(":")
-        if not mark or not path or not names:
+        if not mark or not path or not all(name.strip() for name in names.split(",")):
             raise UsageError(f"--fix-from {word}: wants FIT.json:NAME,...")
-        fit = Fit.load(Path(path))
-        for name in names.split(","):
+        fit = Fit.load(Path(path), named)
+        for name in map(str.strip, names.split(",")):
             if name not in fit.model.structure.names:
                 listed = ", ".join(fit.model.structure.names)
                 raise UsageError(f"--fix-from {word}: {path} has no parameter {name}; there are {listed}")
-            held[name] = fit.model[name]
+            hold(name, fit.model[name], f"--fix-from {word}")
     return held

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,22 @@ def add_output_options(parser: argparse.ArgumentParser, metavar: str) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
 
 
+def add_effects_option(parser: argparse.ArgumentParser, help_text: str) -> None:
+    """--with, of every command that takes effects or reads fits that may hold a user's own."""
+    parser.add_argument("--with", dest="effects", action="append", default=[], metavar="EFFECT,...", help=help_text)
+
+
+NAMED = "the paths of your own effect files that the fit uses: they are code, and run only where named"
+
+
+def parse_words(groups: Sequence[str]) -> list[str]:
+    """`A,B` and repeated options to words. Raises UsageError for an empty word."""
+    words = [word.strip() for group in groups for word in group.split(",")]
+    if not all(words):
+        raise UsageError(f"--with {','.join(groups)}: an empty name between commas")
+    return words
+
+
 def parse_band(text: str) -> tuple[float, float]:
     """`LOW:HIGH` in Hz. Raises UsageError."""
     low, mark, high = text.partition(":")
@@ -49,16 +66,31 @@ def parse_profile(text: str | None) -> Path | None:
 
 
 def refuse_existing(path: Path | None, force: bool) -> None:
-    """Before long work: no command overwrites a file without --force."""
-    if path is not None and path.exists() and not force:
-        raise TippathError(f"{path} exists; name another file or add --force")
+    """Before long work: no command overwrites a file without --force, and only regular files are written."""
+    if path is None:
+        return
+    if path.exists() and not force:
+        raise UsageError(f"{path} exists; name another file or add --force")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise UsageError(f"{path} is not a regular file; name one")
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {path.parent}")
 
 
 def write_json(document: Any, path: Path) -> None:
-    """Whole or not at all: written aside, then moved into place."""
+    """As `write_text`."""
+    write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", path)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Whole or not at all: written aside, then moved into place; nothing is left of a failure."""
     part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(part, path)
+    try:
+        part.write_text(text, encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise TippathError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 def print_json(document: Any) -> None:

@@ -33,7 +33,7 @@ EFFECT = Effect(
             plausible=(-2.0, 0.0),  # drag slows; a wing broadside loses half its speed in a second
             bounds=(-50.0, 5.0),
             typical=-0.3,
-            grid=(-0.1, -1.0),
+            grid=(-0.3,),
         ),
         Parameter(
             "L_v",
@@ -42,7 +42,8 @@ EFFECT = Effect(
             plausible=(-20.0, 20.0),  # either sign: the wing's centre may lie above or below the hub
             null=0.0,
             bounds=(-500.0, 500.0),
-            typical=-1.0,
+            typical=-3.0,
+            grid=(-3.0, 3.0),  # from the wrong sign, or from next to nothing, no step leads to the right one
         ),
         Parameter(
             "X_u",
@@ -51,7 +52,7 @@ EFFECT = Effect(
             plausible=(-2.0, 0.0),
             bounds=(-50.0, 5.0),
             typical=-0.3,
-            grid=(-0.1, -1.0),
+            grid=(-0.3,),
         ),
         Parameter(
             "M_u",
@@ -60,7 +61,8 @@ EFFECT = Effect(
             plausible=(-20.0, 20.0),
             null=0.0,
             bounds=(-500.0, 500.0),
-            typical=1.0,
+            typical=3.0,
+            grid=(-3.0, 3.0),
         ),
     ),
     stage=Stage.DYNAMICS,

@@ -13,7 +13,6 @@ from typing import Any
 from sysid.effect import Effect, Signals, Stage
 from sysid.parameter import Parameter
 
-
 TYPICAL_KAPPA = 0.1
 
 

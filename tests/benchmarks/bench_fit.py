@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
 import numpy as np
 from scipy.fft import rfft
 from scipy.optimize import least_squares
 from scipy.signal import lsim
+from timing import best_of
 
 from sysid.identify import identify
 from sysid.model import Model
@@ -17,15 +15,6 @@ from sysid.structures import TPP
 
 TRUTH = np.array([147.548, 713.378, 0.091, -1.338, 1.448, -0.282, 0.296, 0.524, -0.050])
 RUNS = (12000, 14000, 16000, 18000)
-
-
-def best_of(times: int, work: Callable[[], object]) -> float:
-    spent = []
-    for _ in range(times):
-        begin = time.perf_counter()
-        work()
-        spent.append(time.perf_counter() - begin)
-    return min(spent)
 
 
 def bench_tpp_fit_of_60000_samples() -> None:

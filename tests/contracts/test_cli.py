@@ -12,7 +12,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from contract_schemas import FIT, GAINS, RUNS
+from contract_schemas import FIT, GAINS, JUDGED, RUNS
 
 from gcs.cli import COMMANDS, main
 from sitl.actuators import clip
@@ -107,6 +107,7 @@ def test_a_foreign_csv_is_fitted_by_one_command(foreign_csv: Path, tippath: Tipp
     assert status == 0, err
     document = no_constants(out)
     jsonschema.validate(document, FIT)
+    jsonschema.validate(document, JUDGED)
     assert document == json.loads(target.read_text()), "the file is the document"
     # nothing of it is about the CSV's clock, its gusts or its controller
     assert document["modes"][0]["frequency_hz"] == pytest.approx(1.634, rel=0.02)
@@ -131,7 +132,7 @@ def test_nothing_is_overwritten_without_force(foreign_csv: Path, tippath: Tippat
     target = tmp_path / "fit.json"
     target.write_text("mine")
     status, _, err = tippath("fit", foreign_csv, "--model", "cd", "-o", target)
-    assert status == 1
+    assert status == 2
     assert "--force" in err
     assert target.read_text() == "mine"
     assert tippath("fit", foreign_csv, "--model", "cd", "-o", target, "--force")[0] == 0
@@ -140,8 +141,8 @@ def test_nothing_is_overwritten_without_force(foreign_csv: Path, tippath: Tippat
 
 def test_a_folder_that_is_not_there(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
     status, _, err = tippath("fit", foreign_csv, "--model", "cd", "-o", tmp_path / "no" / "fit.json")
-    assert status == 1
-    assert "No such file or directory" in err
+    assert status == 2
+    assert "there is no folder" in err
 
 
 def damaged(path: Path, source: Path, edit: Callable[[list[str]], list[str]]) -> Path:

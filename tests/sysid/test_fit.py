@@ -103,23 +103,6 @@ def test_hold_and_end_states_are_exact(dt: float) -> None:
     np.testing.assert_allclose(estimate(TPP, found).model.values, TRUTH, rtol=1e-6)
 
 
-def test_random_vehicles_from_no_start_values() -> None:
-    rng = np.random.default_rng(5)
-    for trial in range(12):
-        values = TRUTH * rng.uniform(0.6, 1.7, 9)
-        model = Model(TPP, values)
-        if not model.stable:
-            continue
-        base = exact_record(0.004, 20.0, trial, np.zeros(4))
-        u = np.stack([base.channels["delta_x"], base.channels["delta_y"]], axis=1)
-        y = lsim(tuple(model.matrices), u, base.t - base.t[0], interp=False)[1]
-        y = y + rng.normal(size=y.shape) * y.std(axis=0) * 0.3
-        found, _ = spectra([altered(base, p=y[:, 0], q=y[:, 1])], TPP.inputs, TPP.outputs)
-        best = estimate(TPP, found)
-        truth = output_error(model, stack(found)).residual_power
-        assert np.all(best.error.residual_power <= truth * 1.02)
-
-
 def test_standard_errors_match_the_spread_over_flights(fly_card: Callable[..., Card]) -> None:
     """Estimates of ten flights in different gusts scatter as their standard errors say."""
     fits = [identify(TPP, fly_card("hover-ideal", 100 + seed, 12.0)[0][:2]) for seed in range(10)]

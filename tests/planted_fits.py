@@ -1,0 +1,51 @@
+"""Fits of planted flights, and how far their estimates are from what was planted, in standard errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from planted import FORWARD, PLANTED, TABLE_4, TABLE_5, Run
+
+from sysid.identify import identify
+from sysid.record import Record
+from sysid.result import Fit
+from sysid.structures import compose
+
+ATTITUDE = {"phi", "theta"}
+"""Logged without error in planted flights, so it is left out: effects integrate it themselves."""
+FORWARD_FLIGHT = ("angular_damping", "elevator")
+
+
+def records(flight: Sequence[Run], *without: str) -> list[Record]:
+    """A flight's runs without attitude and the channels named."""
+    left_out = ATTITUDE | set(without)
+    return [
+        Record(f"#{number}", {name: values for name, values in run.items() if name not in left_out})
+        for number, run in enumerate(flight, 1)
+    ]
+
+
+def effects_with(effect: str) -> tuple[str, ...]:
+    """The effect, behind those of forward flight where it belongs there."""
+    before = FORWARD_FLIGHT if effect in FORWARD else ()
+    return tuple(dict.fromkeys((*before, effect)))
+
+
+def fitted(effect: str, flight: Sequence[Run]) -> Fit:
+    return identify(compose("tpp"), records(flight), effects=effects_with(effect))
+
+
+def planted_values(effect: str) -> Mapping[str, float]:
+    """What flew: the paper's table with the effect's own parameters."""
+    return {**(TABLE_5 if effect in FORWARD else TABLE_4), **PLANTED[effect]}
+
+
+def in_standard_errors(fit: Fit, truth: Mapping[str, float]) -> dict[str, float]:
+    """(estimate - truth)/standard error of each parameter whose truth is known; infinite at a bound."""
+    names = fit.model.structure.names
+    return {
+        name: (value - truth[name]) / error if error > 0 and name not in fit.at_bound else math.inf
+        for name, value, error in zip(names, map(float, fit.model.values), fit.standard_errors, strict=True)
+        if name in truth
+    }

@@ -1,0 +1,54 @@
+"""The quick way through a bare base's fit against the general one: the same optimum and the same errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sysid import fast
+from sysid.fit import estimate, minimise, output_error
+from sysid.model import Model, Structure
+from sysid.predict import stack
+from sysid.preprocess import spectra
+from sysid.record import Record
+from sysid.structures import CD, TPP
+
+Card = tuple[list[Record], list[Record]]
+
+
+def without_excitation(records: list[Record], keep_s: list[float]) -> list[Record]:
+    """Runs of unequal length, and nothing that would make instruments of them."""
+    names = ("t", "p", "q", "delta_x", "delta_y")
+    return [
+        Record(one.id, {name: one.channels[name][one.t < stop] for name in names}, one.maneuver, one.axis)
+        for one, stop in zip(records, keep_s, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("structure", [TPP, CD])
+def test_the_quick_way_ends_where_the_general_way_ends(structure: Structure, hover_card: Card) -> None:
+    records = without_excitation(hover_card[0], [32.0, 30.0, 25.5, 28.0])
+    (group,) = stack(spectra(records, structure.inputs, structure.outputs)[0])
+    quick = fast.fit(structure, group)
+    assert quick is not None
+    begin = Model(structure, quick.values * 1.02)
+    general, _ = minimise(begin, [group], output_error(begin, [group]).residual_power)
+    errors = np.sqrt(np.diag(quick.covariance))
+    assert np.all(np.abs(quick.values - general.values) < 0.1 * errors)
+    from sysid.fit import _covariance, axis_weights
+
+    weights = axis_weights([group], output_error(general, [group]).residual_power)
+    reference = np.sqrt(np.diag(_covariance(general, [group], weights, range(quick.values.size), None)))
+    np.testing.assert_allclose(errors, reference, rtol=0.06)
+
+
+def test_the_quick_way_is_taken_and_left(ideal_card: Card, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It serves a bare base at a high rate; a failure of it costs nothing but time."""
+    records = without_excitation(ideal_card[0], [32.0] * 4)
+    found = spectra(records, TPP.inputs, TPP.outputs)[0]
+    assert fast.applies(TPP, stack(found))
+    quick = estimate(TPP, found)
+    monkeypatch.setattr(fast, "fit", lambda structure, group: None)
+    slow = estimate(TPP, found)
+    errors = np.sqrt(np.diag(slow.covariance))
+    assert np.all(np.abs(quick.model.values - slow.model.values) < 0.1 * errors)

@@ -1,0 +1,111 @@
+"""Predictions judged by SciPy's and by the independent integrator's simulations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from planted import TABLE_4, fly
+from scipy.signal import lfilter
+
+from sysid.fit import output_error
+from sysid.instrument import instruments
+from sysid.model import Model, discretise
+from sysid.polynomial import exact_enough
+from sysid.predict import divided, in_time, respond, stack
+from sysid.preprocess import EXCITATIONS, spectra
+from sysid.record import Record
+from sysid.structures import CD, TPP, compose
+
+TRUTH = np.array(list(TABLE_4.values()))
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Record]:
+    return [Record(f"#{i}", run) for i, run in enumerate(fly(None, {}, seed=4, duration_s=15.0))]
+
+
+@pytest.mark.parametrize(
+    ("structure", "values"), [(TPP, TRUTH * 1.2), (CD, np.array([-2.0, -8, 10, -5, -5, 10, -67, 11]))]
+)
+def test_the_closed_form_equals_the_matrices(runs: list[Record], structure: object, values: np.ndarray) -> None:
+    """Two ways to the same response: polynomials with images in closed form, and the matrix exponential."""
+    (group,) = stack(spectra(runs, ("delta_x", "delta_y"), ("p", "q"))[0])
+    assert exact_enough(group)
+    closed = respond(structure, values, group, False)  # type: ignore[arg-type]
+    from sysid.predict import _linear
+
+    exact = _linear(structure, values, group, group.U, [], False)  # type: ignore[arg-type]
+    np.testing.assert_allclose(closed.Y, exact.Y, atol=1e-8 * np.abs(exact.Y).max())
+
+
+def test_slow_sampling_goes_through_the_matrices(runs: list[Record]) -> None:
+    slow = [Record(one.id, {name: values[::10] for name, values in one.channels.items()}) for one in runs]
+    (group,) = stack(spectra(slow, ("delta_x", "delta_y"), ("p", "q"))[0])
+    assert not exact_enough(group)
+
+
+def test_a_lag_before_play_acts_in_time(runs: list[Record]) -> None:
+    """The servo's answer comes first, play takes its part of that: checked against a filter and a loop."""
+    structure = compose("tpp", ["servo_backlash", "servo_lag"])
+    front, rest = divided(structure)
+    assert [one.id for one in front] == ["servo_lag", "servo_backlash"]
+    assert rest.effects == ()
+    segment = spectra(runs[:1], structure.inputs, ("p", "q"))[0][0].segment
+    named = {"tau_s": 0.03, "half_width": 0.01}
+    acting = in_time(structure, front, segment, named)
+    x = segment.channels["delta_x"]
+    a = np.exp(-segment.dt / 0.03)
+    lagged = lfilter([0, 1 - a], [1, -a], x - x[0]) + x[0]
+    mean = 0.5 * (lagged + np.append(lagged[1:], lagged[-1]))
+    expected, v = [], mean[0]
+    for value in mean:
+        v = min(max(v, value - 0.01), value + 0.01)
+        expected.append(v)
+    np.testing.assert_allclose(acting[0], expected, atol=1e-9)
+
+
+def test_play_is_not_forgotten_beside_nonlinear_dynamics(runs: list[Record]) -> None:
+    """Relaxation with a nonlinear term of size zero is the linear response, effects on the commands included."""
+    plain = compose("tpp", ["servo_backlash", "transport_delay"])
+    both = compose("tpp", ["servo_backlash", "transport_delay", "quadratic_damping"])
+    groups = stack(spectra(runs, plain.inputs, ("p", "q"))[0])
+    extra = {"half_width": 0.02, "T_d": 0.02, "L_pp": 0.0, "M_qq": 0.0, **dict(zip(TPP.names, TRUTH, strict=True))}
+    linear = output_error(Model(plain, plain.vector(extra)), groups).nrmse_percent
+    relaxed = output_error(Model(both, both.vector(extra)), groups).nrmse_percent
+    without = output_error(Model(TPP, TRUTH), groups).nrmse_percent
+    np.testing.assert_allclose(relaxed, linear, atol=0.1)
+    assert np.all(linear < without - 3)
+
+
+def test_instruments_carry_no_gust(runs: list[Record]) -> None:
+    """In calm air the excitation caused nearly all of the commands; where it was not logged, none is known."""
+    calm = [Record(f"#{i}", run) for i, run in enumerate(fly(None, {}, seed=4, gusts=0.0, noise=0.0, duration_s=15.0))]
+    groups = stack(spectra(calm, ("delta_x", "delta_y"), ("p", "q"))[0])
+    caused = instruments(groups, ("delta_x", "delta_y"))
+    assert caused is not None
+    rest = np.linalg.norm(groups[0].U - caused[0]) / np.linalg.norm(groups[0].U)
+    assert rest < 0.1
+    bare = [
+        Record(one.id, {name: values for name, values in one.channels.items() if name not in EXCITATIONS})
+        for one in runs
+    ]
+    assert instruments(stack(spectra(bare, ("delta_x", "delta_y"), ("p", "q"))[0]), ("delta_x", "delta_y")) is None
+
+
+def test_an_irregular_clock_keeps_what_a_command_does() -> None:
+    """The integral of a held command is kept on the uniform clock, whatever the times of its samples."""
+    rng = np.random.default_rng(3)
+    t = np.cumsum(rng.choice([0.0025, 0.0033], size=6000))
+    u = rng.normal(size=(2, t.size))
+    y = np.zeros((2, t.size))
+    A, B, C, _ = Model(TPP, TRUTH).matrices
+    x = np.zeros(4)
+    for k in range(t.size - 1):
+        y[:, k] = C @ x
+        Ad, Bd = discretise(A, B, t[k + 1] - t[k])
+        x = Ad @ x + Bd @ u[:, k]
+    y[:, -1] = C @ x
+    one = Record("irregular", {"t": t, "p": y[0], "q": y[1], "delta_x": u[0], "delta_y": u[1]})
+    found, _ = spectra([one], TPP.inputs, TPP.outputs)
+    assert found[0].segment.resampled > 1000
+    assert np.all(output_error(Model(TPP, TRUTH), stack(found)).nrmse_percent > 99)

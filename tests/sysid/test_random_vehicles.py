@@ -1,0 +1,21 @@
+"""The base is fitted without start values: whatever the vehicle, the fit ends where one begun at the truth ends.
+
+50 vehicles here; `make study` takes 1,000.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+from random_vehicles import A_HAIR, FACTORS, KINDS, RESIDUAL, above_the_optimum, flown
+
+
+def test_50_random_vehicles_reach_the_optimum() -> None:
+    vehicles = list(islice(flown(5), 50))
+    assert {one.kind for one in vehicles} == set(KINDS)
+    assert min(one.share for one in vehicles) < RESIDUAL[0] + 0.05
+    assert max(one.share for one in vehicles) > RESIDUAL[1] - 0.05
+    assert np.ptp([one.truth["M_a"] for one in vehicles]) > 0.8 * (FACTORS[1] - FACTORS[0]) * 713
+    above = [above_the_optimum(one) for one in vehicles]
+    assert max(above) < A_HAIR, np.argmax(above)
