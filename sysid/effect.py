@@ -96,7 +96,7 @@ class Effect:
     group: str
     """rotor, fuselage, forward, actuators, sensors, or user."""
     equation: str
-    """As EFFECTS.md writes it."""
+    """For people, in the paper's letters."""
     source: str
     signature: str
     """What the residual looks like where the effect is missing."""

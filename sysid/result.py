@@ -139,7 +139,7 @@ class Fit:
         return self.model.stable
 
     def to_json(self, relative_to: Path) -> dict[str, Any]:
-        """The document of CONTRACT.md; paths relative to the directory it will stand in."""
+        """The `tippath.fit/1` document; paths relative to the directory it will stand in."""
         from importlib.metadata import version
 
         structure = self.model.structure

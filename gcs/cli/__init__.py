@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit status of CONTRACT: 0 done, 1 data or vehicle says no, 2 wrong usage."""
+    """Run one command; returns the exit status: 0 done, 1 data or vehicle says no, 2 wrong usage."""
     from gcs.errors import TippathError, UsageError
     from sysid.errors import SysidError
 

@@ -16,7 +16,7 @@ from gcs.logs.tables import Series
 
 Saved = Callable[[bytes, str], Path]
 
-# CONTRACT.md's example with the channels it leaves out
+# the documented example with the channels it leaves out
 QUADROTOR = """
 name = "quadrotor"
 [time]
