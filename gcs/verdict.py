@@ -2,7 +2,7 @@
 
 Three questions: did the samples come, did the vehicle stay inside its envelope, and was it excited. For a chirp the
 last is the coherence between what was put in and what the vehicle did; for a doublet, whether the command moved as
-planned and the rates answered. The verdict is advice: the fit reads the log itself, and decides for itself.
+planned and the rates answered. A run not to be kept stays out of fits of its folder, unless it is named by itself.
 """
 
 from __future__ import annotations

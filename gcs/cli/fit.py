@@ -24,6 +24,7 @@ from gcs.cli.options import (
 
 if TYPE_CHECKING:
     from sysid.effect import Effect
+    from sysid.record import Record
 
 _VEHICLE_HELP = """\
 VEHICLE.toml holds what was measured on the ground, in SI units; only k_beta is needed:
@@ -107,6 +108,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     if not records:
         raise TippathError("no run is left to fit: they are quiet hover or validation runs")
+    print_notes([*records, *validation])
     fit = identify(
         compose(args.model),
         records,
@@ -131,6 +133,16 @@ def run(args: argparse.Namespace) -> int:
         if vehicle is not None:
             print("\n" + implied_text(judged.implied))
     return 0
+
+
+def print_notes(records: Sequence[Record]) -> None:
+    """What the readers of the logs want the user to know, each once, on standard error."""
+    said: dict[str, list[str]] = {}
+    for record in records:
+        for note in record.notes:
+            said.setdefault(note, []).append(record.id)
+    for note, ids in said.items():
+        print(f"note: {note}  ({', '.join(ids)})", file=sys.stderr)
 
 
 def parse_effects(base: str, words: Sequence[str], held: Mapping[str, float]) -> list[Effect]:

@@ -355,7 +355,7 @@ def second_order(**given: float) -> tuple[Structure, FloatArray]:
 
 
 def test_second_order_flapping_of_table_4() -> None:
-    """Worked out from Table 4 by hand: a Lock number near 1.0, nu^2 - 1 near 0.18, and the modes 1.62 Hz/.425, 4.87 Hz/.219 that follow."""
+    """By hand from Table 4: Lock number near 1.0, nu^2 - 1 near 0.18, modes 1.62 Hz/.425 and 4.87 Hz/.219."""
     effect = find("second_order_flapping")
     assert effect.start is not None
     begin = effect.start(dict(zip(TPP.names, PAPER_PARAMETERS["tpp"], strict=True)), {})
