@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,11 +37,17 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis import gains_text
+    from gcs.errors import UsageError
     from sysid.regulator import design
     from sysid.result import Fit
 
     refuse_existing(args.output, args.force)
-    gains = design(Fit.load(args.fit, parse_words(args.effects)).model, args.input_cost)
+    if not (args.input_cost > 0 and math.isfinite(args.input_cost)):
+        raise UsageError("--input-cost: wants a positive number; the paper's is 5")
+    fit = Fit.load(args.fit, parse_words(args.effects))
+    for text in fit.warnings:
+        print(f"warning of the fit: {text}", file=sys.stderr)
+    gains = design(fit.model, args.input_cost)
     document = gains.to_json()
     if args.output:
         write_json(document, args.output)

@@ -234,3 +234,17 @@ def test_a_closed_pipe_is_no_error(foreign_csv: Path) -> None:
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert "Traceback" not in done.stderr
     assert np.char.startswith(done.stdout, "{")
+
+
+def test_design_repeats_what_the_fit_warned_of(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    """Gains made on a doubtful model say so; a senseless weight is wrong usage."""
+    fit = tmp_path / "fit.json"
+    assert tippath("fit", foreign_csv, "--model", "tpp", "-o", fit)[0] == 0
+    document = json.loads(fit.read_text()) | {"warnings": ["the model leaves much unexplained"]}
+    fit.write_text(json.dumps(document))
+    status, out, err = tippath("design", fit)
+    assert status == 0
+    assert "LQR on TPP" in out
+    assert "warning of the fit: the model leaves much unexplained" in err
+    for weight in ("0", "-3", "nan", "inf"):
+        assert tippath("design", fit, f"--input-cost={weight}")[0] == 2
