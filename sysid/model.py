@@ -45,17 +45,6 @@ class Mode:
     pole: complex
 
 
-class EquationError(NamedTuple):
-    """A base written as s^order y_i = sum_j coefficient_j regressor_ij, linear in its coefficients."""
-
-    order: int
-    regressors: Callable[[AnyArray, AnyArray, AnyArray], AnyArray]
-    """(s (bins,), Y (bins, k), U (bins, m)) -> (bins, k, coefficients)."""
-    denominator: Callable[[AnyArray, FloatArray], AnyArray]
-    """(s, coefficients) -> the matrix D(s) of D Y = N U, shape (bins, k, k)."""
-    to_parameters: Callable[[FloatArray], FloatArray]
-
-
 @dataclass(frozen=True)
 class Base:
     """One of the paper's two structures, before any effect."""
@@ -68,7 +57,6 @@ class Base:
     """Rates by `<state>_dot`; may define signals that effects read (theta_s, theta_c)."""
     slots: tuple[tuple[str, Callable[[Signals], Mapping[str, Any]]], ...]
     """Parts, by name, that one effect each may stand in for: evaluated after `equations` where none does."""
-    equation_error: EquationError
     uncoupled: tuple[float, ...]
     """A stable point without coupling or control, to begin from where the poles are to be held stable."""
 
@@ -127,11 +115,6 @@ class Structure:
     def linear(self) -> bool:
         """Constant coefficients throughout: the response is exact in matrices."""
         return all(effect.linear for effect in self.composed)
-
-    @property
-    def equation_error(self) -> EquationError | None:
-        """Of the bare base; a composition has none and is reached from its parent."""
-        return None if self.composed else self.base_.equation_error
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Values by name -> values in order, shape (parameters,). Raises KeyError for a missing name."""

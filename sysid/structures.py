@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sysid.effect import Effect, EffectError, Signals, Surroundings, find
-from sysid.model import AnyArray, Base, EquationError, FloatArray, Model, Structure
+from sysid.model import Base, Model, Structure
 from sysid.parameter import Parameter
 
 
@@ -28,55 +28,6 @@ def _tpp_rotor(s: Signals) -> Mapping[str, Any]:
         "a_dot": -s.q + (-s.a + s.A_b * s.b + s.theta_s) / s.tau_f,
         "b_dot": -s.p + (-s.b + s.B_a * s.a + s.theta_c) / s.tau_f,
     }
-
-
-# Eliminating a = q'/M_a and b = p'/L_b leaves two second-order equations whose nine coefficients
-# map one to one to the nine parameters:
-#   p'' = -L_b p - p'/tau_f + c_p q' + L_b/tau_f (B_lat delta_x + B_lon delta_y),   c_p = B_a L_b/(M_a tau_f)
-#   q'' = -M_a q - q'/tau_f + c_q p' + M_a/tau_f (A_lat delta_x + A_lon delta_y),   c_q = A_b M_a/(L_b tau_f)
-# coefficients: L_b, M_a, 1/tau_f, c_p, c_q, then the four input terms, p before q.
-
-
-def _tpp_regressors(s: AnyArray, Y: AnyArray, U: AnyArray) -> AnyArray:
-    columns = np.zeros((s.size, 2, 9), dtype=complex)
-    p, q = Y[:, 0], Y[:, 1]
-    columns[:, 0, 0] = -p
-    columns[:, 1, 1] = -q
-    columns[:, 0, 2] = -s * p
-    columns[:, 1, 2] = -s * q
-    columns[:, 0, 3] = s * q
-    columns[:, 1, 4] = s * p
-    columns[:, 0, 5:7] = U
-    columns[:, 1, 7:9] = U
-    return columns
-
-
-def _tpp_denominator(s: AnyArray, coefficients: FloatArray) -> AnyArray:
-    L_b, M_a, rate, c_p, c_q = coefficients[:5]
-    D = np.empty((s.size, 2, 2), dtype=complex)
-    D[:, 0, 0] = s * s + rate * s + L_b
-    D[:, 0, 1] = -c_p * s
-    D[:, 1, 0] = -c_q * s
-    D[:, 1, 1] = s * s + rate * s + M_a
-    return D
-
-
-def _tpp_parameters(coefficients: FloatArray) -> FloatArray:
-    L_b, M_a, rate, c_p, c_q, p_x, p_y, q_x, q_y = coefficients
-    tau_f = 1 / rate
-    return np.array(
-        [
-            L_b,
-            M_a,
-            tau_f,
-            c_q * tau_f * L_b / M_a,
-            c_p * tau_f * M_a / L_b,
-            q_x * tau_f / M_a,
-            q_y * tau_f / M_a,
-            p_x * tau_f / L_b,
-            p_y * tau_f / L_b,
-        ]
-    )
 
 
 TPP_BASE = Base(
@@ -95,7 +46,6 @@ TPP_BASE = Base(
     ),
     equations=_tpp_equations,
     slots=(("rotor", _tpp_rotor),),
-    equation_error=EquationError(2, _tpp_regressors, _tpp_denominator, _tpp_parameters),
     uncoupled=(150.0, 150.0, 0.1, 0, 0, 0, 0.1, 0.1, 0),
 )
 
@@ -105,20 +55,6 @@ def _cd_equations(s: Signals) -> Mapping[str, Any]:
         "p_dot": s.L_p * s.p + s.L_q * s.q + s.L_lat * s.delta_x + s.L_lon * s.delta_y,
         "q_dot": s.M_p * s.p + s.M_q * s.q + s.M_lat * s.delta_x + s.M_lon * s.delta_y,
     }
-
-
-def _cd_regressors(s: AnyArray, Y: AnyArray, U: AnyArray) -> AnyArray:
-    columns = np.zeros((s.size, 2, 8), dtype=complex)
-    columns[:, 0, 0:2] = Y
-    columns[:, 1, 2:4] = Y
-    columns[:, 0, 4:6] = U
-    columns[:, 1, 6:8] = U
-    return columns
-
-
-def _cd_denominator(s: AnyArray, coefficients: FloatArray) -> AnyArray:
-    A = coefficients[:4].reshape(2, 2)
-    return s[:, None, None] * np.eye(2) - A
 
 
 CD_BASE = Base(
@@ -136,7 +72,6 @@ CD_BASE = Base(
     ),
     equations=_cd_equations,
     slots=(),
-    equation_error=EquationError(1, _cd_regressors, _cd_denominator, lambda coefficients: coefficients),
     uncoupled=(-5.0, 0, 0, -5.0, 0, 0, 0, 0),
 )
 
