@@ -27,7 +27,6 @@ CENTRED = 0.25
 """Of full command: more trim leaves too little room on one side."""
 LOW_BATTERY = 0.25
 
-FAILSAFE_PARAMETERS = ("FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "SYSID_MYGCS", "MAV_GCS_SYSID")
 _FAILSAFE_ACTIONS = {1: "RETURNS", 2: "RETURNS", 3: "RETURNS", 4: "RETURNS", 5: "LANDS", 6: "LANDS", 7: "BRAKES"}
 CONTINUE_PILOT_CONTROL = 16
 """FS_OPTIONS bit 4."""

@@ -15,7 +15,6 @@ from typing import Protocol
 
 BLOCK_BYTES = 200
 _HEAD = (0xA3, 0x95)
-_HEAD_BYTES = 3
 _TYPES = {"M": "B", "c": "h", "n": "4s", "N": "16s", "Z": "64s"}
 """DataFlash letters that `struct` calls otherwise; the rest of those used here are the same. c is in hundredths."""
 

@@ -54,7 +54,6 @@ BANK_ORDER = (
 
 _SHADOW = tuple("LQS_" + name for name in BANK_ORDER)
 _ACTIVE = tuple("LQR_" + name for name in BANK_ORDER)
-_EMPTY = (0.0,) * len(BANK_ORDER)
 
 HIDDEN_WITHOUT_AXIS = frozenset(
     {"SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ", "SID_T_FADE_IN", "SID_T_REC", "SID_T_FADE_OUT"}

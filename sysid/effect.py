@@ -14,7 +14,6 @@ from __future__ import annotations
 import enum
 import hashlib
 import importlib.util
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -204,20 +203,9 @@ def load(path: Path) -> Effect:
     return dataclasses.replace(effect, path=str(path), sha256=hashlib.sha256(content).hexdigest())
 
 
-def bounded(parameter: Parameter, value: float) -> float:
-    """The value moved inside the parameter's hard bounds."""
-    low, high = parameter.bounds
-    return min(max(value, low), high)
-
-
 def at_null(effect: Effect) -> dict[str, float]:
     """Parameter values at which the base is unchanged; infinite ones stay infinite, ones without a null are typical."""
     return {
         parameter.name: parameter.typical if parameter.null is None else parameter.null
         for parameter in effect.parameters
     }
-
-
-def is_finite(effect: Effect) -> bool:
-    """Whether every null is a finite number that can be put into the equations."""
-    return all(parameter.null is None or math.isfinite(parameter.null) for parameter in effect.parameters)

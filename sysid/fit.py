@@ -105,25 +105,21 @@ def rows(x: ComplexArray) -> FloatArray:
     return real
 
 
-def _project(E: FloatArray, others: FloatArray) -> FloatArray:
-    """Rows of `others` (r, N) less what the rows of E (n, N) explain of them."""
-    size = np.sqrt(np.einsum("ij,ij->i", E, E))
-    scaled = E / np.where(size > 0, size, 1.0)[:, None]
-    inner, axes = np.linalg.eigh(scaled @ scaled.T)
-    keep = inner > ENDS_RANK * inner[-1]
-    basis = (axes[:, keep] / np.sqrt(inner[keep])).T @ scaled
-    rest: FloatArray = others - (others @ basis.T) @ basis
-    return rest
-
-
-def _differences(E: FloatArray, e: FloatArray) -> FloatArray:
-    """Least-squares factors (n,) of the rows of E (n, N) in e (N,); weak combinations stay out."""
+def _orthonormaliser(E: FloatArray) -> FloatArray:
+    """T (r, n) that turns the rows of E (n, N) into an orthonormal basis T E; weak combinations stay out."""
     size = np.sqrt(np.einsum("ij,ij->i", E, E))
     size = np.where(size > 0, size, 1.0)
     scaled = E / size[:, None]
     inner, axes = np.linalg.eigh(scaled @ scaled.T)
-    inverse = np.where(inner > ENDS_RANK * inner[-1], 1 / np.maximum(inner, 1e-300), 0.0)
-    return np.asarray(axes @ (inverse * (axes.T @ (scaled @ e))) / size)
+    keep = inner > ENDS_RANK * inner[-1]
+    return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).T / size)
+
+
+def _project(E: FloatArray, others: FloatArray) -> FloatArray:
+    """Rows of `others` (r, N) less what the rows of E (n, N) explain of them."""
+    basis = _orthonormaliser(E) @ E
+    rest: FloatArray = others - (others @ basis.T) @ basis
+    return rest
 
 
 def output_error(model: Model, stacks: Sequence[Stack]) -> OutputError:
@@ -164,12 +160,13 @@ def _normal(
         for part in group.slices:
             columns = rows(E[..., part])
             left_over = rows(e[None, :, part])
-            difference = _differences(columns, left_over[0])
+            T = _orthonormaliser(columns)
+            difference = T.T @ (T @ (columns @ left_over[0]))
             rest = left_over - difference @ columns
             found[-1].append(difference)
             power += np.sum(rest.reshape(2, -1) ** 2, axis=1) * (group.scale[part.start] / weight[:, part.start]) ** 2
             if response.J is not None:
-                gram = _gram(columns, np.concatenate([rest, rows(response.J[..., part])]))
+                gram = _gram(T, columns, np.concatenate([rest, rows(response.J[..., part])]))
                 if response.to is not None:
                     gram[1:] = response.to @ gram[1:]
                     gram[:, 1:] = gram[:, 1:] @ response.to.T
@@ -181,9 +178,8 @@ def _normal(
 def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
     """The optimum on these bins from the data alone, of a bare base.
 
-    It begins at the equation error, reweighted by its own last denominator.
-
-    The end states are polynomials in s, one set for each segment.
+    It begins at the equation error, reweighted by its own last denominator; the end states are polynomials in s, one
+    set for each segment.
     """
     form = FORMS[structure.base]
     measured = np.sqrt(sum(np.sum(np.abs(group.Y) ** 2, axis=1) for group in stacks))
@@ -258,7 +254,8 @@ def _equation_error(
             weight = inverse(form, s, last)
         ends = np.concatenate([weight.transpose(1, 0, 2) * s**power for power in range(form.order)])
         weighed = through(weight, known, np.empty((form.coefficients + 1, 2, s.size), dtype=complex))
-        gram += _gram(rows(scale * ends), rows(scale * weighed))
+        columns = rows(scale * ends)
+        gram += _gram(_orthonormaliser(columns), columns, rows(scale * weighed))
     size = np.sqrt(np.diag(gram))
     if not np.all(np.isfinite(size)) or np.any(size == 0):
         return None
@@ -272,13 +269,9 @@ def _equation_error(
     return (cost, coefficients) if np.isfinite(cost) else None
 
 
-def _gram(ends: FloatArray, block: FloatArray) -> FloatArray:
-    """Inner products of the rows of `block`, less what the rows of `ends` explain of them."""
-    size = np.sqrt(np.einsum("ij,ij->i", ends, ends))
-    ends = ends / np.where(size > 0, size, 1.0)[:, None]
-    inner, axes = np.linalg.eigh(ends @ ends.T)
-    keep = inner > ENDS_RANK * inner[-1]
-    cross = (axes[:, keep] / np.sqrt(inner[keep])).T @ (ends @ block.T)
+def _gram(T: FloatArray, ends: FloatArray, block: FloatArray) -> FloatArray:
+    """Inner products of the rows of `block`, less what the rows of `ends`, orthonormal by T, explain of them."""
+    cross = T @ (ends @ block.T)
     found: FloatArray = block @ block.T - cross.T @ cross
     return found
 
@@ -444,31 +437,29 @@ def estimate(
         raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
     refuse_still_channels(structure, spectra)
     stacks = stack(spectra)
-    if parent is None and structure.composed:
-        parent = start(Structure(structure.base_), [group.thinned(START_THINNING) for group in stacks])
+    causes = instruments(stacks, structure.commands) if structure.linear else None
     names = tuple(held)
     if parent is None and not held and fast.applies(structure, stacks):
         quick = fast.fit(structure, stacks[0])
         if quick is not None and np.all(quick.residual_power < POOR_SHARE * quick.measured_power):
             parent = Model(structure, quick.values)
-            if instruments(stacks, structure.commands) is None:
+            if causes is None:
                 _refuse_vagueness(structure, quick.vagueness)
                 return Estimate(parent, quick.covariance, output_error(parent, stacks))
-    if parent is None or parent.structure == structure:
-        if parent is None:
-            thin = [group.thinned(START_THINNING) for group in stacks]
-            parent = start(structure, thin)
-        model = _hold(parent, held)
+    if parent is None:
+        bare = Structure(structure.base_) if structure.composed else structure
+        parent = start(bare, [group.thinned(START_THINNING) for group in stacks])
+    model = _hold(parent, held)
+    if parent.structure == structure:
         model, _ = minimise(model, stacks, output_error(model, stacks).residual_power, names)
     else:
-        model = _hold(grow(_hold(parent, held), structure, stacks, names), held)
+        model = _hold(grow(model, structure, stacks, names), held)
     bound = tuple(
         parameter.name
         for parameter, value in zip(structure.parameters, model.values, strict=True)
         if parameter.name not in held and not parameter.bounds[0] < value < parameter.bounds[1]
     )
     loose = [i for i, name in enumerate(structure.names) if name not in held and name not in bound]
-    causes = instruments(stacks, structure.commands) if structure.linear else None
     if causes is not None and loose:
         unbiased = _unbias(model, stacks, loose, causes)
         if unbiased is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,3 +20,20 @@ def shared_data() -> Path:
             "set TIPPATH_SHARED_DATA to the folder that holds ardupilot/ and crazyflie/"
         )
     return folder
+
+
+@pytest.fixture
+def tippath(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """The command line in this process: words -> exit status, standard output and error; never a traceback."""
+    from gcs.cli import main
+
+    def run(*words: object) -> tuple[int, str, str]:
+        try:
+            status = main([str(word) for word in words])
+        except SystemExit as stop:  # argparse
+            status = int(stop.code or 0)
+        out, err = capsys.readouterr()
+        assert "Traceback" not in out + err
+        return status, out, err
+
+    return run

@@ -224,7 +224,6 @@ class AutopilotVersion(Event):
 
 
 CAPABILITY_BYTEWISE = 16
-CAPABILITY_C_CAST = 131072
 
 
 def encoding_of(capabilities: int | None) -> Encoding:

@@ -14,27 +14,13 @@ import numpy as np
 import pytest
 from contract_schemas import FIT, GAINS, JUDGED, RUNS
 
-from gcs.cli import COMMANDS, main
+from gcs.cli import COMMANDS
 from sitl.actuators import clip
 from sitl.autopilot import AttitudeController
 from sitl.excitation import Excitation, ExcitationSettings
 from sitl.plants import make_plant
 
 Tippath = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def tippath(capsys: pytest.CaptureFixture[str]) -> Tippath:
-    def run(*words: object) -> tuple[int, str, str]:
-        try:
-            status = main([str(word) for word in words])
-        except SystemExit as stop:  # argparse
-            status = int(stop.code or 0)
-        out, err = capsys.readouterr()
-        assert "Traceback" not in out + err
-        return status, out, err
-
-    return run
 
 
 @pytest.fixture(scope="module")

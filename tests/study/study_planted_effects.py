@@ -14,7 +14,7 @@ from planted import FORWARD, PLANTED, TABLE_4, TABLE_5, fly_many
 from planted_fits import effects_with, fitted, in_standard_errors, planted_values, records
 
 from sysid import predict
-from sysid.effect import find
+from sysid.effect import at_null, find
 from sysid.errors import SysidError
 from sysid.identify import on_runs
 from sysid.preprocess import spectra
@@ -91,9 +91,8 @@ def study_nulls_on_a_flight() -> None:
         composed = on_runs("tpp", effects_with(name), flight, flight)
         without = on_runs("tpp", [one for one in effects_with(name) if one != name], flight, flight)
         own = next(one for one in composed.composed if one.id == name)
-        at_null = {one.name: one.typical if one.null is None else one.null for one in own.parameters}
         stacks = predict.stack(spectra(flight, composed.inputs, composed.outputs)[0])
-        new = predict.respond(composed, composed.vector({**truth, **at_null}), stacks[0], False).Y
+        new = predict.respond(composed, composed.vector({**truth, **at_null(own)}), stacks[0], False).Y
         old = predict.respond(without, without.vector(truth), stacks[0], False).Y
         off = float(np.max(np.abs(new - old)) / np.max(np.abs(old)))
         print(f"{name:22} {off:37.1e}")

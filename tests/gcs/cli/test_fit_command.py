@@ -12,7 +12,6 @@ import pytest
 from contract_schemas import FIT, JUDGED
 from planted import PLANTED, fly
 
-from gcs.cli import main
 from sysid.record import Record
 
 Tippath = Callable[..., tuple[int, str, str]]
@@ -35,20 +34,6 @@ TRACE = """
 with open(__file__ + ".ran", "a") as stream:
     stream.write("x")
 """
-
-
-@pytest.fixture
-def tippath(capsys: pytest.CaptureFixture[str]) -> Tippath:
-    def run(*words: object) -> tuple[int, str, str]:
-        try:
-            status = main([str(word) for word in words])
-        except SystemExit as stop:  # argparse
-            status = int(stop.code or 0)
-        out, err = capsys.readouterr()
-        assert "Traceback" not in out + err
-        return status, out, err
-
-    return run
 
 
 def write_csv(path: Path, run: dict[str, Any], names: tuple[str, ...]) -> Path:
