@@ -41,12 +41,12 @@ def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[Comple
             return None
         rows = [i for i, name in enumerate(stack.inputs) if name in commands or name in FOLLOWING]
         caused = stack.U.copy()
-        caused[rows] = _caused(stack.U[rows], R, stack.scale, stack.frequency_hz)
+        caused[rows] = caused_by(stack.U[rows], R, stack.scale, stack.frequency_hz)
         found.append(caused)
     return found
 
 
-def _caused(U: ComplexArray, R: ComplexArray, scale: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
+def caused_by(U: ComplexArray, R: ComplexArray, scale: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
     """The part of U (m, bins) that R (r, bins) explains linearly, window by window of frequency, all runs together."""
     caused = np.zeros_like(U)
     order = np.argsort(frequency_hz, kind="stable")

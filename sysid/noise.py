@@ -1,0 +1,180 @@
+"""How much of a residual a recorded signal explains, and what is left as noise.
+
+Whatever linear dynamics a structure lacks, its residual is then a response to the commands. In narrow windows of
+frequency, all runs together, any such response is nearly a straight line over frequency, so a few complex numbers a
+window find it without a model. What they do not find is noise, and what a nonlinearity makes of the commands.
+
+Gusts reach the commands through the feedback. Only what the logged excitation caused in a command explains a residual
+here; where no excitation is logged the commands stand for themselves, and what they explain is an upper bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.fit import OutputError
+from sysid.instrument import caused_by
+from sysid.model import FloatArray
+from sysid.predict import Stack
+from sysid.preprocess import EXCITATIONS, ComplexArray
+
+WINDOW_HZ = 0.5
+NEIGHBOURS = 2
+"""Windows to either side that share in a window's noise spectrum."""
+LEAST_FREEDOM = 4
+"""Bins beyond the unknowns that a window needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Division:
+    """A residual's power by window and output, divided; every sample of every run counts the same."""
+
+    edges_hz: FloatArray
+    """(w + 1,), of the windows."""
+    power: FloatArray
+    """(w, k), (rad/s)^2 summed over samples."""
+    explained: FloatArray
+    """(w, k), of it what the commands explain, less what they would seem to explain of noise; may be negative."""
+    by_command: FloatArray
+    """(w, k, m), what each command alone explains, in the same way."""
+    commands: tuple[str, ...]
+    references: tuple[str, ...]
+    """For each command the channel that gusts do not reach, or the command itself where none is logged."""
+    chi_squared: float
+    """Of all windows together against the noise spectrum: whether anything is explained at all."""
+    degrees: int
+    spectrum: ComplexArray
+    """(bins, k, k), the noise's spectral matrix at every bin of all stacks in their order, scaled as the residual."""
+
+    @property
+    def noise_share(self) -> FloatArray:
+        """(k,), of the residual's power, 0..1."""
+        whole = np.maximum(np.sum(self.power, axis=0), 1e-300)
+        return np.asarray(np.clip(1 - np.sum(self.explained, axis=0) / whole, 0, 1))
+
+    @property
+    def measured(self) -> bool:
+        """Whether logged excitation kept the gusts out; else what is explained is an upper bound."""
+        return all(name in EXCITATIONS for name in self.references)
+
+
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """Commands on all bins of all stacks, as far as what was logged beside them caused them."""
+
+    commands: tuple[str, ...]
+    references: tuple[str, ...]
+    caused: list[ComplexArray]
+    """For every stack (m, bins)."""
+
+
+def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
+    """What the excitation caused in each command that the stacks have among their inputs."""
+    whole = [one.segment.channels for group in stacks for one in group.spectra]
+    references = []
+    for name in commands:
+        excitation = f"excitation_{name.removeprefix('delta_')}"
+        moved = all(excitation in channels for channels in whole) and any(
+            np.any(channels[excitation]) for channels in whole
+        )
+        references.append(excitation if moved else name)
+    found = []
+    for group in stacks:
+        U = group.U[[group.inputs.index(name) for name in commands]]
+        R = np.concatenate(
+            [one.transform(np.stack([one.segment.channels[name] for name in references])) for one in group.spectra],
+            axis=1,
+        )
+        if R.shape[1] != U.shape[1]:
+            raise ValueError("causes want whole stacks, not thinned ones")
+        found.append(caused_by(U, R, group.scale, group.frequency_hz))
+    return Causes(tuple(commands), tuple(references), found)
+
+
+def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
+    """Divide what a model leaves of the stacks into what the commands explain and noise."""
+    scale = np.concatenate([group.scale for group in stacks])
+    frequency = np.concatenate([group.frequency_hz for group in stacks])
+    e = scale * np.concatenate(error.residuals, axis=1)
+    u = scale * np.concatenate(by.caused, axis=1)
+    k, m = e.shape[0], u.shape[0]
+    windows = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
+    edges = np.linspace(float(frequency.min()), float(frequency.max()), windows + 1)
+    window = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, windows - 1)
+    order = np.argsort(window, kind="stable")
+    starts = np.searchsorted(window[order], np.arange(windows + 1))
+    power, explained = np.zeros((windows, k)), np.zeros((windows, k))
+    each = np.zeros((windows, k, m))
+    rest = np.zeros((windows, k, k), dtype=complex)
+    free = np.zeros(windows)
+    unknown = np.zeros(windows)
+    found = np.zeros((windows, k, k), dtype=complex)
+    for number in range(windows):
+        at = order[starts[number] : starts[number + 1]]
+        if not at.size:
+            continue
+        y, x = e[:, at], u[:, at]
+        whole = y @ y.conj().T
+        power[number] = np.diag(whole).real
+        half = 0.5 * (edges[1] - edges[0])
+        place = (frequency[at] - edges[number] - half) / half
+        basis = _orthonormal(np.concatenate([x, place * x]))
+        if at.size < basis.shape[0] + LEAST_FREEDOM:
+            basis = basis[:0]
+        there = y @ basis.conj().T
+        found[number] = there @ there.conj().T
+        rest[number] = whole - found[number]
+        unknown[number], free[number] = basis.shape[0], at.size - basis.shape[0]
+        for column in range(m if basis.size else 0):
+            alone = y @ _orthonormal(np.stack([x[column], place * x[column]])).conj().T
+            each[number, :, column] = np.sum(np.abs(alone) ** 2, axis=1)
+    around = np.array([_neighbours(rest, number) for number in range(windows)])
+    freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(windows)])
+    S = around / freedom[:, None, None]
+    level = np.real(np.einsum("wkk->wk", S))
+    explained = np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * level
+    each -= np.minimum(2, unknown)[:, None, None] * level[:, :, None]
+    tiny = 1e-12 * np.max(level, initial=1e-300)
+    inverse = np.linalg.inv(S + tiny * np.eye(k))
+    # E of an inverse estimated spectral matrix is too large by this
+    shrink = np.maximum(freedom - k, 1) / freedom
+    chi_squared = float(np.sum(2 * shrink * np.real(np.einsum("wij,wji->w", inverse, found))))
+    centres = 0.5 * (edges[:-1] + edges[1:])
+    spectrum = np.stack(
+        [np.stack([_between(frequency, centres, S[:, i, j]) for j in range(k)], axis=-1) for i in range(k)],
+        axis=-2,
+    )
+    return Division(
+        edges,
+        power,
+        explained,
+        each,
+        by.commands,
+        by.references,
+        chi_squared,
+        int(2 * k * np.sum(unknown)),
+        spectrum + tiny * np.eye(k),
+    )
+
+
+def _orthonormal(rows: ComplexArray) -> ComplexArray:
+    """Rows (r, n) as an orthonormal basis of what they span; rows that follow from the others drop out."""
+    size = np.sqrt(np.sum(np.abs(rows) ** 2, axis=1))
+    rows = rows[size > 0] / size[size > 0][:, None]
+    if not rows.size:
+        return rows
+    inner, axes = np.linalg.eigh(rows @ rows.conj().T)
+    keep = inner > 1e-9 * inner[-1]
+    return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).conj().T @ rows)
+
+
+def _neighbours(values: ComplexArray | FloatArray, number: int) -> ComplexArray | FloatArray:
+    """The sum over a window and those beside it."""
+    return np.asarray(np.sum(values[max(0, number - NEIGHBOURS) : number + NEIGHBOURS + 1], axis=0))
+
+
+def _between(frequency: FloatArray, centres: FloatArray, values: ComplexArray) -> ComplexArray:
+    return np.asarray(np.interp(frequency, centres, values.real) + 1j * np.interp(frequency, centres, values.imag))
