@@ -46,8 +46,20 @@ class Division:
     chi_squared: float
     """Of all windows together against the noise spectrum: whether anything is explained at all."""
     degrees: int
-    spectrum: ComplexArray
-    """(bins, k, k), the noise's spectral matrix at every bin of all stacks in their order, scaled as the residual."""
+    level: ComplexArray
+    """(w, k, k), the noise's spectral matrix in each window, scaled as a stack's residual is."""
+
+    def at(self, frequency_hz: FloatArray) -> ComplexArray:
+        """The noise's spectral matrix at these frequencies, (f, k, k), scaled as a stack's residual is."""
+        centres = 0.5 * (self.edges_hz[:-1] + self.edges_hz[1:])
+        k = self.level.shape[1]
+        return np.stack(
+            [
+                np.stack([_between(frequency_hz, centres, self.level[:, i, j]) for j in range(k)], axis=-1)
+                for i in range(k)
+            ],
+            axis=-2,
+        )
 
     @property
     def noise_share(self) -> FloatArray:
@@ -134,19 +146,15 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     around = np.array([_neighbours(rest, number) for number in range(windows)])
     freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(windows)])
     S = around / freedom[:, None, None]
-    level = np.real(np.einsum("wkk->wk", S))
-    explained = np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * level
-    each -= np.minimum(2, unknown)[:, None, None] * level[:, :, None]
-    tiny = 1e-12 * np.max(level, initial=1e-300)
+    own = np.real(np.einsum("wkk->wk", S))
+    explained = np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own
+    each -= np.minimum(2, unknown)[:, None, None] * own[:, :, None]
+    tiny = 1e-12 * np.max(own, initial=1e-300)
     inverse = np.linalg.inv(S + tiny * np.eye(k))
     # E of an inverse estimated spectral matrix is too large by this
     shrink = np.maximum(freedom - k, 1) / freedom
     chi_squared = float(np.sum(2 * shrink * np.real(np.einsum("wij,wji->w", inverse, found))))
-    centres = 0.5 * (edges[:-1] + edges[1:])
-    spectrum = np.stack(
-        [np.stack([_between(frequency, centres, S[:, i, j]) for j in range(k)], axis=-1) for i in range(k)],
-        axis=-2,
-    )
+    level = S + tiny * np.eye(k)
     return Division(
         edges,
         power,
@@ -156,7 +164,7 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
         by.references,
         chi_squared,
         int(2 * k * np.sum(unknown)),
-        spectrum + tiny * np.eye(k),
+        level,
     )
 
 

@@ -1,0 +1,473 @@
+"""Which physical effect is missing: every testable entry of the catalogue asked, the serious ones refitted, one verdict.
+
+`complete`: what the model leaves is noise, as far as these runs can tell. `missing`: one effect, or a chain of two,
+explains at least EXPLAINED of what can be explained, on fitted and validation runs, at plausible values. `unexplained`:
+there is something to explain, and nothing known does it; an effect that does so at values that physics does not allow
+stands in for something else.
+
+Ranking is by how much more likely an effect makes the data under the noise's own spectrum (`sysid.evidence`), less a
+penalty for its parameters. The thresholds below were set on flights with known answers and are frozen (`make study`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.effect import Effect, EffectError, catalogue
+from sysid.evidence import (
+    Candidate,
+    Ground,
+    Metric,
+    Score,
+    Settled,
+    candidate,
+    error_share,
+    gain,
+    ground,
+    log_chance,
+    metric,
+    refit,
+    score,
+    settle,
+)
+from sysid.fit import FitError, estimate, output_error
+from sysid.model import Structure
+from sysid.noise import Division, divide
+from sysid.preprocess import DEFAULT_BAND_HZ
+from sysid.record import Record
+from sysid.structures import compose, not_testable
+
+EXPLAINED = 0.8
+SIGNIFICANT = math.log(0.01)
+"""Of all questions asked together; logarithm of the chance that noise alone answers so."""
+SERIOUS = 0.02
+"""Share of the best score from which on a candidate is refitted,"""
+SERIOUS_NONLINEAR = 0.1
+"""and where a refit takes simulations."""
+PARENTS_OF_PAIRS = 3
+SECONDS = 4
+"""How many effects are refitted on each of them."""
+REMAINDER = 0.05
+"""Share of what can be explained, left by the best effect, from which on a second one is looked for."""
+SAME = 10.0
+"""Chi squared by which one candidate must be likelier than another to be told from it."""
+
+Progress = Callable[[str], None]
+
+
+def _quiet(_: str) -> None:
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One candidate with all that is known of it."""
+
+    effects: tuple[str, ...]
+    """Added to the parent."""
+    score: Score | None
+    not_testable: str | None
+    """Why it was not asked, or not answered; None where it was."""
+    fit: Candidate | None = None
+    settled: Settled | None = None
+    chi_squared: float = 0.0
+    """How much likelier than the parent it makes the fitted runs."""
+    added: int = 0
+    """Parameters more than the parent's."""
+    explained_share: float | None = None
+    validation_nrmse_percent: Mapping[str, float] | None = None
+    validation_share: float | None = None
+    implausible: tuple[str, ...] = ()
+    """Parameters outside what physics allows that were not so in the parent."""
+    resolved: tuple[str, ...] = ()
+    """Parameters of the parent that were implausible and are not any more."""
+    rows: int = 1
+
+    @property
+    def effect(self) -> str:
+        return self.effects[-1]
+
+    @property
+    def delta_bic(self) -> float:
+        """Negative where it pays for its parameters."""
+        return self.added * math.log(self.rows) - self.chi_squared
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The verdict and what it stands on."""
+
+    verdict: str
+    """`complete`, `missing` or `unexplained`."""
+    effect: str | None
+    stands_in: bool
+    chain: tuple[str, ...]
+    """The best one or two effects, the larger first; empty where the model is complete."""
+    indistinguishable: tuple[str, ...]
+    confidence: float
+    explained_share: float | None
+    candidates: tuple[Judged, ...]
+    """Best first, those that could not be asked last."""
+    pairs: tuple[Judged, ...]
+    parent: Candidate
+    settled: Settled
+    metric: Metric
+    division: Division
+    noise_share: float
+    """N: the part of the parent's error share that nothing recorded explains."""
+    noise_floor_percent: Mapping[str, float]
+    """NRMSE that a perfect model would reach on the fitted runs."""
+    validation: Ground | None
+    validation_nrmse_percent: Mapping[str, float] | None
+    log_chance: float
+    """That noise alone shows as much; all questions counted in."""
+
+    @property
+    def best(self) -> Judged | None:
+        """The best single effect."""
+        asked = [one for one in self.candidates if one.fit is not None]
+        return asked[0] if asked else None
+
+
+def diagnose(
+    structure: Structure,
+    records: Sequence[Record],
+    validation: Sequence[Record] = (),
+    band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+    *,
+    effects: Sequence[Effect] = (),
+    fixed: Mapping[str, float] | None = None,
+    say: Progress = _quiet,
+) -> Diagnosis:
+    """Diagnose a structure on runs. `effects` are a user's own, asked beside the catalogue's.
+
+    Raises FitError where the runs do not identify the structure itself.
+    """
+    on = ground(records, band_hz)
+    judging = ground(validation, band_hz, on) if validation else None
+    held = dict(fixed or {})
+    found = estimate(structure, on.viewed(structure), None, held)
+    parent = candidate(found, tuple(held), on)
+    division = divide(found.error, on.stacks, on.causes)
+    by = metric(parent.model, on.stacks, division)
+    settled = settle(parent, by)
+    say("the structure as it is")
+
+    asked = _ask_all(parent, settled, by, effects, say)
+    chance = _chance(division, [one.score for one in asked if one.score is not None])
+    serious = _serious(asked, structure)
+    refitted = []
+    for one in asked:
+        if one.effects in serious:
+            refitted.append(_refitted(one, parent, effects))
+            say(one.effect)
+        else:
+            refitted.append(one)
+    fits = [one for one in refitted if one.fit is not None]
+    best_fit = min([parent, *(one.fit for one in fits if one.fit is not None)], key=lambda one: one.error_share)
+    division = divide(best_fit.estimate.error, on.stacks, on.causes)
+    by = metric(best_fit.model, on.stacks, division)
+    settled = settle(parent, by)
+    refitted = [_weighed(one, parent, settled, by, judging) for one in refitted]
+    refitted.sort(key=_order)
+    pairs = _pairs(refitted, parent, settled, by, division, effects, judging, say) if chance < SIGNIFICANT else []
+    return _verdict(parent, settled, by, refitted, pairs, chance, judging)
+
+
+# ------------------------------------------------------------------------------------------------ asking
+
+
+def _compositions(parent: Structure, effect: Effect, on: Ground) -> Structure:
+    return compose(parent.base, [*parent.composed, effect], on.available, dict(parent.constants))
+
+
+def _ask_all(parent: Candidate, settled: Settled, by: Metric, users: Sequence[Effect], say: Progress) -> list[Judged]:
+    """Every entry that the parent does not have, with its score or why there is none."""
+    structure, on = parent.model.structure, parent.ground
+    present = {one.id for one in structure.composed}
+    found = []
+    for effect in (*catalogue().values(), *users):
+        name = effect.path or effect.id
+        if name in structure.effects or effect.id in present or (effect.id == "flapping" and structure.base == "tpp"):
+            continue
+        reason = _reason(effect, parent)
+        if reason is not None:
+            found.append(Judged((name,), None, reason))
+            continue
+        try:
+            composed = _compositions(structure, effect, on)
+        except EffectError as error:
+            found.append(Judged((name,), None, str(error)))
+            continue
+        if composed.base != structure.base:
+            found.append(Judged((name,), None, None))
+            continue
+        answer = score(effect, composed, parent, settled, by)
+        reason = None if answer is not None else "it does nothing on these runs that the structure could not do itself"
+        found.append(Judged((name,), answer, reason))
+        say(name)
+    return found
+
+
+def _reason(effect: Effect, parent: Candidate) -> str | None:
+    structure, on = parent.model.structure, parent.ground
+    ids = [one.id for one in structure.composed]
+    reason = not_testable(effect, structure.base, [*ids, effect.id], on.available)
+    if reason is None:
+        return None
+    without = not_testable(effect, structure.base, [*ids, effect.id], on.available | on.still)
+    if without is None:
+        still = sorted(on.still)
+        return f"{', '.join(still)} is logged and does not move on these runs, so it is not testable on these"
+    return reason
+
+
+def _chance(division: Division, scores: Sequence[Score]) -> float:
+    """Logarithm of the chance that noise alone shows as much as the best of all questions."""
+    linear = log_chance(division.chi_squared, division.degrees)
+    best = min((one.log_p for one in scores), default=0.0) + math.log(max(len(scores), 1))
+    return min(0.0, min(linear, best) + math.log(2))
+
+
+def _serious(asked: Sequence[Judged], structure: Structure) -> set[tuple[str, ...]]:
+    top = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
+    found = set()
+    known = catalogue()
+    for one in asked:
+        if one.not_testable is not None:
+            continue
+        if one.score is None:
+            found.add(one.effects)
+            continue
+        linear = one.effect in known and known[one.effect].linear
+        least = SERIOUS if linear else SERIOUS_NONLINEAR
+        if one.score.chi_squared >= least * top:
+            found.add(one.effects)
+    return found
+
+
+def _refitted(one: Judged, parent: Candidate, users: Sequence[Effect]) -> Judged:
+    try:
+        composed = _compositions(parent.model.structure, _effect(one.effect, users), parent.ground)
+        fit = refit(composed, parent, one.effects)
+    except (FitError, EffectError) as error:
+        return replace(one, not_testable=str(error))
+    return replace(one, fit=fit)
+
+
+def _effect(name: str, users: Sequence[Effect]) -> Effect:
+    known = catalogue()
+    return known[name] if name in known else next(one for one in users if one.path == name)
+
+
+def _weighed(one: Judged, parent: Candidate, settled: Settled, by: Metric, judging: Ground | None) -> Judged:
+    if one.fit is None:
+        return one
+    own = settle(one.fit, by)
+    likelier, _ = gain(own, settled)
+    model = one.fit.model
+    before = {
+        parameter.name
+        for parameter, value in zip(parent.model.structure.parameters, parent.model.values, strict=True)
+        if parameter.implausible(float(value))
+    }
+    now = {
+        parameter.name
+        for parameter, value in zip(model.structure.parameters, model.values, strict=True)
+        if parameter.implausible(float(value))
+    }
+    validated = None
+    if judging is not None:
+        error = output_error(model, judging.stacks)
+        validated = dict(zip(model.structure.outputs, map(float, error.nrmse_percent), strict=True))
+    return replace(
+        one,
+        settled=own,
+        chi_squared=likelier,
+        added=len(one.fit.J[0]) - len(parent.J[0]),
+        rows=settled.residual.size,
+        implausible=tuple(name for name in model.structure.names if name in now - before),
+        resolved=tuple(sorted(before - now)),
+        validation_nrmse_percent=validated,
+    )
+
+
+def _order(one: Judged) -> tuple[int, float]:
+    if one.fit is not None:
+        return (0, one.delta_bic)
+    if one.score is not None and one.not_testable is None:
+        return (1, -one.score.chi_squared)
+    return (2, 0.0)
+
+
+# ------------------------------------------------------------------------------------------------ chains of two
+
+
+def _pairs(
+    singles: Sequence[Judged],
+    parent: Candidate,
+    settled: Settled,
+    by: Metric,
+    division: Division,
+    users: Sequence[Effect],
+    judging: Ground | None,
+    say: Progress,
+) -> list[Judged]:
+    """The best second effects on the best first ones, where those leave something that is not noise."""
+    found: dict[tuple[str, ...], Judged] = {}
+    firsts = [one for one in singles if one.fit is not None and one.delta_bic < 0]
+    for first in firsts[:PARENTS_OF_PAIRS]:
+        assert first.fit is not None
+        assert first.settled is not None
+        seconds = _ask_all(first.fit, first.settled, by, users, _quiet)
+        left = divide(first.fit.estimate.error, parent.ground.stacks, parent.ground.causes)
+        if _chance(left, [one.score for one in seconds if one.score is not None]) >= SIGNIFICANT:
+            if first is firsts[0]:
+                return []  # the best one alone leaves noise
+            continue
+        serious = _serious(seconds, first.fit.model.structure)
+        chosen = sorted((one for one in seconds if one.effects in serious), key=_promise)[:SECONDS]
+        for second in chosen:
+            names = tuple(sorted((first.effect, second.effect)))
+            if names in found or second.score is not None and second.score.log_p > SIGNIFICANT:
+                continue
+            again = _refitted(second, first.fit, users)
+            say(" + ".join((first.effect, second.effect)))
+            if again.fit is None:
+                continue
+            both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
+            found[names] = _weighed(both, parent, settled, by, judging)
+    return sorted(found.values(), key=_order)
+
+
+def _promise(one: Judged) -> float:
+    return -math.inf if one.score is None else -one.score.chi_squared
+
+
+# ------------------------------------------------------------------------------------------------ the verdict
+
+
+def _verdict(
+    parent: Candidate,
+    settled: Settled,
+    by: Metric,
+    singles: list[Judged],
+    pairs: list[Judged],
+    chance: float,
+    judging: Ground | None,
+) -> Diagnosis:
+    on = parent.ground
+    fits = [one for one in (*singles, *pairs) if one.fit is not None]
+    outputs = parent.model.structure.outputs
+    tried = [parent, *(one.fit for one in fits if one.fit is not None)]
+    measured = parent.estimate.error.measured_power
+    noise = None
+    for one in tried:
+        left = divide(one.estimate.error, on.stacks, on.causes)
+        part = one.estimate.error.residual_power * left.noise_share / measured
+        if noise is None or float(np.sum(part)) < float(np.sum(noise)):
+            noise = part
+    assert noise is not None
+    N = float(np.sum(noise))
+    floor = dict(zip(outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
+    E0 = parent.error_share
+    validated, shares = None, {}
+    if judging is not None:
+        before = output_error(parent.model, judging.stacks)
+        validated = dict(zip(outputs, map(float, before.nrmse_percent), strict=True))
+        least = min(fits, key=lambda one: one.fit.error_share if one.fit is not None else math.inf, default=None)
+        for one in fits:
+            assert one.fit is not None
+            shares[one.effects] = error_share(output_error(one.fit.model, judging.stacks))
+        E0_v = error_share(before)
+        N_v = 0.0
+        if least is not None and least.fit is not None:
+            N_v = shares[least.effects] * min(1.0, N / max(least.fit.error_share, 1e-300))
+
+    def with_share(one: Judged) -> Judged:
+        if one.fit is None:
+            return one
+        share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
+        of_validation = None
+        if judging is not None:
+            of_validation = float(np.clip((E0_v - shares[one.effects]) / max(E0_v - N_v, 1e-300), -1, 1))
+        return replace(one, explained_share=share, validation_share=of_validation)
+
+    singles = [with_share(one) for one in singles]
+    pairs = [with_share(one) for one in pairs]
+    best = next((one for one in singles if one.fit is not None and one.delta_bic < 0), None)
+    verdict, effect, stands_in, chain, confidence = "complete", None, False, (), 1 - math.exp(min(chance, 0.0))
+    share: float | None = None
+    alike: tuple[str, ...] = ()
+    if chance < SIGNIFICANT:
+        winner = best
+        if pairs and best is not None and pairs[0].delta_bic < best.delta_bic:
+            winner = pairs[0]
+        if winner is None:
+            verdict = "unexplained"
+        else:
+            winner = _plausible_instead(winner, singles if len(winner.effects) == 1 else pairs)
+            chain = _larger_first(winner, singles)
+            share = winner.explained_share
+            stands_in = bool(winner.implausible)
+            enough = (share or 0.0) >= EXPLAINED and (
+                winner.validation_share is None or winner.validation_share >= EXPLAINED
+            )
+            verdict = "missing" if enough and not stands_in else "unexplained"
+            effect = chain[0] if verdict == "missing" or stands_in else None
+            if len(chain) == 1:
+                alike = _alike(winner, singles)
+        if share is None:
+            share = 0.0
+    return Diagnosis(
+        verdict,
+        effect,
+        stands_in,
+        chain,
+        alike,
+        confidence,
+        share,
+        tuple(singles),
+        tuple(pairs),
+        parent,
+        settled,
+        by,
+        divide(parent.estimate.error, on.stacks, on.causes),
+        N,
+        floor,
+        judging,
+        validated,
+        chance,
+    )
+
+
+def _plausible_instead(winner: Judged, others: Sequence[Judged]) -> Judged:
+    """A plausible candidate that the data cannot tell from an implausible winner."""
+    if not winner.implausible:
+        return winner
+    assert winner.settled is not None
+    for one in others:
+        if one.settled is not None and not one.implausible and gain(winner.settled, one.settled)[0] < SAME:
+            return one
+    return winner
+
+
+def _larger_first(winner: Judged, singles: Sequence[Judged]) -> tuple[str, ...]:
+    alone = {one.effect: one.chi_squared for one in singles if one.fit is not None}
+    return tuple(sorted(winner.effects, key=lambda name: -alone.get(name, 0.0)))
+
+
+def _alike(winner: Judged, singles: Sequence[Judged]) -> tuple[str, ...]:
+    assert winner.settled is not None
+    return tuple(
+        one.effect
+        for one in singles
+        if one.settled is not None
+        and one.effects != winner.effects
+        and not one.implausible
+        and gain(winner.settled, one.settled)[0] + (one.added - winner.added) < SAME
+    )
