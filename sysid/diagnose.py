@@ -1,4 +1,4 @@
-"""Which physical effect is missing: every testable entry of the catalogue asked, the serious ones refitted, one verdict.
+"""Which physical effect is missing: every testable entry of the catalogue asked, the serious refitted, one verdict.
 
 `complete`: what the model leaves is noise, as far as these runs can tell. `missing`: one effect, or a chain of two,
 explains at least EXPLAINED of what can be explained, on fitted and validation runs, at plausible values. `unexplained`:
@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -39,22 +40,29 @@ from sysid.model import Structure
 from sysid.noise import Division, divide
 from sysid.preprocess import DEFAULT_BAND_HZ
 from sysid.record import Record
-from sysid.structures import compose, not_testable
+from sysid.result import finite
+from sysid.structures import adapted, compose, not_testable
 
+FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8
 SIGNIFICANT = math.log(0.01)
 """Of all questions asked together; logarithm of the chance that noise alone answers so."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
-SERIOUS_NONLINEAR = 0.1
-"""and where a refit takes simulations."""
+SERIOUS_SLOW = 0.1
+"""and where a refit takes simulations or a long search."""
+FEW_POINTS = 8
+NEAR = 0.7
+"""Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
 PARENTS_OF_PAIRS = 3
 SECONDS = 4
 """How many effects are refitted on each of them."""
 REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
 SAME = 10.0
-"""Chi squared by which one candidate must be likelier than another to be told from it."""
+"""Chi squared by which one candidate must be likelier than another to be told from it;"""
+TIED = 1.0
+"""and below which the more usual one is named first."""
 
 Progress = Callable[[str], None]
 
@@ -96,6 +104,48 @@ class Judged:
         """Negative where it pays for its parameters."""
         return self.added * math.log(self.rows) - self.chi_squared
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Its parameters: refitted, else one step from the parent, else none."""
+        if self.fit is not None:
+            model = self.fit.model
+            own = [one for one in model.structure.composed if (one.path or one.id) in self.effects]
+            names = [name for one in own for name in one.names] or list(model.structure.names)
+            return {name: model[name] for name in names}
+        return {} if self.score is None else dict(self.score.at)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Of `values`, where the refit gives any."""
+        if self.fit is None:
+            return {} if self.score is None else dict(self.score.errors)
+        names = self.fit.model.structure.names
+        errors = np.sqrt(np.diag(self.fit.estimate.covariance))
+        return {name: float(errors[names.index(name)]) for name in self.values if errors[names.index(name)] > 0}
+
+    def to_json(self) -> dict[str, Any]:
+        fitted = self.fit is not None
+        return {
+            "effect": "+".join(self.effects),
+            "explained_share": None if self.explained_share is None else finite(self.explained_share),
+            "delta_bic": finite(self.delta_bic) if fitted else None,
+            "nrmse_percent": self.fit.nrmse_percent if self.fit is not None else None,
+            "validation_nrmse_percent": None
+            if self.validation_nrmse_percent is None
+            else dict(self.validation_nrmse_percent),
+            "parameters": {name: finite(value) for name, value in self.values.items()},
+            "standard_errors": {name: finite(value) for name, value in self.standard_errors.items()},
+            "implausible": bool(self.implausible),
+            "implausible_parameters": list(self.implausible),
+            "resolves": list(self.resolved),
+            "not_testable": self.not_testable,
+            "chi_squared": finite(self.chi_squared) if fitted else None,
+            "score": None
+            if self.score is None
+            else {"chi_squared": finite(self.score.chi_squared), "degrees": self.score.degrees},
+            "validation_share": None if self.validation_share is None else finite(self.validation_share),
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -127,10 +177,52 @@ class Diagnosis:
     """That noise alone shows as much; all questions counted in."""
 
     @property
-    def best(self) -> Judged | None:
-        """The best single effect."""
-        asked = [one for one in self.candidates if one.fit is not None]
-        return asked[0] if asked else None
+    def winner(self) -> Judged | None:
+        """The effect, or the chain of two, that explains most; None where the model is complete."""
+        return next((one for one in (*self.candidates, *self.pairs) if set(one.effects) == set(self.chain)), None)
+
+    @property
+    def placebo(self) -> Judged | None:
+        """The best wrong effect: told from the winner by the data, with at most as many parameters."""
+        return None if self.winner is None else _placebo(self.winner, self.candidates)
+
+    def placebo_of(self, effect: str) -> Judged | None:
+        """The best wrong effect beside this one, taken for the right one; None where nothing was refitted."""
+        right = next((one for one in self.candidates if one.effects == (effect,)), None)
+        return None if right is None else _placebo(right, self.candidates)
+
+    def to_json(self) -> dict[str, Any]:
+        """The `tippath.diagnosis/1` document, but for what could hide, the character and the next maneuver."""
+        placebo = self.placebo
+        return {
+            "format": FORMAT,
+            "verdict": self.verdict,
+            "effect": self.effect,
+            "chain": list(self.chain),
+            "stands_in": self.stands_in,
+            "indistinguishable": list(self.indistinguishable),
+            "confidence": finite(self.confidence),
+            "explained_share": None if self.explained_share is None else finite(self.explained_share),
+            "candidates": [one.to_json() for one in self.candidates],
+            "pairs": [one.to_json() for one in self.pairs],
+            "placebo": None if placebo is None else placebo.effect,
+            "nrmse_percent": self.parent.nrmse_percent,
+            "validation_nrmse_percent": None
+            if self.validation_nrmse_percent is None
+            else dict(self.validation_nrmse_percent),
+            "noise_floor_percent": {name: finite(value) for name, value in self.noise_floor_percent.items()},
+            "log10_chance": finite(self.log_chance / math.log(10)),
+        }
+
+
+def _placebo(right: Judged, candidates: Sequence[Judged]) -> Judged | None:
+    if right.settled is None:
+        return None
+    for one in candidates:
+        told = one.settled is not None and gain(right.settled, one.settled)[0] >= SAME
+        if told and one.added <= right.added and one.effect not in right.effects:
+            return one
+    return None
 
 
 def diagnose(
@@ -142,8 +234,9 @@ def diagnose(
     effects: Sequence[Effect] = (),
     fixed: Mapping[str, float] | None = None,
     say: Progress = _quiet,
+    chains: bool = True,
 ) -> Diagnosis:
-    """Diagnose a structure on runs. `effects` are a user's own, asked beside the catalogue's.
+    """Diagnose a structure on runs. `effects` are a user's own, asked beside the catalogue's; `chains` of two too.
 
     Raises FitError where the runs do not identify the structure itself.
     """
@@ -159,14 +252,7 @@ def diagnose(
 
     asked = _ask_all(parent, settled, by, effects, say)
     chance = _chance(division, [one.score for one in asked if one.score is not None])
-    serious = _serious(asked, structure)
-    refitted = []
-    for one in asked:
-        if one.effects in serious:
-            refitted.append(_refitted(one, parent, effects))
-            say(one.effect)
-        else:
-            refitted.append(one)
+    refitted = _refit_serious(asked, parent, effects, say) if chance < SIGNIFICANT else asked
     fits = [one for one in refitted if one.fit is not None]
     best_fit = min([parent, *(one.fit for one in fits if one.fit is not None)], key=lambda one: one.error_share)
     division = divide(best_fit.estimate.error, on.stacks, on.causes)
@@ -174,7 +260,9 @@ def diagnose(
     settled = settle(parent, by)
     refitted = [_weighed(one, parent, settled, by, judging) for one in refitted]
     refitted.sort(key=_order)
-    pairs = _pairs(refitted, parent, settled, by, division, effects, judging, say) if chance < SIGNIFICANT else []
+    pairs = []
+    if chains and chance < SIGNIFICANT:
+        pairs = _pairs(refitted, parent, settled, by, effects, judging, say)
     return _verdict(parent, settled, by, refitted, pairs, chance, judging)
 
 
@@ -221,8 +309,9 @@ def _reason(effect: Effect, parent: Candidate) -> str | None:
         return None
     without = not_testable(effect, structure.base, [*ids, effect.id], on.available | on.still)
     if without is None:
-        still = sorted(on.still)
-        return f"{', '.join(still)} is logged and does not move on these runs, so it is not testable on these"
+        read = adapted(effect, structure.base, [*ids, effect.id], on.available | on.still).channels
+        still = sorted({name for said in read for name in said.split("|")} & on.still)
+        return f"{', '.join(still)} hardly moves on these runs, so it is not testable on these"
     return reason
 
 
@@ -233,21 +322,46 @@ def _chance(division: Division, scores: Sequence[Score]) -> float:
     return min(0.0, min(linear, best) + math.log(2))
 
 
-def _serious(asked: Sequence[Judged], structure: Structure) -> set[tuple[str, ...]]:
+def _refit_serious(asked: Sequence[Judged], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Judged]:
+    """Refits of what may be the answer: the linear entries first, which take milliseconds.
+
+    An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
+    comes near to what the best of them explains.
+    """
     top = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
-    found = set()
-    known = catalogue()
+    found: dict[tuple[str, ...], Judged] = {}
     for one in asked:
-        if one.not_testable is not None:
+        share = math.inf if one.score is None else one.score.chi_squared / max(top, 1e-300)
+        if one.not_testable is None and _quick(one) and share >= SERIOUS:
+            found[one.effects] = _refitted(one, parent, users)
+            say(one.effect)
+    fits = [one.fit for one in found.values() if one.fit is not None]
+    best = min(fits, key=lambda one: one.error_share, default=parent)
+    left = divide(best.estimate.error, parent.ground.stacks, parent.ground.causes)
+    before = parent.error_share - best.error_share
+    open_question = (
+        before <= 0
+        or float(
+            np.sum((1 - left.noise_share) * best.estimate.error.residual_power / best.estimate.error.measured_power)
+        )
+        > REMAINDER * before
+    )
+    by = metric(best.model, parent.ground.stacks, left)
+    explained = gain(settle(best, by), settle(parent, by))[0] if best is not parent else 0.0
+    for one in asked:
+        if one.not_testable is not None or _quick(one) or one.score is None:
             continue
-        if one.score is None:
-            found.add(one.effects)
-            continue
-        linear = one.effect in known and known[one.effect].linear
-        least = SERIOUS if linear else SERIOUS_NONLINEAR
-        if one.score.chi_squared >= least * top:
-            found.add(one.effects)
-    return found
+        near = one.score.chi_squared > NEAR * explained
+        if one.score.chi_squared >= SERIOUS_SLOW * top and (near or open_question):
+            found[one.effects] = _refitted(one, parent, users)
+            say(one.effect)
+    return [found.get(one.effects, one) for one in asked]
+
+
+def _quick(one: Judged) -> bool:
+    """Whether a refit takes milliseconds: a linear entry without many valleys to search."""
+    known = catalogue()
+    return one.effect in known and known[one.effect].linear and (one.score is None or one.score.tried <= FEW_POINTS)
 
 
 def _refitted(one: Judged, parent: Candidate, users: Sequence[Effect]) -> Judged:
@@ -312,7 +426,6 @@ def _pairs(
     parent: Candidate,
     settled: Settled,
     by: Metric,
-    division: Division,
     users: Sequence[Effect],
     judging: Ground | None,
     say: Progress,
@@ -320,6 +433,8 @@ def _pairs(
     """The best second effects on the best first ones, where those leave something that is not noise."""
     found: dict[tuple[str, ...], Judged] = {}
     firsts = [one for one in singles if one.fit is not None and one.delta_bic < 0]
+    if not firsts or _remainder(firsts[0], parent) < REMAINDER:
+        return []
     for first in firsts[:PARENTS_OF_PAIRS]:
         assert first.fit is not None
         assert first.settled is not None
@@ -329,11 +444,10 @@ def _pairs(
             if first is firsts[0]:
                 return []  # the best one alone leaves noise
             continue
-        serious = _serious(seconds, first.fit.model.structure)
-        chosen = sorted((one for one in seconds if one.effects in serious), key=_promise)[:SECONDS]
+        chosen = sorted((one for one in seconds if one.not_testable is None), key=_promise)[:SECONDS]
         for second in chosen:
             names = tuple(sorted((first.effect, second.effect)))
-            if names in found or second.score is not None and second.score.log_p > SIGNIFICANT:
+            if names in found or (second.score is not None and second.score.log_p > SIGNIFICANT):
                 continue
             again = _refitted(second, first.fit, users)
             say(" + ".join((first.effect, second.effect)))
@@ -342,6 +456,16 @@ def _pairs(
             both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
             found[names] = _weighed(both, parent, settled, by, judging)
     return sorted(found.values(), key=_order)
+
+
+def _remainder(one: Judged, parent: Candidate) -> float:
+    """Share of what can be explained that this effect leaves, as far as the commands explain it linearly or a better
+    fit is known."""
+    assert one.fit is not None
+    error = one.fit.estimate.error
+    left = divide(error, parent.ground.stacks, parent.ground.causes)
+    rest = float(np.sum((1 - left.noise_share) * error.residual_power / error.measured_power))
+    return rest / max(parent.error_share - one.fit.error_share + rest, 1e-300)
 
 
 def _promise(one: Judged) -> float:
@@ -366,16 +490,17 @@ def _verdict(
     tried = [parent, *(one.fit for one in fits if one.fit is not None)]
     measured = parent.estimate.error.measured_power
     noise = None
-    for one in tried:
-        left = divide(one.estimate.error, on.stacks, on.causes)
-        part = one.estimate.error.residual_power * left.noise_share / measured
+    for model in tried:
+        left = divide(model.estimate.error, on.stacks, on.causes)
+        part = model.estimate.error.residual_power * left.noise_share / measured
         if noise is None or float(np.sum(part)) < float(np.sum(noise)):
             noise = part
     assert noise is not None
     N = float(np.sum(noise))
     floor = dict(zip(outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
     E0 = parent.error_share
-    validated, shares = None, {}
+    validated: dict[str, float] | None = None
+    shares: dict[tuple[str, ...], float] = {}
     if judging is not None:
         before = output_error(parent.model, judging.stacks)
         validated = dict(zip(outputs, map(float, before.nrmse_percent), strict=True))
@@ -400,7 +525,9 @@ def _verdict(
     singles = [with_share(one) for one in singles]
     pairs = [with_share(one) for one in pairs]
     best = next((one for one in singles if one.fit is not None and one.delta_bic < 0), None)
-    verdict, effect, stands_in, chain, confidence = "complete", None, False, (), 1 - math.exp(min(chance, 0.0))
+    effect: str | None = None
+    verdict, stands_in, confidence = "complete", False, 1 - math.exp(min(chance, 0.0))
+    chain: tuple[str, ...] = ()
     share: float | None = None
     alike: tuple[str, ...] = ()
     if chance < SIGNIFICANT:
@@ -410,7 +537,7 @@ def _verdict(
         if winner is None:
             verdict = "unexplained"
         else:
-            winner = _plausible_instead(winner, singles if len(winner.effects) == 1 else pairs)
+            winner = _likeliest_in_practice(winner, singles if len(winner.effects) == 1 else pairs)
             chain = _larger_first(winner, singles)
             share = winner.explained_share
             stands_in = bool(winner.implausible)
@@ -445,15 +572,31 @@ def _verdict(
     )
 
 
-def _plausible_instead(winner: Judged, others: Sequence[Judged]) -> Judged:
-    """A plausible candidate that the data cannot tell from an implausible winner."""
-    if not winner.implausible:
-        return winner
+def _likeliest_in_practice(winner: Judged, others: Sequence[Judged]) -> Judged:
+    """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size."""
     assert winner.settled is not None
-    for one in others:
-        if one.settled is not None and not one.implausible and gain(winner.settled, one.settled)[0] < SAME:
-            return one
-    return winner
+    settled = winner.settled
+    alike = [
+        one
+        for one in others
+        if one.settled is not None
+        and one.delta_bic - winner.delta_bic < SAME
+        and gain(settled, one.settled)[0] < (SAME if winner.implausible and not one.implausible else TIED)
+    ]
+    return min(alike, key=_unusual, default=winner)
+
+
+def _unusual(one: Judged) -> tuple[bool, float]:
+    """Implausible ones last; then how far, in powers of e, the sizes are from those met in practice."""
+    assert one.fit is not None
+    model = one.fit.model
+    usual = {parameter.name: parameter.typical for parameter in model.structure.parameters}
+    off = [
+        abs(math.log(max(abs(value), 1e-300) / abs(usual[name])))
+        for name, value in one.values.items()
+        if usual.get(name) and math.isfinite(value)
+    ]
+    return bool(one.implausible), max(off, default=0.0)
 
 
 def _larger_first(winner: Judged, singles: Sequence[Judged]) -> tuple[str, ...]:

@@ -12,14 +12,13 @@ itself is that of the commands as flown.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.effect import Effect, EffectError, catalogue
+from sysid.effect import Effect
 from sysid.fit import Estimate, FitError, OutputError, estimate, rows
 from sysid.identifiable import structural
 from sysid.instrument import FOLLOWING, caused_by
@@ -29,7 +28,7 @@ from sysid.parameter import Parameter
 from sysid.predict import RelaxationError, Stack, respond, stack
 from sysid.preprocess import ComplexArray, Segment, Spectrum, spectra
 from sysid.record import Record
-from sysid.structures import COMMANDS, compose, not_testable
+from sysid.structures import COMMANDS
 
 CHANNELS_READ = ("omega", "airspeed", "alpha", "beta", "r", "phi", "theta")
 """Beside commands, what effects of the catalogue read."""
@@ -87,7 +86,8 @@ def ground(
         still = {name for name in (*COMMANDS, *CHANNELS_READ) if name in common} - moving
     else:
         moving, still = set(like.available), set(like.still)
-    inputs = [name for name in (*COMMANDS, *CHANNELS_READ) if name in moving or name in ("delta_x", "delta_y")]
+    always = ("delta_x", "delta_y", "t")  # time is what a drift is written in
+    inputs = [name for name in (*COMMANDS, *CHANNELS_READ, "t") if name in moving or name in always]
     found, _ = spectra(records, inputs, ("p", "q"), band_hz)
     if not found:
         raise FitError("no run has 2 s of gap-free samples")
@@ -170,9 +170,10 @@ class Metric:
 
 def metric(model: Model, stacks: Sequence[Stack], division: Division) -> Metric:
     """By the noise's spectrum and the model's end states."""
-    whitener, ends = [], []
+    whitener: list[ComplexArray] = []
+    ends = []
     for group in stacks:
-        white = math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(division.at(group.frequency_hz)))
+        white = np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(division.at(group.frequency_hz))))
         E = np.einsum("fij,cjf->cif", white, group.scale * respond(model.structure, model.values, group, False).E)
         whitener.append(white)
         ends.append([_basis(rows(E[..., part])) for part in group.slices])
@@ -395,7 +396,7 @@ def _ask(
     places: list[dict[str, float]] = []
     for name, step in steps:
         places.append({**named, name: named[name] + step})
-    alone = not steps or not composed.linear and _does_something_at_null(composed)
+    alone = not steps or (not composed.linear and _does_something_at_null(composed))
     if alone:
         places.insert(0, dict(named))
     try:

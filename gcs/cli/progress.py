@@ -121,3 +121,26 @@ def result_line(result: RunResult) -> str:
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.1f} minutes"
+
+
+class Counting:
+    """A line on a terminal's standard error that says what is being worked on; nothing elsewhere."""
+
+    def __init__(self, word: str, stream: TextIO | None = None) -> None:
+        self._word = word
+        self._stream = stream or sys.stderr
+        self._count = 0
+
+    def __enter__(self) -> Counting:
+        return self
+
+    def __call__(self, what: str) -> None:
+        self._count += 1
+        if self._stream.isatty():
+            self._stream.write(f"\r\x1b[K {self._word} {self._count}: {printable(what)[:60]}")
+            self._stream.flush()
+
+    def __exit__(self, *_: object) -> None:
+        if self._stream.isatty():
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()

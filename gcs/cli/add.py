@@ -1,0 +1,98 @@
+"""`tippath add`: a physical effect more, and the error falls or does not."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from gcs.cli.options import (
+    add_effects_option,
+    add_log_options,
+    add_output_options,
+    parse_band,
+    parse_profile,
+    parse_words,
+    print_json,
+    refuse_existing,
+    write_json,
+)
+
+_EPILOG = """\
+The ladder shows each rung on fitted and on validation runs, beside the noise floor. The placebo is the best wrong
+effect with as many parameters: the error falls with it, too. Three signs tell a real effect: the error falls on runs
+that were not fitted, sets of runs agree better on the base's parameters, and the size is physically plausible.
+
+FIT2.json and --json have, beside the keys every fit has, "noise_floor_percent", "placebo" (as a candidate of
+`tippath diagnose`) and "signs": [{"name", "seen", "text"}].
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "add",
+        help="add an effect, refit, show the error fall",
+        description="Refit a fit's structure with one physical effect more, from the values it had.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("fit", type=Path, metavar="FIT.json")
+    parser.add_argument("effect", metavar="EFFECT", help="an id of `tippath effects`, or the path of your own file")
+    parser.add_argument("runs", nargs="*", metavar="RUN", help="other runs than the fit's own")
+    parser.add_argument(
+        "--validate", nargs="+", default=[], metavar="RUN", help="runs that only judge; they never enter the fit"
+    )
+    add_effects_option(parser, "the paths of your own effect files that the fit uses already (their code runs)")
+    parser.add_argument("--band", metavar="LOW:HIGH", help="Hz, the frequencies that count (default: the fit's)")
+    add_log_options(parser)
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the ladder: .png, .svg, or .html")
+    add_output_options(parser, "FIT2.json")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from gcs.cli.fit import print_notes
+    from gcs.cli.progress import Counting
+    from gcs.diagnosis import add_effect, addition_text, flown_with_validation, ladder_of
+    from gcs.errors import UsageError
+    from gcs.logs import parse_window
+    from gcs.pictures import ladder_picture, picture_kind, write_picture
+    from sysid.effect import EffectError, find
+    from sysid.result import Fit
+
+    band = None if args.band is None else parse_band(args.band)
+    window = None if args.window is None else parse_window(args.window)
+    profile = parse_profile(args.profile)
+    if args.plot is not None:
+        picture_kind(args.plot)
+    for path in (args.plot, args.output):
+        refuse_existing(path, args.force)
+    fit = Fit.load(args.fit, parse_words(args.effects))
+    try:
+        effect = find(args.effect)
+    except EffectError as error:
+        if args.effect.endswith(".py"):
+            raise
+        raise UsageError(str(error)) from error
+    if (effect.path or effect.id) in fit.model.structure.effects:
+        raise UsageError(f"{args.fit} has {args.effect} already")
+    records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window)
+    print_notes([*records, *validation])
+    with Counting("asking") as say:
+        found = add_effect(fit, effect, records, validation, band_hz=band, say=say)
+    text = addition_text(found)
+    if args.plot is not None:
+        write_picture(args.plot, ladder_picture(*ladder_of(found)), f"tippath add: {args.effect}", text)
+        print(f"wrote {args.plot}", file=sys.stderr)
+    document = found.to_json(args.output.parent if args.output else Path.cwd())
+    if args.output:
+        write_json(document, args.output)
+        print(f"wrote {args.output}", file=sys.stderr)
+    if args.json:
+        print_json(document)
+        for warning in found.after.warnings:
+            print(f"warning: {warning}", file=sys.stderr)
+    else:
+        print(text)
+    return 0

@@ -1,0 +1,490 @@
+"""A diagnosis of a fit for people and for other programs: the verdict, what it stands on, and the ladder of rungs.
+
+The mathematics is `sysid.diagnose`; here runs are read again, effects are added one after the other, and the findings
+put into words. The same functions serve the command line and the app.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gcs.analysis import assess, runs_of, wrapped
+from gcs.comparison import flown
+from gcs.logs import Window, resolve_runs
+from sysid.checks import fit_checks
+from sysid.compare import Comparison, compare
+from sysid.diagnose import Diagnosis, Judged, diagnose
+from sysid.effect import Effect, catalogue
+from sysid.identify import identify, on_runs
+from sysid.record import Record
+from sysid.result import Fit
+from sysid.structures import compose
+
+MOST_RUNGS = 6
+SHOWN, DRAWN = 6, 12
+"""Candidates in the table, and in the picture."""
+WORSE_POINTS = 0.2
+"""NRMSE on validation runs, by which an effect must change them to count."""
+AGREEING = 1.5
+"""Standard errors, rms, that parameters of sets of runs may differ by."""
+
+Band = tuple[float, float]
+Progress = Callable[[str], None]
+
+
+def flown_with_validation(
+    fit: Fit, runs: Sequence[str], validate: Sequence[str], profile: Path | None, window: Window | None
+) -> tuple[list[Record], list[Record], list[Record]]:
+    """Runs to fit, runs that only judge, and quiet hover; the fit's own where none are named.
+
+    Raises TippathError where a log is gone, changed or holds nothing usable.
+    """
+    records, quiet = flown(fit, runs, profile, window)
+    if validate:
+        own = None if fit.profile is None else Path(fit.profile)
+        judging = resolve_runs(validate, profile or own, window, f_high_hz=fit.band_hz[1])
+    elif runs:
+        judging = []
+    else:
+        judging = runs_of(fit, fit.validation)
+    judging = [record for record in judging if record.maneuver != "quiet"]
+    taken = {(record.path, record.id) for record in judging}
+    return [record for record in records if (record.path, record.id) not in taken], judging, quiet
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder."""
+
+    effects: tuple[str, ...]
+    nrmse_percent: dict[str, float]
+    validation_nrmse_percent: dict[str, float] | None
+    verdict: str | None
+    """What was said of it; None where it was not asked."""
+    effect: str | None
+    confidence: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "effects": list(self.effects),
+            "nrmse_percent": self.nrmse_percent,
+            "validation_nrmse_percent": self.validation_nrmse_percent,
+            "verdict": self.verdict,
+            "effect": self.effect,
+            "confidence": self.confidence,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FitDiagnosis:
+    """A diagnosis with all that is told beside it."""
+
+    fit: Fit
+    """The fit that the last question was about."""
+    records: tuple[Record, ...]
+    last: Diagnosis
+    comparison: Comparison
+    """Of the last fit with its runs: where it fails."""
+    rungs: tuple[Step, ...]
+    added: Fit | None
+    """With the winner, where one is missing."""
+    remarks: tuple[str, ...] = field(default=())
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            **self.last.to_json(),
+            "character": {
+                "findings": list(self.comparison.findings),
+                "bands": [one.to_json() for one in self.comparison.bands],
+                "growth": [one.to_json() for one in self.comparison.growth],
+                "controls": {name: dict(shares) for name, shares in self.comparison.controls.items()},
+            },
+            "suspicions": [one.to_json() for one in self.comparison.suspicions],
+            "structure": {"base": self.fit.model.structure.base, "effects": list(self.fit.model.structure.effects)},
+            "rungs": [one.to_json() for one in self.rungs],
+            "remarks": list(self.remarks),
+        }
+
+    def fit_json(self, folder: Path) -> dict[str, Any] | None:
+        """The fit with what was found added, as `tippath add` would write it; None where nothing was."""
+        found = self.added or (self.fit if len(self.rungs) > 1 else None)
+        if found is None:
+            return None
+        return {**found.to_json(folder), **assess(found, self.records).to_json()}
+
+
+def refitted(
+    fit: Fit,
+    effects: Sequence[str | Effect],
+    records: Sequence[Record],
+    validation: Sequence[Record],
+    band_hz: Band | None = None,
+) -> Fit:
+    """The fit's base with these effects on these runs, what the fit held held again."""
+    held = {name: fit.model[name] for name in fit.fixed}
+    return identify(
+        compose(fit.model.structure.base),
+        records,
+        validation,
+        band_hz or fit.band_hz,
+        effects=effects,
+        fixed=held,
+        profile=fit.profile,
+        window_s=fit.window_s,
+    )
+
+
+def diagnose_fit(
+    fit: Fit,
+    records: Sequence[Record],
+    validation: Sequence[Record] = (),
+    quiet: Sequence[Record] = (),
+    *,
+    effects: Sequence[Effect] = (),
+    band_hz: Band | None = None,
+    repeat: bool = False,
+    say: Progress = lambda _: None,
+) -> FitDiagnosis:
+    """Ask what a fit lacks; with `repeat`, add the answer and ask again until it is another one than `missing`.
+
+    `effects` are a user's own, asked beside the catalogue's. Raises SysidError where the runs do not identify the
+    structure.
+    """
+    band = band_hz or fit.band_hz
+    named = [*fit.model.structure.composed]
+    rungs: list[Step] = []
+    while True:
+        structure = on_runs(fit.model.structure.base, named, [*records, *validation], records)
+        held = {name: fit.model[name] for name in fit.fixed}
+        found = diagnose(structure, records, validation, band, effects=effects, fixed=held, say=say)
+        rungs.append(
+            Step(
+                structure.effects,
+                found.parent.nrmse_percent,
+                None if found.validation_nrmse_percent is None else dict(found.validation_nrmse_percent),
+                found.verdict,
+                found.effect,
+                found.confidence,
+            )
+        )
+        more = None
+        if found.verdict == "missing" and found.effect is not None:
+            more = refitted(fit, [*named, _effect(found.effect, effects)], records, validation, band)
+        if not repeat or more is None or len(rungs) >= MOST_RUNGS:
+            where = compare(found.parent.model, records, band, quiet)
+            return FitDiagnosis(fit, tuple(records), found, where, tuple(rungs), more)
+        say(f"added {found.effect}")
+        fit, named = more, [*more.model.structure.composed]
+
+
+def _effect(name: str, users: Sequence[Effect]) -> Effect:
+    known = catalogue()
+    return known[name] if name in known else next(one for one in users if one.path == name)
+
+
+# ------------------------------------------------------------------------------------------------ adding
+
+
+@dataclass(frozen=True)
+class Sign:
+    """One of the three signs that an effect is really there, and not only another way to follow the data."""
+
+    name: str
+    seen: bool | None
+    """None where these runs cannot show it."""
+    text: str
+
+    def to_json(self) -> dict[str, Any]:
+        return {"name": self.name, "seen": self.seen, "text": self.text}
+
+
+@dataclass(frozen=True, eq=False)
+class Addition:
+    """A fit with an effect added, beside the one without and beside the best wrong effect."""
+
+    before: Fit
+    after: Fit
+    records: tuple[Record, ...]
+    noise_floor_percent: dict[str, float]
+    placebo: Judged | None
+    signs: tuple[Sign, ...]
+
+    @property
+    def effect(self) -> str:
+        return next(one for one in self.after.model.structure.effects if one not in self.before.model.structure.effects)
+
+    def to_json(self, folder: Path) -> dict[str, Any]:
+        """The fit's document with what the ladder shows."""
+        return {
+            **self.after.to_json(folder),
+            **assess(self.after, self.records).to_json(),
+            "noise_floor_percent": self.noise_floor_percent,
+            "placebo": None if self.placebo is None else self.placebo.to_json(),
+            "signs": [one.to_json() for one in self.signs],
+        }
+
+
+def add_effect(
+    fit: Fit,
+    effect: Effect,
+    records: Sequence[Record],
+    validation: Sequence[Record] = (),
+    *,
+    band_hz: Band | None = None,
+    say: Progress = lambda _: None,
+) -> Addition:
+    """Refit with one effect more, and look for the signs that it is the right one.
+
+    Raises EffectError where it cannot act on these runs, FitError where they do not determine it.
+    """
+    composed = [*fit.model.structure.composed]
+    band = band_hz or fit.band_hz
+    before = refitted(fit, composed, records, validation, band)
+    say("the structure as it is")
+    after = refitted(fit, [*composed, effect], records, validation, band)
+    say(effect.id)
+    structure = on_runs(fit.model.structure.base, composed, [*records, *validation], records)
+    held = {name: fit.model[name] for name in fit.fixed}
+    users = [] if effect.path is None else [effect]
+    asked = diagnose(structure, records, validation, band, effects=users, fixed=held, say=say, chains=False)
+    name = effect.path or effect.id
+    signs = (_validated(before, after), _agrees(before, after, records), _plausible(after, effect))
+    floor = {key: float(value) for key, value in asked.noise_floor_percent.items()}
+    return Addition(before, after, tuple(records), floor, asked.placebo_of(name), signs)
+
+
+def _validated(before: Fit, after: Fit) -> Sign:
+    name = "error falls on runs that were not fitted"
+    was, now = before.validation_nrmse_percent, after.validation_nrmse_percent
+    if was is None or now is None:
+        return Sign(name, None, "no validation runs: an error that falls on fitted runs alone proves little")
+    change = {axis: now[axis] - was[axis] for axis in now}
+    text = ", ".join(f"{axis} {was[axis]:.1f} → {now[axis]:.1f} %" for axis in now)
+    return Sign(name, min(change.values()) > -WORSE_POINTS and max(change.values()) > WORSE_POINTS, text)
+
+
+def _agrees(before: Fit, after: Fit, records: Sequence[Record]) -> Sign:
+    """The base's parameters, fitted to sets of runs apart, come nearer to each other."""
+    name = "runs agree better on the parameters"
+    spreads = [fit_checks(one.model, records, one.band_hz, one.fixed)[1] for one in (before, after)]
+    was, now = spreads
+    if was is None or now is None:
+        return Sign(name, None, "needs two chirps on each axis: fly each twice")
+    shared = set(before.model.structure.names)
+    first = {name: times for name, times in was.moves if name in shared}
+    second = {name: times for name, times in now.moves if name in shared}
+    both = sorted(set(first) & set(second))
+    if not both:
+        return Sign(name, None, "no parameter is free in every set of runs")
+    rms = [math.sqrt(sum(one[key] ** 2 for key in both) / len(both)) for one in (first, second)]
+    text = f"they differ by {rms[0]:.1f} σ without it, by {rms[1]:.1f} σ with it (rms)"
+    return Sign(name, rms[1] < rms[0] or rms[1] < AGREEING, text)
+
+
+def _plausible(after: Fit, effect: Effect) -> Sign:
+    name = "its size is physically plausible"
+    model = after.model
+    own = [one for one in model.structure.composed if one.id == effect.id]
+    parameters = own[0].parameters if own else model.structure.parameters
+    said, good = [], True
+    for one in parameters:
+        value = model[one.name]
+        low, high = one.plausible
+        good &= not one.implausible(value)
+        if one.implausible(value):
+            said.append(f"{one.name} = {value:.4g} {one.unit} is outside {low:g} to {high:g}")
+        else:
+            said.append(f"{one.name} = {value:.4g} {one.unit}")
+    return Sign(name, good, ", ".join(said))
+
+
+def ladder_of(found: Addition) -> tuple[list[tuple[str, Any, Any]], dict[str, float]]:
+    """Rungs and noise floor, as pictures and tables want them."""
+    base = found.after.model.structure.base
+    rungs = [
+        (rung_name(base, one.effects), one.nrmse_percent, one.validation_nrmse_percent) for one in found.after.lineage
+    ]
+    return rungs, found.noise_floor_percent
+
+
+def drawn(found: FitDiagnosis) -> Any:
+    """The picture of a diagnosis: what each candidate explains, and the residual before and with the best."""
+    from gcs.pictures import diagnosis_picture
+
+    last = found.last
+    bars: list[tuple[str, float | None, str]] = []
+    for one in (*last.pairs[:1], *last.candidates):
+        if one.fit is not None and len(bars) < DRAWN:
+            note = "implausible: " + ", ".join(one.implausible) if one.implausible else ""
+            bars.append((" + ".join(Path(name).name for name in one.effects), one.explained_share, note))
+    winner = last.winner
+    best = None if winner is None or winner.fit is None else compare(winner.fit.model, found.records, found.fit.band_hz)
+    label = " + ".join(Path(name).name for name in last.chain)
+    return diagnosis_picture(
+        bars, found.comparison.densities, None if best is None else best.densities, f"with {label}"
+    )
+
+
+# ------------------------------------------------------------------------------------------------ words
+
+
+def ladder_text(rungs: Sequence[tuple[str, Any, Any]], floor: Any | None) -> list[str]:
+    """(name, fitted NRMSE, validation NRMSE or None) by output, with bars of their mean; at most 80 columns."""
+    beside = "" if floor is None else f"noise floor {floor['p']:.1f} / {floor['q']:.1f}"
+    lines = [f"{'ladder':26}p: fitted valid. q: fitted valid.  {beside}".rstrip()]
+    for name, fitted, validated in rungs:
+        numbers = []
+        for axis in ("p", "q"):
+            second = "     -" if validated is None else f"{validated[axis]:6.1f}"
+            numbers.append(f"   {fitted[axis]:6.1f} {second}")
+        mean = 0.5 * (fitted["p"] + fitted["q"])
+        lines.append(f"{name[:25]:26}{numbers[0]}{numbers[1]}  {bar(mean / 100)}".rstrip())
+    return lines
+
+
+def bar(share: float, width: int = 20) -> str:
+    """A bar of eighths, at most `width` long."""
+    eighths = round(8 * width * min(max(share, 0.0), 1.0))
+    return "█" * (eighths // 8) + " ▏▎▍▌▋▊▉"[eighths % 8].strip()
+
+
+def rung_name(base: str, effects: Sequence[str]) -> str:
+    return base.upper() if not effects else f"+ {Path(effects[-1]).name}"
+
+
+def addition_text(found: Addition) -> str:
+    """The ladder, the placebo beside it, and the three signs."""
+    lines = ladder_text(*ladder_of(found))
+    wrong = found.placebo
+    if wrong is not None and wrong.fit is not None:
+        lines += ladder_text(
+            [(f"placebo {wrong.effect}", wrong.fit.nrmse_percent, wrong.validation_nrmse_percent)], None
+        )[1:]
+        lines += wrapped(
+            f"the placebo is the best wrong effect with as many parameters: what {Path(found.effect).name} gains "
+            "beyond it is not mere freedom to follow the data",
+            " ",
+            " ",
+        )
+    lines.append("")
+    lines += moved_text(found.before, found.after)
+    lines.append("")
+    marks = {True: "✓", False: "✗", None: "?"}
+    for sign in found.signs:
+        lines += wrapped(f"{marks[sign.seen]} {sign.name}: {sign.text}", " ", "   ")
+    for text in found.after.warnings:
+        lines += ["", *wrapped(f"warning: {text}", rest="  ")]
+    return "\n".join(lines)
+
+
+def moved_text(before: Fit, after: Fit) -> list[str]:
+    """Parameters with their errors, before and after."""
+    lines = [f" {'parameter':14}{'before':>24}{'after':>26}"]
+    names = before.model.structure.names
+    known = dict(zip(names, zip(before.model.values, before.standard_errors, strict=True), strict=True))
+    for parameter, value, error in zip(
+        after.model.structure.parameters, after.model.values, after.standard_errors, strict=True
+    ):
+        was = known.get(parameter.name)
+        first = "" if was is None else f"{was[0]:.4g} ± {was[1]:.2g}"
+        second = f"{value:.4g} ± {error:.2g}" if error > 0 else f"{value:.4g} held"
+        mark = "  implausible" if parameter.implausible(float(value)) else ""
+        lines.append(f" {parameter.name:14}{first:>24}{second:>26} {parameter.unit}{mark}".rstrip())
+    return lines
+
+
+def diagnosis_text(found: FitDiagnosis) -> str:
+    """The answer first, then what it stands on; 78 columns."""
+    last = found.last
+    lines: list[str] = []
+    base = found.fit.model.structure.base
+    if len(found.rungs) > 1:
+        lines += ladder_text(
+            [(rung_name(base, one.effects), one.nrmse_percent, one.validation_nrmse_percent) for one in found.rungs],
+            last.noise_floor_percent,
+        )
+        lines.append("")
+    lines += verdict_text(found)
+    asked = [one for one in (*last.candidates, *last.pairs) if one.fit is not None]
+    if asked:
+        asked = sorted(asked, key=lambda one: one.delta_bic)
+        lines += ["", " explains  p fitted q valid. p      q   chi²/1000  candidate"]
+        for one in asked[:SHOWN]:
+            assert one.fit is not None
+            valid = one.validation_nrmse_percent
+            second = "     -      -" if valid is None else f"{valid['p']:6.1f} {valid['q']:6.1f}"
+            share = 100 * (one.explained_share or 0.0)
+            mark = "  implausible" if one.implausible else ""
+            lines.append(
+                f" {share:6.0f} %  {one.fit.nrmse_percent['p']:6.1f} {one.fit.nrmse_percent['q']:6.1f} {second} "
+                f"{one.chi_squared / 1000:10.2f}  {' + '.join(Path(name).name for name in one.effects)}{mark}"
+            )
+    untestable = [one for one in last.candidates if one.not_testable is not None]
+    if untestable:
+        lines += ["", f" not testable here: {len(untestable)}"]
+        for one in untestable:
+            lines += wrapped(f"{Path(one.effect).name}: {one.not_testable}", "  ", "    ")
+    for text in found.remarks:
+        lines += ["", *wrapped(text, " ", " ")]
+    return "\n".join(lines)
+
+
+def verdict_text(found: FitDiagnosis) -> list[str]:
+    """The first lines: what is missing, how sure, how much it explains."""
+    last = found.last
+    winner = last.winner
+    sure = f"confidence {last.confidence:.2f}"
+    parent = last.parent.nrmse_percent
+    floor = last.noise_floor_percent
+    if last.verdict == "complete":
+        return [
+            f"complete: what is left is noise{sure:>40}",
+            *wrapped(
+                f"p {parent['p']:.1f}, q {parent['q']:.1f} %; a model that leaves nothing but noise would reach "
+                f"p {floor['p']:.1f}, q {floor['q']:.1f} % on these runs",
+                " ",
+                " ",
+            ),
+        ]
+    if winner is None or winner.fit is None:
+        return [
+            f"unexplained: no known effect explains what is left{sure:>24}",
+            *wrapped(
+                f"p {parent['p']:.1f}, q {parent['q']:.1f} %; noise would allow p {floor['p']:.1f}, "
+                f"q {floor['q']:.1f} %",
+                " ",
+                " ",
+            ),
+        ]
+    names = " + ".join(Path(name).name for name in last.chain)
+    share = 100 * (last.explained_share or 0.0)
+    fitted = winner.fit.nrmse_percent
+    gains = "   ".join(f"{axis} {parent[axis]:.1f} → {fitted[axis]:.1f}" for axis in ("p", "q"))
+    alike = f"  (not to be told from {', '.join(last.indistinguishable)})" if last.indistinguishable else ""
+    if last.verdict == "missing":
+        head = f"missing: {names}{alike}"
+        if len(last.chain) == 2:
+            head = f"missing: {last.chain[0]}, and then {last.chain[1]}"
+    elif last.stands_in:
+        head = f"unexplained: {names} would explain it, but only as a stand-in{alike}"
+    else:
+        head = f"unexplained: {names} explains too little"
+    lines = [*wrapped(f"{head}   {sure}", "", "  ")]
+    lines.append(f" explains {share:.0f} % of what can be explained   {gains} %")
+    errors = winner.standard_errors
+    parameters = {one.name: one for one in winner.fit.model.structure.parameters}
+    for name, value in winner.values.items():
+        one = parameters[name]
+        spread = f" ± {errors[name]:.2g}" if name in errors else ""
+        low, high = one.plausible
+        where = "implausible, physics allows" if one.implausible(value) else "plausible:"
+        lines += wrapped(f"{name} = {value:.4g}{spread} {one.unit}   {where} {low:g} to {high:g}", " ", "   ")
+    placebo = last.placebo
+    if placebo is not None and placebo.fit is not None:
+        other = placebo.fit.nrmse_percent
+        lines.append(f" placebo: {placebo.effect} would reach   p {other['p']:.1f}   q {other['q']:.1f}")
+    return lines
