@@ -1,7 +1,8 @@
 """`python -m sitl`: one simulated vehicle, until it is interrupted.
 
 The first line on standard output says as JSON that it is ready and where the ground station reaches it. After that
-standard input takes the pilot's lines and standard output their replies.
+standard input takes the pilot's lines and standard output their replies. What is hidden is sealed beside the logs
+before it says anything, and neither the line nor the log tells it.
 """
 
 from __future__ import annotations
@@ -15,10 +16,13 @@ import sys
 from pathlib import Path
 
 from sitl.clock import FreeClock, WallClock
+from sitl.conditions import CONDITIONS
 from sitl.faults import Loss, LossyLink
+from sitl.hidden import HOVER, Hidden, draw, plant_one
 from sitl.links import Link, LinkError, UdpLink, open_link
 from sitl.pilot import PilotLines, obey
 from sitl.plants import PLANTS
+from sitl.seal import FILE_NAME, seal_answer
 from sitl.server import Server
 from sitl.vehicle import Vehicle, make_vehicle, run
 
@@ -35,13 +39,17 @@ class _Refused(Exception):
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m sitl", description="The simulated vehicle, until interrupted.")
-    parser.add_argument("--plant", choices=PLANTS, default="hover", help="what flies (default: %(default)s)")
+    parser.add_argument(
+        "--plant", choices=PLANTS, help=f"what flies (default: hover; with --hidden and --condition {HOVER})"
+    )
+    parser.add_argument("--hidden", metavar="EFFECT|random|none", help="plant it and seal the answer in DIR")
+    parser.add_argument("--condition", choices=tuple(CONDITIONS), help="how lively the flight is (default: calm)")
     parser.add_argument(
         "--listen",
         metavar="LINK",
         help=f"udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT or pty; port 0 is a free one ({DEFAULT_LINK})",
     )
-    parser.add_argument("--seed", type=int, default=1, help="of gusts, sensors and noise (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="of gusts, sensors, noise and sizes (default: %(default)s)")
     parser.add_argument(
         "-o", "--directory", type=Path, default=Path("vehicle-logs"), metavar="DIR", help="its logs (%(default)s)"
     )
@@ -67,20 +75,38 @@ def _settings(words: list[str]) -> dict[str, float]:
     return settings
 
 
-def _vehicle(arguments: argparse.Namespace) -> Vehicle:
+def _hidden(arguments: argparse.Namespace) -> Hidden | None:
+    word = arguments.hidden
+    if word is None:
+        return None
+    try:
+        if word == "random":
+            return draw(arguments.seed, arguments.plant)
+        return plant_one(word, arguments.seed, arguments.plant)
+    except ValueError as error:
+        raise _Refused(f"--hidden {word}: {error}", 2) from error
+
+
+def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
     settings = _settings(arguments.settings)
     try:
         arguments.directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _Refused(f"{arguments.directory}: {error.strerror}; choose another directory with -o", 1) from error
     try:
+        if hidden is not None and (arguments.directory / FILE_NAME).exists():
+            raise _Refused(f"{arguments.directory} holds a sealed answer already; choose another directory with -o", 2)
         return make_vehicle(
             arguments.plant,
             arguments.seed,
             directory=arguments.directory,
             on_ground=arguments.on_ground,
             parameters=settings,
+            hidden=hidden,
+            condition=arguments.condition,
         )
+    except ValueError as error:
+        raise _Refused(f"--condition {arguments.condition}: {error}", 2) from error
     except KeyError as error:
         raise _Refused(f"--set: this vehicle has no parameter {error.args[0]}, or not with that value", 2) from error
 
@@ -111,6 +137,15 @@ def _server(vehicle: Vehicle, air: tuple[Link, Loss] | None) -> Server | None:
     return Server(vehicle, LossyLink(link, loss, lambda: vehicle.time_s))
 
 
+def _seal(hidden: Hidden, arguments: argparse.Namespace) -> dict[str, str]:
+    """Where the answer lies and what commits to it."""
+    try:
+        path, sha256 = seal_answer(hidden, arguments.seed, arguments.directory)
+    except OSError as error:
+        raise _Refused(f"{arguments.directory}: the answer cannot be sealed there ({error.strerror})", 1) from error
+    return {"path": str(path), "sha256": sha256}
+
+
 def _clock(speed: str | None) -> WallClock | FreeClock:
     try:
         return FreeClock() if speed == "max" else WallClock(1.0 if speed is None else float(speed))
@@ -127,9 +162,13 @@ def _say(line: str) -> None:
 
 def _fly(arguments: argparse.Namespace) -> None:
     clock = _clock(arguments.speed)
+    if arguments.plant is None:
+        arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
+    hidden = _hidden(arguments)
     air = _air(arguments)
     try:
-        vehicle = _vehicle(arguments)  # after the link: a taken port must not leave a log behind
+        vehicle = _vehicle(arguments, hidden)  # after the link: a taken port must not leave a log behind
+        sealed = None if hidden is None else _seal(hidden, arguments)
     except _Refused:
         if air is not None:
             air[0].close()
@@ -160,6 +199,7 @@ def _fly(arguments: argparse.Namespace) -> None:
                 "plant": arguments.plant,
                 "seed": arguments.seed,
                 "directory": str(arguments.directory),
+                "sealed": sealed,
             }
         )
     )

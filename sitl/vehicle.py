@@ -6,7 +6,7 @@ with t_k.
 
 What is scripted, not modelled: taking off and landing (a few seconds each, in forward flight, too; on the ground the
 plant stands still), height, position, and the battery. In RTL it stays where it is and does not land. The collective
-holds a constant and wanders a little, as a pilot's hand does.
+holds a constant and wanders a little, as a pilot's hand does; how much, and what else moves, is the condition's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from pathlib import Path
@@ -22,11 +22,14 @@ from pathlib import Path
 from sitl.autopilot import AttitudeController, LqrController, LqrGains, attitude_hold
 from sitl.blocks import BlockStream
 from sitl.clock import Clock
+from sitl.conditions import CALM, CONDITIONS, Condition
 from sitl.excitation import Excitation, ExcitationSettings
+from sitl.hidden import Hidden
 from sitl.logger import DataFlashLog, FileSink, Sink, next_log_path
 from sitl.parameters import Answer, Parameters
 from sitl.plants import Plant, make_plant
-from sitl.sensors import Gyro
+from sitl.plants.rotorcraft import HOVER_COLLECTIVE
+from sitl.sensors import Gyro, Mount
 
 PERIOD_US = 2000
 DT = PERIOD_US * 1e-6
@@ -45,9 +48,7 @@ HOVER_HEIGHT_M = 2.0
 
 _LEAD_SAMPLES = 500  # of nothing before a maneuver, and from its end to "Finished"
 _LARGEST_SETTING = 1e6  # what is logged stays within float32 whatever the ground has written
-_HOVER_COLLECTIVE = 0.2
-_COLLECTIVE_WANDER = 0.01
-_COLLECTIVE_POLE = 0.99  # at 100 Hz: corner near 0.16 Hz
+_YAW_POLE = 0.97  # at 100 Hz: corner near 0.5 Hz
 _BATTERY_FULL_V = 24.6
 _BATTERY_EMPTY_V = 21.0
 _ENDURANCE_S = 1800.0
@@ -145,8 +146,11 @@ class Vehicle:
         on_ground: bool = False,
         name: str = "hover",
         parameters: Mapping[str, float] | None = None,
+        mounts: Sequence[Mount] = (),
+        condition: Condition = CALM,
     ) -> None:
-        """`directory` takes the logs; None keeps none. `parameters` sets them as the ground could.
+        """`directory` takes the logs; None keeps none. `parameters` sets them as the ground could. `mounts` lie between
+        airframe and gyro; `condition` is what the pilot's hands do besides.
 
         Raises KeyError for an unknown parameter or a value that is not finite. A log that cannot be written is
         said in a text, as in flight.
@@ -173,8 +177,12 @@ class Vehicle:
         """Sent to the servos in this sample: delta_x, delta_y, delta_e, delta_c."""
         self.log: DataFlashLog | None = None
         self.stream: BlockStream | None = None
-        self._gyro = Gyro(seed)
+        self.yaw_command = 0.0
+        """delta_r, to the tip propellers."""
+        self._gyro = Gyro(seed, mounts)
         self._random = random.Random(seed)
+        self._yaw_hand = random.Random(f"{seed} yaw")
+        self._condition = condition
         self._attitude = AttitudeController()
         self._lqr: LqrController | None = None
         self._lqr_flies = False
@@ -528,7 +536,7 @@ class Vehicle:
         if self.log is not None:
             self._log_sample(sweep, target, (ex, ey, ee), p_ref, q_ref)
         if flying:
-            plant.step(x, y, e, c)
+            plant.step(x, y, e, c, self.yaw_command)
             self.yaw += DT * plant.r
             if not (abs(plant.phi) < _CRASH_LEAN and abs(plant.theta) < _CRASH_LEAN) or not (
                 abs(plant.p) < _CRASH_RATE and abs(plant.q) < _CRASH_RATE
@@ -590,7 +598,7 @@ class Vehicle:
                 plant.ay,
                 plant.az,
             )
-        log.write("RATE", time_us, p_ref * _DEG, p, x, q_ref * _DEG, q, y, 0.0, r, 0.0, 0.0, 0.0, c, 0.0)
+        log.write("RATE", time_us, p_ref * _DEG, p, x, q_ref * _DEG, q, y, 0.0, r, self.yaw_command, 0.0, 0.0, c, 0.0)
         log.write("TPEX", time_us, *excitation, e, c)
         if time_us >= self._next_rpm_us:
             self._next_rpm_us = time_us - time_us % _RPM_US + _RPM_US
@@ -613,9 +621,7 @@ class Vehicle:
         self._watch_ground()
         if self.phase in _FLYING:
             self._airborne_s += _HOUSEKEEPING_STEPS * DT
-            wander = self._collective - _HOVER_COLLECTIVE
-            drive = _COLLECTIVE_WANDER * math.sqrt(1 - _COLLECTIVE_POLE**2)
-            self._collective = _HOVER_COLLECTIVE + _COLLECTIVE_POLE * wander + self._random.gauss(0.0, drive)
+            self._move_hands()
         log = self.log
         if log is not None:
             log.flush()
@@ -623,9 +629,21 @@ class Vehicle:
                 trouble, log.trouble = log.trouble, None
                 self.say(Severity.CRITICAL, f"Logging failed: {trouble}")
 
+    def _move_hands(self) -> None:
+        """The pilot's collective and yaw, as first-order wanders."""
+        condition = self._condition
+        pole = condition.collective_pole
+        wander = self._collective - HOVER_COLLECTIVE
+        drive = condition.collective * math.sqrt(1 - pole**2)
+        self._collective = HOVER_COLLECTIVE + pole * wander + self._random.gauss(0.0, drive)
+        if condition.yaw > 0:
+            drive = condition.yaw * math.sqrt(1 - _YAW_POLE**2)
+            yaw = _YAW_POLE * self.yaw_command + self._yaw_hand.gauss(0.0, drive)
+            self.yaw_command = max(-1.0, min(1.0, yaw))
+
     def _enter(self, phase: Phase) -> None:
         if phase is Phase.HOVERING and self.phase is Phase.DISARMED:
-            self._collective = _HOVER_COLLECTIVE
+            self._collective = HOVER_COLLECTIVE
             self._rotor_speed = self.plant.omega
         self.phase = phase
         self._phase_since_us = self.time_us
@@ -638,7 +656,7 @@ class Vehicle:
         if phase is Phase.SPOOLING:
             self._rotor_speed = nominal * min(1.0, since_us / _SPOOL_US)
             if since_us >= _SPOOL_US:
-                self._collective = _HOVER_COLLECTIVE
+                self._collective = HOVER_COLLECTIVE
                 self._enter(Phase.CLIMBING)
                 self._write_event(_Event.AIRBORNE)
         elif phase is Phase.CLIMBING:
@@ -691,15 +709,32 @@ def make_vehicle(
     directory: Path | None = None,
     on_ground: bool = False,
     parameters: Mapping[str, float] | None = None,
+    hidden: Hidden | None = None,
+    condition: str | None = None,
+    gust_scale: float = 1.0,
 ) -> Vehicle:
-    """A vehicle with the plant of that name. Raises as `make_plant` and `Vehicle` do."""
+    """A vehicle with the plant of that name, carrying what is hidden. Raises as `make_plant` and `Vehicle` do.
+
+    `condition` is a name of `sitl.conditions`; None takes the hidden effect's own, or the calm one. ValueError where
+    that name does not exist, or where the effect was drawn for another plant.
+    """
+    if hidden is not None and hidden.plant != plant:
+        raise ValueError(f"what is hidden was drawn for {hidden.plant}, not for {plant}")
+    if condition is None:
+        condition = "calm" if hidden is None else hidden.condition
+    if condition not in CONDITIONS:
+        raise ValueError(f"unknown condition {condition!r}; there are {', '.join(CONDITIONS)}")
+    parts = None if hidden is None else hidden.build()
+    flown = CONDITIONS[condition]
     return Vehicle(
-        make_plant(plant, seed),
+        make_plant(plant, seed, parts=parts, condition=flown, gust_scale=gust_scale),
         seed=seed,
         directory=directory,
         on_ground=on_ground,
         name=plant,
         parameters=parameters,
+        mounts=() if parts is None else parts.gyro,
+        condition=flown,
     )
 
 

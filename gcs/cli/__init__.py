@@ -9,7 +9,10 @@ import signal
 import sys
 from collections.abc import Sequence
 
-COMMANDS = ("fly", "sim", "sweep", "abort", "ingest", "fit", "effects", "design", "push", "revert", "report", "demo")
+COMMANDS = (
+    *("fly", "sim", "sweep", "abort", "ingest", "fit", "effects", "compare", "diagnose", "add"),
+    *("design", "push", "revert", "report", "reveal", "demo"),
+)
 """In the order of the work, as `tippath --help` lists them."""
 
 EXIT_DONE, EXIT_NO, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130

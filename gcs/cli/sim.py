@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import secrets
 import signal
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from typing import Any
 MODES = ("stabilize", "alt_hold", "rtl", "land", "systemid")
 PILOT_LINES = ("takeoff", "land", "lqr on", "lqr off", *(f"mode {name}" for name in MODES), "quit")
 """What the simulated pilot hears, as the vehicle's own refusal of an unknown line lists it."""
+CONDITIONS = ("calm", "rpm", "airspeed", "yaw", "collective", "stirring", "lively")
+"""As the vehicle knows them."""
 GRACE_S = 2.0
 """A Ctrl-C in the terminal reaches the vehicle by itself; after so long it is told once more."""
 
@@ -25,11 +28,27 @@ def add_parser(subparsers: Any) -> None:
         description="A simulated helicopter, in the air, that answers on a MAVLink link as ArduPilot does. Its pilot "
         f"reads lines from this terminal: {', '.join(PILOT_LINES)}. "
         "Plants: hover has physics that the models lack; hover-ideal is Table 4 exactly; forward is Table 5 in forward "
-        "flight, with an elevator, airspeed and rotor speed wandering.",
-        epilog='--json prints {"ready", "link", "ground_link", "plant", "seed", "directory"} once it is up.',
+        "flight, with an elevator, airspeed and rotor speed wandering. With --hidden, one physical effect is planted "
+        "in hover-ideal or forward and the answer sealed in DIR; its SHA-256 commits to it, and `tippath reveal DIR` "
+        "opens it. random may draw nothing, too, and flies everything in the lively condition, so that a moving rotor "
+        "speed does not tell. --condition stirs rotor speed, airspeed, yaw or collective; by itself it hides nothing.",
+        epilog='--json prints {"ready", "link", "ground_link", "plant", "seed", "directory", "sealed": {"path", '
+        '"sha256"} or null} once it is up.',
     )
     parser.add_argument(
-        "--plant", default="hover", choices=("hover", "hover-ideal", "forward"), help="default %(default)s"
+        "--plant",
+        choices=("hover", "hover-ideal", "forward"),
+        help="default hover; with --hidden or --condition hover-ideal",
+    )
+    parser.add_argument(
+        "--hidden",
+        metavar="EFFECT|random|none",
+        help="hide an effect: an id of `tippath effects`, one of the vehicle's own draws, any, or nothing",
+    )
+    parser.add_argument(
+        "--condition",
+        choices=CONDITIONS,
+        help="what moves beside the cyclic: default calm; a hidden effect's own where it needs one",
     )
     parser.add_argument(
         "--listen",
@@ -38,7 +57,12 @@ def add_parser(subparsers: Any) -> None:
         help="udpout:HOST:PORT sends there (default %(default)s), udpin: and tcpin: wait for the ground; "
         "port 0 takes a free one",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="wind, noise and sensors (default 1)")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        metavar="N",
+        help="wind, noise, sensors and what is drawn (default 1; with --hidden a new one, printed)",
+    )
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", help="its own logs (default: the next vehicle-NNNN)"
     )
@@ -51,8 +75,14 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """The vehicle's own exit status."""
     directory = args.output if args.output is not None else next_directory(Path())
-    command = [sys.executable, "-m", "sitl", "--plant", args.plant, "--listen", args.listen]
-    command += ["--seed", str(args.seed), "-o", str(directory), "--loss", str(args.loss)]
+    seed = args.seed
+    if seed is None:
+        seed = 1 if args.hidden is None else secrets.randbelow(10_000)
+    command = [sys.executable, "-m", "sitl", "--listen", args.listen]
+    command += ["--seed", str(seed), "-o", str(directory), "--loss", str(args.loss)]
+    for option in ("plant", "hidden", "condition"):
+        given = getattr(args, option)
+        command += [] if given is None else [f"--{option}", given]
     command += ["--on-ground"] if args.on_ground else []
     # Standard input stays the terminal: the pilot's lines go straight to the vehicle.
     vehicle = subprocess.Popen(command, stdout=subprocess.PIPE)
@@ -103,8 +133,16 @@ def banner(line: str) -> str:
         about = json.loads(line)
         forward = about["plant"] == "forward"
         card, axes = ("forward", "roll|pitch|elevator") if forward else ("quick", "roll|pitch")
+        sealed = about.get("sealed")
+        seal = (
+            ""
+            if sealed is None
+            else f"something may be hidden (sealed in {sealed['path']}), seed {about['seed']}\n"
+            f"  SHA-256 {sealed['sha256']}\n"
+            f"  tippath reveal {about['directory']}, when all is said\n"
+        )
         return (
-            f"vehicle on {about['link']} · plant {about['plant']} · its logs in {about['directory']}\n"
+            f"vehicle on {about['link']} · plant {about['plant']} · its logs in {about['directory']}\n{seal}"
             f"  tippath fly --connect {about['ground_link']}\n"
             f"  tippath sweep --connect {about['ground_link']} --card {card}, or --axis {axes}\n"
             f"  the pilot hears: {', '.join(PILOT_LINES)}; Ctrl-C ends"

@@ -1,11 +1,14 @@
-"""The plants that the simulated vehicle can be: one name, one recipe."""
+"""The plants that the simulated vehicle can be: one name, one recipe; two of them can carry other parts."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
+from sitl.conditions import CALM, Condition
 from sitl.plants.forward import ForwardPlant
 from sitl.plants.hover import BEYOND_TPP, LIGHT_GUSTS, NOTHING_MISSING, HoverPlant
+from sitl.plants.rotorcraft import AIRFRAMES, Parts, Rotorcraft
 
 
 class Plant(Protocol):
@@ -29,18 +32,26 @@ class Plant(Protocol):
 
     def reset(self) -> None: ...
 
-    def step(self, delta_x: float, delta_y: float, delta_e: float, delta_c: float) -> None: ...
+    def step(self, delta_x: float, delta_y: float, delta_e: float, delta_c: float, delta_r: float = 0.0) -> None: ...
 
 
 PLANTS = ("hover", "hover-ideal", "forward")
 
 
-def make_plant(name: str, seed: int) -> Plant:
-    """The plant of that name with gusts drawn from the seed. Raises ValueError for an unknown name."""
-    if name == "hover":
-        return HoverPlant(BEYOND_TPP, LIGHT_GUSTS, seed)
-    if name == "hover-ideal":
-        return HoverPlant(NOTHING_MISSING, LIGHT_GUSTS, seed)
+def make_plant(
+    name: str, seed: int, *, parts: Parts | None = None, condition: Condition = CALM, gust_scale: float = 1.0
+) -> Plant:
+    """The plant of that name with gusts drawn from the seed, `gust_scale` times as strong.
+
+    Raises ValueError for an unknown name, and where that plant takes no parts or knows only the calm condition.
+    """
+    if name not in PLANTS:
+        raise ValueError(f"unknown plant {name!r}; there are {', '.join(PLANTS)}")
+    gusts = replace(LIGHT_GUSTS, roll=gust_scale * LIGHT_GUSTS.roll, pitch=gust_scale * LIGHT_GUSTS.pitch)
+    if parts is not None or condition != CALM:
+        if name not in AIRFRAMES:
+            raise ValueError(f"{name} flies as it is; parts and conditions belong to {' and '.join(AIRFRAMES)}")
+        return Rotorcraft(AIRFRAMES[name], parts, gusts, seed, condition)
     if name == "forward":
-        return ForwardPlant(LIGHT_GUSTS, seed)
-    raise ValueError(f"unknown plant {name!r}; there are {', '.join(PLANTS)}")
+        return ForwardPlant(gusts, seed)
+    return HoverPlant(BEYOND_TPP if name == "hover" else NOTHING_MISSING, gusts, seed)

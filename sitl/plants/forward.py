@@ -89,8 +89,8 @@ class ForwardPlant:
         self.airspeed = self._airspeed.at(t)
         self.omega = self._rpm.at(t) * 2 * math.pi / 60
 
-    def step(self, delta_x: float, delta_y: float, delta_e: float, delta_c: float) -> None:
-        """One sample. The collective does nothing to p and q."""
+    def step(self, delta_x: float, delta_y: float, delta_e: float, delta_c: float, delta_r: float = 0.0) -> None:
+        """One sample. Collective and tip propellers do nothing to p and q."""
         gauss, pole, drive = self._gauss, self._gust_pole, self._gust_drive
         self._gust_p = pole * self._gust_p + drive * self._gusts.roll * gauss(0.0, 1.0)
         self._gust_q = pole * self._gust_q + drive * self._gusts.pitch * gauss(0.0, 1.0)

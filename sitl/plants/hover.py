@@ -96,8 +96,8 @@ class HoverPlant:
         self.ax = self.ay = 0.0
         self.az = -G
 
-    def step(self, delta_x: float, delta_y: float, delta_e: float, delta_c: float) -> None:
-        """One sample. The elevator and the collective do nothing to p and q in hover."""
+    def step(self, delta_x: float, delta_y: float, delta_e: float, delta_c: float, delta_r: float = 0.0) -> None:
+        """One sample. Elevator, collective and tip propellers do nothing to p and q in hover."""
         gauss, pole, drive = self._gauss, self._gust_pole, self._gust_drive
         self._gust_p = pole * self._gust_p + drive * self._gusts.roll * gauss(0.0, 1.0)
         self._gust_q = pole * self._gust_q + drive * self._gusts.pitch * gauss(0.0, 1.0)

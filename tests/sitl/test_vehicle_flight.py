@@ -112,7 +112,7 @@ def test_every_sample_is_logged_2_ms_apart_with_the_commands_really_sent(
     tmp_path: Path, fly: Fly, read_log: Reader
 ) -> None:
     vehicle = sweeper(tmp_path, SID_MAGNITUDE=3.0, SID_T_REC=2)
-    vehicle.plant.step = lambda x, y, e, c: None  # type: ignore[method-assign]
+    vehicle.plant.step = lambda x, y, e, c, r: None  # type: ignore[method-assign]
     vehicle.set_mode(25, Reason.GROUND)
     fly(vehicle, 2)
     vehicle.close()

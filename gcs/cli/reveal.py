@@ -1,0 +1,82 @@
+"""`tippath reveal`: open the sealed answer of a vehicle with a hidden effect, and see who was right."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gcs.cli.options import print_json
+
+if TYPE_CHECKING:
+    from gcs.seal import Answer, Judgement
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "reveal",
+        help="open the sealed answer of a --hidden vehicle",
+        description="Open the answer that `tippath sim --hidden` sealed in DIR, and hold it against the diagnoses "
+        "(tippath.diagnosis/1) that lie there as *.json or are named besides. The SHA-256 is that of the file: it must "
+        "be the one that was printed when it was sealed.",
+        epilog='--json prints {"format": "tippath.reveal/1", "sha256", "plant", "seed", "condition", "hidden": its own '
+        'name, "answer": catalogue id or null, "accepts": [ids], "level": "catalogue" | "below" | "beyond" | "none", '
+        '"sizes": {name: value}, "expect": {parameter: value}, "sentence", "diagnoses": [{"path", "verdict", "effect", '
+        '"outcome": "right" | "same" | "not_told_apart" | "stand_in" | "missed" | "wrong", '
+        '"parameters": [{"name", "said", "truth"}]}]}.',
+    )
+    parser.add_argument("directory", type=Path, metavar="DIR", help="where `tippath sim --hidden` put its logs")
+    parser.add_argument("diagnoses", type=Path, nargs="*", metavar="DIAGNOSIS.json", help="that lie elsewhere")
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from gcs.seal import judge_folder, open_answer
+
+    answer = open_answer(args.directory)
+    judgements = judge_folder(answer, args.diagnoses)
+    if args.json:
+        print_json(
+            {
+                "format": "tippath.reveal/1",
+                "sha256": answer.sha256,
+                **{name: value for name, value in answer.document.items() if name != "format"},
+                "diagnoses": [one.to_json() for one in judgements],
+            }
+        )
+    else:
+        print("\n".join(words(answer, judgements)))
+    return 0
+
+
+def words(answer: Answer, judgements: list[Judgement]) -> list[str]:
+    """What a person reads."""
+    truth = answer.document
+    lines = [f"hidden: {truth['hidden']}: {truth['sentence']}" if truth["level"] != "none" else truth["sentence"]]
+    if truth["level"] == "below":
+        lines.append(f"  in the catalogue's words: {truth['answer']}")
+    if truth["level"] == "beyond":
+        lines.append("  the catalogue has no entry for it: `unexplained` is the right verdict")
+    shown = truth["expect"] if truth["answer"] is not None else truth["sizes"]
+    if shown:
+        lines.append("  " + ", ".join(f"{name} = {value:.4g}" for name, value in shown.items()))
+    lines.append(f"  plant {truth['plant']}, seed {truth['seed']}, condition {truth['condition']}")
+    lines.append(f"  SHA-256 {answer.sha256}")
+    for one in judgements:
+        lines.append(f"{one.path.name} said {_said(one)}")
+        lines += [f"  {name} {said:.4g}, truth {true:.4g}{_off(said, true)}" for name, said, true in one.parameters]
+    if not judgements:
+        lines.append("no diagnosis lies here; name one to see it judged")
+    return lines
+
+
+def _said(one: Judgement) -> str:
+    from gcs.seal import OUTCOMES
+
+    effect = f" {one.effect}" if one.effect is not None else ""
+    return f"{one.verdict}{effect}: {OUTCOMES[one.outcome]}"
+
+
+def _off(said: float, true: float) -> str:
+    return f" ({100 * (said / true - 1):+.1f} %)" if true else ""
