@@ -336,8 +336,8 @@ def equations(effect: str | None, size: Mapping[str, float], forward: bool) -> _
             E.varying = lambda u, mean: {
                 ("p", "q"): size["k_p"] * u["r"],
                 ("q", "p"): size["k_q"] * u["r"],
-                ("a", "b"): u["r"],
-                ("b", "a"): -u["r"],
+                ("a", "b"): -u["r"],
+                ("b", "a"): u["r"],
             }
         case "structural_mode":
             for axis, word in (("p", "roll"), ("q", "pitch")):

@@ -193,7 +193,7 @@ def _spinning_body(size: Sizes) -> Made:
     return Made(
         {"I_x": I_X, "I_y": I_Y, "I_z": I_z},
         lambda: Parts(
-            rotor=Disc(airframe.table, airframe.nominal_rpm, carried=-1.0),
+            rotor=Disc(airframe.table, airframe.nominal_rpm, still=True),
             loads=(YawCoupling(k_p, k_q),),
         ),
         f"the yawing body couples its axes: I_z {I_z:.2f} kg m^2, and the disc stands still in space",

@@ -192,7 +192,7 @@ def _yaw_coupling(size: Sizes) -> Made:
     return Made(
         {"k_p": k_p, "k_q": k_q},
         lambda: Parts(
-            rotor=Disc(airframe.table, airframe.nominal_rpm, carried=1.0),
+            rotor=Disc(airframe.table, airframe.nominal_rpm, still=True),
             loads=(YawCoupling(k_p, k_q),),
         ),
         f"yaw couples the axes: k_p {k_p:.2f}, k_q {k_q:.2f}",

@@ -33,12 +33,12 @@ class Disc:
     own_states = 0
 
     def __init__(
-        self, table: TipPathPlane, nominal_rpm: float, *, law: SpeedLaw | None = None, carried: float = 0.0
+        self, table: TipPathPlane, nominal_rpm: float, *, law: SpeedLaw | None = None, still: bool = False
     ) -> None:
-        """`carried` times r turns the tilt in the body's axes: a_dot += r b, b_dot -= r a for 1."""
+        """`still` in space: a yawing body sees the tilt turn the other way, a_dot -= r b, b_dot += r a."""
         self.table = table
         self._law = law
-        self._carried = carried
+        self._still = still
         self._nominal = nominal_rpm * 2 * math.pi / 60
         self.L_b, self.M_a, self.A_b, self.B_a = table.L_b, table.M_a, table.A_b, table.B_a
         self.rate = 1 / table.tau_f
@@ -49,7 +49,7 @@ class Disc:
         T = self.table
         self.theta_s = T.A_lat * x + T.A_lon * y
         self.theta_c = T.B_lat * x + T.B_lon * y
-        self.turn = self._carried * r
+        self.turn = -r if self._still else 0.0
         self.omega = omega
         if self._law is not None:
             faster, coupling, moment = self._law(omega / self._nominal)
