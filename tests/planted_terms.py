@@ -1,0 +1,99 @@
+"""Flights with a nonlinear term that no effect of the catalogue is, by the integrator of `planted`, and their parents.
+
+All flights are integrated side by side, every one with its own term, and chirps are twice the usual size, so that
+terms of a size that vehicles have show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import numpy as np
+import planted
+import pytest
+from planted import DT, TABLE_4, TRIM, Array
+from planted_fits import records
+
+from sysid.evidence import Candidate, candidate, ground, metric
+from sysid.fit import estimate
+from sysid.identify import on_runs
+from sysid.library import Library, Selection, library, select
+from sysid.noise import divide
+from sysid.record import Record
+from sysid.structures import compose
+
+HUB_STIFFENING = 40.0
+"""1/rad^2: hub moments L_b b (1 + k b^2), M_a a (1 + k a^2)."""
+TERMS = ("none", "cubic_hub", "quadratic_damping", "product", "asymmetric_control", "cubic_control", "drift")
+RUNS = 4
+"""Of each flight."""
+
+
+def _moments(x: Mapping[str, Array]) -> dict[str, Array]:
+    """What is added to p_dot and q_dot, each flight's own."""
+    p, q = np.zeros_like(x["p"]), np.zeros_like(x["q"])
+    hub, drag, product = (_runs_of(term) for term in ("cubic_hub", "quadratic_damping", "product"))
+    p[hub] = TABLE_4["L_b"] * HUB_STIFFENING * x["b"][hub] ** 3
+    q[hub] = TABLE_4["M_a"] * HUB_STIFFENING * x["a"][hub] ** 3
+    p[drag] = -1.5 * x["p"][drag] * np.abs(x["p"][drag])
+    q[drag] = -3.0 * x["q"][drag] * np.abs(x["q"][drag])
+    p[product], q[product] = -1.0 * (x["p"] * x["q"])[product], 2.5 * (x["p"] * x["q"])[product]
+    return {"p": p, "q": q}
+
+
+def _runs_of(term: str) -> slice:
+    begin = RUNS * TERMS.index(term)
+    return slice(begin, begin + RUNS)
+
+
+class _Controls(planted._Actuators):
+    """Commands that act as they are bent, or lose effectiveness with time, in the flights that plant it."""
+
+    _samples = 0
+
+    def pieces(self, command: Array, steps: int) -> list[tuple[float, Array]]:
+        trim = np.array(TRIM)[:2, None]
+        moved = command[:2] - trim
+        asymmetric, cubic, drift = (_runs_of(term) for term in ("asymmetric_control", "cubic_control", "drift"))
+        moved[:, asymmetric] += 0.1 * np.abs(moved[:, asymmetric])
+        moved[:, cubic] -= 3.0 * moved[:, cubic] ** 3
+        moved[:, drift] *= 1 - 0.006 * self._samples * DT
+        self._samples += 1
+        return super().pieces(np.concatenate([trim + moved, command[2:]]), steps)
+
+
+@cache
+def flights() -> Mapping[str, list[Record]]:
+    """Two roll and two pitch chirps for each of TERMS; all in the same air."""
+    written = planted.equations
+
+    def equations(*words: object) -> planted._Equations:
+        E = written(*words)  # type: ignore[arg-type]
+        E.nonlinear = _moments
+        return E
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planted, "equations", equations)
+        patch.setattr(planted, "_Actuators", _Controls)
+        patch.setattr(planted, "SIZES", {axis: 2 * size for axis, size in planted.SIZES.items()})
+        flown = planted.fly_many(None, {}, seeds=[3] * len(TERMS), steps=2)
+    return {term: records(flight) for term, flight in zip(TERMS, flown, strict=True)}
+
+
+def parent_of(flown: Sequence[Record], base: str = "tpp", effects: Sequence[str] = ()) -> Candidate:
+    """A fit as a diagnosis begins with it."""
+    on = ground(flown, (0.0, 15.0))
+    structure = on_runs(base, effects, flown, flown)
+    structure = compose(base, effects, on.available, dict(structure.constants))
+    return candidate(estimate(structure, on.viewed(structure)), (), on)
+
+
+@cache
+def searched(term: str) -> tuple[Candidate, Library, Selection]:
+    """The bare TPP on a flight, its library, and what that selects."""
+    parent = parent_of(flights()[term])
+    on = parent.ground
+    known = library(parent)
+    by = metric(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
+    return parent, known, select(parent, by, known)
