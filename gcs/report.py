@@ -30,7 +30,8 @@ def page(title: str, sections: Sequence[tuple[str, str, Sequence[str]]]) -> str:
         f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>",
     ]
     for heading, text, pictures in sections:
-        parts.append(f"<h2>{html.escape(heading)}</h2>")
+        if heading:
+            parts.append(f"<h2>{html.escape(heading)}</h2>")
         if text:
             parts.append(f"<pre>{html.escape(text)}</pre>")
         parts += pictures
@@ -62,7 +63,7 @@ def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tu
         axis.legend(loc="upper left", fontsize=8, ncols=4)
     axes[-1].set_xlabel("time in the record, s")
     axes[0].set_title(f"{record.id}   {record.axis or ''} {record.maneuver}", fontsize=10, loc="left")
-    return _svg(figure)
+    return svg(figure)
 
 
 def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
@@ -76,7 +77,8 @@ def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
     return figure, axes
 
 
-def _svg(figure: Any) -> str:
+def svg(figure: Any) -> str:
+    """A figure as an SVG element to stand in a page."""
     stream = io.StringIO()
     figure.savefig(stream, format="svg")
     text = stream.getvalue()

@@ -270,7 +270,7 @@ def diagnose(
 
 
 def _compositions(parent: Structure, effect: Effect, on: Ground) -> Structure:
-    return compose(parent.base, [*parent.composed, effect], on.available, dict(parent.constants))
+    return compose(parent.base, [*parent.composed, effect], on.available, {**on.constants, **dict(parent.constants)})
 
 
 def _ask_all(parent: Candidate, settled: Settled, by: Metric, users: Sequence[Effect], say: Progress) -> list[Judged]:

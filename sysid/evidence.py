@@ -21,6 +21,7 @@ import numpy as np
 from sysid.effect import Effect
 from sysid.fit import Estimate, FitError, OutputError, estimate, rows
 from sysid.identifiable import structural
+from sysid.identify import means
 from sysid.instrument import FOLLOWING, caused_by
 from sysid.model import FloatArray, Model, Structure
 from sysid.noise import Causes, Division, causes
@@ -30,6 +31,7 @@ from sysid.preprocess import ComplexArray, Segment, Spectrum, spectra
 from sysid.record import Record
 from sysid.structures import COMMANDS
 
+CYCLIC = ("delta_x", "delta_y")
 CHANNELS_READ = ("omega", "airspeed", "alpha", "beta", "r", "phi", "theta")
 """Beside commands, what effects of the catalogue read."""
 LEAST_MOTION = {"omega": 0.002, "airspeed": 0.01}
@@ -57,6 +59,7 @@ class Ground:
     still: frozenset[str]
     """Channels that all runs have and that do not move."""
     constants: Mapping[str, float]
+    """Omega_0, V_0: means over the fitted runs."""
 
     def viewed(self, structure: Structure) -> list[Spectrum]:
         """The bins with this structure's own inputs, as a fit wants them."""
@@ -77,7 +80,6 @@ def ground(
     records: Sequence[Record],
     band_hz: tuple[float, float],
     like: Ground | None = None,
-    constants: Mapping[str, float] | None = None,
 ) -> Ground:
     """Prepare runs; `like` gives validation runs the channels of the fitted ones. Raises FitError without any data."""
     common = set.intersection(*(set(record.channels) for record in records))
@@ -92,7 +94,7 @@ def ground(
     if not found:
         raise FitError("no run has 2 s of gap-free samples")
     stacks = stack(found)
-    by = causes(stacks, [name for name in inputs if name in COMMANDS])
+    by = causes(stacks, [name for name in inputs if name in CYCLIC or f"excitation_{name[-1]}" in common])
     return Ground(
         tuple(found),
         tuple(stacks),
@@ -100,7 +102,7 @@ def ground(
         by,
         frozenset({*moving, *(common & {"t", "p", "q"})}),
         frozenset(still),
-        dict(constants or {}),
+        means(records) if like is None else like.constants,
     )
 
 
@@ -174,10 +176,18 @@ def metric(model: Model, stacks: Sequence[Stack], division: Division) -> Metric:
     ends = []
     for group in stacks:
         white = np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(division.at(group.frequency_hz))))
-        E = np.einsum("fij,cjf->cif", white, group.scale * respond(model.structure, model.values, group, False).E)
+        E = np.concatenate([respond(model.structure, model.values, group, False).E, _jumps(group)])
+        E = np.einsum("fij,cjf->cif", white, group.scale * E)
         whitener.append(white)
         ends.append([_basis(rows(E[..., part])) for part in group.slices])
     return Metric(tuple(stacks), whitener, ends)
+
+
+def _jumps(group: Stack) -> ComplexArray:
+    """A jump and a bend of each output alone at a segment's ends, which gusts leave there, (2 k, k, bins)."""
+    k = group.Y.shape[0]
+    step = 1 / (group.z - 1)
+    return np.concatenate([column * np.eye(k)[:, :, None] for column in (step, group.z * step**2)])
 
 
 def _basis(E: FloatArray) -> FloatArray:

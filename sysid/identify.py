@@ -101,12 +101,16 @@ def on_runs(
 ) -> Structure:
     """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
     available = set.intersection(*(set(record.channels) for record in records))
-    constants = {
-        name: float(np.mean(np.concatenate([record.channels[channel] for record in fitted])))
+    return compose(base, effects, available, means(fitted))
+
+
+def means(records: Sequence[Record]) -> dict[str, float]:
+    """The mean flight condition, Omega_0 and V_0, as far as every run logs it."""
+    return {
+        name: float(np.mean(np.concatenate([record.channels[channel] for record in records])))
         for name, channel in (("Omega_0", "omega"), ("V_0", "airspeed"))
-        if channel in available
+        if all(channel in record.channels for record in records)
     }
-    return compose(base, effects, available, constants)
 
 
 def judge(model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:

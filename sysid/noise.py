@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.fit import OutputError
 from sysid.instrument import caused_by
@@ -22,8 +23,10 @@ from sysid.predict import Stack
 from sysid.preprocess import EXCITATIONS, ComplexArray
 
 WINDOW_HZ = 0.5
-NEIGHBOURS = 2
-"""Windows to either side that share in a window's noise spectrum."""
+NEIGHBOURS = 1
+"""Windows to either side that share in a window's noise spectrum where it weighs residuals."""
+FEWEST_FOR_ENDS = 6
+"""Bins of a segment in a window from which on its ends are taken out."""
 LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
 
@@ -81,6 +84,8 @@ class Causes:
     references: tuple[str, ...]
     caused: list[ComplexArray]
     """For every stack (m, bins)."""
+    reference: list[ComplexArray]
+    """The bins of the references, for every stack (m, bins)."""
 
 
 def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
@@ -93,7 +98,7 @@ def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
             np.any(channels[excitation]) for channels in whole
         )
         references.append(excitation if moved else name)
-    found = []
+    found, logged = [], []
     for group in stacks:
         U = group.U[[group.inputs.index(name) for name in commands]]
         R = np.concatenate(
@@ -103,7 +108,8 @@ def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
         if R.shape[1] != U.shape[1]:
             raise ValueError("causes want whole stacks, not thinned ones")
         found.append(caused_by(U, R, group.scale, group.frequency_hz))
-    return Causes(tuple(commands), tuple(references), found)
+        logged.append(R)
+    return Causes(tuple(commands), tuple(references), found, logged)
 
 
 def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
@@ -112,7 +118,9 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     frequency = np.concatenate([group.frequency_hz for group in stacks])
     e = scale * np.concatenate(error.residuals, axis=1)
     u = scale * np.concatenate(by.caused, axis=1)
+    r = scale * np.concatenate(by.reference, axis=1)
     k, m = e.shape[0], u.shape[0]
+    segment = np.concatenate([np.full(one.shape[1], number) for number, one in enumerate(error.residuals)])
     windows = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
     edges = np.linspace(float(frequency.min()), float(frequency.max()), windows + 1)
     window = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, windows - 1)
@@ -128,18 +136,22 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
         at = order[starts[number] : starts[number + 1]]
         if not at.size:
             continue
-        y, x = e[:, at], u[:, at]
+        y, x, z = e[:, at], u[:, at], r[:, at]
         whole = y @ y.conj().T
         power[number] = np.diag(whole).real
         half = 0.5 * (edges[1] - edges[0])
         place = (frequency[at] - edges[number] - half) / half
-        basis = _orthonormal(np.concatenate([x, place * x]))
-        if at.size < basis.shape[0] + LEAST_FREEDOM:
+        ends = _ends(segment[at])
+        y, x, z = (_less(rows, ends) for rows in (y, x, z))
+        left = y @ y.conj().T
+        # what the references span: nothing of the gusts has a share in it
+        basis = _orthonormal(_less(np.concatenate([z, place * z]), ends))
+        if at.size < basis.shape[0] + ends.shape[0] + LEAST_FREEDOM:
             basis = basis[:0]
         there = y @ basis.conj().T
         found[number] = there @ there.conj().T
-        rest[number] = whole - found[number]
-        unknown[number], free[number] = basis.shape[0], at.size - basis.shape[0]
+        rest[number] = left - found[number]
+        unknown[number], free[number] = basis.shape[0], at.size - basis.shape[0] - ends.shape[0]
         for column in range(m if basis.size else 0):
             alone = y @ _orthonormal(np.stack([x[column], place * x[column]])).conj().T
             each[number, :, column] = np.sum(np.abs(alone) ** 2, axis=1)
@@ -150,10 +162,7 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     explained = np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own
     each -= np.minimum(2, unknown)[:, None, None] * own[:, :, None]
     tiny = 1e-12 * np.max(own, initial=1e-300)
-    inverse = np.linalg.inv(S + tiny * np.eye(k))
-    # E of an inverse estimated spectral matrix is too large by this
-    shrink = np.maximum(freedom - k, 1) / freedom
-    chi_squared = float(np.sum(2 * shrink * np.real(np.einsum("wij,wji->w", inverse, found))))
+    chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
     level = S + tiny * np.eye(k)
     return Division(
         edges,
@@ -163,9 +172,31 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
         by.commands,
         by.references,
         chi_squared,
-        int(2 * k * np.sum(unknown)),
+        degrees,
         level,
     )
+
+
+def _surprise(
+    found: ComplexArray, rest: ComplexArray, unknown: FloatArray, free: FloatArray, tiny: float
+) -> tuple[float, int]:
+    """What is found in each window against that window's own noise: chi squared and its degrees of freedom.
+
+    Few bins make the noise uncertain, and the sum more scattered than chi squared (Hotelling and Lawley's trace); it is
+    drawn in to a chi squared of the same variance. A wider average of the noise would be surer and, where its
+    spectrum is steep, wrong.
+    """
+    k = found.shape[1]
+    use = (unknown > 0) & (free > k + 1)
+    u, n = unknown[use], free[use]
+    if not u.size:
+        return 0.0, 1
+    inverse = np.linalg.inv(rest[use] + tiny * np.eye(k))
+    trace = np.real(np.einsum("wij,wji->w", inverse, found[use]))
+    mean = float(np.sum(2 * k * u))
+    variance = float(np.sum(4 * k * u * (u + n - 1) / (n - k - 1)))
+    beyond = float(np.sum(2 * (n - k) * trace)) - mean
+    return max(0.0, mean + beyond * np.sqrt(2 * mean / variance)), int(mean)
 
 
 def _orthonormal(rows: ComplexArray) -> ComplexArray:
@@ -177,6 +208,21 @@ def _orthonormal(rows: ComplexArray) -> ComplexArray:
     inner, axes = np.linalg.eigh(rows @ rows.conj().T)
     keep = inner > 1e-9 * inner[-1]
     return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).conj().T @ rows)
+
+
+def _ends(segment: NDArray[np.int64]) -> ComplexArray:
+    """A constant over the window for each segment, orthonormal (segments, bins).
+
+    A run of noise ends elsewhere than it begins, and its bins carry that far up in frequency, in step with each other:
+    within a narrow window a constant (the transient term of the local polynomial method, Pintelon and Schoukens).
+    """
+    numbers, counts = np.unique(segment, return_counts=True)
+    numbers, counts = numbers[counts >= FEWEST_FOR_ENDS], counts[counts >= FEWEST_FOR_ENDS]
+    return np.asarray((segment == numbers[:, None]) / np.sqrt(counts)[:, None] + 0j)
+
+
+def _less(rows: ComplexArray, basis: ComplexArray) -> ComplexArray:
+    return np.asarray(rows - (rows @ basis.conj().T) @ basis)
 
 
 def _neighbours(values: ComplexArray | FloatArray, number: int) -> ComplexArray | FloatArray:

@@ -149,3 +149,42 @@ RUNS = exactly(
         "damage": {"type": "object"},
     }
 )
+
+SHARES = exactly({"p": MAYBE, "q": MAYBE})
+LEVEL = exactly(
+    {"axis": TEXT, "channel": TEXT, "low": NUMBER, "high": NUMBER, "time_share": NUMBER, "error_share": NUMBER}
+)
+COMPARE = exactly(
+    {
+        "format": {"const": "tippath.compare/1"},
+        "nrmse_percent": NRMSE,
+        "bands": listed(
+            exactly(
+                {
+                    "axis": {"enum": ["roll", "pitch"]},
+                    "low_hz": NUMBER,
+                    "high_hz": NUMBER,
+                    "error_share": {"type": "number", "minimum": 0, "maximum": 1},
+                    "coherence": {
+                        "type": "object",
+                        "additionalProperties": {"type": "number", "minimum": 0, "maximum": 1},
+                    },
+                }
+            )
+        ),
+        "windows": listed(
+            exactly({"axis": TEXT, "run": TEXT, "start_s": NUMBER, "stop_s": NUMBER, "error_share": NUMBER})
+        ),
+        "noise_share": SHARES,
+        "noise_share_is": {"enum": ["measured", "upper bound, closed loop"]},
+        "noise_from": {"enum": ["quiet hover", "logged excitation", "commands"]},
+        "noise_floor_percent": MAYBE_NRMSE,
+        "more_than_noise": {"type": ["boolean", "null"]},
+        "findings": {"type": "array", "items": TEXT, "minItems": 1},
+        "responses": listed(exactly({**RESPONSE["properties"], "noticed_hz": listed(listed(NUMBER))})),
+        "amplitude": exactly({"levels": listed(LEVEL), "growth": listed({"type": "object"})}),
+        "conditions": listed(LEVEL),
+        "runs": listed(exactly({"id": TEXT, "nrmse_percent": NRMSE, "error_share": SHARES})),
+        "suspicions": listed(exactly({"kind": TEXT, "runs": listed(TEXT), "text": TEXT})),
+    }
+)

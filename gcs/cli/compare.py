@@ -1,0 +1,86 @@
+"""`tippath compare`: measured against simulated, and where a model fails."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from gcs.cli.options import (
+    NAMED,
+    add_effects_option,
+    add_log_options,
+    parse_band,
+    parse_profile,
+    parse_words,
+    print_json,
+    refuse_existing,
+)
+
+_FORMAT_HELP = """\
+RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` numbers them), or a
+record; without RUN the model is compared with the runs it was fitted to. Quiet hover among the runs, or in the fit's
+own logs, measures the noise.
+
+--json prints {"format": "tippath.compare/1", "nrmse_percent", "bands": [{"axis", "low_hz", "high_hz", "error_share",
+"noise_share", "coherence": {channel: 0..1}, "coherence_together"}], "windows": [{"axis", "run", "start_s", "stop_s",
+"error_share"}], "noise_share", "noise_share_is": "measured" or "upper bound, closed loop", "noise_from",
+"noise_floor_percent", "findings": [text], "responses" (model less measured with "noticed_hz", the bands where it lies
+above what noise allows), "amplitude": {"levels", "growth"}, "conditions", "trends", "controls", "runs",
+"suspicions": [{"kind", "runs", "text"}], "remarks"}. Error shares add up to 1 for each axis over the bands, and over
+the windows of all runs.
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "compare",
+        help="measured against simulated: where it fails",
+        description="Set a fitted model beside flown runs, tell noise from error, and say in which band of frequency, "
+        "in which runs and at which amplitudes the error sits.",
+        epilog=_FORMAT_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("fit", type=Path, metavar="FIT.json")
+    parser.add_argument("runs", nargs="*", metavar="RUN")
+    add_effects_option(parser, NAMED)
+    parser.add_argument("--band", metavar="LOW:HIGH", help="Hz, the frequencies that count (default: the fit's)")
+    add_log_options(parser)
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
+    parser.add_argument("--force", action="store_true", help="overwrite the file")
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from gcs.cli.fit import print_notes
+    from gcs.comparison import compare_text, flown
+    from gcs.logs import parse_window
+    from gcs.pictures import compare_picture, picture_kind, write_picture
+    from sysid.compare import compare
+    from sysid.result import Fit
+
+    band = None if args.band is None else parse_band(args.band)
+    window = None if args.window is None else parse_window(args.window)
+    profile = parse_profile(args.profile)
+    if args.plot is not None:
+        picture_kind(args.plot)
+    refuse_existing(args.plot, args.force)
+    fit = Fit.load(args.fit, parse_words(args.effects))
+    if band is not None:
+        fit = replace(fit, band_hz=band)
+    records, quiet = flown(fit, args.runs, profile, window)
+    print_notes([*records, *quiet])
+    found = compare(fit.model, records, fit.band_hz, quiet, own_runs=not args.runs)
+    text = compare_text(found, fit)
+    if args.plot is not None:
+        write_picture(args.plot, compare_picture(found), f"tippath compare: {args.fit.name}", text)
+        print(f"wrote {args.plot}", file=sys.stderr)
+    if args.json:
+        print_json(found.to_json())
+    else:
+        print(text)
+    return 0

@@ -1,0 +1,136 @@
+"""Verdicts on flights of an independent integrator; the blind study (`make study`) counts many more."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from planted import PLANTED, Run, fly_many
+from planted_fits import FORWARD_FLIGHT, records
+
+from sysid.diagnose import Diagnosis, diagnose
+from sysid.effect import load
+from sysid.identify import on_runs
+from sysid.record import Record
+
+SECONDS = 20.0
+
+
+def flown(effect: str | None, seed: int = 31, *, forward: bool = False, noise: float = 0.004) -> list[Run]:
+    size = {} if effect is None else PLANTED[effect]
+    return fly_many(effect, size, seeds=[seed], duration_s=SECONDS, forward=forward, noise=noise)[0]
+
+
+def asked(runs: list[Run], *effects: str, base: str = "tpp", validation: list[Record] | None = None) -> Diagnosis:
+    flight = records(runs)
+    return diagnose(on_runs(base, effects, flight, flight), flight, validation or ())
+
+
+@pytest.mark.parametrize(
+    ("effect", "also"),
+    [
+        ("servo_lag", "gyro_lag"),
+        ("transport_delay", None),
+        ("inertia_coupling", "gyro_misalignment"),
+        ("hub_gyroscopics", None),
+        ("dynamic_inflow", None),
+        ("servo_backlash", None),
+        ("quadratic_damping", None),
+        ("rotor_speed", None),
+    ],
+)
+def test_a_planted_effect_is_named(effect: str, also: str | None) -> None:
+    found = asked(flown(effect))
+    assert found.verdict == "missing"
+    assert found.effect == effect or (found.effect == also and effect in found.indistinguishable)
+    assert found.explained_share is not None
+    assert found.explained_share > 0.9
+    assert found.confidence > 0.8
+    assert not found.stands_in
+    winner = next(one for one in found.candidates if one.effect == effect)
+    for name, value in PLANTED[effect].items():
+        assert winner.values[name] == pytest.approx(value, abs=4 * winner.standard_errors[name])
+    assert found.candidates[0].fit is not None
+    assert min(found.noise_floor_percent.values()) > min(found.parent.nrmse_percent.values())
+
+
+@pytest.mark.parametrize("seed", [41, 42, 43])
+def test_where_nothing_is_missing_the_model_is_complete(seed: int) -> None:
+    found = asked(flown(None, seed))
+    assert found.verdict == "complete"
+    assert found.effect is None
+    assert found.explained_share is None
+    assert found.winner is None
+    document = found.to_json()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_the_paper_s_own_discovery() -> None:
+    """Cylinder dynamics on hover data lack flapping; the hover structure in forward flight lacks the elevator."""
+    hover = asked(flown(None), base="cd")
+    assert (hover.verdict, hover.effect) == ("missing", "flapping")
+    forward = asked(flown("elevator", forward=True))
+    assert (forward.verdict, forward.effect) == ("missing", "elevator")
+
+
+def test_what_physics_does_not_allow_stands_in() -> None:
+    """A hovering vehicle has no spring to the horizon; one that is tethered is told so."""
+    found = asked(flown("attitude_stiffness"))
+    assert found.verdict == "unexplained"
+    assert found.stands_in
+    assert found.effect == "attitude_stiffness"
+
+
+def test_validation_runs_judge() -> None:
+    runs = flown("servo_lag", 51)
+    other = records(flown("servo_lag", 52))
+    found = asked(runs, validation=other)
+    winner = found.winner
+    assert winner is not None
+    assert winner.validation_share is not None
+    assert winner.validation_share > 0.9
+    assert found.validation_nrmse_percent is not None
+    assert winner.validation_nrmse_percent is not None
+    for axis in ("p", "q"):
+        assert winner.validation_nrmse_percent[axis] > found.validation_nrmse_percent[axis]
+
+
+def test_a_gain_that_other_runs_do_not_share_is_demoted() -> None:
+    """Validation runs of a vehicle without the lag: what helps on the fitted runs makes these worse."""
+    found = asked(flown("servo_lag", 53), validation=records(flown(None, 54)))
+    assert found.verdict == "unexplained"
+
+
+def test_what_cannot_be_asked_says_why() -> None:
+    runs = [{name: values for name, values in run.items() if name not in ("r", "omega")} for run in flown(None)]
+    reasons = {one.effect: one.not_testable for one in asked(runs).candidates}
+    assert "r" in str(reasons["yaw_coupling"])
+    assert "not logged" in str(reasons["yaw_coupling"])
+    assert "omega" in str(reasons["rotor_speed"])
+    still = [{**run, "r": np.zeros_like(run["r"])} for run in flown(None)]
+    reasons = {one.effect: one.not_testable for one in asked(still).candidates}
+    assert "hardly moves" in str(reasons["yaw_coupling"])
+
+
+def test_a_user_s_effect_is_asked_beside_the_catalogue(tmp_path: Path) -> None:
+    path = tmp_path / "bent_shaft.py"
+    path.write_text(
+        '"""p feeds q through a bent shaft."""\n'
+        "from sysid.effect import Effect, Stage\n"
+        "from sysid.parameter import Parameter\n"
+        "EFFECT = Effect(\n"
+        '    id="bent_shaft", title="bent shaft", group="user", equation="q_dot += k q|q|", source="", signature="",\n'
+        '    parameters=(Parameter("k_bent", "-", "share", plausible=(-20.0, 20.0), null=0.0, typical=1.0),),\n'
+        "    stage=Stage.DYNAMICS, equations=lambda s: {'q_dot': s.k_bent * s.q * abs(s.q)}, linear=False,\n"
+        ")\n"
+    )
+    flight = records(flown("quadratic_damping"))
+    found = diagnose(on_runs("tpp", (), flight, flight), flight, effects=[load(path)])
+    assert any(one.effect == str(path) and one.score is not None for one in found.candidates)
+    assert found.effect == "quadratic_damping"
+
+
+def test_forward_flight_is_complete_with_its_own_structure() -> None:
+    assert asked(flown(None, 61, forward=True), *FORWARD_FLIGHT).verdict == "complete"

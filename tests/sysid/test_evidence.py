@@ -1,0 +1,81 @@
+"""Scores behave as chi squared where nothing is missing, and one step from the parent finds what is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from planted import PLANTED, Run, fly_many
+from planted_fits import records
+
+from sysid.effect import catalogue
+from sysid.evidence import Candidate, Metric, Settled, candidate, gain, ground, metric, refit, score, settle
+from sysid.fit import estimate
+from sysid.noise import divide
+from sysid.structures import TPP, compose
+
+BAND = (0.0, 15.0)
+LINEAR = ("hub_gyroscopics", "angular_damping", "inertia_coupling", "servo_lag", "transport_delay", "gyro_misalignment")
+SECONDS = 15.0
+
+
+def prepared(flight: list[Run]) -> tuple[Candidate, Settled, Metric]:
+    on = ground(records(flight), BAND)
+    parent = candidate(estimate(TPP, on.viewed(TPP)), (), on)
+    by = metric(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
+    return parent, settle(parent, by), by
+
+
+def scored(effect: str, flight: list[Run]):  # type: ignore[no-untyped-def]
+    parent, settled, by = prepared(flight)
+    composed = compose("tpp", [effect], parent.ground.available)
+    return score(catalogue()[effect], composed, parent, settled, by)
+
+
+def test_scores_of_a_complete_model_are_chi_squared() -> None:
+    flights = fly_many(None, {}, seeds=range(81, 93), duration_s=SECONDS)
+    each = []
+    for flight in flights:
+        parent, settled, by = prepared(flight)
+        for name in LINEAR:
+            found = score(catalogue()[name], compose("tpp", [name], parent.ground.available), parent, settled, by)
+            assert found is not None
+            each.append(found.chi_squared / found.degrees)
+    # 12 flights of 6 kindred questions: a mean of 1 within about 0.25
+    assert np.mean(each) == pytest.approx(1.0, abs=0.5)
+    assert np.max(each) < 12
+
+
+@pytest.mark.parametrize(
+    ("effect", "share"), [("hub_gyroscopics", 0.3), ("angular_damping", 0.3), ("servo_lag", 0.1), ("inertia_coupling", 0.3)]
+)
+def test_one_step_estimates_a_small_effect(effect: str, share: float) -> None:
+    planted = {name: share * value for name, value in PLANTED[effect].items()}
+    (flight,) = fly_many(effect, planted, seeds=[95], duration_s=SECONDS)
+    found = scored(effect, flight)
+    assert found.log_p < np.log(1e-6)
+    for name, value in planted.items():
+        assert found.at[name] == pytest.approx(value, abs=4 * found.errors[name] + 0.1 * abs(value))
+
+
+def test_what_no_flight_tells_apart_is_equally_likely() -> None:
+    (flight,) = fly_many("servo_lag", PLANTED["servo_lag"], seeds=[96], duration_s=SECONDS)
+    parent, _, _ = prepared(flight)
+    on = parent.ground
+    fits = {name: refit(compose("tpp", [name], on.available), parent, [name]) for name in ("servo_lag", "gyro_lag")}
+    best = fits["servo_lag"]
+    by = metric(best.model, on.stacks, divide(best.estimate.error, on.stacks, on.causes))
+    servo, gyro = (settle(one, by) for one in fits.values())
+    likelier, apart = gain(servo, gyro)
+    assert abs(likelier) < 0.5
+    assert apart < 0.5
+    assert gain(servo, settle(parent, by))[0] > 1e4
+    assert gain(servo, servo) == (0.0, 0.0)
+
+
+def test_channels_that_do_not_move_are_set_apart() -> None:
+    (flight,) = fly_many(None, {}, seeds=[97], duration_s=5.0)
+    still = [{**run, "omega": np.full_like(run["omega"], 172.8)} for run in flight]
+    found = ground(records(still), BAND)
+    assert "omega" in found.still
+    assert "omega" not in found.available
+    assert {"delta_x", "delta_y", "r"} <= found.available
