@@ -82,18 +82,24 @@ def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:
     return max(3 * float(np.median(spacing)), shortest)
 
 
+def gap_places(t: FloatArray, high_hz: float) -> NDArray[np.intp]:
+    """Numbers of the samples before which there is a gap."""
+    spacing = np.diff(t)
+    threshold = gap_threshold_s(spacing, high_hz)
+    if float(spacing.max()) <= threshold:
+        return np.zeros(0, dtype=np.intp)
+    return np.flatnonzero(spacing > threshold) + 1
+
+
 def gaps(t: FloatArray, high_hz: float) -> tuple[tuple[float, float], ...]:
     """(start, stop) of every gap in the time stamps, s."""
-    spacing = np.diff(t)
-    where = np.flatnonzero(spacing > gap_threshold_s(spacing, high_hz))
-    return tuple((float(t[i]), float(t[i + 1])) for i in where)
+    return tuple((float(t[i - 1]), float(t[i])) for i in gap_places(t, high_hz))
 
 
-def rate_hz(t: FloatArray, high_hz: float) -> float:
-    """One over the mean spacing outside gaps."""
-    spacing = np.diff(t)
-    inside = spacing[spacing <= gap_threshold_s(spacing, high_hz)]
-    return float(1 / np.mean(inside))
+def rate_hz(t: FloatArray, found: Sequence[tuple[float, float]]) -> float:
+    """One over the mean spacing outside the gaps (start, stop) found."""
+    inside = float(t[-1] - t[0]) - sum(stop - start for start, stop in found)
+    return (t.size - 1 - len(found)) / inside
 
 
 def segments(
@@ -105,8 +111,7 @@ def segments(
     Commands are held, rates interpolated linearly where a time stamp is off the grid.
     """
     t = record.t
-    spacing = np.diff(t)
-    edges = np.flatnonzero(spacing > gap_threshold_s(spacing, high_hz)) + 1
+    edges = gap_places(t, high_hz)
     found: list[Segment] = []
     remarks: list[str] = []
     for start, stop in zip([0, *edges], [*edges, t.size], strict=True):
@@ -116,8 +121,12 @@ def segments(
             remarks.append(f"{record.id}: {length:.2f} s from {part[0]:.2f} s left out, shorter than 2 s between gaps")
             continue
         dt = length / (part.size - 1)
-        grid = part[0] + dt * np.arange(part.size)
-        off = int(np.count_nonzero(np.abs(part - grid) > 0.1 * dt))
+        grid = np.arange(part.size, dtype=float)
+        grid *= dt
+        grid += part[0]
+        late = part - grid
+        worst = max(float(late.max()), -float(late.min()))
+        off = int(np.count_nonzero(np.abs(late) > 0.1 * dt)) if worst > 0.1 * dt else 0
         channels = {}
         for name in names:
             values = record.channels[name][start:stop]
