@@ -183,14 +183,14 @@ def _grid(form: Form, stack: Stack) -> _Grid:
     at, layout = stack.sampling(form.order), _layout(form)
     lead = at.s ** (form.order - 1)
     # images are those of the response's leading term, which D(s) turns into these and a share by its second term
-    images = at.s ** (form.order - 1) * at.images * stack.U[:2]
+    images = lead * at.images * stack.U[:2]
     U = at.hold * stack.U[:2] + at.s * images
     # what one end state does is exact in its leading term and the second, which alone the axes share
     ends = [lead * (1 + at.s * at.jump), lead * (at.jump - at.s * at.bend)]
     if form.order == 2:
         ends.insert(0, 1 + at.s**2 * at.bend)
-    rows = [*signals(form, at.s, stack.Y, U), *(at.s**form.order * stack.Y), *ends]
-    rows = [*(rows[number] for number in layout.order), *images]
+    listed = [*signals(form, at.s, stack.Y, U), *(at.s**form.order * stack.Y), *ends]
+    rows = np.stack([*(listed[number] for number in layout.order), *images]) * stack.scale
     runs, bins = len(stack.slices), max(part.stop - part.start for part in stack.slices)
     s = np.full((runs, bins), 1j)
     # one block: of many smaller ones an allocator gives the pages back, and every fit would take them anew
@@ -203,9 +203,8 @@ def _grid(form: Form, stack: Stack) -> _Grid:
     for run, part in enumerate(stack.slices):
         size = part.stop - part.start
         s[run, :size] = at.s[part]
+        known[run, :, :size] = rows[:, part]
         known[run, :, size:] = 0
-        for row, signal in enumerate(rows):
-            np.multiply(stack.scale[part.start], signal[part], out=known[run, row, :size])
     moving[:] = known[:, :count]
     return _Grid(form, s, known, moving, room)
 

@@ -672,7 +672,7 @@ def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> 
     if bins < 2 * count:
         raise FitError(f"only {bins} frequencies in the band: too little data for {count} parameters")
     m = len(structure.commands)
-    energy = sum(2 / one.samples * np.sum(np.abs(one.U[:m]) ** 2, axis=1) for one in spectra)
+    energy = sum(2 / one.samples * np.einsum("ij,ij->i", one.U[:m].conj(), one.U[:m]).real for one in spectra)
     rms_of_commands = np.sqrt(energy / sum(one.samples for one in spectra))
     for name, rms in zip(structure.commands, rms_of_commands, strict=True):
         axis = AXIS_OF.get(name, name)

@@ -18,6 +18,7 @@ from sysid.record import FloatArray, Record
 ComplexArray = NDArray[np.complex128]
 
 MINIMUM_SEGMENT_S = 2.0
+OFF_CLOCK = 0.1  # of a sample
 DEFAULT_BAND_HZ = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 
@@ -82,9 +83,8 @@ def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:
     return max(3 * float(np.median(spacing)), shortest)
 
 
-def gap_places(t: FloatArray, high_hz: float) -> NDArray[np.intp]:
-    """Numbers of the samples before which there is a gap."""
-    spacing = np.diff(t)
+def gap_places(spacing: FloatArray, high_hz: float) -> NDArray[np.intp]:
+    """Numbers of the samples before which there is a gap, from the spacing of the time stamps."""
     threshold = gap_threshold_s(spacing, high_hz)
     if float(spacing.max()) <= threshold:
         return np.zeros(0, dtype=np.intp)
@@ -93,7 +93,7 @@ def gap_places(t: FloatArray, high_hz: float) -> NDArray[np.intp]:
 
 def gaps(t: FloatArray, high_hz: float) -> tuple[tuple[float, float], ...]:
     """(start, stop) of every gap in the time stamps, s."""
-    return tuple((float(t[i - 1]), float(t[i])) for i in gap_places(t, high_hz))
+    return tuple((float(t[i - 1]), float(t[i])) for i in gap_places(np.diff(t), high_hz))
 
 
 def rate_hz(t: FloatArray, found: Sequence[tuple[float, float]]) -> float:
@@ -111,7 +111,8 @@ def segments(
     Commands are held, rates interpolated linearly where a time stamp is off the grid.
     """
     t = record.t
-    edges = gap_places(t, high_hz)
+    spacing = np.diff(t)
+    edges = gap_places(spacing, high_hz)
     found: list[Segment] = []
     remarks: list[str] = []
     for start, stop in zip([0, *edges], [*edges, t.size], strict=True):
@@ -121,12 +122,11 @@ def segments(
             remarks.append(f"{record.id}: {length:.2f} s from {part[0]:.2f} s left out, shorter than 2 s between gaps")
             continue
         dt = length / (part.size - 1)
-        grid = np.arange(part.size, dtype=float)
-        grid *= dt
-        grid += part[0]
-        late = part - grid
-        worst = max(float(late.max()), -float(late.min()))
-        off = int(np.count_nonzero(np.abs(late) > 0.1 * dt)) if worst > 0.1 * dt else 0
+        grid = part
+        inside = spacing[start : stop - 1]
+        if part.size * max(float(inside.max()) - dt, dt - float(inside.min())) > OFF_CLOCK * dt:
+            grid = part[0] + dt * np.arange(part.size)
+        off = 0 if grid is part else int(np.count_nonzero(np.abs(part - grid) > OFF_CLOCK * dt))
         channels = {}
         for name in names:
             values = record.channels[name][start:stop]
