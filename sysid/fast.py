@@ -1,20 +1,26 @@
-"""The fit of a bare base in a few milliseconds: the same criterion as `sysid.fit`, written for speed.
+"""The fit of a bare base in two milliseconds: the same criterion as `sysid.fit`, written for speed.
 
-All runs lie side by side in padded arrays, so that a pass over the data is some twenty NumPy calls whatever their
-number: the equation error's reweighted solutions on every fourth bin, Gauss-Newton there, then two passes over all
-bins. Sums over runs, end states projected out, are small Gram matrices. `sysid.fit` is the reference that the tests
-hold this against; where this does not apply, or ends in a poor fit, that one is used.
+Every row of the normal equations is D(s)^-1 times signals that stand in the two equations: outputs and their
+derivatives, commands, end states, and what the equations leave. So inner products of rows are sums over the bins of
+f_i* M_ab f_j with few signals f and M = D^-H W D^-1 (2, 2): one small matrix product each pass, and a table of which
+row has which signal in which equation does the rest. With M of the last D the same sums solve the equation error, and
+with the residual's smoothed spectra for W they are the estimate's variance.
+
+All runs lie side by side in padded arrays. The start is the equation error's reweighted solution on every fourth bin;
+Gauss-Newton follows there, then on all bins. `sysid.fit` is the reference that the tests hold this against; where
+this does not apply, or ends in a poor fit, that one is used.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from sysid.model import COMPLEX_STEP, AnyArray, FloatArray, Structure, stepped
-from sysid.polynomial import FORMS, Form, exact_enough
+from sysid.model import COMPLEX_STEP, FloatArray, Structure, stepped
+from sysid.polynomial import FORMS, Form, exact_enough, inverse, signals
 from sysid.predict import Stack
 from sysid.preprocess import ComplexArray
 
@@ -22,16 +28,16 @@ THINNING = 4
 FEWEST_BINS = 200
 """Of all runs together after thinning."""
 CORNER = 3.0  # rad/s
-SLOPES = (0.0, 1.0)
-REWEIGHTINGS = 3
+SLOPES = (1.0, 0.0)
+REWEIGHTINGS = 2
+GOOD_SHARE = 0.1
+"""Of the measured power, that a start may leave."""
 STEPS = 20
-ROUGH = 1e-3
-FINE = 1e-6
-"""Promised gain in summed logarithms of residual power at which to stop: on the thinned bins, on all."""
+ROUGH, FINE = (5e-2, 1.0), (3e-6, 0.02)
+"""When to stop, on the thinned bins and on all: the gain in summed logarithms of residual power that the last step
+promises, and the relative change of residual power up to which the outputs need not be weighed anew."""
 SMALLEST_LENGTH = 1e-3
 RIDGE = 1e-11
-SETTLED = 0.02
-"""Relative change of residual power from which on the outputs are weighed anew."""
 
 
 class FastFit(NamedTuple):
@@ -43,6 +49,8 @@ class FastFit(NamedTuple):
     coefficient_covariance: FloatArray
     measured_power: FloatArray
     residual_power: FloatArray
+    residuals: list[ComplexArray]
+    """For every run (2, bins), end states projected out, both outputs counting the same."""
 
     @property
     def vagueness(self) -> FloatArray:
@@ -51,48 +59,93 @@ class FastFit(NamedTuple):
         return np.asarray(np.min(found.reshape(2, 2), axis=0))
 
 
+class _Layout(NamedTuple):
+    """Where the signals of a form stand: first those of equation 0 alone, then of both, then of equation 1 alone."""
+
+    order: tuple[int, ...]
+    """Of each row its number among `polynomial.signals`, the two targets s^order Y, and the end states' signals."""
+    own: int
+    """How many signals each equation has alone."""
+    table: FloatArray
+    """(1 + coefficients + end states, 2, signals): by equation, the signals of the target, of what each coefficient
+    multiplies, and of the end states, for every order of s one in each axis."""
+    outputs: slice
+    derivatives: slice
+    targets: slice
+    ends: slice
+
+
+@lru_cache(maxsize=len(FORMS))
+def _layout(form: Form) -> _Layout:
+    targets = 2 * form.order + 2
+    ends = targets + 2
+    count = ends + form.order + 1
+    table = np.zeros((1 + form.coefficients + 2 * form.order, 2, count))
+    for row, places in enumerate(form.places, 1):
+        for equation, signal, sign in places:
+            table[row, equation, signal] = sign
+    for equation in (0, 1):
+        table[0, equation, targets + equation] = 1
+        for power in range(form.order):
+            table[1 + form.coefficients + 2 * power + equation, equation, ends + power] = 1
+    used = np.any(table, axis=0)
+    used[:, -1] = True  # by `_rows`
+    order = np.argsort(np.where(used[0], used[1], 2), kind="stable").tolist()
+
+    def both(first: int) -> slice:
+        one, other = order.index(first), order.index(first + 1)
+        return slice(one, other + 1, other - one)
+
+    derivatives = both(2) if form.order == 2 else slice(0)
+    last = slice(order.index(ends), order.index(ends) + form.order + 1)
+    own = int(np.count_nonzero(~used[1]))
+    return _Layout(tuple(order), own, table[:, :, order], both(0), derivatives, both(targets), last)
+
+
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Bins of all runs, padded to equal number: arrays (runs, bins); the mask is zero in the padding."""
+    """Bins of all runs, every sample of every run counting the same, padded with zeros to equal number."""
 
+    form: Form
     s: ComplexArray
-    Y: ComplexArray
-    """(2, runs, bins)"""
-    held: ComplexArray
-    images: ComplexArray
-    jump: ComplexArray
-    bend: ComplexArray
-    scale: FloatArray
-    """(runs, bins): sqrt(2/n), zero in the padding."""
+    """(runs, bins)"""
+    known: ComplexArray
+    """(runs, signals + 2, bins), as laid out, times sqrt(2/n): measured outputs, commands with what holding does; last
+    the commands' images as far as they come into both equations."""
+    moving: ComplexArray
+    """(runs, signals, bins): the same, but in every pass anew the model's outputs, and what the equations leave for
+    the targets."""
     room: ComplexArray
-    """(runs, rows, 2, bins), written anew in every pass."""
+    """(runs, 3 signals, bins), written anew in every pass."""
+
+    @property
+    def measured(self) -> ComplexArray:
+        """(runs, 2, bins)"""
+        return self.known[:, _layout(self.form).outputs]
 
     def thin(self) -> _Grid:
-        def some(x: AnyArray) -> AnyArray:
-            return np.ascontiguousarray(x[..., ::THINNING])
-
-        return _Grid(
-            some(self.s),
-            some(self.Y),
-            some(self.held),
-            some(self.images),
-            some(self.jump),
-            some(self.bend),
-            some(self.scale),
-            some(self.room),
-        )
+        known = self.known[..., ::THINNING].copy()
+        moving = self.moving[..., ::THINNING].copy()
+        return _Grid(self.form, self.s[:, ::THINNING].copy(), known, moving, np.empty_like(self.room[..., ::THINNING]))
 
 
-class _Pass(NamedTuple):
+class _Normal(NamedTuple):
+    """Normal equations of one linearisation, end states projected out."""
+
     curvature: FloatArray
     gradient: FloatArray
     power: FloatArray
+    """(2,), of the residual."""
     rest: ComplexArray
-    """(runs, 2, bins): the residual, weighted, end states projected out."""
+    """(runs, 2, bins): the residual."""
     ends: FloatArray
-    """(runs, end states, 1 + coefficients): how much of each row the end states explain."""
-    free: ComplexArray
-    """(2, runs, bins): the motion that the end states account for."""
+    """(runs, end states)"""
+    rows: FloatArray
+    """(runs, coefficients, 2 signals): the sensitivities' rows of the table, end states projected out."""
+    inverse: ComplexArray
+    """(2, 2, runs, bins): D(s)^-1."""
+    weight: FloatArray
+    """(2,): of the outputs' power."""
 
 
 def applies(structure: Structure, stacks: list[Stack]) -> bool:
@@ -103,118 +156,127 @@ def fit(structure: Structure, stack: Stack) -> FastFit | None:
     """None where no solution is found; the caller then takes the long way."""
     form = FORMS[structure.base]
     whole = _grid(form, stack)
-    measured = np.sum((whole.scale * np.abs(whole.Y)) ** 2, axis=(1, 2))
+    measured = _power(whole.measured)
     if not np.all(measured > 0):
         return None
     thin = whole.thin() if stack.z.size >= THINNING * FEWEST_BINS else whole
     try:
-        c = _start(form, thin, measured)
-        if c is None:
+        begun = _start(thin)
+        if begun is None:
             return None
-        c, last = _descend(form, thin, c, measured, ROUGH)
-        c, last = _descend(form, whole, c, last.power * (measured / _measured(thin)), FINE)
-        covariance = _covariance(form, whole, stack, last)
+        c, last = _descend(thin, *begun, ROUGH)
+        c, last = _descend(whole, c, last.power * (whole.s.size / thin.s.size), last.ends, FINE)
+        covariance = _covariance(whole, stack, last)
         values = form.to_parameters(c)
         to = form.of_parameters(stepped(values)).imag / COMPLEX_STEP
         back = np.linalg.inv(to.T)
+        left, rest, _ = _left(whole, c, np.ones(2))
     except np.linalg.LinAlgError:
         return None
-    return FastFit(values, c, back @ covariance @ back.T, covariance, measured, last.power)
+    residuals = [
+        rest[run, :, : part.stop - part.start] / stack.scale[part.start] for run, part in enumerate(stack.slices)
+    ]
+    return FastFit(values, c, back @ covariance @ back.T, covariance, measured, left, residuals)
 
 
 def _grid(form: Form, stack: Stack) -> _Grid:
-    at = stack.sampling(form.order)
+    at, layout = stack.sampling(form.order), _layout(form)
+    lead = at.s ** (form.order - 1)
+    # images are those of the response's leading term, which D(s) turns into these and a share by its second term
+    images = lead * at.images * stack.U[:2]
+    U = at.hold * stack.U[:2] + at.s * images
+    # what one end state does is exact in its leading term and the second, which alone the axes share
+    ends = [lead * (1 + at.s * at.jump), lead * (at.jump - at.s * at.bend)]
+    if form.order == 2:
+        ends.insert(0, 1 + at.s**2 * at.bend)
+    listed = [*signals(form, at.s, stack.Y, U), *(at.s**form.order * stack.Y), *ends]
+    rows = np.stack([*(listed[number] for number in layout.order), *images]) * stack.scale
     runs, bins = len(stack.slices), max(part.stop - part.start for part in stack.slices)
-    images, held = at.images * stack.U[:2], at.hold * stack.U[:2]
-    equal = all(part.stop - part.start == bins for part in stack.slices)
-
-    def padded(x: AnyArray, filling: complex = 0.0) -> AnyArray:
-        if equal:
-            return x.reshape(*x.shape[:-1], runs, bins)
-        found = np.full((*x.shape[:-1], runs, bins), filling, dtype=x.dtype)
-        for run, part in enumerate(stack.slices):
-            found[..., run, : part.stop - part.start] = x[..., part]
-        return found
-
-    rows = 1 + form.coefficients + 2 * form.order
-    return _Grid(
-        padded(at.s, 1j),
-        padded(stack.Y),
-        padded(held),
-        padded(images),
-        padded(at.jump),
-        padded(at.bend),
-        padded(stack.scale),
-        np.empty((runs, rows, 2, bins), dtype=complex),
+    s = np.full((runs, bins), 1j)
+    # one block: of many smaller ones an allocator gives the pages back, and every fit would take them anew
+    count = len(layout.order)
+    block = np.empty(runs * (5 * count + 2) * bins, dtype=complex)
+    known, moving, room = (
+        part.reshape(runs, -1, bins)
+        for part in np.split(block, [runs * (count + 2) * bins, runs * (2 * count + 2) * bins])
     )
+    for run, part in enumerate(stack.slices):
+        size = part.stop - part.start
+        s[run, :size] = at.s[part]
+        known[run, :, :size] = rows[:, part]
+        known[run, :, size:] = 0
+    moving[:] = known[:, :count]
+    return _Grid(form, s, known, moving, room)
 
 
-def _measured(grid: _Grid) -> FloatArray:
-    return np.asarray(np.sum((grid.scale * np.abs(grid.Y)) ** 2, axis=(1, 2)))
+def _power(x: ComplexArray) -> FloatArray:
+    """(runs, 2, bins) -> (2,)"""
+    flat = x.view(float)
+    return np.asarray(np.einsum("rij,rij->i", flat, flat))
 
 
-def _axis_weights(power: FloatArray) -> FloatArray:
-    return 1 / np.sqrt(np.maximum(power, 1e-12 * max(float(power.max()), 1e-300)))
+def _weights(power: FloatArray) -> FloatArray:
+    return np.asarray(1 / np.maximum(power, 1e-12 * max(float(power.max()), 1e-300)))
 
 
-def _inverse(form: Form, s: ComplexArray, c: FloatArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
-    d00, d01, d10, d11 = form.denominator(s, c)
-    scale = 1 / (d00 * d11 - d01 * d10)
-    return d11 * scale, -d01 * scale, -d10 * scale, d00 * scale
+def _rows(form: Form, c: FloatArray) -> FloatArray:
+    """The layout's table at these coefficients: last end states come into both equations, by D's second term."""
+    layout = _layout(form)
+    table = layout.table.copy()
+    table[-2:, :, layout.ends.stop - 1] = -form.second(c).T
+    return table
 
 
-def _fill(
-    form: Form, grid: _Grid, inner: tuple[AnyArray, ...], Y: ComplexArray, with_images: FloatArray | None
-) -> None:
-    """Rows of all coefficients and end states into the room, from weighted D^-1 entries and the outputs Y."""
-    room, s = grid.room, grid.s
-    w00, w01, w10, w11 = inner
-    column = (np.stack([w00, w10]), np.stack([w01, w11]))  # (axis, runs, bins) for a unit in either equation
-
-    def put(row: int, axis: int, factor: AnyArray) -> None:
-        np.multiply(column[axis].transpose(1, 0, 2), factor[:, None], out=room[:, row])
-
-    if form.order == 2:
-        put(1, 0, -Y[0])
-        put(2, 1, -Y[1])
-        np.add(room[:, 1], room[:, 2], out=room[:, 3])
-        room[:, 3] *= s[:, None]
-        put(4, 0, s * Y[1])
-        put(5, 1, s * Y[0])
-        row = 6
-    else:
-        put(1, 0, Y[0])
-        put(2, 0, Y[1])
-        put(3, 1, Y[0])
-        put(4, 1, Y[1])
-        row = 5
-    for axis in (0, 1):
-        for held in grid.held:
-            put(row, axis, held)
-            row += 1
-    if with_images is not None:
-        for axis in (0, 1):
-            for number in (0, 1):
-                room[:, row - 4 + 2 * axis + number, axis] += with_images[axis] * grid.images[number]
-    for axis in (0, 1):
-        room[:, row + axis] = column[axis].transpose(1, 0, 2)
-    if form.order == 2:
-        np.multiply(room[:, row : row + 2], s[:, None, None], out=room[:, row + 2 : row + 4])
+def _metric(K: ComplexArray, weight: FloatArray) -> ComplexArray:
+    """M = K^H W K, as `_between`, with the outputs' weights (2,)."""
+    return _between(K, weight[:, None, None, None] * K)
 
 
-def _reduce(form: Form, grid: _Grid) -> tuple[FloatArray, FloatArray]:
-    """Inner products of the rows, (1 + coefficients) square, and what of each the end states explain."""
-    room = grid.room
-    flat = room.reshape(*room.shape[:2], -1).view(float)
-    gram = flat @ flat.transpose(0, 2, 1)
-    n = 2 * form.order
-    size = np.sqrt(np.einsum("rii->ri", gram[:, -n:, -n:]))
-    size = np.where(size > 0, size, 1.0)
-    inner = gram[:, -n:, -n:] / (size[:, :, None] * size[:, None, :]) + RIDGE * np.eye(n)
-    cross = gram[:, -n:, :-n] / size[:, :, None]
-    solved = np.linalg.solve(inner, cross)
-    left = gram[:, :-n, :-n] - cross.transpose(0, 2, 1) @ solved
-    return left.sum(axis=0), solved / size[:, :, None]
+def _between(K: ComplexArray, SK: ComplexArray) -> ComplexArray:
+    """K^H S K (3, runs, bins) from K and S K (2, 2, runs, bins): the entries 00, 11 and 01."""
+    conjugate = K.conj()
+    M = np.empty((3, *K.shape[2:]), dtype=complex)
+    np.multiply(conjugate[0], SK[0], out=M[:2])
+    M[:2] += conjugate[1] * SK[1]
+    np.multiply(conjugate[0, 0], SK[0, 1], out=M[2])
+    M[2] += conjugate[1, 0] * SK[1, 1]
+    return M
+
+
+def _gram(F: ComplexArray, own: int, M: ComplexArray, room: ComplexArray) -> FloatArray:
+    """Sums over the bins of f_i* M_ab f_j for every run: (runs, 2 n, 2 n), the n signals of each equation in turn.
+
+    `F` (runs, signals, bins), as laid out with `own` signals in each equation alone; M (3, runs, bins).
+    """
+    n = F.shape[1] - own
+    one, other = F[:, :n], F[:, own:]
+    products, W = room[:, : 3 * n], M[:, :, None]
+    np.multiply(W[0], one, out=products[:, :n])
+    np.multiply(W[2], other, out=products[:, n : 2 * n])
+    np.multiply(W[1], other, out=products[:, 2 * n :])
+    right = products.view(float).transpose(0, 2, 1)
+    found = np.empty((F.shape[0], 2 * n, 2 * n))
+    np.matmul(one.view(float), right[:, :, : 2 * n], out=found[:, :n])
+    np.matmul(other.view(float), right[:, :, 2 * n :], out=found[:, n:, n:])
+    found[:, n:, :n] = found[:, :n, n:].transpose(0, 2, 1)
+    return found
+
+
+def _by_equation(rows: FloatArray, own: int) -> FloatArray:
+    """Rows (rows, 2, signals) -> (rows, 2 n), the n signals of each equation in turn."""
+    return np.concatenate([rows[:, 0, : rows.shape[2] - own], rows[:, 1, own:]], axis=1)
+
+
+def _project(gram: FloatArray, rows: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """Inner products of the rows (rows, 2 signals), the last n, end states, projected out of the others.
+
+    Returns them, summed over runs, and how much of each row the end states explain, (runs, n, others).
+    """
+    products = rows @ gram @ rows.T
+    cross = products[:, -n:, :-n]
+    explained = np.linalg.solve(products[:, -n:, -n:] * (1 + RIDGE * np.eye(n)), cross)
+    left = products[:, :-n, :-n] - cross.transpose(0, 2, 1) @ explained
+    return np.asarray(left.sum(axis=0)), np.asarray(explained)
 
 
 def _solve(H: FloatArray, g: FloatArray) -> FloatArray:
@@ -222,129 +284,141 @@ def _solve(H: FloatArray, g: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(H / np.outer(size, size) + 1e-14 * np.eye(size.size), g / size) / size)
 
 
-def _equation_error(form: Form, grid: _Grid, measured: FloatArray, last: FloatArray | None, slope: float) -> FloatArray:
-    """Coefficients of the linear equation error, weighted by the last denominator or a power of frequency."""
-    w = grid.scale[None] / np.sqrt(measured)[:, None, None]
-    if last is None:
-        flat = (CORNER + np.abs(grid.s)) ** -slope
-        zero = np.zeros_like(grid.s)
-        entries: tuple[AnyArray, ...] = (flat + zero, zero, zero, flat + zero)
-    else:
-        entries = _inverse(form, grid.s, last)
-    inner = (w[0] * entries[0], w[0] * entries[1], w[1] * entries[2], w[1] * entries[3])
-    _fill(form, grid, inner, grid.Y, None)
-    target = grid.s**form.order * grid.Y
-    grid.room[:, 0, 0] = inner[0] * target[0] + inner[1] * target[1]
-    grid.room[:, 0, 1] = inner[2] * target[0] + inner[3] * target[1]
-    gram, _ = _reduce(form, grid)
-    return _solve(gram[1:, 1:], gram[1:, 0])
+def _start(grid: _Grid) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """A solution of the equation error weighted by its own denominator, its residual power and its end states.
 
-
-def _start(form: Form, grid: _Grid, measured: FloatArray) -> FloatArray | None:
-    best: tuple[float, FloatArray] | None = None
-
-    def judge(c: FloatArray) -> None:
-        nonlocal best
-        with np.errstate(all="ignore"):
-            sound = np.all(np.isfinite(c)) and np.all(np.isfinite(form.to_parameters(c)))
-        if sound:
-            cost = float(np.sum(np.log(_linearise(form, grid, c, measured).power)))
-            if np.isfinite(cost) and (best is None or cost < best[0]):
-                best = (cost, c)
-
-    for slope in SLOPES:
-        judge(_equation_error(form, grid, measured, None, slope))
-    if best is None:
-        return None
-    c = best[1]
-    for _ in range(REWEIGHTINGS):
-        c = _equation_error(form, grid, measured, c, 0.0)
-        if not np.all(np.isfinite(c)):
-            break
-    judge(c)
-    return best[1]
-
-
-def _linearise(form: Form, grid: _Grid, c: FloatArray, power: FloatArray, free: ComplexArray | float = 0.0) -> _Pass:
-    """Residual and sensitivities of the output error at these coefficients, weighed by the given powers.
-
-    `free` is the last pass's free motion: it changes with the coefficients, too.
+    It begins weighted by a power of frequency; the next one is tried where much is left.
     """
-    i00, i01, i10, i11 = _inverse(form, grid.s, c)
-    N = c[-4:]
-    d0 = N[0] * grid.held[0] + N[1] * grid.held[1]
-    d1 = N[2] * grid.held[0] + N[3] * grid.held[1]
-    Y = np.stack([i00 * d0 + i01 * d1, i10 * d0 + i11 * d1])
-    weight = _axis_weights(power)
-    w = weight[:, None, None] * grid.scale
-    _fill(form, grid, (w[0] * i00, w[0] * i01, w[1] * i10, w[1] * i11), Y + free, w)
-    room, n = grid.room, 2 * form.order
-    for axis in (0, 1):
-        room[:, -2 + axis, axis] += w[axis] * grid.jump
-    second = form.second(c)
-    for axis in (0, 1):
-        for output in (0, 1):
-            room[:, -2 + axis, output] += second[output, axis] * w[output] * grid.bend
-        if form.order == 2:
-            room[:, -4 + axis, axis] += w[axis] * grid.bend
-    for axis in (0, 1):
-        seen = Y[axis] + N[2 * axis] * grid.images[0] + N[2 * axis + 1] * grid.images[1]
-        room[:, 0, axis] = w[axis] * (grid.Y[axis] - seen)
-    gram, ends = _reduce(form, grid)
-    rest = room[:, 0] - np.einsum("re,rekb->rkb", ends[:, :, 0], room[:, -n:])
-    left = np.sum(np.abs(rest) ** 2, axis=(0, 2)) / weight**2
-    moved = (room[:, 0] - rest).transpose(1, 0, 2) / np.where(w > 0, w, 1.0)
-    return _Pass(gram[1:, 1:], gram[1:, 0], left, rest, ends, moved)
-
-
-def _descend(form: Form, grid: _Grid, c: FloatArray, power: FloatArray, enough: float) -> tuple[FloatArray, _Pass]:
-    """Gauss-Newton with step halving on sum log(power); ends with the pass at the last coefficients."""
-    here, weighed_by = _linearise(form, grid, c, power), power
-    for _ in range(STEPS):
-        if not np.allclose(weighed_by, here.power, rtol=SETTLED):
-            here, weighed_by = _linearise(form, grid, c, here.power, here.free), here.power
-        move = _solve(here.curvature, here.gradient)
-        if not float(here.gradient @ move) > enough:
+    form, measured = grid.form, _power(grid.measured)
+    weight = _weights(measured)
+    best: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
+    for slope in SLOPES:
+        M = np.zeros((3, *grid.s.shape), dtype=complex)
+        M[:2] = weight[:, None, None] * (CORNER + np.abs(grid.s)) ** (-2 * slope)
+        c = _equation_error(grid, M)
+        with np.errstate(all="ignore"):
+            for _ in range(REWEIGHTINGS):
+                c = _equation_error(grid, _metric(inverse(form.denominator(grid.s, c)), weight))
+            if not np.all(np.isfinite(c)) or not np.all(np.isfinite(form.to_parameters(c))):
+                continue
+            power, _, ends = _left(grid, c, weight)
+        cost = float(np.sum(np.log(power)))
+        if np.isfinite(cost) and (best is None or cost < best[0]):
+            best = (cost, c, power, ends)
+        if np.all(power < GOOD_SHARE * measured):
             break
+    return None if best is None else best[1:]
+
+
+def _equation_error(grid: _Grid, M: ComplexArray) -> FloatArray:
+    """Coefficients of the linear equation error, its residuals weighted by M."""
+    layout = _layout(grid.form)
+    gram = _gram(grid.known[:, : len(layout.order)], layout.own, M, grid.room)
+    found, _ = _project(gram, _by_equation(layout.table, layout.own), 2 * grid.form.order)
+    return _solve(found[1:, 1:], found[1:, 0])
+
+
+def _equations(grid: _Grid, c: FloatArray, rows: FloatArray, ends: FloatArray) -> ComplexArray:
+    """What the equations leave of the measured outputs at these coefficients and end states, (runs, 2, bins)."""
+    taken = np.empty((ends.shape[0], rows.shape[0]))
+    taken[:, 0], taken[:, 1 : 1 + c.size], taken[:, 1 + c.size :] = 1, -c, -ends
+    share = np.empty((ends.shape[0], 2, grid.known.shape[1]))
+    share[:, :, :-2] = (taken @ rows.reshape(rows.shape[0], -1)).reshape(-1, *rows.shape[1:])
+    share[:, :, -2:] = grid.form.second(c) @ c[-4:].reshape(2, 2)
+    found: FloatArray = share @ grid.known.view(float)
+    return found.view(complex)
+
+
+def _through(K: ComplexArray, x: ComplexArray) -> ComplexArray:
+    """K (2, 2, runs, bins) times x (runs, 2, bins)."""
+    found = np.empty_like(x)
+    for output in (0, 1):
+        np.multiply(K[output, 0], x[:, 0], out=found[:, output])
+        found[:, output] += K[output, 1] * x[:, 1]
+    return found
+
+
+def _left(grid: _Grid, c: FloatArray, weight: FloatArray) -> tuple[FloatArray, ComplexArray, FloatArray]:
+    """Residual power, residual (runs, 2, bins) and end states (runs, n), these with outputs weighted as given."""
+    form, layout, n = grid.form, _layout(grid.form), 2 * grid.form.order
+    K, rows = inverse(form.denominator(grid.s, c)), _rows(form, c)
+    residual = _equations(grid, c, rows, np.zeros((grid.s.shape[0], n)))
+    ends = grid.known[:, layout.ends]
+    F = np.concatenate([residual[:, :1], ends, residual[:, 1:]], axis=1)
+    gram = _gram(F, 1, _metric(K, weight), grid.room)
+    some = np.zeros((1 + n, 2, F.shape[1]))
+    some[0, 0, 0] = some[0, 1, -1] = 1
+    some[1:, :, 1:-1] = rows[-n:, :, layout.ends]
+    _, explained = _project(gram, _by_equation(some, 1), n)
+    rest = _through(K, _equations(grid, c, rows, explained[:, :, 0]))
+    return _power(rest), rest, explained[:, :, 0]
+
+
+def _linearise(grid: _Grid, c: FloatArray, power: FloatArray, ends: FloatArray) -> _Normal:
+    """Normal equations of the output error at these coefficients, the outputs weighed by the given powers.
+
+    `ends` is the last pass's: the free motion from them changes with the coefficients, too. Images' share by D's second
+    term is left out of the sensitivities, where it is below 2e-3 at the band's end.
+    """
+    form, layout, weight = grid.form, _layout(grid.form), _weights(power)
+    K, rows = inverse(form.denominator(grid.s, c)), _rows(form, c)
+    residual, F = _equations(grid, c, rows, ends), grid.moving
+    F[:, layout.outputs] = grid.measured - _through(K, residual)
+    if form.order == 2:
+        F[:, layout.derivatives] = grid.s[:, None] * F[:, layout.outputs]
+    F[:, layout.targets] = residual
+    gram = _gram(F, layout.own, _metric(K, weight), grid.room)
+    n, flat = 2 * form.order, _by_equation(rows, layout.own)
+    products, explained = _project(gram, flat, n)
+    ends = ends + explained[:, :, 0]
+    rest = _through(K, _equations(grid, c, rows, ends))
+    left = flat[1:-n] - explained[:, :, 1:].transpose(0, 2, 1) @ flat[-n:]
+    return _Normal(products[1:, 1:], products[1:, 0], _power(rest), rest, ends, left, K, weight)
+
+
+def _descend(
+    grid: _Grid, c: FloatArray, power: FloatArray, ends: FloatArray, enough: tuple[float, float]
+) -> tuple[FloatArray, _Normal]:
+    """Gauss-Newton with step halving on sum log(power); ends with the last pass and the step that it promises."""
+    here, weighed_by = _linearise(grid, c, power, ends), power
+    for _ in range(STEPS):
+        move = _solve(here.curvature, here.gradient)
+        if not float(here.gradient @ move) > enough[0]:
+            if np.all(np.abs(here.power - weighed_by) < enough[1] * here.power):
+                return c + move, here
+            here, weighed_by = _linearise(grid, c, here.power, here.ends), here.power
+            continue
         goal, length = float(np.sum(np.log(here.power))), 1.0
         while True:
-            there = _linearise(form, grid, c + length * move, here.power, here.free)
+            there = _linearise(grid, c + length * move, here.power, here.ends)
             reached = float(np.sum(np.log(there.power)))
             if np.isfinite(reached) and reached < goal:
                 break
             length /= 2
             if length < SMALLEST_LENGTH:
-                return c, _linearise(form, grid, c, here.power, here.free)
+                return c, _linearise(grid, c, here.power, here.ends)
         c, here, weighed_by = c + length * move, there, here.power
     return c, here
 
 
-def _covariance(form: Form, grid: _Grid, stack: Stack, last: _Pass) -> FloatArray:
-    """As `sysid.fit._covariance`, of the coefficients."""
+def _covariance(grid: _Grid, stack: Stack, last: _Normal) -> FloatArray:
+    """As `sysid.fit._covariance`, of the coefficients; the last pass's signals are still in the room."""
     from sysid.fit import smooth
 
-    n, count = 2 * form.order, form.coefficients
-    room = grid.room
-    J = room[:, 1 : 1 + count] - np.einsum("rec,rekb->rckb", last.ends[:, :, 1:], room[:, -n:], optimize=True)
-    variance = np.zeros((count, count))
+    e = np.sqrt(last.weight)[:, None] * last.rest
+    cross = e[:, 0] * e[:, 1].conj()
+    own = e.view(float) ** 2
+    spectra = np.stack([*(own[..., ::2] + own[..., 1::2]).swapaxes(0, 1), cross.real, cross.imag], axis=-1)
     for run, part in enumerate(stack.slices):
         size = part.stop - part.start
-        e = last.rest[run, :, :size]
-        cross = np.stack([np.abs(e[0]) ** 2, np.abs(e[1]) ** 2, *_parts(e[0] * e[1].conj())], axis=1)
-        S = smooth(cross, stack.frequency_hz[part]).T
-        between = S[2] + 1j * S[3]
-        mine = J[run, :, :, :size]
-        SJ = np.stack(
-            [S[0] * mine[:, 0] + between * mine[:, 1], between.conj() * mine[:, 0] + S[1] * mine[:, 1]], axis=1
-        )
-        flat = np.ascontiguousarray(mine).reshape(count, -1).view(float)
-        variance += 0.5 * (flat @ SJ.reshape(count, -1).view(float).T)
+        spectra[run, :size] = smooth(spectra[run, :size], stack.frequency_hz[part])
+    WK = np.sqrt(last.weight)[:, None, None, None] * last.inverse
+    between = spectra[..., 2] + 1j * spectra[..., 3]
+    SK = np.stack([spectra[..., 0] * WK[0] + between * WK[1], between.conj() * WK[0] + spectra[..., 1] * WK[1]])
+    gram = _gram(grid.moving, _layout(grid.form).own, _between(WK, SK), grid.room)
+    variance = 0.5 * np.sum(last.rows @ gram @ last.rows.transpose(0, 2, 1), axis=0)
     size = np.sqrt(np.diag(last.curvature))
     if not np.all(size > 0):
         raise np.linalg.LinAlgError("a coefficient does not show")
-    inverse = np.linalg.inv(last.curvature / np.outer(size, size)) / np.outer(size, size)
-    return np.asarray(inverse @ variance @ inverse)
-
-
-def _parts(x: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    return x.real, x.imag
+    inner = np.linalg.inv(last.curvature / np.outer(size, size)) / np.outer(size, size)
+    return np.asarray(inner @ variance @ inner)

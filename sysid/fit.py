@@ -14,13 +14,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid import fast
 from sysid.errors import SysidError
 from sysid.identifiable import alike
 from sysid.instrument import instruments
 from sysid.model import AnyArray, FloatArray, Model, Structure
-from sysid.polynomial import FORMS, Form, Regressors, inverse, through
+from sysid.polynomial import FORMS, Form, Regressors, inverse, regressors, through
 from sysid.predict import Ends, RelaxationError, Response, Stack, respond, stack
 from sysid.preprocess import ComplexArray, Spectrum
 
@@ -45,9 +46,11 @@ LEAST_COMMAND = 2e-4  # rms of full command in the band: one step of a 12-bit se
 LEAST_INDEPENDENT_SHARE = 0.002
 LARGEST_RELATIVE_ERROR = 0.25
 SHARE_BAND_HZ = 0.5
+LEAST_SHARE = 1e-9  # below which a command counts as following the others
 ENDS_RANK = 1e-10
 LARGEST_SEARCH = 24
 SEARCH_ROUNDS = 2
+MOST_PROMISING = 2
 NEAR_NULL = 0.9
 UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
@@ -190,7 +193,7 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
         for part in group.slices:
             s, Y = at.s[part], group.Y[:, part]
             target = ((0, Y[0] * s**form.order), (1, Y[1] * s**form.order))
-            known = (target, *form.regressors(s, Y, held[:, part]))
+            known = (target, *regressors(form, s, Y, held[:, part]))
             blocks.append((s, known, group.scale[part.start] / measured[:, None]))
     begins = [_equation_error(form, structure, blocks, stacks, None, slope) for slope in FIRST_SLOPES]
     found = sorted((one for one in begins if one is not None), key=lambda one: one[0])
@@ -251,7 +254,7 @@ def _equation_error(
             weight = np.zeros((2, 2, s.size), dtype=complex)
             weight[0, 0] = weight[1, 1] = (CORNER + np.abs(s)) ** -slope
         else:
-            weight = inverse(form, s, last)
+            weight = inverse(form.denominator(s, last))
         ends = np.concatenate([weight.transpose(1, 0, 2) * s**power for power in range(form.order)])
         weighed = through(weight, known, np.empty((form.coefficients + 1, 2, s.size), dtype=complex))
         columns = rows(scale * ends)
@@ -301,11 +304,7 @@ def minimise(
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
-        H, g = here.curvature[np.ix_(free, free)], here.gradient[free]
-        size = np.sqrt(np.diag(H))
-        size = np.where(size > 0, size, 1.0)
-        move = np.zeros(values.size)
-        move[free] = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
+        move = _step(here, free)
         if float(here.gradient @ move) < TOLERANCE:  # what the step promises, in summed logarithms
             break
         weights = axis_weights(stacks, here.power)
@@ -324,6 +323,16 @@ def minimise(
         if goal - reached < TOLERANCE:
             break
     return Model(structure, values), here.power
+
+
+def _step(here: _Normal, free: NDArray[np.bool_]) -> FloatArray:
+    """The Gauss-Newton step of the free parameters, (parameters,)."""
+    H, g = here.curvature[np.ix_(free, free)], here.gradient[free]
+    size = np.sqrt(np.diag(H))
+    size = np.where(size > 0, size, 1.0)
+    move = np.zeros(free.size)
+    move[free] = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
+    return move
 
 
 def _try(
@@ -373,6 +382,18 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Seq
         cost = float(np.sum(np.log(left)))
         return (cost, model) if np.isfinite(cost) else (np.inf, None)
 
+    def promised(begin: Mapping[str, float]) -> float:
+        """The cost that one step from there would reach if the response were linear in the parameters."""
+        try:
+            values = structure.vector({**known, **begin})
+            with np.errstate(all="ignore"):
+                here = _normal(structure, values, few, axis_weights(few, power), True)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return np.inf
+        loose = np.array([name not in held for name in structure.names])
+        cost = float(np.sum(np.log(here.power)) - here.gradient @ _step(here, loose))
+        return cost if np.isfinite(cost) else np.inf
+
     if not choices:
         return minimise(Model(structure, structure.vector({**known, **first})), stacks, power, held)[0]
     best = tried(first)
@@ -385,11 +406,11 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Seq
         for _ in range(SEARCH_ROUNDS):
             before = best[0]
             for name, values in choices.items():
-                for value in values:
-                    if value != first[name]:
-                        again = tried({**first, name: value})
-                        if again[0] < best[0]:
-                            best, first = again, {**first, name: value}
+                others = [{**first, name: value} for value in values if value != first[name]]
+                for begin in sorted(others, key=promised)[:MOST_PROMISING]:
+                    again = tried(begin)
+                    if again[0] < best[0]:
+                        best, first = again, begin
             if best[0] == before:
                 break
     if best[1] is None:
@@ -445,7 +466,9 @@ def estimate(
             parent = Model(structure, quick.values)
             if causes is None:
                 _refuse_vagueness(structure, quick.vagueness)
-                return Estimate(parent, quick.covariance, output_error(parent, stacks))
+                return Estimate(
+                    parent, quick.covariance, OutputError(quick.residuals, quick.measured_power, quick.residual_power)
+                )
     if parent is None:
         bare = Structure(structure.base_) if structure.composed else structure
         parent = start(bare, [group.thinned(START_THINNING) for group in stacks])
@@ -649,7 +672,7 @@ def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> 
     if bins < 2 * count:
         raise FitError(f"only {bins} frequencies in the band: too little data for {count} parameters")
     m = len(structure.commands)
-    energy = sum(2 / one.samples * np.sum(np.abs(one.U[:m]) ** 2, axis=1) for one in spectra)
+    energy = sum(2 / one.samples * np.einsum("ij,ij->i", one.U[:m].conj(), one.U[:m]).real for one in spectra)
     rms_of_commands = np.sqrt(energy / sum(one.samples for one in spectra))
     for name, rms in zip(structure.commands, rms_of_commands, strict=True):
         axis = AXIS_OF.get(name, name)
@@ -679,25 +702,17 @@ def independent_share(spectra: Sequence[Spectrum], commands: int = 2) -> FloatAr
     With one noise-free sweep and a controller on, the other axis's command follows the swept one and this is near 0.
     """
     bands = int(max(one.frequency_hz[-1] for one in spectra) / SHARE_BAND_HZ) + 1
-    cross = np.zeros((bands, commands, commands), dtype=complex)
+    cross = np.zeros((commands, commands, bands), dtype=complex)
     for one in spectra:
         U = one.U[:commands] / np.sqrt(one.samples)
-        edges = np.searchsorted(one.frequency_hz, SHARE_BAND_HZ * np.arange(bands))
-        for band, (first, last) in enumerate(zip(edges, [*edges[1:], U.shape[1]], strict=True)):
-            part = U[:, first:last]
-            cross[band] += part @ part.conj().T
-    own, whole = np.zeros(commands), np.zeros(commands)
-    for j in range(commands):
-        others = [i for i in range(commands) if i != j]
-        power = cross[:, j, j].real
-        explained = np.zeros(bands)
-        if others:
-            inner = np.linalg.pinv(cross[:, others][:, :, others], rcond=1e-9, hermitian=True)
-            row = cross[:, j, others][:, None, :]
-            explained = (row @ inner @ row.conj().transpose(0, 2, 1))[:, 0, 0].real
-        own[j] = float(np.sum(np.maximum(power - explained, 0)))
-        whole[j] = float(np.sum(power))
-    return own / np.maximum(whole, 1e-300)
+        band = (one.frequency_hz / SHARE_BAND_HZ).astype(int)
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(band)) + 1])
+        cross[..., band[starts]] += np.add.reduceat(U[:, None] * U.conj(), starts, axis=2)
+    power = np.einsum("jjb->jb", cross).real
+    size = np.sqrt(np.where(power > 0, power, 1.0))
+    unit = (cross / (size[:, None] * size)).transpose(2, 0, 1) + LEAST_SHARE * np.eye(commands)
+    own = power / np.einsum("bjj->jb", np.linalg.inv(unit)).real
+    return np.asarray(np.sum(own, axis=1) / np.maximum(np.sum(power, axis=1), 1e-300))
 
 
 def _refuse_vague_axes(found: Estimate) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -140,9 +141,13 @@ class Structure:
         )
         parameters = {name: value[..., None] for name, value in self.named(values).items()}
         rates, outputs = self.evaluate(parameters, signals)
-        shape = (*values.shape[:-1], n + m)
-        rows = np.stack([np.broadcast_to(rates[f"{state}_dot"], shape) for state in self.states], axis=-2)
-        out = np.stack([np.broadcast_to(outputs[name], shape) for name in self.outputs], axis=-2)
+        kind = np.result_type(values, float)
+        rows = np.empty((*values.shape[:-1], n, n + m), dtype=kind)
+        out = np.empty((*values.shape[:-1], len(self.outputs), n + m), dtype=kind)
+        for i, state in enumerate(self.states):
+            rows[..., i, :] = rates[f"{state}_dot"]
+        for i, name in enumerate(self.outputs):
+            out[..., i, :] = outputs[name]
         rows, out = rows / SMALL_MOTION, out / SMALL_MOTION
         return Matrices(rows[..., :n], rows[..., n:], out[..., :n], out[..., n:])
 
@@ -212,7 +217,7 @@ class Model:
     def __getitem__(self, name: str) -> float:
         return float(self.values[self.structure.names.index(name)])
 
-    @property
+    @cached_property
     def matrices(self) -> Matrices:
         return self.structure.matrices(self.values)
 
@@ -220,7 +225,7 @@ class Model:
     def modes(self) -> tuple[Mode, ...]:
         return modes(self.matrices.A)
 
-    @property
+    @cached_property
     def stable(self) -> bool:
         """Attitude states integrate and do not count."""
         integrators = len(self.structure.attitude_states)

@@ -22,7 +22,8 @@ from sysid.preprocess import ComplexArray
 SLOWEST_RATIO = 20.0
 """Sample rate over highest frequency from which on the closed form is exact enough."""
 
-
+Entries = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
+Places = tuple[tuple[tuple[int, int, int], ...], ...]
 Regressors = tuple[tuple[tuple[int, ComplexArray], ...], ...]
 
 
@@ -31,9 +32,9 @@ class Form(NamedTuple):
 
     order: int
     coefficients: int
-    regressors: Callable[[ComplexArray, ComplexArray, ComplexArray], Regressors]
-    """(s (bins,), Y (2, bins), U (2, bins)) -> for every coefficient the equations it is in, and its factor there."""
-    denominator: Callable[[ComplexArray, FloatArray], tuple[AnyArray, AnyArray, AnyArray, AnyArray]]
+    places: Places
+    """For every coefficient the equations it is in, the signal it multiplies there (row of `signals`), and the sign."""
+    denominator: Callable[[ComplexArray, FloatArray], Entries]
     """(s, coefficients) -> the entries of D(s) by rows."""
     to_parameters: Callable[[FloatArray], FloatArray]
     of_parameters: Callable[[AnyArray], AnyArray]
@@ -42,20 +43,24 @@ class Form(NamedTuple):
     """M (2, 2) in s^(order-1) D(s)^-1 = 1/s + M/s^2 + ..., from the coefficients."""
 
 
-def _tpp_regressors(s: ComplexArray, Y: ComplexArray, U: ComplexArray) -> Regressors:
-    p, q = Y
-    p_dot, q_dot = s * Y
-    return (
-        ((0, -p),),
-        ((1, -q),),
-        ((0, -p_dot), (1, -q_dot)),
-        ((0, q_dot),),
-        ((1, p_dot),),
-        *(((axis, u),) for axis in (0, 1) for u in U),
+def signals(form: Form, s: ComplexArray, Y: ComplexArray, U: ComplexArray) -> list[ComplexArray]:
+    """What the coefficients multiply, each of the shape of s: Y (2, ...) and its derivatives, then U (2, ...)."""
+    return [*Y, *(s * Y if form.order == 2 else ()), *U]
+
+
+def regressors(form: Form, s: ComplexArray, Y: ComplexArray, U: ComplexArray) -> Regressors:
+    """For every coefficient the equations it is in, and its factor there."""
+    known = signals(form, s, Y, U)
+    return tuple(
+        tuple((equation, known[row] if sign > 0 else -known[row]) for equation, row, sign in places)
+        for places in form.places
     )
 
 
-def _tpp_denominator(s: ComplexArray, c: FloatArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
+_P, _Q, _P_DOT, _Q_DOT = range(4)
+
+
+def _tpp_denominator(s: ComplexArray, c: FloatArray) -> Entries:
     common = s * s + c[2] * s
     return common + c[0], -c[3] * s, -c[4] * s, common + c[1]
 
@@ -97,11 +102,7 @@ def _tpp_coefficients(values: AnyArray) -> AnyArray:
     )
 
 
-def _cd_regressors(s: ComplexArray, Y: ComplexArray, U: ComplexArray) -> Regressors:
-    return tuple(((axis, signal),) for signals in (Y, U) for axis in (0, 1) for signal in signals)
-
-
-def _cd_denominator(s: ComplexArray, c: FloatArray) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
+def _cd_denominator(s: ComplexArray, c: FloatArray) -> Entries:
     return s - c[0], -c[1] + 0 * s, -c[2] + 0 * s, s - c[3]
 
 
@@ -109,14 +110,27 @@ FORMS = {
     "tpp": Form(
         2,
         9,
-        _tpp_regressors,
+        (
+            ((0, _P, -1),),
+            ((1, _Q, -1),),
+            ((0, _P_DOT, -1), (1, _Q_DOT, -1)),
+            ((0, _Q_DOT, 1),),
+            ((1, _P_DOT, 1),),
+            *(((equation, row, 1),) for equation in (0, 1) for row in (4, 5)),
+        ),
         _tpp_denominator,
         _tpp_parameters,
         _tpp_coefficients,
         lambda c: np.array([[-c[2], c[3]], [c[4], -c[2]]]),
     ),
     "cd": Form(
-        1, 8, _cd_regressors, _cd_denominator, lambda c: c, lambda values: values, lambda c: c[:4].reshape(2, 2)
+        1,
+        8,
+        tuple(((equation, row, 1),) for rows in ((0, 1), (2, 3)) for equation in (0, 1) for row in rows),
+        _cd_denominator,
+        lambda c: c,
+        lambda values: values,
+        lambda c: c[:4].reshape(2, 2),
     ),
 }
 
@@ -131,37 +145,36 @@ class Sampling(NamedTuple):
     """Of the response's leading term, per unit of its coefficient."""
     jump: ComplexArray
     """Of an end state's leading term 1/s, its first sample included."""
-    bend: ComplexArray
+    bend: FloatArray
     """Of its second term, 1/s^2."""
 
 
 def sampling(stack: Stack, order: int) -> Sampling:
-    """Sums over all images of the spectrum, in closed form: hyperbolic functions of half a sample."""
-    dt = stack.dt
-    s = np.asarray(2j * np.pi * stack.frequency_hz, dtype=np.complex128)
-    half = 0.5 * s * dt
-    sinh, cosh = np.sinh(half), np.cosh(half)
+    """Sums over all images of the spectrum, in closed form: trigonometric functions of half a sample."""
+    dt, omega = stack.dt, 2 * np.pi * stack.frequency_hz
+    s = np.asarray(1j * omega, dtype=np.complex128)
+    sine, cosine = np.sin(0.5 * omega * dt) / (0.5 * dt), np.cos(0.5 * omega * dt)
     back = 1 - 1 / stack.z
-    hold = back / (2 * half)
-    if order == 2:
-        every = (0.5 * dt) ** 3 * cosh / sinh**3 - s**-3.0
-    else:
-        every = (0.5 * dt) ** 2 / sinh**2 - s**-2.0
-    bend = (0.5 * dt / sinh) ** 2 - s**-2.0
-    return Sampling(s, hold, back / dt * every, 0.5 * dt * cosh / sinh - 1 / s + 0.5 * dt, bend)
+    bend = 1 / omega**2 - 1 / sine**2
+    every = 1j * (cosine / (sine * sine**2) - 1 / (omega * omega**2)) if order == 2 else bend
+    jump = np.asarray(0.5 * dt + 1j * (1 / omega - cosine / sine), dtype=np.complex128)
+    return Sampling(s, back / (s * dt), back / dt * every, jump, bend)
 
 
 def exact_enough(stack: Stack) -> bool:
     return bool(SLOWEST_RATIO * stack.frequency_hz[-1] < 1 / stack.dt)
 
 
-def inverse(form: Form, s: ComplexArray, c: FloatArray) -> ComplexArray:
-    """D(s)^-1, (2, 2, bins)."""
-    d00, d01, d10, d11 = form.denominator(s, c)
+def inverse(D: Entries) -> ComplexArray:
+    """D(s)^-1, (2, 2, ...)."""
+    d00, d01, d10, d11 = D
     scale = 1 / (d00 * d11 - d01 * d10)
-    found = np.empty((2, 2, s.size), dtype=complex)
-    found[0, 0], found[0, 1] = d11 * scale, -d01 * scale
-    found[1, 0], found[1, 1] = -d10 * scale, d00 * scale
+    found = np.empty((2, 2, *scale.shape), dtype=complex)
+    np.multiply(d11, scale, out=found[0, 0])
+    np.multiply(d00, scale, out=found[1, 1])
+    np.negative(scale, out=scale)
+    np.multiply(d01, scale, out=found[0, 1])
+    np.multiply(d10, scale, out=found[1, 0])
     return found
 
 
@@ -187,7 +200,7 @@ def respond(
     form = FORMS[structure.base]
     at = stack.sampling(form.order)
     c = form.of_parameters(values)
-    D = inverse(form, at.s, c)
+    D = inverse(form.denominator(at.s, c))
     held = U * at.hold
     N = c[-4:].reshape(2, 2)
     driven = N @ held
@@ -212,7 +225,7 @@ def respond(
         moved = Y.copy()
         for part, difference in zip(stack.slices, ends, strict=True):
             moved[:, part] += np.einsum("e,ekf->kf", difference, E[..., part])
-    J = through(D, form.regressors(at.s, moved, held), np.empty((form.coefficients, 2, at.s.size), dtype=complex))
+    J = through(D, regressors(form, at.s, moved, held), np.empty((form.coefficients, 2, at.s.size), dtype=complex))
     J[-4:-2, 0] += images
     J[-2:, 1] += images
     return Response(Y + N @ images, E, J, to)

@@ -18,6 +18,7 @@ from sysid.record import FloatArray, Record
 ComplexArray = NDArray[np.complex128]
 
 MINIMUM_SEGMENT_S = 2.0
+OFF_CLOCK = 0.1  # of a sample
 DEFAULT_BAND_HZ = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 
@@ -82,18 +83,23 @@ def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:
     return max(3 * float(np.median(spacing)), shortest)
 
 
+def gap_places(spacing: FloatArray, high_hz: float) -> NDArray[np.intp]:
+    """Numbers of the samples before which there is a gap, from the spacing of the time stamps."""
+    threshold = gap_threshold_s(spacing, high_hz)
+    if float(spacing.max()) <= threshold:
+        return np.zeros(0, dtype=np.intp)
+    return np.flatnonzero(spacing > threshold) + 1
+
+
 def gaps(t: FloatArray, high_hz: float) -> tuple[tuple[float, float], ...]:
     """(start, stop) of every gap in the time stamps, s."""
-    spacing = np.diff(t)
-    where = np.flatnonzero(spacing > gap_threshold_s(spacing, high_hz))
-    return tuple((float(t[i]), float(t[i + 1])) for i in where)
+    return tuple((float(t[i - 1]), float(t[i])) for i in gap_places(np.diff(t), high_hz))
 
 
-def rate_hz(t: FloatArray, high_hz: float) -> float:
-    """One over the mean spacing outside gaps."""
-    spacing = np.diff(t)
-    inside = spacing[spacing <= gap_threshold_s(spacing, high_hz)]
-    return float(1 / np.mean(inside))
+def rate_hz(t: FloatArray, found: Sequence[tuple[float, float]]) -> float:
+    """One over the mean spacing outside the gaps (start, stop) found."""
+    inside = float(t[-1] - t[0]) - sum(stop - start for start, stop in found)
+    return (t.size - 1 - len(found)) / inside
 
 
 def segments(
@@ -106,7 +112,7 @@ def segments(
     """
     t = record.t
     spacing = np.diff(t)
-    edges = np.flatnonzero(spacing > gap_threshold_s(spacing, high_hz)) + 1
+    edges = gap_places(spacing, high_hz)
     found: list[Segment] = []
     remarks: list[str] = []
     for start, stop in zip([0, *edges], [*edges, t.size], strict=True):
@@ -116,8 +122,11 @@ def segments(
             remarks.append(f"{record.id}: {length:.2f} s from {part[0]:.2f} s left out, shorter than 2 s between gaps")
             continue
         dt = length / (part.size - 1)
-        grid = part[0] + dt * np.arange(part.size)
-        off = int(np.count_nonzero(np.abs(part - grid) > 0.1 * dt))
+        inside = spacing[start : stop - 1]
+        # no stamp is further off than all deviations of the spacing together: a good clock needs no second look
+        even = part.size * max(float(inside.max()) - dt, dt - float(inside.min())) <= OFF_CLOCK * dt
+        grid = part if even else part[0] + dt * np.arange(part.size)
+        off = 0 if even else int(np.count_nonzero(np.abs(part - grid) > OFF_CLOCK * dt))
         channels = {}
         for name in names:
             values = record.channels[name][start:stop]

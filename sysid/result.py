@@ -47,6 +47,7 @@ class RecordUsed:
 
     @classmethod
     def of(cls, record: Record, high_hz: float) -> RecordUsed:
+        found = gaps(record.t, high_hz)
         return cls(
             record.id,
             record.path,
@@ -55,8 +56,8 @@ class RecordUsed:
             record.axis,
             record.duration_s,
             record.t.size,
-            rate_hz(record.t, high_hz),
-            gaps(record.t, high_hz),
+            rate_hz(record.t, found),
+            found,
         )
 
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import numpy as np
 import pytest
+import random_vehicles
+from random_vehicles import A_HAIR, above_the_optimum, flown
 
 from sysid import fast
 from sysid.fit import estimate, minimise, output_error
@@ -52,3 +56,27 @@ def test_the_quick_way_is_taken_and_left(ideal_card: Card, monkeypatch: pytest.M
     slow = estimate(TPP, found)
     errors = np.sqrt(np.diag(slow.covariance))
     assert np.all(np.abs(quick.model.values - slow.model.values) < 0.1 * errors)
+
+
+def test_the_quick_way_reaches_the_optimum_of_random_vehicles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At 500 Hz, where it applies, and in runs long enough that it begins on some of the bins."""
+    monkeypatch.setattr(random_vehicles, "EVERY", 1)
+    monkeypatch.setattr(random_vehicles, "DURATION_S", 32.0)
+    for one in islice(flown(8), 12):
+        (group,) = stack(spectra(one.records, TPP.inputs, TPP.outputs)[0])
+        assert fast.applies(TPP, [group])
+        assert group.z.size >= fast.THINNING * fast.FEWEST_BINS
+        assert above_the_optimum(one) < A_HAIR
+
+
+def test_what_the_quick_way_leaves_is_what_the_model_leaves(hover_card: Card) -> None:
+    records = without_excitation(hover_card[0], [32.0, 30.0, 25.5, 28.0])
+    for structure in (TPP, CD):
+        (group,) = stack(spectra(records, structure.inputs, structure.outputs)[0])
+        quick = fast.fit(structure, group)
+        assert quick is not None
+        general = output_error(Model(structure, quick.values), [group])
+        np.testing.assert_allclose(quick.residual_power, general.residual_power, rtol=1e-6)
+        np.testing.assert_allclose(quick.measured_power, general.measured_power, rtol=1e-12)
+        for one, other in zip(quick.residuals, general.residuals, strict=True):
+            assert np.max(np.abs(one - other)) < 1e-5 * np.max(np.abs(other))
