@@ -36,7 +36,8 @@ from sysid.evidence import (
     settle,
 )
 from sysid.fit import FitError, estimate, output_error
-from sysid.model import Structure
+from sysid.library import Selection, search, select
+from sysid.model import FloatArray, Structure
 from sysid.noise import Division, divide
 from sysid.preprocess import DEFAULT_BAND_HZ
 from sysid.record import Record
@@ -47,6 +48,8 @@ FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8
 SIGNIFICANT = math.log(0.01)
 """Of all questions asked together; logarithm of the chance that noise alone answers so."""
+QUESTIONS = 3
+"""Kinds of them: the commands against the residual, the catalogue, the library of terms."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
 SERIOUS_SLOW = 0.1
@@ -61,6 +64,10 @@ REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
 SAME = 10.0
 """Chi squared by which one candidate must be likelier than another to be told from it;"""
+BLIND = 3.0
+LEAD_SCALE = 20.0
+CONFIDENCE = (0.0, 2.0, -5.0)
+UNEXPLAINED_RIGHT = 0.8
 TIED = 1.0
 """and below which the more usual one is named first."""
 
@@ -175,6 +182,8 @@ class Diagnosis:
     validation_nrmse_percent: Mapping[str, float] | None
     log_chance: float
     """That noise alone shows as much; all questions counted in."""
+    terms: Selection | None
+    """Simple terms beside the best candidate, where something is missing."""
 
     @property
     def winner(self) -> Judged | None:
@@ -252,6 +261,10 @@ def diagnose(
 
     asked = _ask_all(parent, settled, by, effects, say)
     chance = _chance(division, [one.score for one in asked if one.score is not None])
+    if chance >= SIGNIFICANT:
+        simple = search(parent, settled, by, most=1)
+        chance = min([chance, *(one.log_p + math.log(QUESTIONS) for one in simple)])
+        say("simple terms")
     refitted = _refit_serious(asked, parent, effects, say) if chance < SIGNIFICANT else asked
     fits = [one for one in refitted if one.fit is not None]
     best_fit = min([parent, *(one.fit for one in fits if one.fit is not None)], key=lambda one: one.error_share)
@@ -319,7 +332,7 @@ def _chance(division: Division, scores: Sequence[Score]) -> float:
     """Logarithm of the chance that noise alone shows as much as the best of all questions."""
     linear = log_chance(division.chi_squared, division.degrees)
     best = min((one.log_p for one in scores), default=0.0) + math.log(max(len(scores), 1))
-    return min(0.0, min(linear, best) + math.log(2))
+    return min(0.0, min(linear, best) + math.log(QUESTIONS))
 
 
 def _refit_serious(asked: Sequence[Judged], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Judged]:
@@ -484,72 +497,44 @@ def _verdict(
     chance: float,
     judging: Ground | None,
 ) -> Diagnosis:
-    on = parent.ground
     fits = [one for one in (*singles, *pairs) if one.fit is not None]
+    likeliest = min(fits, key=lambda one: one.delta_bic, default=None)
+    if likeliest is not None and likeliest.delta_bic >= 0:
+        likeliest = None
+    best = parent if likeliest is None or likeliest.fit is None else likeliest.fit
+    found = chance < SIGNIFICANT
+    terms = select(best, by) if found else None
+    noise = _noise(best, terms) if found else _power(best)
+    N, E0 = float(np.sum(noise)), parent.error_share
     outputs = parent.model.structure.outputs
-    tried = [parent, *(one.fit for one in fits if one.fit is not None)]
-    measured = parent.estimate.error.measured_power
-    noise = None
-    for model in tried:
-        left = divide(model.estimate.error, on.stacks, on.causes)
-        part = model.estimate.error.residual_power * left.noise_share / measured
-        if noise is None or float(np.sum(part)) < float(np.sum(noise)):
-            noise = part
-    assert noise is not None
-    N = float(np.sum(noise))
     floor = dict(zip(outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
-    E0 = parent.error_share
-    validated: dict[str, float] | None = None
-    shares: dict[tuple[str, ...], float] = {}
-    if judging is not None:
-        before = output_error(parent.model, judging.stacks)
-        validated = dict(zip(outputs, map(float, before.nrmse_percent), strict=True))
-        least = min(fits, key=lambda one: one.fit.error_share if one.fit is not None else math.inf, default=None)
-        for one in fits:
-            assert one.fit is not None
-            shares[one.effects] = error_share(output_error(one.fit.model, judging.stacks))
-        E0_v = error_share(before)
-        N_v = 0.0
-        if least is not None and least.fit is not None:
-            N_v = shares[least.effects] * min(1.0, N / max(least.fit.error_share, 1e-300))
+    judge = None if judging is None else _Judge.of(parent, best, judging, N)
 
     def with_share(one: Judged) -> Judged:
         if one.fit is None:
             return one
         share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
-        of_validation = None
-        if judging is not None:
-            of_validation = float(np.clip((E0_v - shares[one.effects]) / max(E0_v - N_v, 1e-300), -1, 1))
-        return replace(one, explained_share=share, validation_share=of_validation)
+        return replace(one, explained_share=share, validation_share=None if judge is None else judge.share(one.fit))
 
-    singles = [with_share(one) for one in singles]
-    pairs = [with_share(one) for one in pairs]
-    best = next((one for one in singles if one.fit is not None and one.delta_bic < 0), None)
+    singles, pairs = [with_share(one) for one in singles], [with_share(one) for one in pairs]
+    verdict, stands_in, confidence = "complete", False, -math.expm1(chance) if found else math.exp(-0.02)
     effect: str | None = None
-    verdict, stands_in, confidence = "complete", False, 1 - math.exp(min(chance, 0.0))
     chain: tuple[str, ...] = ()
     share: float | None = None
     alike: tuple[str, ...] = ()
-    if chance < SIGNIFICANT:
-        winner = best
-        if pairs and best is not None and pairs[0].delta_bic < best.delta_bic:
-            winner = pairs[0]
-        if winner is None:
-            verdict = "unexplained"
-        else:
-            winner = _likeliest_in_practice(winner, singles if len(winner.effects) == 1 else pairs)
+    if found:
+        winner = _winner(singles, pairs)
+        verdict, share = "unexplained", 0.0
+        if winner is not None:
             chain = _larger_first(winner, singles)
-            share = winner.explained_share
-            stands_in = bool(winner.implausible)
-            enough = (share or 0.0) >= EXPLAINED and (
-                winner.validation_share is None or winner.validation_share >= EXPLAINED
-            )
-            verdict = "missing" if enough and not stands_in else "unexplained"
+            share = winner.explained_share or 0.0
+            stands_in = bool(winner.implausible) and _enough(winner)
+            if _enough(winner) and not stands_in:
+                verdict = "missing"
             effect = chain[0] if verdict == "missing" or stands_in else None
             if len(chain) == 1:
                 alike = _alike(winner, singles)
-        if share is None:
-            share = 0.0
+        confidence = _confidence(verdict, winner, alike, singles, parent)
     return Diagnosis(
         verdict,
         effect,
@@ -563,13 +548,112 @@ def _verdict(
         parent,
         settled,
         by,
-        divide(parent.estimate.error, on.stacks, on.causes),
+        divide(parent.estimate.error, parent.ground.stacks, parent.ground.causes),
         N,
         floor,
         judging,
-        validated,
+        None if judge is None else judge.nrmse_percent,
         chance,
+        terms,
     )
+
+
+def _power(one: Candidate) -> FloatArray:
+    """Residual over measured power by output."""
+    return np.asarray(one.estimate.error.residual_power / one.estimate.error.measured_power)
+
+
+def _noise(best: Candidate, terms: Selection | None) -> FloatArray:
+    """N by output: what the likeliest candidate leaves, less what of that the commands or a simple term explain.
+
+    What a division seems to find where it finds nothing significant is left where it is.
+    """
+    on = best.ground
+    whole = _power(best)
+    left = divide(best.estimate.error, on.stacks, on.causes)
+    if log_chance(left.chi_squared, left.degrees) < SIGNIFICANT:
+        linear = whole * left.noise_share
+    else:
+        linear = whole
+    if terms is None or not terms.terms:
+        return linear
+    simple = np.asarray(terms.error.residual_power / terms.error.measured_power)
+    return simple if float(np.sum(simple)) < float(np.sum(linear)) else linear
+
+
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """Validation runs: what can be explained there, by the same measure as on the fitted runs."""
+
+    ground: Ground
+    nrmse_percent: dict[str, float]
+    """The parent's."""
+    before: float
+    """The parent's error share."""
+    noise: float
+    blind: bool
+    """Whether too little can be explained there to judge by."""
+
+    @classmethod
+    def of(cls, parent: Candidate, best: Candidate, judging: Ground, N: float) -> _Judge:
+        error = output_error(parent.model, judging.stacks)
+        outputs = parent.model.structure.outputs
+        before = error_share(error)
+        least = error_share(output_error(best.model, judging.stacks))
+        noise = min(least, before) * min(1.0, N / max(best.error_share, 1e-300))
+        # residual power of a run scatters as that of some tens of independent bins
+        scatter = BLIND * before / math.sqrt(sum(group.z.size for group in judging.stacks))
+        nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
+        return cls(judging, nrmse, before, noise, before - noise < scatter)
+
+    def share(self, one: Candidate) -> float | None:
+        """Of what can be explained there; None where the runs cannot tell."""
+        if self.blind:
+            return None
+        error = error_share(output_error(one.model, self.ground.stacks))
+        return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
+
+
+def _enough(one: Judged) -> bool:
+    judged = one.validation_share is None or one.validation_share >= EXPLAINED
+    return judged and (one.explained_share or 0.0) >= EXPLAINED
+
+
+def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None:
+    """The likeliest effect; a chain of two only where it explains clearly more."""
+    single = next((one for one in singles if one.fit is not None and one.delta_bic < 0), None)
+    pair = next((one for one in pairs if one.delta_bic < 0), None)
+    if single is None:
+        return pair
+    single = _likeliest_in_practice(single, singles)
+    if pair is None or pair.delta_bic >= single.delta_bic:
+        return single
+    more = (pair.explained_share or 0.0) - (single.explained_share or 0.0)
+    return _likeliest_in_practice(pair, pairs) if more > REMAINDER else single
+
+
+def _confidence(
+    verdict: str, winner: Judged | None, alike: Sequence[str], singles: Sequence[Judged], parent: Candidate
+) -> float:
+    """How often answers of this kind are right: from the lead over the best rival, beside what the winner leaves.
+
+    Calibrated on flights with known answers.
+    """
+    if winner is None or winner.settled is None or winner.fit is None:
+        return UNEXPLAINED_RIGHT
+    if verdict != "missing":
+        return UNEXPLAINED_RIGHT
+    left = divide(winner.fit.estimate.error, parent.ground.stacks, parent.ground.causes)
+    misfit = max(0.0, left.chi_squared - left.degrees)
+    leads = [
+        gain(winner.settled, one.settled)[0] + one.added - winner.added
+        for one in singles
+        if one.settled is not None and not set(one.effects) & {*winner.effects, *alike} and not one.implausible
+    ]
+    lead = max(0.0, min(leads, default=winner.chi_squared))
+    x = math.log((misfit + lead + LEAD_SCALE) / (misfit + LEAD_SCALE))
+    short = max(0.0, 1 - (winner.explained_share or 0.0))
+    return 1 / (1 + math.exp(-(CONFIDENCE[0] + CONFIDENCE[1] * x + CONFIDENCE[2] * short)))
 
 
 def _likeliest_in_practice(winner: Judged, others: Sequence[Judged]) -> Judged:
