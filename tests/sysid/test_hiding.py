@@ -1,0 +1,159 @@
+"""What could hide is flown with it: the announced harm comes true, and a size beyond is seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cache
+
+import numpy as np
+import pytest
+from planted import fly_many
+from planted_fits import records
+
+from sysid.effect import Effect, Stage
+from sysid.evidence import Candidate, Metric, Settled, candidate, ground, metric, score, settle
+from sysid.fit import estimate
+from sysid.hiding import HARM, Hidden, Hiding, could_hide, loop_margins
+from sysid.model import Model
+from sysid.noise import Division, divide
+from sysid.parameter import Parameter
+from sysid.regulator import design
+from sysid.structures import compose
+
+SEEDS = (3, 4, 5, 6)
+ROUGH = {"gusts": 6.0, "noise": 0.03, "duration_s": 10.0}
+TOGETHER = 1.3
+"""Factor within which the announced bias comes true."""
+
+
+@cache
+def rough(effect: str | None, size: tuple[tuple[str, float], ...] = ()) -> list[Candidate]:
+    """Fits of the bare structure in rough air: the same gusts whatever is planted."""
+    found = []
+    for flight in fly_many(effect, dict(size), seeds=SEEDS, **ROUGH):
+        on = ground(records(flight), (0.0, 15.0))
+        structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
+        found.append(candidate(estimate(structure, on.viewed(structure)), (), on))
+    return found
+
+
+def seen(parent: Candidate) -> tuple[Settled, Metric, Division]:
+    division = divide(parent.estimate.error, parent.ground.stacks, parent.ground.causes)
+    by = metric(parent.model, parent.ground.stacks, division)
+    return settle(parent, by), by, division
+
+
+@cache
+def hiding() -> Hiding:
+    (parent, *_) = rough(None)
+    return could_hide(parent, *seen(parent))
+
+
+def hidden(name: str) -> Hidden:
+    return next(one for group in (*hiding().harmful, *hiding().others) for one in group if one.effect == name)
+
+
+def planted(one: Hidden) -> tuple[tuple[str, float], ...]:
+    return tuple(one.size.items())
+
+
+@pytest.mark.parametrize("effect", ["servo_lag", "hub_gyroscopics", "angular_damping", "transport_delay"])
+def test_the_announced_bias_comes_true(effect: str) -> None:
+    one = hidden(effect)
+    name = max(one.relative, key=lambda key: abs(one.relative[key]))
+    pairs = zip(rough(None), rough(effect, planted(one)), strict=True)
+    flown = np.mean([there.model[name] - here.model[name] for here, there in pairs])
+    announced = one.shift[name]
+    assert 1 / TOGETHER < flown / announced < TOGETHER
+
+
+def test_what_is_said_to_hide_is_at_the_edge_of_what_is_seen() -> None:
+    one = hidden("servo_lag")
+    threshold = math.log(0.01 / 20)
+
+    def found(times: float) -> int:
+        larger = tuple((name, times * value) for name, value in one.size.items())
+        flights = rough("servo_lag", larger)
+        count = 0
+        for parent in flights:
+            settled, by, _ = seen(parent)
+            effect = compose("tpp", ("servo_lag",), parent.ground.available, {})
+            answer = score(effect.composed[0], effect, parent, settled, by)
+            count += answer is not None and answer.log_p < threshold
+        return count
+
+    assert found(1.0) >= 1
+    assert found(2.0) == len(SEEDS)
+
+
+def test_the_worst_comes_first_and_the_rest_is_one_sentence() -> None:
+    found = hiding()
+    harm = [group[0].harm for group in (*found.harmful, *found.others)]
+    assert harm == sorted(harm, reverse=True)
+    assert found.harmful
+    assert len(found.harmful) <= 5
+    assert all(group[0].harm >= HARM for group in found.harmful)
+    assert len(found.sentences) == len(found.harmful) + 1
+    assert "could hide here" in found.sentences[0]
+    assert any(" ms shorter" in said for said in found.sentences)
+    assert found.to_json() == list(found.sentences)
+
+
+def test_lags_and_delays_are_told_together() -> None:
+    groups = [{one.effect for one in group} for group in (*hiding().harmful, *hiding().others)]
+    assert any({"servo_lag", "transport_delay", "gyro_lag"} <= group for group in groups)
+
+
+def test_a_limit_hides_downwards_and_stays_above_what_was_commanded() -> None:
+    one = hidden("servo_saturation")
+    assert one.up_to.startswith("down to limit")
+    assert 0.15 < one.size["limit"] < 1.0
+
+
+def test_forward_flight_is_not_asked_in_hover() -> None:
+    asked = {one.effect for group in (*hiding().harmful, *hiding().others) for one in group}
+    assert asked.isdisjoint({"angle_of_attack", "sideslip", "elevator"})
+
+
+def test_a_calm_flight_hides_nothing_that_does_harm() -> None:
+    (flight,) = fly_many(None, {}, seeds=[5], duration_s=15.0)
+    on = ground(records(flight), (0.0, 15.0))
+    structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
+    parent = candidate(estimate(structure, on.viewed(structure)), (), on)
+    found = could_hide(parent, *seen(parent))
+    assert not found.harmful
+    (said,) = found.sentences
+    assert said.startswith("nothing that could hide here would do harm")
+
+
+def test_what_the_structure_can_do_itself_is_limited_by_plausibility_only() -> None:
+    def equations(s: object) -> Mapping[str, object]:
+        return {"q_dot": 0.01 * s.k * s.M_a * s.a}  # type: ignore[attr-defined]
+
+    spring = Effect(
+        "spring", "stiffer hub", "user", "q_dot += k/100 M_a a", "-", "-",
+        (Parameter("k", "-", "percent", plausible=(0.0, 40.0), null=0.0, bounds=(0.0, 90.0), typical=5.0),),
+        Stage.DYNAMICS, equations, path="spring.py",
+    )  # fmt: skip
+    (parent, *_) = rough(None)
+    found = could_hide(parent, *seen(parent), users=[spring])
+    one = next(each for group in (*found.harmful, *found.others) for each in group if each.effect == "spring.py")
+    assert not one.visible
+    assert one.size["k"] == pytest.approx(40.0)
+    # one step, taken where the fit is: the whole of it would be 0.4/1.4
+    assert one.relative["M_a"] == pytest.approx(0.4 / 1.4, rel=TOGETHER - 1)
+    assert "only what is plausible limits it" in one.consequences
+
+
+def test_margins_agree_with_the_regulator_and_a_delay_takes_its_own_length() -> None:
+    (parent, *_) = rough(None)
+    gains = design(parent.model)
+    here = loop_margins(gains, parent.model)
+    assert here.delay_ms == pytest.approx(1000 * gains.margins.delay_s, abs=0.3)
+    assert here.gain_db == pytest.approx(gains.margins.gain_db, abs=0.3)
+    assert here.phase_deg == pytest.approx(gains.margins.phase_deg, abs=1.0)
+    late = compose("tpp", ("transport_delay",))
+    values = {**dict(zip(parent.model.structure.names, parent.model.values, strict=True)), "T_d": 0.01}
+    there = loop_margins(gains, Model(late, late.vector(values)))
+    assert here.delay_ms - there.delay_ms == pytest.approx(10.0, abs=0.3)
