@@ -6,6 +6,7 @@ put into words. The same functions serve the command line and the app.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -17,12 +18,18 @@ from gcs.comparison import flown
 from gcs.logs import Window, resolve_runs
 from sysid.checks import fit_checks
 from sysid.compare import Comparison, compare
-from sysid.diagnose import Diagnosis, Judged, diagnose
+from sysid.diagnose import SURE, Diagnosis, Judged, diagnose
 from sysid.effect import Effect, catalogue
+from sysid.evidence import settle
+from sysid.explain import Explanation, explain
+from sysid.hiding import Hiding, could_hide
 from sysid.identify import identify, on_runs
+from sysid.maneuvers import NextManeuver, linear_or_not, next_maneuver
+from sysid.noise import divide
 from sysid.record import Record
 from sysid.result import Fit
 from sysid.structures import compose
+from sysid.suggest import Suggestion, SuggestionError, suggest
 
 MOST_RUNGS = 6
 SHOWN, DRAWN = 6, 12
@@ -92,6 +99,11 @@ class FitDiagnosis:
     rungs: tuple[Step, ...]
     added: Fit | None
     """With the winner, where one is missing."""
+    explanation: Explanation
+    hiding: Hiding
+    next: NextManeuver | None
+    suggestion: Suggestion | None
+    """The simple terms that explain most beside the structure, where something is left; asked for only."""
     remarks: tuple[str, ...] = field(default=())
 
     def to_json(self) -> dict[str, Any]:
@@ -103,6 +115,13 @@ class FitDiagnosis:
                 "growth": [one.to_json() for one in self.comparison.growth],
                 "controls": {name: dict(shares) for name, shares in self.comparison.controls.items()},
             },
+            "explanation": self.explanation.to_json(),
+            "could_hide": self.hiding.to_json(),
+            "next_maneuver": None if self.next is None else self.next.to_json(),
+            "terms": [
+                {"equation": term.entry.equation, "error_share": term.error_share, "as_well": len(term.as_well)}
+                for term in (() if self.last.terms is None else self.last.terms.terms)
+            ],
             "suspicions": [one.to_json() for one in self.comparison.suspicions],
             "structure": {"base": self.fit.model.structure.base, "effects": list(self.fit.model.structure.effects)},
             "rungs": [one.to_json() for one in self.rungs],
@@ -147,12 +166,13 @@ def diagnose_fit(
     effects: Sequence[Effect] = (),
     band_hz: Band | None = None,
     repeat: bool = False,
+    suggesting: bool = False,
     say: Progress = lambda _: None,
 ) -> FitDiagnosis:
     """Ask what a fit lacks; with `repeat`, add the answer and ask again until it is another one than `missing`.
 
-    `effects` are a user's own, asked beside the catalogue's. Raises SysidError where the runs do not identify the
-    structure.
+    `effects` are a user's own, asked beside the catalogue's; `suggesting` looks for simple terms too. Raises SysidError
+    where the runs do not identify the structure.
     """
     band = band_hz or fit.band_hz
     named = [*fit.model.structure.composed]
@@ -175,10 +195,83 @@ def diagnose_fit(
         if found.verdict == "missing" and found.effect is not None:
             more = refitted(fit, [*named, _effect(found.effect, effects)], records, validation, band)
         if not repeat or more is None or len(rungs) >= MOST_RUNGS:
-            where = compare(found.parent.model, records, band, quiet)
-            return FitDiagnosis(fit, tuple(records), found, where, tuple(rungs), more)
+            return _told(fit, records, validation, quiet, found, rungs, more, effects, suggesting, say)
         say(f"added {found.effect}")
         fit, named = more, [*more.model.structure.composed]
+
+
+def _told(
+    fit: Fit,
+    records: Sequence[Record],
+    validation: Sequence[Record],
+    quiet: Sequence[Record],
+    found: Diagnosis,
+    rungs: Sequence[Step],
+    more: Fit | None,
+    users: Sequence[Effect],
+    suggesting: bool,
+    say: Progress,
+) -> FitDiagnosis:
+    """What is said beside a verdict."""
+    winner = found.winner
+    say("where it fails")
+    where = compare(found.parent.model, records, fit.band_hz, quiet)
+    say("why")
+    why = explain(found.parent, winner, found.candidates, found.indistinguishable, complete=found.verdict == "complete")
+    say("what could hide")
+    last = winner.fit if found.verdict == "missing" and winner is not None and winner.fit is not None else found.parent
+    hidden = could_hide(last, settle(last, found.metric), found.metric, found.division, users)
+    say("what would tell")
+    suggestion = None
+    if suggesting:
+        with contextlib.suppress(SuggestionError):
+            words = " + ".join(
+                [fit.model.structure.base.upper(), *(Path(one).name for one in fit.model.structure.effects)]
+            )
+            suggestion = suggest(found.simple().terms, words, len(records))
+    return FitDiagnosis(
+        fit,
+        tuple(records),
+        found,
+        where,
+        tuple(rungs),
+        more,
+        why,
+        hidden,
+        _next(found),
+        suggestion,
+        _remarks(fit, records, validation),
+    )
+
+
+def _next(found: Diagnosis) -> NextManeuver | None:
+    """Between the winner and what the data cannot tell from it, or the best two; for an unknown, linear or not."""
+    winner = found.winner
+    if found.verdict == "complete":
+        return None
+    if winner is None or winner.fit is None or (found.verdict == "unexplained" and not found.stands_in):
+        return linear_or_not(found.parent, found.division)
+    rivals = [one.fit for one in found.candidates if one.effect in found.indistinguishable and one.fit is not None]
+    if not rivals and found.confidence < SURE and (second := found.runner_up) is not None and second.fit is not None:
+        rivals = [second.fit]
+    if not rivals:
+        return None
+    on = found.parent.ground
+    division = divide(winner.fit.estimate.error, on.stacks, on.causes)
+    return next_maneuver([winner.fit, *rivals], division, found.metric)
+
+
+def _remarks(fit: Fit, records: Sequence[Record], validation: Sequence[Record]) -> tuple[str, ...]:
+    """What these runs cost the answer."""
+    said = []
+    if not validation:
+        said.append(
+            "no validation runs: an effect that only follows the noise of these runs would not be found out; fly "
+            "another maneuver or amplitude and name it with --validate"
+        )
+    if len(records) == 1:
+        said.append("one run only: what differs from run to run cannot show")
+    return tuple(said)
 
 
 def _effect(name: str, users: Sequence[Effect]) -> Effect:
@@ -423,6 +516,21 @@ def diagnosis_text(found: FitDiagnosis) -> str:
                 f" {share:6.0f} %  {one.fit.nrmse_percent['p']:6.1f} {one.fit.nrmse_percent['q']:6.1f} {second} "
                 f"{one.chi_squared / 1000:10.2f}  {' + '.join(Path(name).name for name in one.effects)}{mark}"
             )
+    if found.explanation.sentences:
+        lines += ["", *(f" {line}" for line in found.explanation.lines(77))]
+    if last.verdict != "complete" and not last.chain:
+        lines += ["", *findings_text(found)]
+    if last.terms is not None and last.terms.terms and last.verdict == "unexplained":
+        term = last.terms.terms[0]
+        lines += ["", *wrapped(f"a simple term that would do much: {term.entry.equation}", " ", "   ")]
+        if term.as_well:
+            lines += wrapped(f"{len(term.as_well)} others do as well", "   ", "   ")
+        lines += wrapped("diagnose --suggest FILE.py writes it as an effect to try with add", "   ", "   ")
+    if found.next is not None:
+        lines += ["", *wrapped(found.next.sentence, " ", "   ")]
+    lines += ["", *(line for said in found.hiding.sentences for line in wrapped(said, " ", "   "))]
+    for suspicion in found.comparison.suspicions:
+        lines += ["", *wrapped(f"suspicion: {suspicion.text}", " ", "   ")]
     untestable = [one for one in last.candidates if one.not_testable is not None]
     if untestable:
         lines += ["", f" not testable here: {len(untestable)}"]
@@ -431,6 +539,11 @@ def diagnosis_text(found: FitDiagnosis) -> str:
     for text in found.remarks:
         lines += ["", *wrapped(text, " ", " ")]
     return "\n".join(lines)
+
+
+def findings_text(found: FitDiagnosis) -> list[str]:
+    """Where it fails, as `tippath compare` says it."""
+    return [line for said in found.comparison.findings for line in wrapped(said, " ", "   ")]
 
 
 def verdict_text(found: FitDiagnosis) -> list[str]:

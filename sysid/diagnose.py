@@ -64,6 +64,8 @@ REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
 SAME = 10.0
 """Chi squared by which one candidate must be likelier than another to be told from it;"""
+SURE = 0.9
+"""Confidence from which on an answer counts as sure."""
 BLIND = 3.0
 LEAD_SCALE = 20.0
 CONFIDENCE = (0.0, 2.0, -5.0)
@@ -194,6 +196,18 @@ class Diagnosis:
     def placebo(self) -> Judged | None:
         """The best wrong effect: told from the winner by the data, with at most as many parameters."""
         return None if self.winner is None else _placebo(self.winner, self.candidates)
+
+    @property
+    def runner_up(self) -> Judged | None:
+        """The plausible single effect next to the winner."""
+        for one in self.candidates:
+            if one.fit is not None and not one.implausible and not set(one.effects) & set(self.chain):
+                return one
+        return None
+
+    def simple(self) -> Selection:
+        """The simple terms that explain most beside the structure itself, without any effect of the catalogue."""
+        return select(self.parent, self.metric)
 
     def placebo_of(self, effect: str) -> Judged | None:
         """The best wrong effect beside this one, taken for the right one; None where nothing was refitted."""

@@ -17,6 +17,7 @@ from gcs.cli.options import (
     print_json,
     refuse_existing,
     write_json,
+    write_text,
 )
 
 _EPILOG = """\
@@ -100,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
             effects=mine,
             band_hz=band,
             repeat=args.repeat,
+            suggesting=args.suggest is not None,
             say=say,
         )
     text = diagnosis_text(found)
@@ -113,6 +115,14 @@ def run(args: argparse.Namespace) -> int:
         else:
             write_json(document, args.output)
             print(f"wrote {args.output}", file=sys.stderr)
+    if args.suggest is not None:
+        if found.suggestion is None:
+            print(f"{args.suggest} not written: no simple term explains anything that is left", file=sys.stderr)
+        else:
+            write_text(found.suggestion.text, args.suggest)
+            if found.suggestion.warning is not None:
+                print(f"warning: {found.suggestion.warning}", file=sys.stderr)
+            print(f"wrote {args.suggest}", file=sys.stderr)
     if args.json:
         print_json(found.to_json())
     else:
