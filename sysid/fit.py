@@ -22,8 +22,20 @@ from sysid.identifiable import alike
 from sysid.instrument import instruments
 from sysid.model import AnyArray, FloatArray, Model, Structure
 from sysid.polynomial import FORMS, Form, Regressors, inverse, regressors, through
-from sysid.predict import Ends, RelaxationError, Response, Stack, respond, stack
+from sysid.predict import (
+    Ends,
+    RelaxationError,
+    Response,
+    Stack,
+    behind,
+    divided,
+    jumping,
+    linear_dynamics,
+    respond,
+    stack,
+)
 from sysid.preprocess import ComplexArray, Spectrum
+from sysid.search import Trial, cleft
 
 REWEIGHTINGS = 3
 OTHER_SLOPES = (-1.0, 0.5, 2.0)
@@ -359,28 +371,43 @@ def axis_weights(stacks: Sequence[Stack], power: FloatArray) -> list[FloatArray]
     return [scale[:, None] * group.scale for group in stacks]
 
 
-def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Sequence[str] = ()) -> Model:
+def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Mapping[str, float]) -> Model:
     """The best model of a composition that begins at its parent's fit.
 
     Every new effect begins at its typical size and at each point of its grids; a few steps show which valley is
-    deepest, and that one is followed to the bottom. What the parent knows already is taken from it.
+    deepest, and that one is followed to the bottom. What the parent knows already is taken from it; `held` parameters
+    stay at their values.
     """
     known = dict(zip(parent.structure.names, map(float, parent.values), strict=True))
     first, choices = _beginnings(structure, known)
+    first |= held
+    choices = {name: values for name, values in choices.items() if name not in held}
     power = output_error(parent, stacks).residual_power
-    # which valley is deepest shows on some of the bins; a simulation costs the same for few as for all
-    few = [group.thinned(START_THINNING) for group in stacks] if structure.linear else stacks
+    linear = linear_dynamics(structure)
+    front, rest = divided(structure) if linear else ((), structure)
+    # which valley is deepest shows on some of the bins; a relaxation costs the same for few as for all
+    few = [group.thinned(START_THINNING) for group in stacks] if linear else stacks
+    without = [behind(parent.structure, parent.values, group).thinned(START_THINNING) for group in stacks if front]
 
-    def tried(begin: Mapping[str, float]) -> tuple[float, Model | None]:
+    def acted(begin: Mapping[str, float]) -> list[Stack]:
+        return [behind(structure, structure.vector({**known, **begin}), group) for group in stacks]
+
+    def tried(begin: Mapping[str, float], groups: Sequence[Stack] | None = None) -> Trial:
+        """What acts on samples stays as it begins, simulated once; the rest is fitted."""
+        values = {**known, **begin}
+        if groups is None:
+            groups = [group.thinned(START_THINNING) for group in acted(begin)] if front else few
         try:
             # first the new parameters alone, then all: the parent's stay where they were fitted until it pays
-            model = Model(structure, structure.vector({**known, **begin}))
-            model, left = minimise(model, few, power, [*known, *held], TRIAL_STEPS)
-            model, left = minimise(model, few, left, held, TRIAL_STEPS)
+            model, left = minimise(Model(rest, rest.vector(values)), groups, power, [*known, *held], TRIAL_STEPS)
+            model, left = minimise(model, groups, left, tuple(held), TRIAL_STEPS)
         except (RelaxationError, np.linalg.LinAlgError):
             return np.inf, None
         cost = float(np.sum(np.log(left)))
-        return (cost, model) if np.isfinite(cost) else (np.inf, None)
+        # where no sample is touched there is no derivative either, and nothing to begin at
+        idle = bool(without) and all(np.array_equal(a.U[:2], b.U[:2]) for a, b in zip(groups, without, strict=True))
+        whole = Model(structure, structure.vector({**values, **rest.named(model.values)}))
+        return (cost if np.isfinite(cost) and not idle else np.inf), whole
 
     def promised(begin: Mapping[str, float]) -> float:
         """The cost that one step from there would reach if the response were linear in the parameters."""
@@ -394,8 +421,11 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Seq
         cost = float(np.sum(np.log(here.power)) - here.gradient @ _step(here, loose))
         return cost if np.isfinite(cost) else np.inf
 
-    if not choices:
-        return minimise(Model(structure, structure.vector({**known, **first})), stacks, power, held)[0]
+    jumps = jumping(structure, structure.vector({**known, **first}), stacks[0]) if front else []
+    rough = [name for name in jumps if name in choices and min(choices[name]) > 0]
+    ends = {name: (min(choices[name]), max(choices.pop(name))) for name in rough}
+    if not choices and not rough:
+        return minimise(Model(structure, structure.vector({**known, **first})), stacks, power, tuple(held))[0]
     best = tried(first)
     if math.prod(len(values) for values in choices.values()) <= LARGEST_SEARCH:
         for values in itertools.product(*choices.values()):
@@ -407,7 +437,7 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Seq
             before = best[0]
             for name, values in choices.items():
                 others = [{**first, name: value} for value in values if value != first[name]]
-                for begin in sorted(others, key=promised)[:MOST_PROMISING]:
+                for begin in others if front else sorted(others, key=promised)[:MOST_PROMISING]:
                     again = tried(begin)
                     if again[0] < best[0]:
                         best, first = again, begin
@@ -415,7 +445,10 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], held: Seq
                 break
     if best[1] is None:
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
-    return minimise(best[1], stacks, power, held)[0]
+    found = best[1]
+    for name in rough:
+        found = cleft(found, name, ends[name], acted, tried)
+    return minimise(found, stacks, power, [*held, *rough])[0]
 
 
 def _beginnings(
@@ -458,7 +491,7 @@ def estimate(
         raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
     refuse_still_channels(structure, spectra)
     stacks = stack(spectra)
-    causes = instruments(stacks, structure.commands) if structure.linear else None
+    causes = instruments(stacks, structure.commands)
     names = tuple(held)
     if parent is None and not held and fast.applies(structure, stacks):
         quick = fast.fit(structure, stacks[0])
@@ -476,43 +509,56 @@ def estimate(
     if parent.structure == structure:
         model, _ = minimise(model, stacks, output_error(model, stacks).residual_power, names)
     else:
-        model = _hold(grow(model, structure, stacks, names), held)
+        model = grow(model, structure, stacks, held)
     bound = tuple(
         parameter.name
         for parameter, value in zip(structure.parameters, model.values, strict=True)
         if parameter.name not in held and not parameter.bounds[0] < value < parameter.bounds[1]
     )
     loose = [i for i, name in enumerate(structure.names) if name not in held and name not in bound]
-    if causes is not None and loose:
-        unbiased = _unbias(model, stacks, loose, causes)
-        if unbiased is None:
-            causes = None  # the estimate is that of least squares, and so are its errors
-        else:
-            model = unbiased
+    asking = None  # where least squares has the last word, in the estimate and in its errors
+    if causes is not None and loose and not jumping(structure, model.values, stacks[0]):
+        try:
+            unbiased = _unbias(model, stacks, loose, causes)
+        except RelaxationError:
+            unbiased = None
+        if unbiased is not None:
+            model, asking = unbiased
     error = output_error(model, stacks)
     weights = axis_weights(stacks, error.residual_power)
     covariance = np.zeros((model.values.size, model.values.size))
-    covariance[np.ix_(loose, loose)] = _covariance(model, stacks, weights, loose, causes)
-    found = Estimate(model, covariance, error, bound, causes is not None)
+    covariance[np.ix_(loose, loose)] = _covariance(model, stacks, weights, loose, asking)
+    found = Estimate(model, covariance, error, bound, asking is not None)
     _refuse_vague_axes(found)
     return found
 
 
 def _unbias(
     model: Model, stacks: Sequence[Stack], loose: Sequence[int], causes: Sequence[ComplexArray]
-) -> Model | None:
+) -> tuple[Model, list[ComplexArray]] | None:
     """From the least-squares optimum to where the residual has nothing left that the excitation caused.
 
     A few Newton steps; None where they do not settle, or leave the bounds or the optimum far behind: the data have no
-    good instrument and the least-squares estimate stays.
+    good instrument and the least-squares estimate stays. With the model comes what the residual was asked with: for
+    every stack the sensitivities (loose, k, bins) at the optimum to what the excitation caused.
     """
     structure, values = model.structure, model.values.copy()
     low = np.array([parameter.bounds[0] for parameter in structure.parameters])
     high = np.array([parameter.bounds[1] for parameter in structure.parameters])
     error = output_error(model, stacks)
     weights = axis_weights(stacks, error.residual_power)
+    asking = [
+        _to_parameters(respond(structure, values, group, True, U))[list(loose)]
+        for group, U in zip(stacks, causes, strict=True)
+    ]
+    # when a servo turns back or lags depends on every gust: to its own parameters the caused part says too little
+    own = {name for effect in divided(structure)[0] for name in effect.names}
+    at = [row for row, i in enumerate(loose) if structure.names[i] in own]
+    if at:
+        for group, asked in zip(stacks, asking, strict=True):
+            asked[at] = _to_parameters(respond(structure, values, group, True))[[loose[row] for row in at]]
     for _ in range(UNBIASING_STEPS):
-        curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, loose, causes)
+        curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, loose, asking)
         size = np.sqrt(np.abs(np.diag(curvature)))
         if not np.all(np.isfinite(size)) or np.any(size == 0):
             return None
@@ -526,8 +572,12 @@ def _unbias(
         if np.max(np.abs(move) * size) < 1e-3 * np.sqrt(len(stacks) * stacks[0].z.size):
             break
     found = Model(structure, values)
+    if divided(structure)[0]:  # a limit may be out of reach now
+        curvature, _, _ = _linearised(found, stacks, weights, loose, asking)
+        if np.any(np.diag(curvature) == 0):
+            return None
     after = output_error(found, stacks).residual_power
-    return found if np.all(after < WORST_UNBIASING * error.residual_power) else None
+    return (found, asking) if np.all(after < WORST_UNBIASING * error.residual_power) else None
 
 
 def _to_parameters(response: Response) -> ComplexArray:
@@ -544,9 +594,9 @@ def _linearised(
     stacks: Sequence[Stack],
     weights: Sequence[FloatArray],
     loose: Sequence[int],
-    causes: Sequence[ComplexArray] | None,
+    asking: Sequence[ComplexArray] | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Z J^T, Z r and the variance of Z r under coloured residuals; Z are the sensitivities to the instruments, or J.
+    """Z J^T, Z r and the variance of Z r under coloured residuals; Z is `asking`, unweighted, or else J.
 
     The residual spectrum is smoothed over about 1 Hz; residuals of the two outputs may be correlated.
     """
@@ -555,9 +605,8 @@ def _linearised(
     for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
         response = respond(model.structure, model.values, group, True)
         parts = [(weight * (group.Y - response.Y))[None], weight * _to_parameters(response)[list(loose)]]
-        if causes is not None:
-            asked = respond(model.structure, model.values, group, True, causes[number])
-            parts.append(weight * _to_parameters(asked)[list(loose)])
+        if asking is not None:
+            parts.append(weight * asking[number])
         together, E = np.concatenate(parts), weight * response.E
         for part in group.slices:
             block = _project(rows(E[..., part]), rows(together[..., part]))
@@ -622,7 +671,7 @@ def _covariance(
     stacks: Sequence[Stack],
     weights: Sequence[FloatArray],
     loose: Sequence[int],
-    causes: Sequence[ComplexArray] | None,
+    asking: Sequence[ComplexArray] | None,
 ) -> FloatArray:
     """Covariance of the estimate when residuals are coloured and cross-correlated: H^-1 V H^-T.
 
@@ -630,7 +679,7 @@ def _covariance(
     """
     if not loose:
         return np.zeros((0, 0))
-    curvature, _, variance = _linearised(model, stacks, weights, loose, causes)
+    curvature, _, variance = _linearised(model, stacks, weights, loose, asking)
     size = np.sqrt(np.abs(np.diag(curvature)))
     if not np.all(np.isfinite(size)) or np.any(size == 0):
         still = ", ".join(model.structure.names[i] for i, x in zip(loose, size, strict=True) if not x > 0)

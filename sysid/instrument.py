@@ -2,7 +2,8 @@
 
 With a controller on, gusts reach the commands, and least squares takes a little of them for the vehicle's answer. What
 the excitation alone did to the commands carries no gust; sensitivities to that part ask the residual only what the
-excitation can answer. Soederstrom and Stoica's instrumental-variable method, in the Fourier domain.
+excitation can answer. Soederstrom and Stoica's instrumental-variable method, in the Fourier domain. For nonlinear
+effects the sensitivities are those of the vehicle as that part alone would move it.
 """
 
 from __future__ import annotations

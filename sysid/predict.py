@@ -3,6 +3,7 @@
 Linear structures go through their discretised matrices in modal form, exact for held commands. Delay, play and limits
 act on the commands before. Terms with products, powers or wandering coefficients are found by relaxation: the linear
 part answers the rest as if it were an input, evaluated on the whole time history, until nothing changes.
+Inputs that stand in for the logged ones, for instruments, go through all of this as the logged ones do.
 All arrays have the bins last, so that rows of real numbers are views of rows of complex ones.
 """
 
@@ -25,8 +26,17 @@ if TYPE_CHECKING:
 WORST_MODAL_CONDITION = 1e7
 RELAXATION_HZ = 30.0
 RELAXATIONS = 40
-RELAXED = 1e-6
+RELAXED = 1e-5
+DIFFERENCE_RELAXED = 0.03
+"""Of the last change of a response, and of a difference of responses; what is left is a fraction of it."""
+NEARER = 2
+"""Relaxations in which the linear part is fitted to the motion."""
+TOGETHER = 3
+"""Parameters side by side: more would cost memory and save no time."""
 STEP = 1e-3
+"""Of a parameter, for differences."""
+LARGE_STEP = 1e-2
+"""Of a parameter, to see whether it moves the commands steadily."""
 FEWEST_BINS = 60
 
 
@@ -148,8 +158,12 @@ def respond(
 
     The free motion from `ends`, the last estimate of them, counts in the sensitivities: it changes with the parameters.
     """
-    if not _linear_dynamics(structure):
-        return _relaxed(structure, values, stack, sensitivities)
+    if not linear_dynamics(structure):
+        return _relaxed(structure, values, stack, sensitivities, U)
+    front, rest = divided(structure)
+    if U is not None and front:
+        runs = zip(stack.spectra, stack.slices, strict=True)
+        stack = replace(stack, spectra=tuple(_driven(one, U[:, part]) for one, part in runs))
     if U is None:
         U = stack.U
     if stack.inputs != structure.inputs:
@@ -159,7 +173,6 @@ def respond(
 
         if polynomial.exact_enough(stack):
             return polynomial.respond(structure, values, stack, sensitivities, U, ends)
-    front, rest = divided(structure)
     acting, changes = _commands(structure, front, values, stack, U, sensitivities)
     inner = np.array([values[structure.names.index(name)] for name in rest.names])
     found = _linear(rest, inner, stack, acting, list(changes.values()), sensitivities, ends)
@@ -183,7 +196,37 @@ def divided(structure: Structure) -> tuple[tuple[Effect, ...], Structure]:
     return front, replace(structure, composed=tuple(one for one in structure.composed if one not in front))
 
 
-def _linear_dynamics(structure: Structure) -> bool:
+def behind(structure: Structure, values: FloatArray, stack: Stack) -> Stack:
+    """The stack with its inputs as they act behind everything that acts on samples; `divided` tells what follows."""
+    front, _ = divided(structure)
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    U = stack.U[[stack.inputs.index(name) for name in structure.inputs]]
+    return replace(stack, U=_behind(structure, front, stack, U, named), inputs=structure.inputs)
+
+
+def jumping(structure: Structure, values: FloatArray, stack: Stack) -> list[str]:
+    """Parameters with which the acting samples jump (dead band), so that there is no derivative to them.
+
+    What moves steadily changes 16 times less for a 16 times smaller step; of jumps there are 16 times fewer, and the
+    root of their sum of squares is 4 times less.
+    """
+    front, _ = divided(structure)
+    names = [name for effect in front for name in effect.names if effect.samples is not None]
+    if not names:
+        return []
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    segment = stack.spectra[0].segment
+
+    def change(name: str, step: float) -> float:
+        moved = in_time(structure, front, segment, {**named, name: (1 + step) * named[name]})
+        return float(np.linalg.norm(moved - here))
+
+    here = in_time(structure, front, segment, named)
+    return [name for name in names if 0 < change(name, LARGE_STEP) < 8 * change(name, LARGE_STEP / 16)]
+
+
+def linear_dynamics(structure: Structure) -> bool:
+    """Whether everything behind the commands' samples is linear with constant coefficients."""
     return all(effect.linear or effect.samples is not None for effect in structure.composed)
 
 
@@ -257,10 +300,7 @@ def _commands(
     s = 2j * np.pi * stack.frequency_hz
 
     def acting(at: Mapping[str, float]) -> ComplexArray:
-        found = logged.copy()
-        if front:
-            for one, part in zip(stack.spectra, stack.slices, strict=True):
-                found[:commands, part] = one.transform(in_time(structure, front, one.segment, at))
+        found = _behind(structure, front, stack, logged, at) if front else logged.copy()
         for effect in late:
             assert effect.response is not None
             found[:commands] *= effect.response(s, {name: at[name] for name in effect.names})
@@ -272,6 +312,16 @@ def _commands(
             above, below = _beside(structure, named, name)
             changes[name] = (acting({**named, name: above}) - acting({**named, name: below})) / (above - below)
     return acting(named), changes
+
+
+def _behind(
+    structure: Structure, front: Sequence[Effect], stack: Stack, logged: ComplexArray, named: Mapping[str, float]
+) -> ComplexArray:
+    """Inputs (m, bins) as they act behind `front`."""
+    found, commands = logged.copy(), len(structure.commands)
+    for one, part in zip(stack.spectra, stack.slices, strict=True):
+        found[:commands, part] = one.transform(in_time(structure, front, one.segment, named))
+    return found
 
 
 def _beside(structure: Structure, named: Mapping[str, float], name: str) -> tuple[float, float]:
@@ -314,97 +364,210 @@ def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mappi
 # ------------------------------------------------------------------------------------------------ relaxation
 
 
-def _relaxed(structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool) -> Response:
-    """Nonlinear or time-varying dynamics: the values and a step of each parameter, relaxed side by side."""
+def _driven(one: Spectrum, U: ComplexArray) -> Spectrum:
+    """The run with input bins U (m, bins) in place of what was logged, on its samples; means stay."""
+    from scipy.fft import irfft
+
+    wide = np.zeros((len(one.inputs), one.samples // 2 + 1), dtype=complex)
+    wide[:, one.first : one.first + one.frequency_hz.size] = U
+    channels = dict(one.segment.channels)
+    for name, row in zip(one.inputs, wide, strict=True):
+        channels[name] = channels[name].mean() + irfft(row, one.samples)
+    return replace(one, segment=replace(one.segment, channels=channels))
+
+
+def _relaxed(
+    structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool, U: ComplexArray | None
+) -> Response:
+    """Nonlinear or time-varying dynamics: first the values, then a step of each parameter from where they settled.
+
+    With inputs U (m, bins) in place of the logged ones there are no end states, which the measured rates would show.
+    """
     front, rest = divided(structure)
+    outside = {name for effect in front for name in effect.names}
     named = dict(zip(structure.names, map(float, values), strict=True))
-    batch, steps = [named], []
-    if sensitivities:
-        for name in structure.names:
-            above, _ = _beside(structure, named, name)
-            step = above - named[name] or _beside(structure, named, name)[1] - named[name]
-            steps.append(step)
-            batch.append({**named, name: named[name] + step})
-    Y = np.empty((len(batch), len(structure.outputs), stack.z.size), dtype=complex)
-    E = np.empty((len(rest.states), len(structure.outputs), stack.z.size), dtype=complex)
+    count = len(structure.names) if sensitivities else 0
+    Y = np.empty((len(structure.outputs), stack.z.size), dtype=complex)
+    E = np.empty((len(rest.states), *Y.shape), dtype=complex)
+    J = np.empty((count, *Y.shape), dtype=complex)
     for one, part in zip(stack.spectra, stack.slices, strict=True):
-        acting = [in_time(structure, front, one.segment, named)]
-        outside = {name for effect in structure.composed if effect in front for name in effect.names}
-        for name, values_of in zip(structure.names, batch[1:], strict=False):
-            acting.append(in_time(structure, front, one.segment, values_of) if name in outside else acting[0])
-        Y[..., part], E[..., part] = _relax(rest, batch, one, acting)
-    J = (Y[1:] - Y[0]) / np.array(steps)[:, None, None] if sensitivities else None
-    return Response(Y[0], E, J)
+        if U is not None:
+            one = _driven(one, U[:, part])
+        run = _Run(rest, one)
+        logged = run.commands(in_time(structure, front, one.segment, named), named)
+        settled = _settle(run, named, logged, ended=U is None)
+        Y[:, part], E[..., part] = settled.Y, settled.E
+        for first in range(0, count, TOGETHER):
+            names = structure.names[first : first + TOGETHER]
+            batch = [_step(structure, named, name) for name in names]
+            acting = [
+                run.commands(in_time(structure, front, one.segment, at), at)
+                if name in outside or name in run.late
+                else logged
+                for name, at in zip(names, batch, strict=True)
+            ]
+            steps = np.array([at[name] - named[name] for name, at in zip(names, batch, strict=True)])
+            moved = _settle_beside(run, settled, [named, *batch], [logged, *acting])
+            J[first : first + TOGETHER, :, part] = (moved[1:] - moved[0]) / steps[:, None, None]
+    return Response(Y, E, J if sensitivities else None)
 
 
-def _relax(
-    structure: Structure, batch: Sequence[Mapping[str, float]], one: Spectrum, acting: Sequence[FloatArray]
-) -> tuple[ComplexArray, ComplexArray]:
-    """One segment with acting command samples for each of the batch: Y (batch, k, bins) and E (n, k, bins)."""
-    from scipy.fft import irfft, next_fast_len, rfft
+def _step(structure: Structure, named: Mapping[str, float], name: str) -> dict[str, float]:
+    """The values with one of them moved a little, up where its bounds allow."""
+    above, below = _beside(structure, named, name)
+    return {**named, name: above if above != named[name] else below}
 
-    segment, n, m = one.segment, len(structure.states), len(structure.commands)
-    length = segment.samples * segment.dt
-    wide = max(RELAXATION_HZ, float(one.frequency_hz[-1]))
-    bins = min(int(wide * length), (segment.samples - 1) // 2)
-    grid = next_fast_len(4 * bins)
-    s = 2j * np.pi * np.arange(bins + 1) / length
-    hold = np.sinc(np.arange(bins + 1) / segment.samples) * np.exp(-0.5 * s * segment.dt)
 
-    def on_grid(spectrum: ComplexArray) -> FloatArray:
-        return np.asarray(irfft(spectrum, grid, axis=-1) * (grid / segment.samples))
+class _Run:
+    """One segment on the relaxation's own grid of time, and its bins from zero to well above the band."""
 
-    distinct = {id(samples): rfft(samples, axis=1)[:, : bins + 1] for samples in acting}
-    U = np.stack([distinct[id(samples)] for samples in acting])
-    U[..., 0] = 0
-    for effect in structure.composed:
-        if effect.response is not None:
-            U *= np.stack([effect.response(s, {name: at[name] for name in effect.names}) for at in batch])[:, None]
-    u = on_grid(U)
-    rows_of = [segment.channels[name] for name in structure.channels]
-    channels = [on_grid(rfft(row)[: bins + 1]) for row in rows_of]
-    A, B, _, _ = structure.matrices(structure.vector(batch[0]))
-    transfer = np.linalg.inv(s[1:, None, None] * np.eye(n) - A)  # (bins, n, n)
-    forced = np.zeros((len(batch), n, bins + 1), dtype=complex)
-    forced[..., 1:] = np.einsum("fij,bjf->bif", transfer, B[:, :m] @ (U * hold)[..., 1:])
-    C = np.eye(2, n)
-    first = round(float(one.frequency_hz[0]) * length)
-    inside = slice(first, first + one.frequency_hz.size)
-    E = (C @ transfer[inside.start - 1 : inside.stop - 1]).transpose(2, 1, 0)
-    rows = E.reshape(n, -1).view(float)
-    parameters = {name: np.array([at[name] for at in batch])[:, None] for name in structure.names}
-    X = forced.copy()
-    outputs = np.zeros((len(batch), 2, bins + 1), dtype=complex)
-    last = np.inf
-    for _ in range(RELAXATIONS):
-        # the free motion from the run's end states, as the measured rates show it
-        rest = (
-            (one.Y - outputs[:1, :, inside][0] if np.any(outputs) else one.Y - X[0, :2, inside]).reshape(-1).view(float)
-        )
-        ends, *_ = np.linalg.lstsq(rows.T, rest, rcond=1e-8)
-        free = np.zeros((n, bins + 1), dtype=complex)
-        free[:, 1:] = (transfer @ ends).T
-        x = irfft(X + free, grid, axis=2) * (grid / segment.samples)
+    def __init__(self, structure: Structure, one: Spectrum) -> None:
+        from scipy.fft import next_fast_len, rfft
+
+        self.structure, self.one = structure, one
+        samples, dt = one.segment.samples, one.segment.dt
+        wide = max(RELAXATION_HZ, float(one.frequency_hz[-1]))
+        self.bins = 1 + min(int(wide * samples * dt), (samples - 1) // 2)
+        self.grid = next_fast_len(3 * self.bins)
+        self.s = 2j * np.pi * np.arange(self.bins) / (samples * dt)
+        self.hold = np.sinc(np.arange(self.bins) / samples) * np.exp(-0.5 * self.s * dt)
+        self.inside = slice(one.first, one.first + one.frequency_hz.size)
+        self.channels = {
+            name: self.on_grid(rfft(one.segment.channels[name])[: self.bins]) for name in structure.channels
+        }
+        self.delays = [effect for effect in structure.composed if effect.response is not None]
+        self.late = {name for effect in self.delays for name in effect.names}
+
+    def on_grid(self, spectrum: ComplexArray) -> FloatArray:
+        """(..., bins) to (..., grid)."""
+        from scipy.fft import irfft
+
+        return np.asarray(irfft(spectrum, self.grid, axis=-1) * (self.grid / self.one.samples))
+
+    def transform(self, samples: FloatArray) -> ComplexArray:
+        """(..., grid) to (..., bins)."""
+        from scipy.fft import rfft
+
+        return np.asarray(rfft(samples, axis=-1)[..., : self.bins] * (self.one.samples / self.grid))
+
+    def commands(self, acting: FloatArray, named: Mapping[str, float]) -> ComplexArray:
+        """Acting samples (commands, n) to bins (commands, bins), without their mean, behind every delay."""
+        from scipy.fft import rfft
+
+        U: ComplexArray = rfft(acting, axis=1)[:, : self.bins]
+        U[:, 0] = 0
+        for effect in self.delays:
+            assert effect.response is not None
+            U *= effect.response(self.s, {name: named[name] for name in effect.names})
+        return U
+
+    def evaluate(
+        self, batch: Sequence[Mapping[str, float]], X: ComplexArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """States (batch, n, grid), their rates, and the outputs (batch, k, grid), of X (batch, n, bins) and commands
+        u (batch, m, grid)."""
+        structure, x = self.structure, self.on_grid(X)
         signals = {
             **{name: x[:, i] for i, name in enumerate(structure.states)},
             **{name: u[:, i] for i, name in enumerate(structure.commands)},
-            **{name: channels[i] for i, name in enumerate(structure.channels)},
+            **self.channels,
         }
+        parameters = {name: np.array([at[name] for at in batch])[:, None] for name in structure.names}
         rates, measured = structure.evaluate(parameters, signals)
         shape = x[:, 0].shape
         rhs = np.stack([np.broadcast_to(rates[f"{state}_dot"], shape) for state in structure.states], axis=1)
-        other = rfft(rhs - A @ x - B[:, :m] @ u, axis=2)[:, :, : bins + 1] * (segment.samples / grid)
-        new = forced.copy()
-        new[..., 1:] += np.einsum("fij,bjf->bif", transfer, other[..., 1:])
+        return x, rhs, np.stack([np.broadcast_to(measured[name], shape) for name in structure.outputs], axis=1)
+
+    def resolvent(self, A: FloatArray) -> ComplexArray:
+        """(s - A)^-1, (n, n, bins), nothing at bin zero."""
+        found = np.zeros((*A.shape, self.bins), dtype=complex)
+        found[..., 1:] = np.linalg.inv(self.s[1:, None, None] * np.eye(A.shape[0]) - A).transpose(1, 2, 0)
+        return found
+
+
+class _Settled(NamedTuple):
+    """A run's response, and the linear part by which it was found."""
+
+    Y: ComplexArray
+    """(k, bins of the band)"""
+    E: ComplexArray
+    """(n, k, bins of the band)"""
+    X: ComplexArray
+    """(n, bins), without the free motion."""
+    free: ComplexArray
+    """(n, bins), the motion that the run's end states account for."""
+    A: FloatArray
+    B: FloatArray
+    transfer: ComplexArray
+    """(n, n, bins)"""
+
+
+def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool) -> _Settled:
+    """The response to command bins U (m, bins).
+
+    The linear part is that of small motions first, and then the one nearest to the motion itself.
+    """
+    structure, inside = run.structure, run.inside
+    n, m = len(structure.states), len(structure.commands)
+    A, B = structure.matrices(structure.vector(named))[:2]
+    B = B[:, :m]
+    C = np.eye(2, n)
+    u, driven = run.on_grid(U), B @ (U * run.hold)
+    transfer = run.resolvent(A)
+    X = _through(transfer, driven[None])[0]
+    outputs, last = X[:2], np.inf
+    for count in range(RELAXATIONS):
+        # the free motion from the run's end states, as the measured rates show it
+        E = transfer[:2, :, inside].transpose(1, 0, 2)
+        rest = (run.one.Y - outputs[:, inside]).reshape(-1).view(float)
+        ends, *_ = np.linalg.lstsq(np.ascontiguousarray(E).reshape(n, -1).view(float).T, rest, rcond=1e-8)
+        free = np.einsum("ijf,j->if", transfer, ends if ended else 0 * ends)
+        x, rates, y = run.evaluate([named], (X + free)[None], u[None])
+        other = rates[0] - A @ x[0] - B @ u
+        if count < NEARER:
+            nearer = (other @ x[0].T) @ np.linalg.pinv(x[0] @ x[0].T, rcond=1e-9, hermitian=True)
+            A, other = A + nearer, other - nearer @ x[0]
+            transfer = run.resolvent(A)
+        new = _through(transfer, (driven + run.transform(other))[None])[0]
         change = float(np.max(np.abs(new - X)) / max(float(np.max(np.abs(new))), 1e-300))
         if not np.isfinite(change) or change > 1e3:
             raise RelaxationError("the response grows without limit")
+        outputs = run.transform(y[0]) + C @ (new - X - free)
         X = new
-        y = np.stack([np.broadcast_to(measured[name], shape) for name in structure.outputs], axis=1)
-        outputs = rfft(y, axis=2)[:, :, : bins + 1] * (segment.samples / grid) - (C @ free)
         if change < RELAXED:
             break
         if change > 2 * last and change > 0.1:
             raise RelaxationError("the response does not settle")
         last = min(last, change)
-    return outputs[:, :, inside], E
+    return _Settled(outputs[:, inside], E, X, free, A, B, transfer)
+
+
+def _settle_beside(
+    run: _Run, settled: _Settled, batch: Sequence[Mapping[str, float]], U: Sequence[ComplexArray]
+) -> ComplexArray:
+    """Outputs (batch, k, bins of the band) at the settled values, first, and at others near them; one free motion.
+
+    It ends where the differences from the first, and not the responses, have settled. The first goes along so that what
+    changes nothing has a difference of zero.
+    """
+    driving, u = settled.B @ (np.stack(U) * run.hold), run.on_grid(np.stack(U))
+    X = np.broadcast_to(settled.X, (len(batch), *settled.X.shape))
+    C, outputs = np.eye(2, X.shape[1]), X[:, :2]
+    for _ in range(RELAXATIONS):
+        x, rates, y = run.evaluate(batch, X + settled.free, u)
+        other = run.transform(rates - settled.A @ x - settled.B @ u)
+        new = _through(settled.transfer, driving + other)
+        size = np.max(np.abs(new - new[0]), axis=(1, 2))
+        change = np.max(np.abs(new - X - (new[0] - X[0])), axis=(1, 2))
+        if not np.all(np.isfinite(change)):
+            raise RelaxationError("the response grows without limit")
+        outputs = run.transform(y) + C @ (new - X - settled.free)
+        X = new
+        if np.all(change <= DIFFERENCE_RELAXED * size):
+            break
+    return outputs[..., run.inside]
+
+
+def _through(transfer: ComplexArray, driving: ComplexArray) -> ComplexArray:
+    """(n, n, bins) times (batch, n, bins)."""
+    return np.asarray(np.einsum("ijf,bjf->bif", transfer, driving))

@@ -12,20 +12,21 @@ from sysid.record import FloatArray
 
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
-    """Commands (c, n) -> positions (c, n) that follow with play; begins in the middle of it."""
-    half_width = parameters["half_width"]
-    acting = np.empty_like(commands)
-    for row, command in enumerate(commands.tolist()):
-        position = command[0]
-        positions = []
-        for target in command:
-            if target - half_width > position:
-                position = target - half_width
-            elif target + half_width < position:
-                position = target + half_width
-            positions.append(position)
-        acting[row] = positions
-    return acting
+    """Commands (c, n) -> positions (c, n) that follow with play; begins in the middle of it.
+
+    Every sample clips the position before it, and one clip after another is a clip again. So the clips of 2, 4, 8, ...
+    samples come from those of half as many, all at once; the first sample holds whatever was before it.
+    """
+    low, high = commands - parameters["half_width"], commands + parameters["half_width"]
+    low[:, 0] = high[:, 0] = commands[:, 0]
+    reach = 1
+    while reach < commands.shape[1]:
+        lowest, highest = low[:, reach:], high[:, reach:]
+        low[:, reach:], high[:, reach:] = (
+            np.minimum(np.maximum(before, lowest), highest) for before in (low[:, :-reach], high[:, :-reach])
+        )
+        reach *= 2
+    return low
 
 
 EFFECT = Effect(

@@ -18,25 +18,23 @@ from sysid.record import FloatArray
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """Commands (c, n) -> mean servo positions (c, n) over each sample of dt seconds. Starts without lag."""
-    rate = parameters["rate"]
-    step = rate * dt
-    acting = np.empty_like(commands)
-    for row, command in enumerate(commands.tolist()):
-        position = command[0]
-        means = []
-        for target in command:
-            gap = target - position
-            if gap > step:
-                means.append(position + 0.5 * step)
-                position += step
-            elif gap < -step:
-                means.append(position - 0.5 * step)
-                position -= step
-            else:
-                means.append(target - 0.5 * gap * abs(gap) / step if gap else target)
-                position = target
-        acting[row] = means
-    return acting
+    step = parameters["rate"] * dt
+    position = commands.copy()  # at the end of each sample
+    for row in position:
+        left_behind = np.flatnonzero(np.abs(np.diff(row)) > step) + 1
+        command, caught_up = row.tolist() if left_behind.size else [], 0
+        for first in left_behind.tolist():
+            if first <= caught_up:
+                continue
+            at = command[first - 1]
+            for caught_up in range(first, len(command)):
+                gap = command[caught_up] - at
+                if abs(gap) <= step:
+                    break
+                at += step if gap > 0 else -step
+                row[caught_up] = at
+    moved = np.diff(position, axis=1, prepend=position[:, :1])
+    return np.asarray(position - 0.5 / step * moved * np.abs(moved))
 
 
 EFFECT = Effect(

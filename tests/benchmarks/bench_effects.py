@@ -80,7 +80,7 @@ def bench_memory() -> None:
         if name in ("p", "q", "delta_x", "delta_y")
     )
     print()
-    for effects in ([], ["servo_lag"], ["quadratic_damping"]):
+    for effects in ([], ["servo_lag"], ["quadratic_damping"], ["rotor_speed"], ["servo_deadband"]):
         tracemalloc.start()
         identify(compose("tpp"), records, effects=effects)
         _, peak = tracemalloc.get_traced_memory()

@@ -21,7 +21,7 @@ from sysid.preprocess import spectra
 
 LINEAR_FLIGHTS = 60
 NONLINEAR_FLIGHTS = 20
-"""Their fits take seconds each."""
+"""Their fits take longest."""
 AT_ONCE = 20
 WITHIN = 3.0
 WANTED = 0.99

@@ -6,8 +6,11 @@ One flight each; `make study` flies many. The closed loop's gusts and the noise 
 from __future__ import annotations
 
 import pytest
-from planted import FORWARD, PLANTED, fly
-from planted_fits import fitted, in_standard_errors
+from planted import FORWARD, PLANTED, TABLE_4, fly
+from planted_fits import fitted, in_standard_errors, records
+
+from sysid.identify import identify
+from sysid.structures import compose
 
 
 @pytest.mark.parametrize("effect", sorted(PLANTED))
@@ -19,3 +22,19 @@ def test_a_planted_effect_comes_back(effect: str) -> None:
     assert len(fit.lineage) >= 2
     before, after = fit.lineage[-2].nrmse_percent, fit.lineage[-1].nrmse_percent
     assert sum(after.values()) > sum(before.values())
+
+
+@pytest.mark.parametrize("width", [0.0083, 0.0184])
+def test_a_dead_band_is_found_between_the_points_of_its_grid(width: float) -> None:
+    fit = fitted("servo_deadband", fly("servo_deadband", {"width": width}, seed=7))
+    assert fit.model["width"] == pytest.approx(width, rel=2e-3)
+
+
+def test_what_is_held_is_held_while_the_rest_is_fitted() -> None:
+    """A new parameter at a value of the user's: the others come to their best beside it."""
+    runs = records(fly("servo_backlash", PLANTED["servo_backlash"], seed=7))
+    held = {"half_width": 0.012}
+    fit = identify(compose("tpp"), runs, effects=["servo_backlash"], fixed=held)
+    off = in_standard_errors(fit, TABLE_4)
+    assert fit.model["half_width"] == 0.012
+    assert max(map(abs, off.values())) < 4, off

@@ -7,11 +7,12 @@ import pytest
 from planted import TABLE_4, fly
 from scipy.signal import lfilter
 
+from sysid.effect import find
 from sysid.fit import output_error
 from sysid.instrument import instruments
 from sysid.model import Model, discretise
 from sysid.polynomial import exact_enough
-from sysid.predict import divided, in_time, respond, stack
+from sysid.predict import divided, in_time, jumping, respond, stack
 from sysid.preprocess import EXCITATIONS, spectra
 from sysid.record import Record
 from sysid.structures import CD, TPP, compose
@@ -62,6 +63,55 @@ def test_a_lag_before_play_acts_in_time(runs: list[Record]) -> None:
         v = min(max(v, value - 0.01), value + 0.01)
         expected.append(v)
     np.testing.assert_allclose(acting[0], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("half_width", [0.0, 0.001, 0.012, 0.3])
+def test_play_by_clips_of_clips_is_play_by_one_sample_after_the_other(runs: list[Record], half_width: float) -> None:
+    play = find("servo_backlash").samples
+    assert play is not None
+    command = runs[0].channels["delta_x"]
+    expected, v = [], command[0]
+    for target in command:
+        v = min(max(v, target - half_width), target + half_width)
+        expected.append(v)
+    np.testing.assert_array_equal(play(command[None], 0.002, {"half_width": half_width})[0], expected)
+
+
+@pytest.mark.parametrize("rate", [0.05, 1.0, 4.0, 30.0])
+def test_a_rate_limit_is_one_ramp_after_the_other(runs: list[Record], rate: float) -> None:
+    limit = find("servo_rate_limit").samples
+    assert limit is not None
+    command, step = runs[0].channels["delta_x"], 0.002 * rate
+    expected, v = [], command[0]
+    for target in command:
+        moved = min(max(target - v, -step), step)
+        v += moved
+        expected.append(v - 0.5 * moved * abs(moved) / step)
+    np.testing.assert_allclose(limit(command[None], 0.002, {"rate": rate})[0], expected, rtol=0, atol=1e-14)
+
+
+def test_only_a_dead_band_jumps_with_its_parameter(runs: list[Record]) -> None:
+    sizes = {"servo_deadband": 0.01, "servo_backlash": 0.01, "servo_rate_limit": 2.0, "servo_saturation": 0.1}
+    for name, size in sizes.items():
+        structure = compose("tpp", [name])
+        (group,) = stack(spectra(runs, structure.inputs, ("p", "q"))[0])
+        found = jumping(structure, np.append(TRUTH, size), group)
+        assert found == (["width"] if name == "servo_deadband" else []), name
+
+
+@pytest.mark.parametrize("effects", [["quadratic_damping"], ["servo_backlash"]])
+def test_inputs_in_place_of_the_logged_ones_drive_nonlinear_effects(runs: list[Record], effects: list[str]) -> None:
+    """Given what was logged they answer as to the log; given nothing, only what does not depend on inputs is left."""
+    structure = compose("tpp", effects)
+    (group,) = stack(spectra(runs, structure.inputs, ("p", "q"))[0])
+    small = np.append(TRUTH, [1e-3] * (len(structure.names) - TRUTH.size))
+    logged, given = (respond(structure, small, group, True, U) for U in (None, group.U))
+    assert logged.J is not None
+    assert given.J is not None
+    in_band = group.frequency_hz < 12.0  # above it the log has what the bins given have not
+    np.testing.assert_allclose(given.Y[:, in_band], logged.Y[:, in_band], atol=0.05 * np.abs(logged.Y).max())
+    still = respond(structure, small, group, False, 0 * group.U)
+    np.testing.assert_allclose(still.Y, 0.0, atol=1e-9 * np.abs(logged.Y).max())
 
 
 def test_play_is_not_forgotten_beside_nonlinear_dynamics(runs: list[Record]) -> None:
