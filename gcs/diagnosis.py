@@ -7,6 +7,7 @@ put into words. The same functions serve the command line and the app.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -25,9 +26,10 @@ from sysid.explain import Explanation, explain
 from sysid.hiding import Hiding, could_hide
 from sysid.identify import identify, on_runs
 from sysid.maneuvers import NextManeuver, linear_or_not, next_maneuver
+from sysid.model import Model
 from sysid.noise import divide
 from sysid.record import Record
-from sysid.result import Fit
+from sysid.result import Fit, RecordUsed
 from sysid.structures import compose
 from sysid.suggest import Suggestion, SuggestionError, suggest
 
@@ -142,8 +144,11 @@ def refitted(
     records: Sequence[Record],
     validation: Sequence[Record],
     band_hz: Band | None = None,
+    *,
+    grown: Fit | None = None,
+    begin: Model | None = None,
 ) -> Fit:
-    """The fit's base with these effects on these runs, what the fit held held again."""
+    """The fit's base with these effects on these runs, what the fit held held again; the rest as `identify` has it."""
     held = {name: fit.model[name] for name in fit.fixed}
     return identify(
         compose(fit.model.structure.base),
@@ -154,7 +159,20 @@ def refitted(
         fixed=held,
         profile=fit.profile,
         window_s=fit.window_s,
+        grown=grown,
+        begin=begin,
     )
+
+
+def _made_from(fit: Fit, records: Sequence[Record], validation: Sequence[Record], band_hz: Band) -> bool:
+    """Whether the fit was made from just these runs in this band."""
+
+    def same(used: Sequence[RecordUsed], given: Sequence[Record]) -> bool:
+        return {(one.id, one.sha256, one.samples) for one in used} == {
+            (one.id, one.sha256, one.t.size) for one in given
+        }
+
+    return band_hz == fit.band_hz and same(fit.records, records) and same(fit.validation, validation)
 
 
 def diagnose_fit(
@@ -176,6 +194,8 @@ def diagnose_fit(
     """
     band = band_hz or fit.band_hz
     named = [*fit.model.structure.composed]
+    if not _made_from(fit, records, validation, band):
+        fit = refitted(fit, named, records, validation, band)
     rungs: list[Step] = []
     while True:
         structure = on_runs(fit.model.structure.base, named, [*records, *validation], records)
@@ -193,7 +213,18 @@ def diagnose_fit(
         )
         more = None
         if found.verdict == "missing" and found.effect is not None:
-            more = refitted(fit, [*named, _effect(found.effect, effects)], records, validation, band)
+            begin = next(
+                one.fit.model for one in found.candidates if one.effect == found.effect and one.fit is not None
+            )
+            more = refitted(
+                fit,
+                [*named, _effect(found.effect, effects)],
+                records,
+                validation,
+                band,
+                grown=fit,
+                begin=begin,
+            )
         if not repeat or more is None or len(rungs) >= MOST_RUNGS:
             return _told(fit, records, validation, quiet, found, rungs, more, effects, suggesting, say)
         say(f"added {found.effect}")
@@ -336,9 +367,9 @@ def add_effect(
     """
     composed = [*fit.model.structure.composed]
     band = band_hz or fit.band_hz
-    before = refitted(fit, composed, records, validation, band)
+    before = fit if _made_from(fit, records, validation, band) else refitted(fit, composed, records, validation, band)
     say("the structure as it is")
-    after = refitted(fit, [*composed, effect], records, validation, band)
+    after = refitted(fit, [*composed, effect], records, validation, band, grown=before)
     say(effect.id)
     structure = on_runs(fit.model.structure.base, composed, [*records, *validation], records)
     held = {name: fit.model[name] for name in fit.fixed}
@@ -397,9 +428,10 @@ def _plausible(after: Fit, effect: Effect) -> Sign:
 
 def ladder_of(found: Addition) -> tuple[list[tuple[str, Any, Any]], dict[str, float]]:
     """Rungs and noise floor, as pictures and tables want them."""
-    base = found.after.model.structure.base
+    names = rung_names(found.after.model.structure.base, [one.effects for one in found.after.lineage])
     rungs = [
-        (rung_name(base, one.effects), one.nrmse_percent, one.validation_nrmse_percent) for one in found.after.lineage
+        (name, one.nrmse_percent, one.validation_nrmse_percent)
+        for name, one in zip(names, found.after.lineage, strict=True)
     ]
     return rungs, found.noise_floor_percent
 
@@ -445,8 +477,15 @@ def bar(share: float, width: int = 20) -> str:
     return "█" * (eighths // 8) + " ▏▎▍▌▋▊▉"[eighths % 8].strip()
 
 
-def rung_name(base: str, effects: Sequence[str]) -> str:
-    return base.upper() if not effects else f"+ {Path(effects[-1]).name}"
+def rung_names(base: str, effects: Sequence[Sequence[str]]) -> list[str]:
+    """What each rung added. `flapping` turns CD into TPP, and leaves no effect behind to be named by."""
+    from_cd = len(effects) > 1 and len(effects[0]) == len(effects[1])
+    found = ["CD" if from_cd else base.upper(), *(["+ flapping"] if from_cd else [])]
+    for before, now in itertools.pairwise(effects[len(found) - 1 :]):
+        found.append("+ " + ", ".join(Path(one).name for one in now if one not in before))
+    if effects and effects[0]:
+        found[0] += "".join(f" + {Path(one).name}" for one in effects[0])
+    return found
 
 
 def addition_text(found: Addition) -> str:
@@ -494,11 +533,11 @@ def diagnosis_text(found: FitDiagnosis) -> str:
     """The answer first, then what it stands on; 78 columns."""
     last = found.last
     lines: list[str] = []
-    base = found.fit.model.structure.base
     if len(found.rungs) > 1:
+        names = rung_names(found.fit.model.structure.base, [one.effects for one in found.rungs])
+        steps = zip(names, found.rungs, strict=True)
         lines += ladder_text(
-            [(rung_name(base, one.effects), one.nrmse_percent, one.validation_nrmse_percent) for one in found.rungs],
-            last.noise_floor_percent,
+            [(name, one.nrmse_percent, one.validation_nrmse_percent) for name, one in steps], last.noise_floor_percent
         )
         lines.append("")
     lines += verdict_text(found)

@@ -26,7 +26,7 @@ from sysid.instrument import FOLLOWING, caused_by
 from sysid.model import FloatArray, Model, Structure
 from sysid.noise import Causes, Division, causes
 from sysid.parameter import Parameter
-from sysid.predict import RelaxationError, Stack, respond, stack
+from sysid.predict import RelaxationError, Stack, jumping, respond, stack
 from sysid.preprocess import ComplexArray, Segment, Spectrum, spectra
 from sysid.record import Record
 from sysid.structures import COMMANDS
@@ -241,19 +241,50 @@ def error_share(error: OutputError) -> float:
 def candidate(found: Estimate, held: Collection[str], on: Ground, added: Sequence[str] = ()) -> Candidate:
     """Linearise a fit on its runs."""
     structure, values = found.model.structure, found.model.values
-    loose = [i for i, name in enumerate(structure.names) if name not in held and name not in found.at_bound]
+    fixed = {*held, *found.at_bound, *jumping(structure, values, on.stacks[0])}  # a jump has no slope to follow
+    loose = [i for i, name in enumerate(structure.names) if name not in fixed]
     flown = [respond(structure, values, group, True) for group in on.stacks]
-    imposed = [respond(structure, values, group, True) for group in on.imposed]
+    J = [_slopes(one.J, one.to) for one in flown]
+    Y_imposed, J_imposed = _imposed_answers(structure, values, on, [one.Y for one in flown], J)
     return Candidate(
         found,
         tuple(added),
         tuple(held),
         on,
         [one.Y for one in flown],
-        [one.Y for one in imposed],
-        [_slopes(one.J, one.to)[loose] for one in flown],
-        [_slopes(one.J, one.to)[loose] for one in imposed],
+        Y_imposed,
+        [one[loose] for one in J],
+        [one[loose] for one in J_imposed],
     )
+
+
+def _imposed_answers(
+    structure: Structure,
+    values: FloatArray,
+    on: Ground,
+    Y: Sequence[ComplexArray],
+    J: Sequence[ComplexArray] | None = None,
+) -> tuple[list[ComplexArray], list[ComplexArray]]:
+    """Answers to the imposed commands, from those to the commands as flown; and their sensitivities where J is given.
+
+    Play, limits and dead bands do to small commands what the large ones that go with them decide. So there it is the
+    answer to the commands as flown, less the linear answer to what the gusts caused of them.
+    """
+    if all(effect.samples is None for effect in structure.composed):
+        found = [respond(structure, values, group, J is not None) for group in on.imposed]
+        return [one.Y for one in found], [] if J is None else [_slopes(one.J, one.to) for one in found]
+    smooth = replace(structure, composed=tuple(one for one in structure.composed if one.linear and one.samples is None))
+    inner = np.array([values[structure.names.index(name)] for name in smooth.names])
+    rows = [structure.names.index(name) for name in smooth.names]
+    Ys, Js = [], []
+    for number, (group, imposed) in enumerate(zip(on.stacks, on.imposed, strict=True)):
+        gusts = respond(smooth, inner, replace(group, U=group.U - imposed.U), J is not None)
+        Ys.append(Y[number] - gusts.Y)
+        if J is not None:
+            changed = J[number].copy()
+            changed[rows] -= _slopes(gusts.J, gusts.to)
+            Js.append(changed)
+    return Ys, Js
 
 
 def refit(composed: Structure, parent: Candidate, added: Sequence[str]) -> Candidate:
@@ -411,8 +442,11 @@ def _ask(
         places.insert(0, dict(named))
     try:
         with np.errstate(all="ignore"):
-            flown = [_predicted(composed, values, of.ground.stacks) for values in places]
-            imposed = [_predicted(composed, values, of.ground.imposed) for values in places]
+            flown = [_predicted(composed, values, of.ground) for values in places]
+            imposed = [
+                _imposed_answers(composed, composed.vector(values), of.ground, Y)[0]
+                for values, Y in zip(places, flown, strict=True)
+            ]
     except (RelaxationError, np.linalg.LinAlgError):
         return None
     base, base_imposed = of.Y, of.Y_imposed
@@ -461,6 +495,6 @@ def _does_something_at_null(composed: Structure) -> bool:
     return any(one.id == "yaw_coupling" for one in composed.composed)
 
 
-def _predicted(composed: Structure, named: Mapping[str, float], stacks: Sequence[Stack]) -> list[ComplexArray]:
+def _predicted(composed: Structure, named: Mapping[str, float], on: Ground) -> list[ComplexArray]:
     values = composed.vector(named)
-    return [respond(composed, values, group, False).Y for group in stacks]
+    return [respond(composed, values, group, False).Y for group in on.stacks]

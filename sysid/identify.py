@@ -30,23 +30,26 @@ def identify(
     fixed: Mapping[str, float] | None = None,
     profile: str | None = None,
     window_s: tuple[float | None, float | None] | None = None,
+    grown: Fit | None = None,
+    begin: Model | None = None,
 ) -> Fit:
     """Fit a bare base with effects to all records together; validation records only judge.
 
     Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
     lineage. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
-    their logs and are kept with the fit. Raises FitError where an axis is not identifiable, EffectError where an
-    effect cannot act on these runs; the message says which and what to do.
+    their logs and are kept with the fit. `grown` is the fit of all effects but the last on the same records, which
+    need not be made again; `begin` a model of the whole composition to begin at. Raises FitError where an axis is not
+    identifiable, EffectError where an effect cannot act on these runs; the message says which and what to do.
     """
     refuse_mixed_sources([*records, *validation])
     if not 0 <= band_hz[0] < band_hz[1]:
         raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
     if not records:
         raise FitError("no run to fit")
-    rungs: list[Rung] = []
+    rungs: list[Rung] = [] if grown is None else [*grown.lineage]
     warnings: list[str] = []
-    parent: Model | None = None
-    for count in range(len(effects) + 1):
+    parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
+    for count in range(0 if grown is None else len(effects), len(effects) + 1):
         try:
             composed = on_runs(structure.base, effects[:count], [*records, *validation], records)
         except EffectError:
@@ -60,7 +63,8 @@ def identify(
         open_to_all = structural(composed, held) if composed.composed else None
         if open_to_all is not None:
             raise FitError(open_to_all)
-        found: Estimate = estimate(composed, fitted, parent, held)
+        at = begin if count == len(effects) and begin is not None else parent
+        found: Estimate = estimate(composed, fitted, at, held)
         parent = found.model
         judged: Mapping[str, float] | None = None
         if validation:
