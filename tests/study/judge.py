@@ -1,0 +1,254 @@
+"""Counts what the blind flights showed: right, wrong, unsure, by what could be seen and what harm it would have done.
+
+python tests/study/judge.py FILE.jsonl...
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+VISIBLE_POINTS = 2.0
+"""NRMSE that an effect costs, from which on it must be found."""
+LARGEST_CLASS = 3
+DETECTABLE = (0.0, 0.05, 0.2, 1.0, math.inf)
+"""Explainable residual power over noise."""
+HARM = 0.10
+TABLE_4 = {"L_b": 147.548, "M_a": 713.378, "tau_f": 0.091}
+TABLE_5 = {"L_b": 147.550, "M_a": 713.380, "tau_f": 0.075}
+SURE = 0.9
+CONFIDENCES = (0.0, 0.5, 0.7, 0.85, 0.95, 0.99, 1.0001)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One line of the study."""
+
+    said: dict[str, Any]
+
+    @property
+    def failed(self) -> str | None:
+        return self.said.get("failed")
+
+    @property
+    def hidden(self) -> list[dict[str, Any]]:
+        found = self.said["hidden"]
+        return found if isinstance(found, list) else [found]
+
+    @property
+    def name(self) -> str:
+        return "+".join(self.said["case"]["names"])
+
+    @property
+    def level(self) -> str:
+        return "two" if len(self.hidden) == 2 else str(self.hidden[0]["level"])
+
+    @property
+    def answers(self) -> list[set[str]]:
+        """For each hidden effect the ids that are right."""
+        return [{one["answer"], *one["accepts"]} - {None} for one in self.hidden]
+
+    @property
+    def cost_points(self) -> float:
+        """NRMSE of the noise floor less the fit's, the larger of both axes."""
+        floor, fit = self.said["noise_floor_percent"], self.said["nrmse_percent"]
+        return max(floor[axis] - fit[axis] for axis in fit)
+
+    @property
+    def detectability(self) -> float:
+        return (self.said["E0"] - self.said["N"]) / max(self.said["N"], 1e-12)
+
+    @property
+    def harm(self) -> float:
+        """Largest relative error of L_b, M_a, tau_f in the fit without the effect."""
+        truth = TABLE_5 if self.said["case"]["plant"] == "forward" else TABLE_4
+        found = self.said.get("parent", {})
+        return max((abs(found[name] / value - 1) for name, value in truth.items() if name in found), default=0.0)
+
+    @property
+    def right(self) -> bool:
+        """The first answer, or the verdict where there is none to name."""
+        if self.level == "none":
+            return bool(self.said["verdict"] == "complete")
+        if self.level == "beyond":
+            return bool(self.said["verdict"] == "unexplained")
+        return self.said["effect"] in self.answers[0]
+
+    @property
+    def right_in_class(self) -> bool:
+        """Right, or among at most three that it says cannot be told apart."""
+        alike = {self.said["effect"], *self.said["indistinguishable"]}
+        return self.right or (len(alike) <= LARGEST_CLASS and bool(alike & self.answers[0]))
+
+    @property
+    def in_first_two(self) -> bool:
+        first = [one["effect"] for one in self.said["candidates"][:2]]
+        return self.right_in_class or bool(set(first) & self.answers[0])
+
+    @property
+    def both_found(self) -> bool:
+        """Two hidden: named in the first answer's chain, or when asked again with it added."""
+        second = self.said.get("second") or {}
+        told = {self.said["effect"], *self.said["chain"], second.get("effect"), *second.get("chain", ())}
+        told |= set(self.said["indistinguishable"]) | set(second.get("indistinguishable", ()))
+        return all(answers & told for answers in self.answers)
+
+    def sizes_off(self) -> list[float]:
+        """(estimate - truth)/standard error of the true entry's parameters, where the truth is known."""
+        hidden = self.hidden[0]
+        truth = {**hidden["expect"], **(hidden["sizes"] if hidden["level"] == "catalogue" else {})}
+        for one in self.said["candidates"]:
+            if one["effect"] == hidden["answer"]:
+                errors = one["standard_errors"]
+                return [
+                    (one["parameters"][name] - value) / errors[name]
+                    for name, value in truth.items()
+                    if errors.get(name) and one["parameters"].get(name) is not None
+                ]
+        return []
+
+    def short_of_best(self) -> float | None:
+        """Validation NRMSE of the winner below the best of all refits, in points, the worse axis."""
+        fits = [one for one in (*self.said["candidates"], *self.said["pairs"]) if one["validation_nrmse_percent"]]
+        chain = set(self.said["chain"])
+        mine = [one for one in fits if set(one["effect"].split("+")) == chain]
+        if not mine:
+            return None
+        own = mine[0]["validation_nrmse_percent"]
+        return max(max(one["validation_nrmse_percent"][axis] for one in fits) - own[axis] for axis in own)
+
+
+def load(paths: Iterable[Path]) -> list[Flight]:
+    return [Flight(json.loads(line)) for path in paths for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def share(flights: Sequence[Flight], good: Callable[[Flight], bool]) -> str:
+    if not flights:
+        return "no flight"
+    count = sum(good(one) for one in flights)
+    return f"{count} of {len(flights)} ({100 * count / len(flights):.1f} %)"
+
+
+def tables(flights: Sequence[Flight]) -> str:
+    """The figures of the study as text."""
+    failed = [one for one in flights if one.failed]
+    flights = [one for one in flights if not one.failed]
+    known = [one for one in flights if one.level in ("catalogue", "below")]
+    seen = [one for one in known if one.cost_points >= VISIBLE_POINTS]
+    clean = [one for one in flights if one.level == "none"]
+    beyond = [one for one in flights if one.level == "beyond"]
+    beyond_seen = [one for one in beyond if one.cost_points >= VISIBLE_POINTS]
+    two = [one for one in flights if one.level == "two"]
+    lines = [f"{len(flights)} flights, {len(failed)} failed"]
+    lines += [f"  failed: {one.said['case']['plant']} {one.name}: {one.failed}" for one in failed]
+    lines += [
+        "",
+        f"nothing hidden, and said to be complete      {share(clean, lambda one: one.right)}",
+        f"in the catalogue, at least {VISIBLE_POINTS:g} points of NRMSE: {len(seen)} flights",
+        f"  right first answer                         {share(seen, lambda one: one.right)}",
+        f"  or its declared class of at most {LARGEST_CLASS}         {share(seen, lambda one: one.right_in_class)}",
+        f"  among the first two                        {share(seen, lambda one: one.in_first_two)}",
+        f"    built as the catalogue writes it         "
+        f"{share([one for one in seen if one.level == 'catalogue'], lambda one: one.right_in_class)}",
+        f"    built below it                           "
+        f"{share([one for one in seen if one.level == 'below'], lambda one: one.right_in_class)}",
+        f"of any cost, right or in its class           {share(known, lambda one: one.right_in_class)}",
+        f"not in the catalogue, said to be unexplained {share(beyond, lambda one: one.right)}",
+        f"  at least {VISIBLE_POINTS:g} points                         {share(beyond_seen, lambda one: one.right)}",
+        f"two at once, both found                      {share(two, lambda one: one.both_found)}",
+    ]
+    short = [x for one in seen if one.right_in_class and (x := one.short_of_best()) is not None]
+    if short:
+        lines.append(
+            f"validation NRMSE within 1 point of the best  {sum(x <= 1 for x in short)} of {len(short)} "
+            f"({100 * sum(x <= 1 for x in short) / len(short):.1f} %)"
+        )
+    z = [x for one in seen if one.right_in_class for x in one.sizes_off()]
+    if z:
+        near = sum(abs(x) <= 3 for x in z)
+        lines.append(f"sizes within 3 standard errors               {near} of {len(z)} ({100 * near / len(z):.1f} %)")
+    seconds = sorted(one.said["seconds"] for one in flights)
+    if seconds:
+        lines.append(
+            f"seconds of computing for a diagnosis         median {seconds[len(seconds) // 2]:.1f}, "
+            f"nine of ten below {seconds[int(0.9 * len(seconds))]:.1f}"
+        )
+    lines += ["", *_confidences(flights), "", *_bins(known), "", *_confusion(flights), "", *_wrong(flights)]
+    return "\n".join(lines)
+
+
+def _confidences(flights: Sequence[Flight]) -> list[str]:
+    """Of answers that name an effect, how many are right, by what was said of their sureness."""
+    named = [one for one in flights if one.said["verdict"] == "missing" and one.level != "two"]
+    lines = ["confidence of a named effect    flights    right or in its class"]
+    for low, high in itertools.pairwise(CONFIDENCES):
+        some = [one for one in named if low <= one.said["confidence"] < high]
+        if some:
+            right = sum(one.level in ("catalogue", "below") and one.right_in_class for one in some)
+            lines.append(f"  {low:.2f} to {min(high, 1):.2f} {len(some):22d} {100 * right / len(some):14.1f} %")
+    sure = [one for one in named if one.said["confidence"] >= SURE]
+    wrong = [one for one in sure if one.level not in ("catalogue", "below") or not one.right_in_class]
+    lines.append(f"  named at {SURE:g} or more and wrong: {len(wrong)} of {len(sure)} so named, {len(flights)} flights")
+    return lines
+
+
+def _bins(known: Sequence[Flight]) -> list[str]:
+    lines = ["explainable over noise          flights    right or in its class    harm above 10 %: right"]
+    for low, high in itertools.pairwise(DETECTABLE):
+        some = [one for one in known if low <= max(one.detectability, 0.0) < high]
+        if some:
+            harmful = [one for one in some if one.harm > HARM]
+            lines.append(
+                f"  {low:g} to {high:g}".ljust(32)
+                + f"{len(some):7d}    {share(some, lambda one: one.right_in_class):22}   "
+                + share(harmful, lambda one: one.right_in_class)
+            )
+    return lines
+
+
+def _confusion(flights: Sequence[Flight]) -> list[str]:
+    """Hidden by name, and what was said of it, how often."""
+    said: dict[str, Counter[str]] = defaultdict(Counter)
+    cost: dict[str, list[float]] = defaultdict(list)
+    for one in flights:
+        if one.level == "two":
+            continue
+        key = f"{one.hidden[0]['answer'] or '-'} : {one.name}"
+        word = one.said["effect"] or one.said["verdict"]
+        said[key][word + (" (stand-in)" if one.said["stands_in"] else "")] += 1
+        cost[key].append(one.cost_points)
+    lines = ["answer : hidden                                     points   said"]
+    for key in sorted(said):
+        told = ", ".join(f"{word} {count}" for word, count in said[key].most_common())
+        points = f"{min(cost[key]):.1f}-{max(cost[key]):.1f}"
+        lines.append(f"  {key:48} {points:>9}   {told}")
+    return lines
+
+
+def _wrong(flights: Sequence[Flight]) -> list[str]:
+    lines = ["wrong"]
+    for one in flights:
+        good = one.both_found if one.level == "two" else one.right_in_class
+        if not good:
+            case = one.said["case"]
+            top = ", ".join(
+                f"{c['effect']} {c['delta_bic']:.0f} ({100 * (c['explained_share'] or 0):.0f} %)"
+                for c in one.said["candidates"][:3]
+            )
+            lines.append(
+                f"  {case['plant']} {one.name} x{case['scale']:g} gusts {case['gusts']:g} seed {case['seed']}: "
+                f"{one.said['verdict']} {'+'.join(one.said['chain'])}, {one.cost_points:.1f} points, "
+                f"confidence {one.said['confidence']:.2f}; {top}"
+            )
+    return lines
+
+
+if __name__ == "__main__":
+    print(tables(load([Path(name) for name in sys.argv[1:]])))
