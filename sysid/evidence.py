@@ -29,7 +29,7 @@ from sysid.parameter import Parameter
 from sysid.predict import RelaxationError, Stack, jumping, respond, stack
 from sysid.preprocess import ComplexArray, Segment, Spectrum, spectra
 from sysid.record import Record
-from sysid.structures import COMMANDS
+from sysid.structures import COMMANDS, compose
 
 CYCLIC = ("delta_x", "delta_y")
 CHANNELS_READ = ("omega", "airspeed", "alpha", "beta", "r", "phi", "theta")
