@@ -66,6 +66,8 @@ SAME = 10.0
 """Chi squared by which one candidate must be likelier than another to be told from it;"""
 SURE = 0.9
 """Confidence from which on an answer counts as sure."""
+LITTLE = 0.05
+"""Explainable power over noise, below which powers are too uncertain to divide."""
 BLIND = 3.0
 LEAD_SCALE = 20.0
 CONFIDENCE = (0.0, 2.0, -5.0)
@@ -186,6 +188,8 @@ class Diagnosis:
     """That noise alone shows as much; all questions counted in."""
     terms: Selection | None
     """Simple terms beside the best candidate, where something is missing."""
+    lead: float | None
+    """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
 
     @property
     def winner(self) -> Judged | None:
@@ -234,6 +238,7 @@ class Diagnosis:
             if self.validation_nrmse_percent is None
             else dict(self.validation_nrmse_percent),
             "noise_floor_percent": {name: finite(value) for name, value in self.noise_floor_percent.items()},
+            "lead": None if self.lead is None else finite(self.lead),
             "log10_chance": finite(self.log_chance / math.log(10)),
         }
 
@@ -522,7 +527,7 @@ def _verdict(
     N, E0 = float(np.sum(noise)), parent.error_share
     outputs = parent.model.structure.outputs
     floor = dict(zip(outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
-    judge = None if judging is None else _Judge.of(parent, best, judging, N)
+    judge = None if judging is None else _Judge.of(parent, best, judging)
 
     def with_share(one: Judged) -> Judged:
         if one.fit is None:
@@ -536,19 +541,23 @@ def _verdict(
     chain: tuple[str, ...] = ()
     share: float | None = None
     alike: tuple[str, ...] = ()
+    lead, short = None, 0.0
     if found:
         winner = _winner(singles, pairs)
         verdict, share = "unexplained", 0.0
         if winner is not None:
             chain = _larger_first(winner, singles)
             share = winner.explained_share or 0.0
-            stands_in = bool(winner.implausible) and _enough(winner)
-            if _enough(winner) and not stands_in:
+            enough = _enough(winner, E0, N)
+            stands_in = bool(winner.implausible) and enough
+            if enough and not stands_in:
                 verdict = "missing"
             effect = chain[0] if verdict == "missing" or stands_in else None
             if len(chain) == 1:
                 alike = _alike(winner, singles)
-        confidence = _confidence(verdict, winner, alike, singles, parent)
+            if verdict == "missing":
+                lead, short = _lead(winner, alike, singles, parent)
+        confidence = UNEXPLAINED_RIGHT if lead is None else _logistic(CONFIDENCE, lead, short)
     return Diagnosis(
         verdict,
         effect,
@@ -569,6 +578,7 @@ def _verdict(
         None if judge is None else judge.nrmse_percent,
         chance,
         terms,
+        lead,
     )
 
 
@@ -609,12 +619,17 @@ class _Judge:
     """Whether too little can be explained there to judge by."""
 
     @classmethod
-    def of(cls, parent: Candidate, best: Candidate, judging: Ground, N: float) -> _Judge:
+    def of(cls, parent: Candidate, best: Candidate, judging: Ground) -> _Judge:
         error = output_error(parent.model, judging.stacks)
         outputs = parent.model.structure.outputs
         before = error_share(error)
         least = error_share(output_error(best.model, judging.stacks))
-        noise = min(least, before) * min(1.0, N / max(best.error_share, 1e-300))
+        on = best.ground
+        level = divide(best.estimate.error, on.stacks, on.causes)
+        expected = sum(
+            np.real(np.einsum("fkk->k", level.at(group.frequency_hz))) for group in judging.stacks
+        )  # of the same air
+        noise = min(least, before, float(np.sum(expected / error.measured_power)))
         # residual power of a run scatters as that of some tens of independent bins
         scatter = BLIND * before / math.sqrt(sum(group.z.size for group in judging.stacks))
         nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
@@ -628,9 +643,16 @@ class _Judge:
         return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
 
 
-def _enough(one: Judged) -> bool:
-    judged = one.validation_share is None or one.validation_share >= EXPLAINED
-    return judged and (one.explained_share or 0.0) >= EXPLAINED
+def _enough(one: Judged, E0: float, N: float) -> bool:
+    """Whether it explains what can be explained; by the noise's own measure where that is little beside the noise."""
+    assert one.fit is not None
+    share = one.explained_share or 0.0
+    if E0 - N < LITTLE * N:
+        on = one.fit.ground
+        left = divide(one.fit.estimate.error, on.stacks, on.causes)
+        rest = max(0.0, left.chi_squared - left.degrees)
+        share = max(share, one.chi_squared / max(one.chi_squared + rest, 1e-300))
+    return share >= EXPLAINED and (one.validation_share is None or one.validation_share >= EXPLAINED)
 
 
 def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None:
@@ -646,17 +668,10 @@ def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None
     return _likeliest_in_practice(pair, pairs) if more > REMAINDER else single
 
 
-def _confidence(
-    verdict: str, winner: Judged | None, alike: Sequence[str], singles: Sequence[Judged], parent: Candidate
-) -> float:
-    """How often answers of this kind are right: from the lead over the best rival, beside what the winner leaves.
-
-    Calibrated on flights with known answers.
-    """
-    if winner is None or winner.settled is None or winner.fit is None:
-        return UNEXPLAINED_RIGHT
-    if verdict != "missing":
-        return UNEXPLAINED_RIGHT
+def _lead(winner: Judged, alike: Sequence[str], singles: Sequence[Judged], parent: Candidate) -> tuple[float, float]:
+    """How far the winner is ahead of the best rival, beside what it leaves itself; and how far from explaining all."""
+    assert winner.settled is not None
+    assert winner.fit is not None
     left = divide(winner.fit.estimate.error, parent.ground.stacks, parent.ground.causes)
     misfit = max(0.0, left.chi_squared - left.degrees)
     leads = [
@@ -664,10 +679,13 @@ def _confidence(
         for one in singles
         if one.settled is not None and not set(one.effects) & {*winner.effects, *alike} and not one.implausible
     ]
-    lead = max(0.0, min(leads, default=winner.chi_squared))
-    x = math.log((misfit + lead + LEAD_SCALE) / (misfit + LEAD_SCALE))
-    short = max(0.0, 1 - (winner.explained_share or 0.0))
-    return 1 / (1 + math.exp(-(CONFIDENCE[0] + CONFIDENCE[1] * x + CONFIDENCE[2] * short)))
+    lead = max(0.0, min([*leads, winner.chi_squared]))
+    ratio = math.log((misfit + lead + LEAD_SCALE) / (misfit + LEAD_SCALE))
+    return ratio, max(0.0, 1 - (winner.explained_share or 0.0))
+
+
+def _logistic(weights: Sequence[float], lead: float, short: float) -> float:
+    return 1 / (1 + math.exp(-(weights[0] + weights[1] * lead + weights[2] * short)))
 
 
 def _likeliest_in_practice(winner: Judged, others: Sequence[Judged]) -> Judged:

@@ -273,7 +273,8 @@ def _imposed_answers(
     if all(effect.samples is None for effect in structure.composed):
         found = [respond(structure, values, group, J is not None) for group in on.imposed]
         return [one.Y for one in found], [] if J is None else [_slopes(one.J, one.to) for one in found]
-    smooth = replace(structure, composed=tuple(one for one in structure.composed if one.linear and one.samples is None))
+    steady = [one for one in structure.composed if one.linear and one.samples is None]
+    smooth = compose(structure.base, steady, on.available, dict(structure.constants))
     inner = np.array([values[structure.names.index(name)] for name in smooth.names])
     rows = [structure.names.index(name) for name in smooth.names]
     Ys, Js = [], []

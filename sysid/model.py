@@ -6,6 +6,7 @@ numbers. Commands are held between samples, so discretisation by the matrix expo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -255,6 +256,8 @@ def discretise(A: AnyArray, B: AnyArray, dt: float) -> tuple[AnyArray, AnyArray]
     block[..., :n, :n] = A * dt
     block[..., :n, n:] = B * dt
     norm = float(np.max(np.sum(np.abs(block), axis=-1))) if block.size else 0.0
+    if not math.isfinite(norm):
+        raise np.linalg.LinAlgError("the matrix to be exponentiated is not finite")
     squarings = max(0, int(np.ceil(np.log2(norm / 0.25)))) if norm > 0 else 0
     block = block / 2.0**squarings
     identity = np.eye(n + m)
