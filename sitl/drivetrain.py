@@ -26,7 +26,7 @@ class Drivetrain:
     """Rotor speed in rad/s, advanced by `dt`. The pilot's set speeds are drawn between two bounds in RPM."""
 
     def __init__(self, rpm: tuple[float, float], nominal_rpm: float, seed: str, dt: float) -> None:
-        self._random = random.Random(seed)
+        self._random = random.Random(f"drivetrain {seed}")
         self._low, self._high = (bound / nominal_rpm for bound in rpm)
         self._nominal = nominal_rpm * 2 * math.pi / 60
         self._dt = dt

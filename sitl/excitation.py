@@ -81,7 +81,7 @@ class Excitation:
         if problem is not None:
             raise ValueError(problem)
         self.settings = settings
-        self._random = random.Random(seed)
+        self._random = random.Random(f"excitation {seed}")
         self._sample = 0
         self._noise = [0.0, 0.0, 0.0]
         corner = 2 * math.pi * settings.f_stop_hz * settings.dt

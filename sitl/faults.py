@@ -25,7 +25,7 @@ class Loss:
         if not 0 <= fraction <= 1:
             raise ValueError("the share of lost packets must lie between 0 and 1")
         self._fraction = fraction
-        self._random = random.Random(seed)
+        self._random = random.Random(f"faults {seed}")
         self._outages = tuple(outages)
 
     def loses(self, now_s: float) -> bool:

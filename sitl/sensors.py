@@ -86,7 +86,7 @@ class Gyro:
     """Body rates as the autopilot sees them."""
 
     def __init__(self, seed: int, mounts: Sequence[Mount] = ()) -> None:
-        self._gauss = random.Random(seed).gauss
+        self._gauss = random.Random(f"gyro {seed}").gauss
         self._mounts = tuple(mounts)
 
     def measure(self, p: float, q: float, r: float, rotor_angle: float) -> tuple[float, float, float]:

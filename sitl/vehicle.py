@@ -180,7 +180,7 @@ class Vehicle:
         self.yaw_command = 0.0
         """delta_r, to the tip propellers."""
         self._gyro = Gyro(seed, mounts)
-        self._random = random.Random(seed)
+        self._random = random.Random(f"pilot {seed}")
         self._yaw_hand = random.Random(f"{seed} yaw")
         self._condition = condition
         self._attitude = AttitudeController()
