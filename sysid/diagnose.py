@@ -46,8 +46,9 @@ from sysid.structures import adapted, compose, not_testable
 
 FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8
-SIGNIFICANT = math.log(0.01)
-"""Of all questions asked together; logarithm of the chance that noise alone answers so."""
+SIGNIFICANT = math.log(1e-4)
+"""Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
+a hundred is found below it: the noise is not quite what the questions take it for."""
 QUESTIONS = 3
 """Kinds of them: the commands against the residual, the catalogue, the library of terms."""
 SERIOUS = 0.02
@@ -58,6 +59,9 @@ FEW_POINTS = 8
 NEAR = 0.7
 """Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
 PARENTS_OF_PAIRS = 3
+MOST_FIRSTS = 5
+ALIKE = 0.2
+"""Of what two effects explain, by which their answers must differ to begin two chains."""
 SECONDS = 4
 """How many effects are refitted on each of them."""
 REMAINDER = 0.05
@@ -68,7 +72,8 @@ SURE = 0.9
 """Confidence from which on an answer counts as sure."""
 LITTLE = 0.05
 """Explainable power over noise, below which powers are too uncertain to divide."""
-BLIND = 3.0
+SLACK = 2.0
+"""Standard deviations."""
 LEAD_SCALE = 20.0
 CONFIDENCE = (0.0, 2.0, -5.0)
 UNEXPLAINED_RIGHT = 0.8
@@ -100,6 +105,8 @@ class Judged:
     explained_share: float | None = None
     validation_nrmse_percent: Mapping[str, float] | None = None
     validation_share: float | None = None
+    validation_slack: float = 0.0
+    """By which chance alone may make that share too small."""
     implausible: tuple[str, ...] = ()
     """Parameters outside what physics allows that were not so in the parent."""
     resolved: tuple[str, ...] = ()
@@ -464,16 +471,19 @@ def _pairs(
 ) -> list[Judged]:
     """The best second effects on the best first ones, where those leave something that is not noise."""
     found: dict[tuple[str, ...], Judged] = {}
-    firsts = [one for one in singles if one.fit is not None and one.delta_bic < 0]
-    if not firsts or _remainder(firsts[0], parent) < REMAINDER:
+    able = [one for one in singles if one.fit is not None and one.delta_bic < 0]
+    if not able or _remainder(able[0], parent) < REMAINDER:
         return []
-    for first in firsts[:PARENTS_OF_PAIRS]:
+    waiting, done = _different(able), set[str]()
+    while waiting and len(done) < MOST_FIRSTS:
+        first = waiting.pop(0)
+        done.add(first.effect)
         assert first.fit is not None
         assert first.settled is not None
         seconds = _ask_all(first.fit, first.settled, by, users, _quiet)
         left = divide(first.fit.estimate.error, parent.ground.stacks, parent.ground.causes)
         if _chance(left, [one.score for one in seconds if one.score is not None]) >= SIGNIFICANT:
-            if first is firsts[0]:
+            if first is able[0]:
                 return []  # the best one alone leaves noise
             continue
         chosen = sorted((one for one in seconds if one.not_testable is None), key=_promise)[:SECONDS]
@@ -487,7 +497,29 @@ def _pairs(
                 continue
             both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
             found[names] = _weighed(both, parent, settled, by, judging)
+        if not waiting and found:
+            # each half of the best chain may have another partner that does better still
+            best = min(found.values(), key=lambda one: one.delta_bic)
+            waiting = [one for one in able if one.effect in best.effects and one.effect not in done]
     return sorted(found.values(), key=_order)
+
+
+def _different(able: Sequence[Judged]) -> list[Judged]:
+    """The best effects to begin a chain with: the best, then plausible ones that do something else than those."""
+    chosen = [able[0]]
+    for one in able[1:]:
+        if len(chosen) == PARENTS_OF_PAIRS:
+            break
+        if not one.implausible and all(_apart(one, other) for other in chosen):
+            chosen.append(one)
+    return chosen
+
+
+def _apart(one: Judged, other: Judged) -> bool:
+    """Whether two effects explain different things: how far their answers are apart, beside what they explain."""
+    assert one.settled is not None
+    assert other.settled is not None
+    return gain(one.settled, other.settled)[1] > ALIKE * min(one.chi_squared, other.chi_squared)
 
 
 def _remainder(one: Judged, parent: Candidate) -> float:
@@ -533,7 +565,9 @@ def _verdict(
         if one.fit is None:
             return one
         share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
-        return replace(one, explained_share=share, validation_share=None if judge is None else judge.share(one.fit))
+        if judge is None:
+            return replace(one, explained_share=share)
+        return replace(one, explained_share=share, validation_share=judge.share(one.fit), validation_slack=judge.slack)
 
     singles, pairs = [with_share(one) for one in singles], [with_share(one) for one in pairs]
     verdict, stands_in, confidence = "complete", False, -math.expm1(chance) if found else math.exp(-0.02)
@@ -615,8 +649,8 @@ class _Judge:
     before: float
     """The parent's error share."""
     noise: float
-    blind: bool
-    """Whether too little can be explained there to judge by."""
+    scatter: float
+    """Of the noise's share from run to run, one standard deviation."""
 
     @classmethod
     def of(cls, parent: Candidate, best: Candidate, judging: Ground) -> _Judge:
@@ -624,20 +658,23 @@ class _Judge:
         outputs = parent.model.structure.outputs
         before = error_share(error)
         least = error_share(output_error(best.model, judging.stacks))
-        on = best.ground
-        level = divide(best.estimate.error, on.stacks, on.causes)
-        expected = sum(
-            np.real(np.einsum("fkk->k", level.at(group.frequency_hz))) for group in judging.stacks
-        )  # of the same air
-        noise = min(least, before, float(np.sum(expected / error.measured_power)))
-        # residual power of a run scatters as that of some tens of independent bins
-        scatter = BLIND * before / math.sqrt(sum(group.z.size for group in judging.stacks))
+        level = divide(best.estimate.error, best.ground.stacks, best.ground.causes)
+        air = np.concatenate(
+            [np.real(np.einsum("fkk->fk", level.at(group.frequency_hz))) for group in judging.stacks]
+        )  # (bins, k), the noise of the fitted runs on these bins
+        expected = float(np.sum(np.sum(air, axis=0) / error.measured_power))
+        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / error.measured_power**2)))
         nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
-        return cls(judging, nrmse, before, noise, before - noise < scatter)
+        return cls(judging, nrmse, before, min(least, before, expected), scatter)
+
+    @property
+    def slack(self) -> float:
+        """How far off a share may be by the chance of the noise in these runs alone."""
+        return SLACK * self.scatter / max(self.before - self.noise, 1e-300)
 
     def share(self, one: Candidate) -> float | None:
         """Of what can be explained there; None where the runs cannot tell."""
-        if self.blind:
+        if self.slack > 1:
             return None
         error = error_share(output_error(one.model, self.ground.stacks))
         return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
@@ -652,7 +689,8 @@ def _enough(one: Judged, E0: float, N: float) -> bool:
         left = divide(one.fit.estimate.error, on.stacks, on.causes)
         rest = max(0.0, left.chi_squared - left.degrees)
         share = max(share, one.chi_squared / max(one.chi_squared + rest, 1e-300))
-    return share >= EXPLAINED and (one.validation_share is None or one.validation_share >= EXPLAINED)
+    judged = one.validation_share is None or one.validation_share + one.validation_slack >= EXPLAINED
+    return share >= EXPLAINED and judged
 
 
 def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None:
