@@ -1,7 +1,10 @@
-"""A diagnosis of a fit for people and for other programs: the verdict, what it stands on, and the ladder of rungs.
+"""A fit is asked what it lacks, and effects are added to it: the verdict, what it stands on, the ladder of rungs.
 
-The mathematics is `sysid.diagnose`; here runs are read again, effects are added one after the other, and the findings
-put into words. The same functions serve the command line and the app.
+The mathematics is `sysid.diagnose`; here runs are read again, effects are added one after the other, and what else is
+to be said is brought together. `gcs.diagnosis_words` puts it into words. Both serve the command line and the app.
+
+A repeated question stops where the answer, added, takes the fit to values that physics does not allow: what is asked
+of such a fit is answered about the wrong vehicle.
 """
 
 from __future__ import annotations
@@ -9,37 +12,44 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gcs.analysis import assess, runs_of, wrapped
+from gcs.analysis import assess, runs_of
 from gcs.comparison import flown
 from gcs.logs import Window, resolve_runs
 from sysid.checks import fit_checks
 from sysid.compare import Comparison, compare
-from sysid.diagnose import SURE, Diagnosis, Judged, diagnose
+from sysid.diagnose import EXPLAINED, SURE, Diagnosis, Judged, diagnose
 from sysid.effect import Effect, catalogue
 from sysid.evidence import settle
-from sysid.explain import Explanation, explain
+from sysid.explain import Explanation, explain, listed, quantity
 from sysid.hiding import Hiding, could_hide
 from sysid.identify import identify, on_runs
 from sysid.maneuvers import NextManeuver, linear_or_not, next_maneuver
 from sysid.model import Model
 from sysid.noise import divide
+from sysid.parameter import Parameter
 from sysid.record import Record
 from sysid.result import Fit, RecordUsed
 from sysid.structures import compose
 from sysid.suggest import Suggestion, SuggestionError, suggest
 
 MOST_RUNGS = 6
-SHOWN, DRAWN = 6, 12
-"""Candidates in the table, and in the picture."""
+DRAWN = 12
+"""Candidates in the picture."""
+MOST_SAID = 4
+"""New parameters that are told one by one."""
+LEAST_SHARE = 0.005
+"""Explained share that rounds to more than 0 %: less is not shown."""
 WORSE_POINTS = 0.2
 """NRMSE on validation runs, by which an effect must change them to count."""
 AGREEING = 1.5
 """Standard errors, rms, that parameters of sets of runs may differ by."""
+NOTHING = 2.0
+"""Standard errors from its null, up to which nothing of an effect is left."""
 
 Band = tuple[float, float]
 Progress = Callable[[str], None]
@@ -150,6 +160,11 @@ def refitted(
 ) -> Fit:
     """The fit's base with these effects on these runs, what the fit held held again; the rest as `identify` has it."""
     held = {name: fit.model[name] for name in fit.fixed}
+    composed = on_runs(fit.model.structure.base, effects, [*records, *validation], records)
+    if begin is None and composed.base != fit.model.structure.base:
+        # flapping makes another base, whose parameters have no beginning in the old one
+        own = [one for one in composed.composed if one.id != "flapping"]
+        begin = identify(compose(composed.base), records, (), band_hz or fit.band_hz, effects=own).model
     return identify(
         compose(fit.model.structure.base),
         records,
@@ -211,7 +226,8 @@ def diagnose_fit(
                 found.confidence,
             )
         )
-        more = None
+        more: Fit | None = None
+        wild: tuple[str, ...] = ()
         if found.verdict == "missing" and found.effect is not None:
             begin = next(
                 one.fit.model for one in found.candidates if one.effect == found.effect and one.fit is not None
@@ -225,8 +241,18 @@ def diagnose_fit(
                 grown=fit,
                 begin=begin,
             )
-        if not repeat or more is None or len(rungs) >= MOST_RUNGS:
-            return _told(fit, records, validation, quiet, found, rungs, more, effects, suggesting, say)
+            wild = _newly_implausible(fit, more)
+        if not repeat or more is None or wild or len(rungs) >= MOST_RUNGS:
+            remarks = [*_remarks(records, validation)]
+            if repeat and more is not None:
+                if wild:
+                    remarks.append(
+                        f"not added: with {found.effect} the fit goes to {listed(wild)}, which physics does not allow"
+                    )
+                    more = None
+                else:
+                    remarks.append(f"stopped after {MOST_RUNGS} questions")
+            return _told(fit, records, validation, quiet, found, rungs, more, effects, suggesting, remarks, say)
         say(f"added {found.effect}")
         fit, named = more, [*more.model.structure.composed]
 
@@ -241,6 +267,7 @@ def _told(
     more: Fit | None,
     users: Sequence[Effect],
     suggesting: bool,
+    remarks: Sequence[str],
     say: Progress,
 ) -> FitDiagnosis:
     """What is said beside a verdict."""
@@ -271,7 +298,21 @@ def _told(
         hidden,
         _next(found),
         suggestion,
-        _remarks(fit, records, validation),
+        tuple(remarks),
+    )
+
+
+def _newly_implausible(before: Fit, after: Fit) -> tuple[str, ...]:
+    """`k_l = -5` of what was plausible, or not there, before."""
+    known = {
+        one.name
+        for one, value in zip(before.model.structure.parameters, before.model.values, strict=True)
+        if one.implausible(float(value))
+    }
+    return tuple(
+        quantity(one, float(value))
+        for one, value in zip(after.model.structure.parameters, after.model.values, strict=True)
+        if one.implausible(float(value)) and one.name not in known
     )
 
 
@@ -283,7 +324,7 @@ def _next(found: Diagnosis) -> NextManeuver | None:
     if winner is None or winner.fit is None or (found.verdict == "unexplained" and not found.stands_in):
         return linear_or_not(found.parent, found.division)
     rivals = [one.fit for one in found.candidates if one.effect in found.indistinguishable and one.fit is not None]
-    if not rivals and found.confidence < SURE and (second := found.runner_up) is not None and second.fit is not None:
+    if not rivals and (second := rival(found)) is not None and second.fit is not None:
         rivals = [second.fit]
     if not rivals:
         return None
@@ -292,14 +333,20 @@ def _next(found: Diagnosis) -> NextManeuver | None:
     return next_maneuver([winner.fit, *rivals], division, found.metric)
 
 
-def _remarks(fit: Fit, records: Sequence[Record], validation: Sequence[Record]) -> tuple[str, ...]:
+def rival(found: Diagnosis) -> Judged | None:
+    """The next effect, where the answer is not sure and that one explains nearly as much."""
+    winner, second = found.winner, found.runner_up
+    if winner is None or second is None or (found.verdict == "missing" and found.confidence >= SURE):
+        return None
+    near = (second.explained_share or 0.0) >= EXPLAINED * (winner.explained_share or 0.0)
+    return second if near else None
+
+
+def _remarks(records: Sequence[Record], validation: Sequence[Record]) -> tuple[str, ...]:
     """What these runs cost the answer."""
     said = []
     if not validation:
-        said.append(
-            "no validation runs: an effect that only follows the noise of these runs would not be found out; fly "
-            "another maneuver or amplitude and name it with --validate"
-        )
+        said.append("no validation runs: whether it holds on another flight is open; name some with --validate")
     if len(records) == 1:
         said.append("one run only: what differs from run to run cannot show")
     return tuple(said)
@@ -317,29 +364,29 @@ def _effect(name: str, users: Sequence[Effect]) -> Effect:
 class Sign:
     """One of the three signs that an effect is really there, and not only another way to follow the data."""
 
+    key: str
+    """`validation`, `agreement` or `plausible`."""
     name: str
     seen: bool | None
     """None where these runs cannot show it."""
     text: str
 
     def to_json(self) -> dict[str, Any]:
-        return {"name": self.name, "seen": self.seen, "text": self.text}
+        return {"key": self.key, "name": self.name, "seen": self.seen, "text": self.text}
 
 
 @dataclass(frozen=True, eq=False)
 class Addition:
     """A fit with an effect added, beside the one without and beside the best wrong effect."""
 
+    named: str
+    """The effect: catalogue id, or path of a user's file."""
     before: Fit
     after: Fit
     records: tuple[Record, ...]
     noise_floor_percent: dict[str, float]
     placebo: Judged | None
     signs: tuple[Sign, ...]
-
-    @property
-    def effect(self) -> str:
-        return next(one for one in self.after.model.structure.effects if one not in self.before.model.structure.effects)
 
     def to_json(self, folder: Path) -> dict[str, Any]:
         """The fit's document with what the ladder shows."""
@@ -376,54 +423,77 @@ def add_effect(
     users = [] if effect.path is None else [effect]
     asked = diagnose(structure, records, validation, band, effects=users, fixed=held, say=say, chains=False)
     name = effect.path or effect.id
-    signs = (_validated(before, after), _agrees(before, after, records), _plausible(after, effect))
+    signs = (_validated(before, after), _agrees(before, after, records), _plausible(before, after))
     floor = {key: float(value) for key, value in asked.noise_floor_percent.items()}
-    return Addition(before, after, tuple(records), floor, asked.placebo_of(name), signs)
+    return Addition(name, before, after, tuple(records), floor, asked.placebo_of(name), signs)
 
 
 def _validated(before: Fit, after: Fit) -> Sign:
-    name = "error falls on runs that were not fitted"
+    key, name = "validation", "error falls on runs that were not fitted"
     was, now = before.validation_nrmse_percent, after.validation_nrmse_percent
     if was is None or now is None:
-        return Sign(name, None, "no validation runs: an error that falls on fitted runs alone proves little")
-    change = {axis: now[axis] - was[axis] for axis in now}
+        return Sign(key, name, None, "there are none; an error that falls on fitted runs alone proves little")
     text = ", ".join(f"{axis} {was[axis]:.1f} → {now[axis]:.1f} %" for axis in now)
-    return Sign(name, min(change.values()) > -WORSE_POINTS and max(change.values()) > WORSE_POINTS, text)
+    return Sign(key, name, together(now) - together(was) > WORSE_POINTS, text)
+
+
+def together(nrmse_percent: Mapping[str, float]) -> float:
+    """NRMSE fit in percent of all outputs as one: error shares are added over axes, as the diagnosis adds them."""
+    shares = [(1 - value / 100) ** 2 for value in nrmse_percent.values()]
+    return 100 * (1 - math.sqrt(sum(shares) / len(shares)))
 
 
 def _agrees(before: Fit, after: Fit, records: Sequence[Record]) -> Sign:
     """The base's parameters, fitted to sets of runs apart, come nearer to each other."""
-    name = "runs agree better on the parameters"
+    key, name = "agreement", "runs agree better on the parameters"
     spreads = [fit_checks(one.model, records, one.band_hz, one.fixed)[1] for one in (before, after)]
     was, now = spreads
     if was is None or now is None:
-        return Sign(name, None, "needs two chirps on each axis: fly each twice")
+        return Sign(key, name, None, "needs two chirps on each axis: fly each twice")
     shared = set(before.model.structure.names)
     first = {name: times for name, times in was.moves if name in shared}
     second = {name: times for name, times in now.moves if name in shared}
     both = sorted(set(first) & set(second))
     if not both:
-        return Sign(name, None, "no parameter is free in every set of runs")
+        return Sign(key, name, None, "no parameter is free in every set of runs")
     rms = [math.sqrt(sum(one[key] ** 2 for key in both) / len(both)) for one in (first, second)]
     text = f"they differ by {rms[0]:.1f} σ without it, by {rms[1]:.1f} σ with it (rms)"
-    return Sign(name, rms[1] < rms[0] or rms[1] < AGREEING, text)
+    if max(rms) < AGREEING:
+        return Sign(key, name, None, f"{text}: they agree either way")
+    return Sign(key, name, rms[1] < rms[0], text)
 
 
-def _plausible(after: Fit, effect: Effect) -> Sign:
-    name = "its size is physically plausible"
-    model = after.model
-    own = [one for one in model.structure.composed if one.id == effect.id]
-    parameters = own[0].parameters if own else model.structure.parameters
-    said, good = [], True
-    for one in parameters:
-        value = model[one.name]
-        low, high = one.plausible
-        good &= not one.implausible(value)
-        if one.implausible(value):
-            said.append(f"{one.name} = {value:.4g} {one.unit} is outside {low:g} to {high:g}")
-        else:
-            said.append(f"{one.name} = {value:.4g} {one.unit}")
-    return Sign(name, good, ", ".join(said))
+def _plausible(before: Fit, after: Fit) -> Sign:
+    """What it added, and what it did to the rest: an effect that drives another value beyond physics is no answer."""
+    key, name = "plausible", "its size is physically plausible"
+    errors = dict(zip(after.model.structure.names, after.standard_errors, strict=True))
+    new = [one for one in after.model.structure.parameters if one.name not in before.model.structure.names]
+    wild = _newly_implausible(before, after)
+    if wild:
+        return Sign(key, name, False, f"physics does not allow {listed(wild)}")
+    said = [quantity(one, after.model[one.name], float(errors[one.name])) for one in new]
+    nulls = [one for one in new if one.null is not None]
+    if nulls and all(_at_null(one, after.model[one.name], float(errors[one.name])) for one in nulls):
+        return Sign(key, name, None, f"nothing of it is left: {', '.join(said)}")
+    return Sign(key, name, True, ", ".join(said) if len(said) <= MOST_SAID else f"all {len(said)} values are")
+
+
+def _at_null(one: Parameter, value: float, error: float) -> bool:
+    assert one.null is not None
+    if math.isinf(one.null):
+        return math.isinf(value)
+    return abs(value - one.null) <= NOTHING * error
+
+
+def rung_names(base: str, effects: Sequence[Sequence[str]]) -> list[str]:
+    """What each rung added. `flapping` turns CD into TPP, and leaves no effect behind to be named by."""
+    from_cd = len(effects) > 1 and len(effects[0]) == len(effects[1])
+    found = ["CD" if from_cd else base.upper(), *(["+ flapping"] if from_cd else [])]
+    for before, now in itertools.pairwise(effects[len(found) - 1 :]):
+        found.append("+ " + ", ".join(Path(one).name for one in now if one not in before))
+    if effects and effects[0]:
+        found[0] += "".join(f" + {Path(one).name}" for one in effects[0])
+    return found
 
 
 def ladder_of(found: Addition) -> tuple[list[tuple[str, Any, Any]], dict[str, float]]:
@@ -436,19 +506,36 @@ def ladder_of(found: Addition) -> tuple[list[tuple[str, Any, Any]], dict[str, fl
     return rungs, found.noise_floor_percent
 
 
+def placebo_of(found: Addition) -> tuple[str, Any, Any] | None:
+    """The placebo as a rung."""
+    wrong = found.placebo
+    if wrong is None or wrong.fit is None:
+        return None
+    return " + ".join(Path(one).name for one in wrong.effects), wrong.fit.nrmse_percent, wrong.validation_nrmse_percent
+
+
 def drawn(found: FitDiagnosis) -> Any:
     """The picture of a diagnosis: what each candidate explains, and the residual before and with the best."""
     from gcs.pictures import diagnosis_picture
 
     last = found.last
     bars: list[tuple[str, float | None, str]] = []
-    for one in (*last.pairs[:1], *last.candidates):
-        if one.fit is not None and len(bars) < DRAWN:
+    asked = sorted(
+        (one for one in (*last.pairs[:1], *last.candidates) if one.fit is not None),
+        key=lambda one: (one is not last.winner, one.delta_bic),
+    )
+    for one in asked[:DRAWN]:
+        if one is last.winner or (one.explained_share or 0.0) >= LEAST_SHARE:
             note = "implausible: " + ", ".join(one.implausible) if one.implausible else ""
             bars.append((" + ".join(Path(name).name for name in one.effects), one.explained_share, note))
     winner = last.winner
     best = None if winner is None or winner.fit is None else compare(winner.fit.model, found.records, found.fit.band_hz)
     label = " + ".join(Path(name).name for name in last.chain)
+    head = f"{last.verdict}{f': {label}' if last.verdict == 'missing' else ''}, confidence {last.confidence:.2f}"
     return diagnosis_picture(
-        bars, found.comparison.densities, None if best is None else best.densities, f"with {label}"
+        bars,
+        found.comparison.densities,
+        None if best is None or last.verdict == "complete" else best.densities,
+        f"with {label}",
+        title=f"{head}; candidates, the likeliest first",
     )

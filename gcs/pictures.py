@@ -26,8 +26,8 @@ COMMAND_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, SKY)
 KINDS = (".png", ".svg", ".html")
 DOTS_PER_INCH = 100
 WIDTH = 12.0
-NOTES_AT = 108.0
-"""Percent, where a candidate's note begins: right of every bar."""
+NOTE_AFTER = 46.0, 82.0
+"""Points right of a bar where a candidate's note begins: behind its percentage, or behind "not testable"."""
 BESIDE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 """Behind numbers that stand on lines."""
 LARGEST_DB, LARGEST_DEG = 20.0, 180.0
@@ -218,11 +218,13 @@ def diagnosis_picture(
     best: Densities | None = None,
     best_label: str = "best candidate",
     outputs: Sequence[str] = ("p", "q"),
+    title: str = "",
 ) -> Any:
     """Bars of what each candidate explains of what can be explained, and the residuals against the noise.
 
-    candidates: (label, explained share 0..1 or None where it is not testable, note), best first. parent, best: spectra
-    of the residual before and with the best candidate.
+    candidates: (label, explained share 0..1 or None where it is not testable, note), best first; the first bar is dark,
+    those with a note hatched. parent, best: spectra of the residual before and with the best candidate. title: the
+    answer.
     """
     count = max(1, len(candidates))
     tall = 0.36 * count + 1.0
@@ -233,17 +235,23 @@ def diagnosis_picture(
     shares = [0.0 if share is None else float(np.clip(share, 0, 1)) for _, share, _ in candidates]
     place = np.arange(len(candidates))
     colours = [BLUE if number == 0 else SKY for number in range(len(candidates))]
-    axis.barh(place, [100 * share for share in shares], color=colours, height=0.7)
+    hatches = ["//" if note and share is not None else "" for _, share, note in candidates]
+    axis.barh(place, [100 * share for share in shares], color=colours, height=0.7, hatch=hatches, edgecolor="white")
     for y, (share, (_, testable, note)) in enumerate(zip(shares, candidates, strict=True)):
         said = "not testable" if testable is None else f"{100 * share:.0f} %"
         axis.text(100 * share + 0.8, y, said, va="center", fontsize=9, bbox=BESIDE)
-        axis.text(NOTES_AT, y, note, va="center", fontsize=9)
+        after = NOTE_AFTER[testable is None]
+        axis.annotate(
+            note, (100 * share, y), (after, 0), textcoords="offset points", va="center", fontsize=9, bbox=BESIDE
+        )
     axis.axvline(80, color=BLACK, linewidth=0.8, linestyle=":")
     axis.text(80, -0.62, "enough to name it", ha="center", va="bottom", fontsize=8)
     axis.set_yticks(place, [label for label, _, _ in candidates])
     axis.set_ylim(count - 0.4, -1.1)
-    axis.set_xlim(0, 1.6 * NOTES_AT)
+    noted = any(note for _, _, note in candidates)
+    axis.set_xlim(0, 150 if noted else 108)
     axis.set_xticks([0, 20, 40, 60, 80, 100])
+    axis.set_title(title, fontsize=12, loc="left", fontweight="bold")
     axis.set_xlabel("explained, % of what can be explained", fontsize=10, loc="left")
     for k, output in enumerate(outputs):
         panel = figure.add_subplot(grid[1, k])
@@ -273,9 +281,15 @@ Nrmse = Mapping[str, float]
 
 
 def ladder_picture(
-    rungs: Sequence[tuple[str, Nrmse, Nrmse | None]], floor: Nrmse | None, outputs: Sequence[str] = ("p", "q")
+    rungs: Sequence[tuple[str, Nrmse, Nrmse | None]],
+    floor: Nrmse | None,
+    outputs: Sequence[str] = ("p", "q"),
+    placebo: tuple[str, Nrmse, Nrmse | None] | None = None,
 ) -> Any:
-    """Error that is left, 100 less the NRMSE fit in percent, rung by rung: fitted, validation, and noise's part."""
+    """Error that is left, 100 less the NRMSE fit in percent, rung by rung: fitted, validation, and noise's part.
+
+    The numbers are the NRMSE fit of the fitted runs. placebo: the best wrong effect in place of the last rung's.
+    """
     figure, axes = _panels(1, len(outputs), 5.0)
     place = np.arange(len(rungs))
     for k, output in enumerate(outputs):
@@ -288,6 +302,19 @@ def ladder_picture(
                 place, judged, color=ORANGE, marker="s", markersize=6, linewidth=1.6, linestyle="--", label="validation"
             )
         top = float(np.nanmax(np.concatenate([fitted, judged])))
+        if placebo is not None:
+            wrong = 100 - placebo[1][output]
+            axis.plot(
+                [place[-1] + 0.12],
+                [wrong],
+                linestyle="none",
+                marker="^",
+                markersize=8,
+                markerfacecolor="white",
+                markeredgecolor=BLACK,
+                label=f"placebo: {placebo[0]}",
+            )
+            top = max(top, wrong)
         if floor is not None:
             level = 100 - floor[output]
             axis.axhspan(0, level, color=GREY, alpha=0.6, linewidth=0, label="noise")
@@ -302,7 +329,9 @@ def ladder_picture(
         names = [label.replace(" + ", "\n+ ") for label, _, _ in rungs]
         turned = len(rungs) > 4
         axis.set_xticks(place, names, rotation=25 if turned else 0, ha="right" if turned else "center")
-        axis.set_title(f"{AXIS_OF[output]}: error left, and the NRMSE fit", fontsize=11, loc="left", fontweight="bold")
-        axis.set_ylabel("100 less NRMSE fit, %", fontsize=10)
+        axis.set_title(
+            f"{AXIS_OF[output]}: the error left; numbers: NRMSE fit", fontsize=11, loc="left", fontweight="bold"
+        )
+        axis.set_ylabel("error left: 100 less NRMSE fit, %", fontsize=10)
         axis.legend(loc="upper right", fontsize=9, frameon=False)
     return figure

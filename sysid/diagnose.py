@@ -46,6 +46,9 @@ from sysid.structures import adapted, compose, not_testable
 
 FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8
+"""Of what can be explained, on the fitted runs and on these and the validation runs together;"""
+VALIDATED = 0.5
+"""and on validation runs alone: another amplitude shows a nonlinear effect that is only nearly the right one."""
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
 a hundred is found below it: the noise is not quite what the questions take it for."""
@@ -67,7 +70,7 @@ SECONDS = 4
 REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
 SAME = 10.0
-"""Chi squared by which one candidate must be likelier than another to be told from it;"""
+"""Chi squared by which one candidate must be likelier than another to be told from it, or what it leaves itself;"""
 SURE = 0.9
 """Confidence from which on an answer counts as sure."""
 LITTLE = 0.05
@@ -107,6 +110,8 @@ class Judged:
     validation_share: float | None = None
     validation_slack: float = 0.0
     """By which chance alone may make that share too small."""
+    validation_weight: float = 0.0
+    """Validation samples among all."""
     implausible: tuple[str, ...] = ()
     """Parameters outside what physics allows that were not so in the parent."""
     resolved: tuple[str, ...] = ()
@@ -590,7 +595,7 @@ def _verdict(
             if len(chain) == 1:
                 alike = _alike(winner, singles)
             if verdict == "missing":
-                lead, short = _lead(winner, alike, singles, parent)
+                lead, short = _lead(winner, alike, singles)
         confidence = UNEXPLAINED_RIGHT if lead is None else _logistic(CONFIDENCE, lead, short)
     return Diagnosis(
         verdict,
@@ -689,8 +694,11 @@ def _enough(one: Judged, E0: float, N: float) -> bool:
         left = divide(one.fit.estimate.error, on.stacks, on.causes)
         rest = max(0.0, left.chi_squared - left.degrees)
         share = max(share, one.chi_squared / max(one.chi_squared + rest, 1e-300))
-    judged = one.validation_share is None or one.validation_share + one.validation_slack >= EXPLAINED
-    return share >= EXPLAINED and judged
+    if one.validation_share is None:
+        return share >= EXPLAINED
+    judged = min(1.0, one.validation_share + one.validation_slack)
+    pooled = share + one.validation_weight * (judged - share)
+    return min(share, pooled) >= EXPLAINED and judged >= VALIDATED
 
 
 def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None:
@@ -709,9 +717,7 @@ def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None
 def _lead(winner: Judged, alike: Sequence[str], singles: Sequence[Judged], parent: Candidate) -> tuple[float, float]:
     """How far the winner is ahead of the best rival, beside what it leaves itself; and how far from explaining all."""
     assert winner.settled is not None
-    assert winner.fit is not None
-    left = divide(winner.fit.estimate.error, parent.ground.stacks, parent.ground.causes)
-    misfit = max(0.0, left.chi_squared - left.degrees)
+    misfit = _misfit(winner)
     leads = [
         gain(winner.settled, one.settled)[0] + one.added - winner.added
         for one in singles
@@ -726,16 +732,24 @@ def _logistic(weights: Sequence[float], lead: float, short: float) -> float:
     return 1 / (1 + math.exp(-(weights[0] + weights[1] * lead + weights[2] * short)))
 
 
+def _misfit(one: Judged) -> float:
+    """Chi squared that a candidate leaves beyond noise: real vehicles are built of no entry exactly."""
+    assert one.fit is not None
+    on = one.fit.ground
+    left = divide(one.fit.estimate.error, on.stacks, on.causes)
+    return max(0.0, left.chi_squared - left.degrees)
+
+
 def _likeliest_in_practice(winner: Judged, others: Sequence[Judged]) -> Judged:
     """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size."""
     assert winner.settled is not None
     settled = winner.settled
+    near = max(SAME, 2 * _misfit(winner))
     alike = [
         one
         for one in others
         if one.settled is not None
-        and one.delta_bic - winner.delta_bic < SAME
-        and gain(settled, one.settled)[0] < (SAME if winner.implausible and not one.implausible else TIED)
+        and gain(settled, one.settled)[0] < (near if winner.implausible and not one.implausible else TIED)
     ]
     return min(alike, key=_unusual, default=winner)
 
@@ -760,11 +774,12 @@ def _larger_first(winner: Judged, singles: Sequence[Judged]) -> tuple[str, ...]:
 
 def _alike(winner: Judged, singles: Sequence[Judged]) -> tuple[str, ...]:
     assert winner.settled is not None
+    near = max(SAME, _misfit(winner))
     return tuple(
         one.effect
         for one in singles
         if one.settled is not None
         and one.effects != winner.effects
         and not one.implausible
-        and gain(winner.settled, one.settled)[0] + (one.added - winner.added) < SAME
+        and gain(winner.settled, one.settled)[0] + (one.added - winner.added) < near
     )

@@ -25,7 +25,8 @@ effect with as many parameters: the error falls with it, too. Three signs tell a
 that were not fitted, sets of runs agree better on the base's parameters, and the size is physically plausible.
 
 FIT2.json and --json have, beside the keys every fit has, "noise_floor_percent", "placebo" (as a candidate of
-`tippath diagnose`) and "signs": [{"name", "seen", "text"}].
+`tippath diagnose`) and "signs": [{"key": "validation" | "agreement" | "plausible", "name", "seen": true, false, or
+null where these runs cannot show it, "text"}].
 """
 
 
@@ -54,7 +55,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
-    from gcs.diagnosis import add_effect, addition_text, flown_with_validation, ladder_of
+    from gcs.diagnosis import add_effect, flown_with_validation, ladder_of, placebo_of
+    from gcs.diagnosis_words import addition_text
     from gcs.errors import UsageError
     from gcs.logs import parse_window
     from gcs.pictures import ladder_picture, picture_kind, write_picture
@@ -68,22 +70,27 @@ def run(args: argparse.Namespace) -> int:
         picture_kind(args.plot)
     for path in (args.plot, args.output):
         refuse_existing(path, args.force)
+    if args.plot is not None and args.output is not None and args.plot.resolve() == args.output.resolve():
+        raise UsageError("two results cannot be written to one file")
     fit = Fit.load(args.fit, parse_words(args.effects))
     try:
         effect = find(args.effect)
     except EffectError as error:
         if args.effect.endswith(".py"):
             raise
-        raise UsageError(str(error)) from error
+        hint = "" if "did you mean" in str(error) else meant(args.effect)
+        raise UsageError(f"{error}{hint}") from error
     if (effect.path or effect.id) in fit.model.structure.effects:
         raise UsageError(f"{args.fit} has {args.effect} already")
     records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window)
     print_notes([*records, *validation])
     with Counting("asking") as say:
         found = add_effect(fit, effect, records, validation, band_hz=band, say=say)
-    text = addition_text(found)
+    text = addition_text(found, str(args.fit), None if args.output is None else str(args.output))
     if args.plot is not None:
-        write_picture(args.plot, ladder_picture(*ladder_of(found)), f"tippath add: {args.effect}", text)
+        write_picture(
+            args.plot, ladder_picture(*ladder_of(found), placebo=placebo_of(found)), f"tippath add: {args.effect}", text
+        )
         print(f"wrote {args.plot}", file=sys.stderr)
     document = found.to_json(args.output.parent if args.output else Path.cwd())
     if args.output:
@@ -96,3 +103,13 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(text)
     return 0
+
+
+def meant(word: str) -> str:
+    """`; did you mean servo_lag`, where an id of the catalogue is nearly that."""
+    from difflib import get_close_matches
+
+    from sysid.effect import catalogue
+
+    close = get_close_matches(word.replace("-", "_").lower(), catalogue(), n=2)
+    return f"; did you mean {' or '.join(close)}?" if close else ""

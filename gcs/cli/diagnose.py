@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import (
     add_effects_option,
@@ -20,6 +21,9 @@ from gcs.cli.options import (
     write_text,
 )
 
+if TYPE_CHECKING:
+    from gcs.diagnosis import FitDiagnosis
+
 _EPILOG = """\
 RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` numbers them), or a
 record. Without RUN the fit's own runs count, and its own validation runs; given, the fit's structure is refitted to
@@ -30,13 +34,18 @@ Verdicts: "complete", what the model leaves is noise; "missing", one effect or a
 what can be explained, on fitted and validation runs, at plausible values; "unexplained", there is something, and
 nothing in the catalogue does it. An effect that explains it at values that physics does not allow "stands in" for
 something else. With --repeat the effect is added and the question asked again, until the answer is another one;
--o then keeps the last fit.
+-o keeps the fit with all that was found.
+
+The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
+placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often
+answers like this one were right on flights whose answer was known.
 
 --json prints {"format": "tippath.diagnosis/1", "verdict", "effect", "chain", "stands_in", "indistinguishable",
 "confidence", "explained_share", "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent",
 "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best first, "pairs",
-"placebo", "noise_floor_percent", "could_hide", "character", "next_maneuver", "explanation", "suspicions", and with
---repeat "rungs"}.
+"placebo", "noise_floor_percent", "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why",
+"card"} or null, "explanation", "suspicions", "remarks", "rungs": [{"effects", "nrmse_percent",
+"validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
 """
 
 
@@ -56,10 +65,19 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--repeat", action="store_true", help="add the answer and ask again, showing each rung")
     parser.add_argument(
+        "--explain", action="store_true", help="all reasons, what each hidden effect would do, why some are not asked"
+    )
+    parser.add_argument(
         "--suggest",
         type=Path,
         metavar="FILE.py",
         help="write the simple term that explains most as an effect file of your own, to try with `tippath add`",
+    )
+    parser.add_argument(
+        "--card",
+        type=Path,
+        metavar="CARD.toml",
+        help="write the maneuver that would tell more as a test card, to fly with `tippath sweep --card`",
     )
     add_effects_option(
         parser, "paths of your own effect files (their code runs): those that the fit uses, others are asked as well"
@@ -74,9 +92,11 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
-    from gcs.diagnosis import diagnose_fit, diagnosis_text, drawn, flown_with_validation
+    from gcs.diagnosis import diagnose_fit, flown_with_validation
+    from gcs.diagnosis_words import diagnosis_text
+    from gcs.errors import UsageError
     from gcs.logs import parse_window
-    from gcs.pictures import picture_kind, write_picture
+    from gcs.pictures import picture_kind
     from sysid.effect import load
     from sysid.result import Fit
 
@@ -85,8 +105,13 @@ def run(args: argparse.Namespace) -> int:
     profile = parse_profile(args.profile)
     if args.plot is not None:
         picture_kind(args.plot)
-    for path in (args.plot, args.output, args.suggest):
+    if args.suggest is not None and args.suggest.suffix != ".py":
+        raise UsageError(f"--suggest {args.suggest}: an effect's file ends in .py")
+    targets = [path for path in (args.plot, args.output, args.suggest, args.card) if path is not None]
+    for path in targets:
         refuse_existing(path, args.force)
+    if len({path.resolve() for path in targets}) < len(targets):
+        raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
     fit = Fit.load(args.fit, words)
     mine = [load(Path(word)) for word in words if word not in fit.model.structure.effects]
@@ -104,27 +129,56 @@ def run(args: argparse.Namespace) -> int:
             suggesting=args.suggest is not None,
             say=say,
         )
-    text = diagnosis_text(found)
-    if args.plot is not None:
-        write_picture(args.plot, drawn(found), f"tippath diagnose: {args.fit.name}", text)
-        print(f"wrote {args.plot}", file=sys.stderr)
-    if args.output is not None:
-        document = found.fit_json(args.output.parent)
-        if document is None:
-            print(f"{args.output} not written: nothing was found to add", file=sys.stderr)
-        else:
-            write_json(document, args.output)
-            print(f"wrote {args.output}", file=sys.stderr)
-    if args.suggest is not None:
-        if found.suggestion is None:
-            print(f"{args.suggest} not written: no simple term explains anything that is left", file=sys.stderr)
-        else:
-            write_text(found.suggestion.text, args.suggest)
-            if found.suggestion.warning is not None:
-                print(f"warning: {found.suggestion.warning}", file=sys.stderr)
-            print(f"wrote {args.suggest}", file=sys.stderr)
+    document = None if args.output is None else found.fit_json(args.output.parent)
+    text = diagnosis_text(
+        found,
+        str(args.fit),
+        rest_of(args),
+        None if document is None else str(args.output),
+        full=args.explain,
+    )
+    _write(args, found, document, text)
     if args.json:
         print_json(found.to_json())
     else:
         print(text)
     return 0
+
+
+def rest_of(args: argparse.Namespace) -> str:
+    """The words of this command that the next one needs as well."""
+    words = [*args.runs]
+    for name in ("profile", "window", "band"):
+        value = getattr(args, name)
+        words += [] if value is None else [f"--{name}", value]
+    words += [word for group in args.effects for word in ("--with", group)]
+    return shlex.join([*words, *(["--validate", *args.validate] if args.validate else [])])
+
+
+def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: str) -> None:
+    """The files asked for, or why there is nothing to write in them."""
+    from gcs.diagnosis import drawn
+    from gcs.pictures import write_picture
+
+    def said(path: Path, missing: str | None = None) -> None:
+        print(f"wrote {path}" if missing is None else f"{path} not written: {missing}", file=sys.stderr)
+
+    if args.plot is not None:
+        write_picture(args.plot, drawn(found), f"tippath diagnose: {args.fit.name}", text)
+        said(args.plot)
+    if args.output is not None:
+        if document is not None:
+            write_json(document, args.output)
+        said(args.output, None if document is not None else "nothing was found to add")
+    if args.suggest is not None:
+        suggestion = found.suggestion
+        if suggestion is not None:
+            write_text(suggestion.text, args.suggest)
+            if suggestion.warning is not None:
+                print(f"warning: {suggestion.warning}", file=sys.stderr)
+        said(args.suggest, None if suggestion is not None else "no simple term explains anything that is left")
+    if args.card is not None:
+        card = None if found.next is None else found.next.toml
+        if card is not None:
+            write_text(card, args.card)
+        said(args.card, None if card is not None else "no maneuver on a card would tell more")
