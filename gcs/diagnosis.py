@@ -19,6 +19,7 @@ from typing import Any
 
 from gcs.analysis import assess, runs_of
 from gcs.comparison import flown
+from gcs.errors import TippathError
 from gcs.logs import Window, resolve_runs
 from sysid.checks import fit_checks
 from sysid.compare import Comparison, compare
@@ -60,7 +61,7 @@ def flown_with_validation(
 ) -> tuple[list[Record], list[Record], list[Record]]:
     """Runs to fit, runs that only judge, and quiet hover; the fit's own where none are named.
 
-    Raises TippathError where a log is gone, changed or holds nothing usable.
+    Raises TippathError where a log is gone, changed or holds nothing usable, and where every run validates.
     """
     records, quiet = flown(fit, runs, profile, window)
     if validate:
@@ -71,8 +72,15 @@ def flown_with_validation(
     else:
         judging = runs_of(fit, fit.validation)
     judging = [record for record in judging if record.maneuver != "quiet"]
-    taken = {(record.path, record.id) for record in judging}
-    return [record for record in records if (record.path, record.id) not in taken], judging, quiet
+    taken = {(Path(record.path).resolve(), record.id) for record in judging}
+    fitted = [record for record in records if (Path(record.path).resolve(), record.id) not in taken]
+    if not fitted:
+        raise TippathError(
+            "no run is left to fit: every one validates; leave at least a roll and a pitch chirp to the fit"
+            if judging
+            else "no run to fit: quiet hover shows the noise only"
+        )
+    return fitted, judging, quiet
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ from sysid.fit import FitError, estimate, output_error
 from sysid.library import Selection, search, select
 from sysid.model import FloatArray, Structure
 from sysid.noise import Division, divide
+from sysid.predict import RelaxationError
 from sysid.preprocess import DEFAULT_BAND_HZ
 from sysid.record import Record
 from sysid.result import finite
@@ -412,7 +413,7 @@ def _refitted(one: Judged, parent: Candidate, users: Sequence[Effect]) -> Judged
     try:
         composed = _compositions(parent.model.structure, _effect(one.effect, users), parent.ground)
         fit = refit(composed, parent, one.effects)
-    except (FitError, EffectError) as error:
+    except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
         return replace(one, not_testable=str(error))
     return replace(one, fit=fit)
 
@@ -714,7 +715,7 @@ def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None
     return _likeliest_in_practice(pair, pairs) if more > REMAINDER else single
 
 
-def _lead(winner: Judged, alike: Sequence[str], singles: Sequence[Judged], parent: Candidate) -> tuple[float, float]:
+def _lead(winner: Judged, alike: Sequence[str], singles: Sequence[Judged]) -> tuple[float, float]:
     """How far the winner is ahead of the best rival, beside what it leaves itself; and how far from explaining all."""
     assert winner.settled is not None
     misfit = _misfit(winner)

@@ -72,7 +72,11 @@ def run(args: argparse.Namespace) -> int:
         refuse_existing(path, args.force)
     if args.plot is not None and args.output is not None and args.plot.resolve() == args.output.resolve():
         raise UsageError("two results cannot be written to one file")
-    fit = Fit.load(args.fit, parse_words(args.effects))
+    words = parse_words(args.effects)
+    fit = Fit.load(args.fit, words)
+    strange = [word for word in words if word not in fit.model.structure.effects]
+    if strange:
+        raise UsageError(f"--with {strange[0]}: {args.fit} does not use it; what to add is named without --with")
     try:
         effect = find(args.effect)
     except EffectError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     text = diagnosis_text(
         found,
         str(args.fit),
-        rest_of(args),
+        rest_of(args, fit.model.structure.effects),
         None if document is None else str(args.output),
         full=args.explain,
     )
@@ -145,13 +146,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def rest_of(args: argparse.Namespace) -> str:
-    """The words of this command that the next one needs as well."""
+def rest_of(args: argparse.Namespace, used: Sequence[str]) -> str:
+    """The words of this command that the next one needs as well; of effect files those that the fit has."""
     words = [*args.runs]
     for name in ("profile", "window", "band"):
         value = getattr(args, name)
         words += [] if value is None else [f"--{name}", value]
-    words += [word for group in args.effects for word in ("--with", group)]
+    files = [word for word in parse_words(args.effects) if word in used]
+    words += ["--with", ",".join(files)] if files else []
     return shlex.join([*words, *(["--validate", *args.validate] if args.validate else [])])
 
 
