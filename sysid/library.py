@@ -224,7 +224,8 @@ def expressions(
         # matrices are those of t = 0: a state's coefficient must not run away on the way there
         near = abs(mean_time_s) < FARTHEST * span_s
         found += [(off, plain[x]) for x in core if near or x not in ("p", "q", "a", "b")]
-    return found
+    # a gyro that is tilted a little shows p and q in r, gusts and all: r alone explains noise by itself
+    return [one for one in found if any(factor.signal != "r" for factor in one)]
 
 
 def _rounded(x: float, digits: int) -> float:

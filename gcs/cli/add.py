@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
     fit = Fit.load(args.fit, words)
-    strange = [word for word in words if word not in fit.model.structure.effects]
+    used = {Path(one).resolve() for one in fit.model.structure.effects}
+    strange = [word for word in words if Path(word).resolve() not in used]
     if strange:
         raise UsageError(f"--with {strange[0]}: {args.fit} does not use it; what to add is named without --with")
     try:
@@ -84,7 +85,8 @@ def run(args: argparse.Namespace) -> int:
             raise
         hint = "" if "did you mean" in str(error) else meant(args.effect)
         raise UsageError(f"{error}{hint}") from error
-    if (effect.path or effect.id) in fit.model.structure.effects:
+    present = {one.id for one in fit.model.structure.composed}
+    if effect.id in present or (effect.id == "flapping" and fit.model.structure.base == "tpp"):
         raise UsageError(f"{args.fit} has {args.effect} already")
     records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window)
     print_notes([*records, *validation])

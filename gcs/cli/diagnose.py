@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -115,7 +115,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
     fit = Fit.load(args.fit, words)
-    mine = [load(Path(word)) for word in words if word not in fit.model.structure.effects]
+    used = {Path(one).resolve() for one in fit.model.structure.effects}
+    mine = [load(Path(word)) for word in words if Path(word).resolve() not in used]
     records, validation, quiet = flown_with_validation(fit, args.runs, args.validate, profile, window)
     print_notes([*records, *validation])
     with Counting("asking") as say:
@@ -134,7 +135,7 @@ def run(args: argparse.Namespace) -> int:
     text = diagnosis_text(
         found,
         str(args.fit),
-        rest_of(args, fit.model.structure.effects),
+        rest_of(args, used),
         None if document is None else str(args.output),
         full=args.explain,
     )
@@ -146,13 +147,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def rest_of(args: argparse.Namespace, used: Sequence[str]) -> str:
+def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:
     """The words of this command that the next one needs as well; of effect files those that the fit has."""
     words = [*args.runs]
     for name in ("profile", "window", "band"):
         value = getattr(args, name)
         words += [] if value is None else [f"--{name}", value]
-    files = [word for word in parse_words(args.effects) if word in used]
+    files = [word for word in parse_words(args.effects) if Path(word).resolve() in used]
     words += ["--with", ",".join(files)] if files else []
     return shlex.join([*words, *(["--validate", *args.validate] if args.validate else [])])
 
