@@ -72,6 +72,8 @@ REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
 SAME = 10.0
 """Chi squared by which one candidate must be likelier than another to be told from it, or what it leaves itself;"""
+TIED = 1.0
+"""and below which the more usual one is named first."""
 SURE = 0.9
 """Confidence from which on an answer counts as sure."""
 LITTLE = 0.05
@@ -79,10 +81,11 @@ LITTLE = 0.05
 SLACK = 2.0
 """Standard deviations."""
 LEAD_SCALE = 20.0
-CONFIDENCE = (0.0, 2.0, -5.0)
-UNEXPLAINED_RIGHT = 0.8
-TIED = 1.0
-"""and below which the more usual one is named first."""
+"""Chi squared of lead or misfit that counts as none."""
+CONFIDENCE = (-1.2, 2.8, -5.0)
+"""Logit of being right: constant, per unit of lead, per share left unexplained; set on flights with seeds below 100."""
+UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
+"""How often these verdicts were right there."""
 
 Progress = Callable[[str], None]
 
@@ -576,7 +579,7 @@ def _verdict(
         return replace(one, explained_share=share, validation_share=judge.share(one.fit), validation_slack=judge.slack)
 
     singles, pairs = [with_share(one) for one in singles], [with_share(one) for one in pairs]
-    verdict, stands_in, confidence = "complete", False, -math.expm1(chance) if found else math.exp(-0.02)
+    verdict, stands_in, confidence = "complete", False, -math.expm1(chance) if found else COMPLETE_RIGHT
     effect: str | None = None
     chain: tuple[str, ...] = ()
     share: float | None = None
