@@ -8,7 +8,7 @@ STAMP := $(VENV)/.stamp
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly demo test lint types contracts tests bench study clean
+.PHONY: help setup fly demo test lint types contracts tests bench study blind clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -47,6 +47,10 @@ bench: $(STAMP)  ## speed, as ratios against peers in the same run
 
 study: $(STAMP)  ## what only many flights show: optimum, honest errors, every effect planted; a quarter of an hour
 	$(BIN)/python -m pytest tests/study --override-ini 'python_files=study_*.py' --override-ini 'python_functions=study_*' -s -q
+
+blind: $(STAMP)  ## the whole blind study on both plants: some 250 flights with something hidden or nothing, an hour
+	$(BIN)/python tests/study/blind.py blind.jsonl --first $${FIRST:-200000} --seeds 1 --clean 150
+	$(BIN)/python tests/study/judge.py blind.jsonl
 
 clean:  ## remove what setup and the tests made
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache tippath.egg-info

@@ -366,6 +366,11 @@ def gains_text(gains: Gains) -> str:
             f"  observer      {poles(gains.observer_poles)} 1/s",
             f"  margins       gain {margins.gain_db:.1f} dB, phase {margins.phase_deg:.0f}°, "
             f"delay {1000 * margins.delay_s:.0f} ms in both commands",
+            *(
+                [f"                with {', '.join(Path(one).name for one in gains.effects)} in the loop"]
+                if gains.effects
+                else []
+            ),
         ]
     )
 

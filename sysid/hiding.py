@@ -28,13 +28,12 @@ from sysid.effect import Effect, EffectError, catalogue
 from sysid.evidence import INDEPENDENT, Candidate, Metric, Settled, metric
 from sysid.explain import quantity
 from sysid.identifiable import size as whole
-from sysid.model import AnyArray, FloatArray, Mode, Model, Structure, modes
+from sysid.model import FloatArray, Mode, Model, Structure, modes
 from sysid.noise import Division
 from sysid.parameter import Parameter
 from sysid.predict import RelaxationError, respond
 from sysid.preprocess import ComplexArray
-from sysid.regulator import DesignError, Gains, design
-from sysid.response import transfer
+from sysid.regulator import DesignError, Gains, Margins, design, loop_margins
 from sysid.result import finite
 from sysid.structures import compose, not_testable
 
@@ -62,16 +61,6 @@ ALIKE = 0.1
 MOST_SIZES = 2
 LEAST_SIZE = 0.2
 """Of the largest, on the scale where typical is 1: smaller parameters of one effect are not told."""
-LOOP_RAD_S = np.geomspace(0.5, 250.0, 700)
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Of one loop; infinite where it never meets its edge."""
-
-    gain_db: float
-    phase_deg: float
-    delay_ms: float
 
 
 @dataclass(frozen=True)
@@ -501,52 +490,3 @@ def _pairs(here: Sequence[Mode], vehicle: Model) -> tuple[tuple[Mode, Mode], ...
     return tuple(
         (mode, min(there, key=lambda other: abs(other.pole - mode.pole))) for mode in here if abs(mode.pole.imag) > 0
     )
-
-
-# ------------------------------------------------------------------------------------------------ margins
-
-
-def loop_margins(gains: Gains, vehicle: Model) -> Margins:
-    """Margins of a vehicle, whatever its states, under gains designed on another model; see `regulator.margins`.
-
-    A vehicle that the gains do not hold has none left.
-    """
-    if not _holds(gains, vehicle):
-        return Margins(0.0, 0.0, 0.0)
-    w = LOOP_RAD_S
-    A, B, C, _ = gains.model.matrices
-    K, L = gains.K, gains.observer_gain
-    inner = A - L @ C - B @ K
-    controller = K @ np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - inner, L[None].astype(complex))
-    plant = transfer(vehicle.structure, vehicle.values, w / (2 * np.pi))[:, :2].transpose(2, 0, 1)
-    gain, phase, delay = math.inf, math.inf, math.inf
-    for branch in _branches(controller @ plant).T:
-        size, turn = np.log(np.abs(branch)), np.mod(np.angle(branch) - np.pi, 2 * np.pi)
-        for i in np.flatnonzero(size[:-1] * size[1:] < 0):
-            part = size[i] / (size[i] - size[i + 1])
-            angle = turn[i] + part * ((turn[i + 1] - turn[i] + np.pi) % (2 * np.pi) - np.pi)
-            phase = min(phase, float(np.degrees(min(angle, 2 * np.pi - angle))))
-            delay = min(delay, float(1000 * angle / (w[i] + part * (w[i + 1] - w[i]))))
-        crossing = (np.diff(np.sign(branch.imag)) != 0) & (branch.real[:-1] < 0) & (size[:-1] < 0)
-        gain = min([gain, *(-20 / math.log(10) * size[:-1][crossing])])
-    return Margins(float(gain), phase, delay)
-
-
-def _holds(gains: Gains, vehicle: Model) -> bool:
-    """Whether vehicle and controller together are stable; a delay, which no matrix holds, is left out."""
-    A, B, C, _ = vehicle.matrices
-    model = gains.model.matrices
-    inner = model.A - gains.observer_gain @ model.C - model.B @ gains.K
-    together = np.block([[A, -B[:, :2] @ gains.K], [gains.observer_gain @ C, inner]])
-    return int(np.sum(np.linalg.eigvals(together).real > 1e-9)) <= len(vehicle.structure.attitude_states)
-
-
-def _branches(loop: AnyArray) -> AnyArray:
-    """Eigenvalues of (f, 2, 2) as (f, 2), each column one branch: neighbours change places as often as they did."""
-    half = 0.5 * (loop[:, 0, 0] + loop[:, 1, 1])
-    apart = np.sqrt(half**2 - loop[:, 0, 0] * loop[:, 1, 1] + loop[:, 0, 1] * loop[:, 1, 0])
-    found = np.stack([half + apart, half - apart], axis=1)
-    straight = np.abs(np.diff(found, axis=0)).sum(axis=1)
-    crossed = np.abs(found[1:, ::-1] - found[:-1]).sum(axis=1)
-    odd = np.concatenate([[False], np.cumsum(crossed < straight) % 2 == 1])
-    return np.where(odd[:, None], found[:, ::-1], found)

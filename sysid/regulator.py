@@ -7,20 +7,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sysid.errors import SysidError
 from sysid.model import AnyArray, FloatArray, Model
+from sysid.response import transfer
 from sysid.result import finite
+from sysid.structures import TPP
 
 FORMAT = "tippath.gains/1"
 RATE_COST = 1.0
 FLAPPING_COST = 0.001
 INPUT_COST = 5.0
 OBSERVER_POLES = (-50.0, -50.0, -51.0, -51.0)
+
+
+LOOP_RAD_S = np.geomspace(0.05, 2000.0, 4000)
 
 
 class DesignError(SysidError):
@@ -36,6 +41,13 @@ class Margins:
     phase_deg: float
     delay_s: float
     """Extra lateness, equal in both commands, at which the loop becomes unstable."""
+
+    @property
+    def delay_ms(self) -> float:
+        return 1000 * self.delay_s
+
+
+NO_MARGINS = Margins(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,8 @@ class Gains:
     observer_poles: AnyArray
     margins: Margins
     input_cost: float
+    effects: tuple[str, ...] = ()
+    """Of the model that the margins are those of."""
 
     def to_json(self) -> dict[str, Any]:
         structure = self.model.structure
@@ -66,8 +80,9 @@ class Gains:
             "margins": {
                 "gain_db": finite(self.margins.gain_db),
                 "phase_deg": finite(self.margins.phase_deg),
-                "delay_ms": finite(1000 * self.margins.delay_s),
+                "delay_ms": finite(self.margins.delay_ms),
             },
+            "margins_with": list(self.effects),
             "weights": {"rates": RATE_COST, "flapping": FLAPPING_COST, "inputs": self.input_cost},
             "model": {
                 "structure": structure.base,
@@ -86,73 +101,96 @@ def _poles(values: AnyArray) -> list[dict[str, float]]:
 def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
     """Gains for a TPP model with the paper's weights Q = diag(1, 1, 0.001, 0.001), R = input_cost I.
 
-    Raises DesignError for a structure without flapping states, an uncontrollable or unstable model, a bad weight.
+    The controller on board has the four states p, q, a, b. Where a model has more (servos, inflow), the gains are those
+    of its tip-path plane, and the margins are those of the whole. Raises DesignError for a structure without flapping
+    states of its own, an uncontrollable or unstable model, a bad weight.
     """
     from control import lqr
     from scipy.signal import place_poles
 
-    if model.structure.states != ("p", "q", "a", "b"):
-        raise DesignError(
-            f"gains are designed on a TPP model with states p, q, a, b; this is {model.structure.base} "
-            f"with {', '.join(model.structure.states)}: fit with --model tpp"
-        )
+    whole, model = model, _flown_by(model)
     if not (input_cost > 0 and math.isfinite(input_cost)):
         raise DesignError("the input cost must be a positive number (the paper's is 5)")
-    if not model.stable:
+    if not (model.stable and whole.stable):
         raise DesignError("the model is unstable: no gains are designed on it, see the fit's warnings")
     A, B, C, _ = (np.asarray(x, dtype=float) for x in model.matrices)
+    B = B[:, :2]
     try:
         K, _, poles = lqr(A, B, np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST]), input_cost * np.eye(2))
         L = place_poles(A.T, C.T, np.array(observer_poles)).gain_matrix.T
         g = np.linalg.inv(C @ np.linalg.solve(-A + B @ K, B))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise DesignError(f"no gains for this model: {error}") from error
-    K = np.asarray(K)
-    return Gains(
+    found = Gains(
         model,
-        K,
+        np.asarray(K),
         np.asarray(L),
         np.asarray(g),
         np.asarray(poles),
         np.linalg.eigvals(A - L @ C),
-        margins(A, B, C, K, np.asarray(L)),
+        NO_MARGINS,
         input_cost,
+        whole.structure.effects,
     )
+    return replace(found, margins=loop_margins(found, whole))
 
 
-def margins(A: AnyArray, B: AnyArray, C: AnyArray, K: FloatArray, L: FloatArray) -> Margins:
-    """Margins of the loop broken at the commands, from the eigenvalues of its transfer matrix along the axis.
+def _flown_by(model: Model) -> Model:
+    """The part of a model that the controller on board knows: states p, q, a, b."""
+    structure = model.structure
+    if structure.states == TPP.states:
+        return model
+    if structure.base != TPP.base or not set(TPP.names) <= set(structure.names):
+        raise DesignError(
+            f"gains are designed on a TPP model with states p, q, a, b; this is {structure.base} "
+            f"with {', '.join(structure.states)}: fit with --model tpp"
+        )
+    return Model(TPP, TPP.vector({name: model[name] for name in TPP.names}))
 
-    The loop is on its edge where an eigenvalue meets -1: a common gain, phase or delay in both commands moves
-    every eigenvalue alike.
+
+def loop_margins(gains: Gains, vehicle: Model) -> Margins:
+    """Margins of a vehicle, whatever its states, under gains designed on another model.
+
+    From the eigenvalues of the loop's transfer matrix, broken at the commands, along the axis: it is on its edge where
+    one meets -1, and a common gain, phase or delay in both commands moves every eigenvalue alike. A vehicle that the
+    gains do not hold has no margin left.
     """
-    w = np.geomspace(0.05, 2000.0, 20000)
-    s = 1j * w[:, None, None]
-    n = A.shape[0]
-    plant = C @ np.linalg.solve(s * np.eye(n) - A, np.broadcast_to(B, (w.size, *B.shape)))
+    if not _holds(gains, vehicle):
+        return NO_MARGINS
+    w = LOOP_RAD_S
+    A, B, C, _ = gains.model.matrices
+    K, L = gains.K, gains.observer_gain
     inner = A - L @ C - B @ K
-    controller = K @ np.linalg.solve(s * np.eye(n) - inner, np.broadcast_to(L, (w.size, *L.shape)))
-    eigenvalues = _continuous(np.linalg.eigvals(controller @ plant))
+    controller = K @ np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - inner, L[None].astype(complex))
+    plant = transfer(vehicle.structure, vehicle.values, w / (2 * np.pi))[:, :2].transpose(2, 0, 1)
     gain, phase, delay = math.inf, math.inf, math.inf
-    for branch in eigenvalues.T:
-        magnitude = np.abs(branch)
-        lag = np.mod(np.angle(branch) - np.pi, 2 * np.pi)  # how much more lag until -1, 0..2 pi
-        for i in np.flatnonzero(np.diff(np.sign(magnitude - 1)) != 0):
-            lead = min(lag[i], 2 * np.pi - lag[i])
-            phase = min(phase, float(np.degrees(lead)))
-            delay = min(delay, float(lag[i] / w[i]))
-        crossing = np.flatnonzero((np.diff(np.sign(branch.imag)) != 0) & (branch.real[:-1] < 0) & (magnitude[:-1] < 1))
-        for i in crossing:
-            gain = min(gain, float(-20 * np.log10(magnitude[i])))
-    return Margins(gain, phase, delay)
+    for branch in _branches(controller @ plant).T:
+        size, turn = np.log(np.abs(branch)), np.mod(np.angle(branch) - np.pi, 2 * np.pi)
+        for i in np.flatnonzero(size[:-1] * size[1:] < 0):
+            part = size[i] / (size[i] - size[i + 1])
+            angle = turn[i] + part * ((turn[i + 1] - turn[i] + np.pi) % (2 * np.pi) - np.pi)
+            phase = min(phase, float(np.degrees(min(angle, 2 * np.pi - angle))))
+            delay = min(delay, float(angle / (w[i] + part * (w[i + 1] - w[i]))))
+        crossing = (np.diff(np.sign(branch.imag)) != 0) & (branch.real[:-1] < 0) & (size[:-1] < 0)
+        gain = min([gain, *(-20 / math.log(10) * size[:-1][crossing])])
+    return Margins(float(gain), phase, delay)
 
 
-def _continuous(eigenvalues: AnyArray) -> AnyArray:
-    """Order the eigenvalues of neighbouring frequencies so that each column is one branch, (bins, 2)."""
-    ordered = eigenvalues.copy()
-    for i in range(1, ordered.shape[0]):
-        straight = np.abs(ordered[i] - ordered[i - 1]).sum()
-        swapped = np.abs(ordered[i, ::-1] - ordered[i - 1]).sum()
-        if swapped < straight:
-            ordered[i] = ordered[i, ::-1]
-    return ordered
+def _holds(gains: Gains, vehicle: Model) -> bool:
+    """Whether vehicle and controller together are stable; a delay, which no matrix holds, is left out."""
+    A, B, C, _ = vehicle.matrices
+    model = gains.model.matrices
+    inner = model.A - gains.observer_gain @ model.C - model.B @ gains.K
+    together = np.block([[A, -B[:, :2] @ gains.K], [gains.observer_gain @ C, inner]])
+    return int(np.sum(np.linalg.eigvals(together).real > 1e-9)) <= len(vehicle.structure.attitude_states)
+
+
+def _branches(loop: AnyArray) -> AnyArray:
+    """Eigenvalues of (f, 2, 2) as (f, 2), each column one branch: neighbours change places as often as they did."""
+    half = 0.5 * (loop[:, 0, 0] + loop[:, 1, 1])
+    apart = np.sqrt(half**2 - loop[:, 0, 0] * loop[:, 1, 1] + loop[:, 0, 1] * loop[:, 1, 0])
+    found = np.stack([half + apart, half - apart], axis=1)
+    straight = np.abs(np.diff(found, axis=0)).sum(axis=1)
+    crossed = np.abs(found[1:, ::-1] - found[:-1]).sum(axis=1)
+    odd = np.concatenate([[False], np.cumsum(crossed < straight) % 2 == 1])
+    return np.where(odd[:, None], found[:, ::-1], found)

@@ -8,7 +8,7 @@ import pytest
 from gcs.analysis import PAPER_PARAMETERS
 from sysid.model import Model
 from sysid.regulator import DesignError, design
-from sysid.structures import CD, TPP, reduce_to_cd
+from sysid.structures import CD, TPP, compose, reduce_to_cd
 
 TABLE_4_TPP = Model(TPP, np.array(PAPER_PARAMETERS["tpp"]))
 TABLE_4_CD = Model(CD, np.array(PAPER_PARAMETERS["cd"]))
@@ -86,3 +86,15 @@ def test_no_gains_on_cd_or_with_a_senseless_weight() -> None:
         design(TABLE_4_CD)
     with pytest.raises(DesignError, match="positive"):
         design(TABLE_4_TPP, 0.0)
+
+
+def test_gains_of_a_composition_are_its_tip_path_plane_s_and_the_margins_the_whole_s() -> None:
+    """A delay costs itself of the delay margin; a lag less than its time constant, for it takes gain away as well."""
+    bare = design(TABLE_4_TPP)
+    for effect, value in (("servo_lag", 0.010), ("transport_delay", 0.010)):
+        structure = compose("tpp", [effect])
+        gains = design(Model(structure, np.append(TABLE_4_TPP.values, value)))
+        np.testing.assert_allclose(gains.K, bare.K, rtol=1e-6)
+        lost = bare.margins.delay_s - gains.margins.delay_s
+        assert lost == pytest.approx(value, rel=0.02) if effect == "transport_delay" else 0 < lost < value
+        assert gains.to_json()["margins_with"] == [effect]

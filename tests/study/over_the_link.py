@@ -23,7 +23,11 @@ WITHIN_S = 900.0
 def tippath(*words: str) -> dict[str, Any]:
     """One command with --json, and its document."""
     done = subprocess.run(
-        [sys.executable, "-m", "gcs.cli", *words, "--json"], capture_output=True, text=True, timeout=WITHIN_S, check=False
+        [sys.executable, "-m", "gcs.cli", *words, "--json"],
+        capture_output=True,
+        text=True,
+        timeout=WITHIN_S,
+        check=False,
     )
     if done.returncode:
         raise RuntimeError(f"tippath {words[0]}: exit {done.returncode}: {done.stderr.strip()[-300:]}")
@@ -60,7 +64,10 @@ def flight(folder: Path, seed: int) -> dict[str, Any]:
         runs = [run for run in tippath("ingest", str(log))["runs"] if run["usable"]]
         chirps = [run["id"] for run in runs if run["maneuver"] == "chirp"]
         others = [run["id"] for run in runs if run["maneuver"] == "doublet"]
-        named = [f"{log}#{one.rpartition('#')[2]}" for one in chirps], [f"{log}#{one.rpartition('#')[2]}" for one in others]
+        named = (
+            [f"{log}#{one.rpartition('#')[2]}" for one in chirps],
+            [f"{log}#{one.rpartition('#')[2]}" for one in others],
+        )
         fit, said = folder / "tpp.json", folder / "vehicle" / "diagnosis.json"
         tippath("fit", *named[0], "--model", "tpp", "--validate", *named[1], "-o", str(fit))
         document = tippath("diagnose", str(fit))

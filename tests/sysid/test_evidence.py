@@ -46,7 +46,8 @@ def test_scores_of_a_complete_model_are_chi_squared() -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "share"), [("hub_gyroscopics", 0.3), ("angular_damping", 0.3), ("servo_lag", 0.1), ("inertia_coupling", 0.3)]
+    ("effect", "share"),
+    [("hub_gyroscopics", 0.3), ("angular_damping", 0.3), ("servo_lag", 0.1), ("inertia_coupling", 0.3)],
 )
 def test_one_step_estimates_a_small_effect(effect: str, share: float) -> None:
     planted = {name: share * value for name, value in PLANTED[effect].items()}

@@ -14,11 +14,11 @@ from planted_fits import records
 from sysid.effect import Effect, Stage
 from sysid.evidence import Candidate, Metric, Settled, candidate, ground, metric, score, settle
 from sysid.fit import estimate
-from sysid.hiding import HARM, Hidden, Hiding, could_hide, loop_margins
+from sysid.hiding import HARM, Hidden, Hiding, could_hide
 from sysid.model import Model
 from sysid.noise import Division, divide
 from sysid.parameter import Parameter
-from sysid.regulator import design
+from sysid.regulator import design, loop_margins
 from sysid.structures import compose
 
 SEEDS = (3, 4, 5, 6)

@@ -65,7 +65,7 @@ def test_noise_keeps_the_spectrum_that_was_flown() -> None:
     (flight,) = fly_many(None, {}, seeds=[76], duration_s=30.0, noise=0.0)
     found, fit, _ = divided(flight)
     frequency = np.array([1.0, 2.0, 4.0])
-    A, B, C, _ = fit.model.matrices
+    A, _, C, _ = fit.model.matrices
     expected = []
     for f in frequency:
         s = 2j * np.pi * f
