@@ -37,7 +37,7 @@ from sysid.evidence import (
 )
 from sysid.fit import FitError, estimate, output_error
 from sysid.library import Selection, search, select
-from sysid.model import FloatArray, Structure
+from sysid.model import FloatArray, Model, Structure
 from sysid.noise import Division, divide
 from sysid.predict import RelaxationError
 from sysid.preprocess import DEFAULT_BAND_HZ
@@ -277,17 +277,21 @@ def diagnose(
     *,
     effects: Sequence[Effect] = (),
     fixed: Mapping[str, float] | None = None,
+    begin: Model | None = None,
     say: Progress = _quiet,
     chains: bool = True,
 ) -> Diagnosis:
     """Diagnose a structure on runs. `effects` are a user's own, asked beside the catalogue's; `chains` of two too.
 
-    Raises FitError where the runs do not identify the structure itself.
+    `begin` is where the structure was fitted to, if it was. Raises FitError where the runs do not identify the
+    structure itself.
     """
     on = ground(records, band_hz)
     judging = ground(validation, band_hz, on) if validation else None
     held = dict(fixed or {})
-    found = estimate(structure, on.viewed(structure), None, held)
+    if begin is not None:
+        begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
+    found = estimate(structure, on.viewed(structure), begin, held)
     parent = candidate(found, tuple(held), on)
     division = divide(found.error, on.stacks, on.causes)
     by = metric(parent.model, on.stacks, division)
@@ -752,10 +756,16 @@ def _likeliest_in_practice(winner: Judged, others: Sequence[Judged]) -> Judged:
     alike = [
         one
         for one in others
-        if one.settled is not None
-        and gain(settled, one.settled)[0] < (near if winner.implausible and not one.implausible else TIED)
+        if one.settled is not None and _stands_beside(one, winner, gain(settled, one.settled)[0], near)
     ]
     return min(alike, key=_unusual, default=winner)
+
+
+def _stands_beside(one: Judged, winner: Judged, behind: float, near: float) -> bool:
+    """Whether it may be named instead: as likely with as many parameters, or nearly so where only it is plausible."""
+    if winner.implausible and not one.implausible:
+        return behind < near
+    return abs(behind) < TIED and one.added == winner.added
 
 
 def _unusual(one: Judged) -> tuple[bool, float]:

@@ -188,3 +188,109 @@ COMPARE = exactly(
         "suspicions": listed(exactly({"kind": TEXT, "runs": listed(TEXT), "text": TEXT})),
     }
 )
+
+SHARE = {"type": ["number", "null"], "minimum": 0, "maximum": 1}
+MAYBE_TEXT = {"type": ["string", "null"]}
+CANDIDATE = exactly(
+    {
+        "effect": TEXT,
+        "explained_share": SHARE,
+        "delta_bic": MAYBE,
+        "nrmse_percent": MAYBE_NRMSE,
+        "validation_nrmse_percent": MAYBE_NRMSE,
+        "parameters": {"type": "object", "additionalProperties": MAYBE},
+        "implausible": {"type": "boolean"},
+        "not_testable": MAYBE_TEXT,
+    }
+)
+MAYBE_NEXT = {
+    "anyOf": [
+        exactly({"maneuver": TEXT, "separates": {"type": "array", "items": TEXT, "minItems": 2}, "why": TEXT}),
+        {"type": "null"},
+    ]
+}
+DIAGNOSIS = exactly(
+    {
+        "format": {"const": "tippath.diagnosis/1"},
+        "verdict": {"enum": ["complete", "missing", "unexplained"]},
+        "effect": MAYBE_TEXT,
+        "chain": {"type": "array", "items": TEXT, "maxItems": 2},
+        "stands_in": {"type": "boolean"},
+        "indistinguishable": listed(TEXT),
+        "confidence": {"type": "number", "minimum": 0, "maximum": 1},
+        "explained_share": SHARE,
+        "candidates": {"type": "array", "items": CANDIDATE, "minItems": 1},
+        "pairs": listed(CANDIDATE),
+        "placebo": MAYBE_TEXT,
+        "noise_floor_percent": NRMSE,
+        "could_hide": listed(TEXT),
+        "character": exactly({"findings": listed(TEXT), "bands": listed({"type": "object"})}),
+        "next_maneuver": MAYBE_NEXT,
+        "explanation": exactly({part: listed(TEXT) for part in ("effects", "what", "why", "changes", "resembles")}),
+        "suspicions": COMPARE["properties"]["suspicions"],
+        "remarks": listed(TEXT),
+        "rungs": {
+            "type": "array",
+            "minItems": 1,
+            "items": exactly(
+                {
+                    "effects": listed(TEXT),
+                    "nrmse_percent": NRMSE,
+                    "validation_nrmse_percent": MAYBE_NRMSE,
+                    "verdict": TEXT,
+                    "effect": MAYBE_TEXT,
+                    "confidence": NUMBER,
+                }
+            ),
+        },
+    }
+)
+
+ADDED = exactly(
+    {
+        "noise_floor_percent": NRMSE,
+        "placebo": {"anyOf": [CANDIDATE, {"type": "null"}]},
+        "signs": {
+            "type": "array",
+            "minItems": 3,
+            "maxItems": 3,
+            "items": exactly(
+                {
+                    "key": {"enum": ["validation", "agreement", "plausible"]},
+                    "name": TEXT,
+                    "seen": {"type": ["boolean", "null"]},
+                    "text": TEXT,
+                }
+            ),
+        },
+    }
+)
+"""What the `add` command adds to a fit's own document."""
+
+REVEAL = exactly(
+    {
+        "format": {"const": "tippath.reveal/1"},
+        "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+        "plant": TEXT,
+        "seed": {"type": "integer"},
+        "condition": TEXT,
+        "hidden": TEXT,
+        "answer": MAYBE_TEXT,
+        "accepts": listed(TEXT),
+        "level": {"enum": ["catalogue", "below", "beyond", "none"]},
+        "sizes": {"type": "object", "additionalProperties": NUMBER},
+        "expect": {"type": "object", "additionalProperties": NUMBER},
+        "sentence": TEXT,
+        "diagnoses": listed(
+            exactly(
+                {
+                    "path": TEXT,
+                    "verdict": TEXT,
+                    "effect": MAYBE_TEXT,
+                    "outcome": {"enum": ["right", "same", "not_told_apart", "stand_in", "missed", "wrong"]},
+                    "parameters": listed(exactly({"name": TEXT, "said": NUMBER, "truth": NUMBER})),
+                }
+            )
+        ),
+    }
+)

@@ -1,4 +1,4 @@
-"""Known answers that nobody here made up: strangers' data with a hidden delay, and what the paper's numbers stand for."""
+"""Known answers that nobody here made up: strangers' data with a hidden delay."""
 
 from __future__ import annotations
 

@@ -1,0 +1,404 @@
+"""`tippath diagnose` on flights of the simulated vehicle: found, said in one screen, written, refused, judged.
+
+One vehicle hides a servo's lag, one hides nothing; both are flown as fast as they compute, and only their logs are
+read. What is expected is the vehicle's own sealed answer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+from contract_schemas import DIAGNOSIS, FIT, REVEAL
+
+from gcs.diagnosis_words import bar, ladder_text
+from gcs.maneuver import load_card
+from sitl.hidden import plant_one
+from sitl.seal import seal_answer
+from sitl.vehicle import Mode, Reason, Vehicle, make_vehicle
+
+Tippath = Callable[..., tuple[int, str, str]]
+MANEUVERS = (
+    *((0, axis, size, 15.0) for axis, size in ((10, 0.10), (10, 0.10), (11, 0.15), (11, 0.15))),
+    *((1, axis, size, 5.0) for axis, size in ((10, 0.10), (11, 0.15))),
+)
+"""Kind, axis, amplitude, seconds: four chirps, two doublets."""
+
+DRAG = '''"""Drag of a long tail."""
+
+from sysid.effect import Effect, Stage, magnitude
+from sysid.parameter import Parameter
+
+EFFECT = Effect(
+    id="tail_drag", title="drag of the tail", group="user", equation="q_dot += M_tail q|q|", source="a plate",
+    signature="large pitch motions decay faster",
+    parameters=(Parameter("M_tail", "-", "pitch acceleration per square of the rate", null=0.0, typical=-2.0),),
+    stage=Stage.DYNAMICS, equations=lambda s: {"q_dot": s.M_tail * s.q * magnitude(s.q)}, linear=False,
+)
+'''
+
+
+def fly(vehicle: Vehicle, folder: Path) -> Path:
+    for kind, axis, magnitude, duration_s in MANEUVERS:
+        settings = {"SID_AXIS": axis, "SID_MAGNITUDE": magnitude, "SID_F_START_HZ": 0.5, "SID_F_STOP_HZ": 10.0}
+        own = {"SID_T_FADE_IN": 0.0, "SID_T_REC": duration_s, "SIDX_KIND": kind, "SIDX_LAW": 1, "SIDX_PULSE_S": 0.25}
+        for name, value in {**settings, **own}.items():
+            assert vehicle.write_parameter(name, value) is not None
+        assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
+        while vehicle.sweeping:
+            vehicle.step()
+        assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
+        for _ in range(500):
+            vehicle.step()
+    vehicle.close()
+    (log,) = folder.glob("*.BIN")
+    return log
+
+
+def typed(*words: object) -> str:
+    """What a command that succeeds prints."""
+    from gcs.cli import main
+
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        assert main([str(word) for word in words]) == 0
+    return out.getvalue()
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """A vehicle with a lag hidden in it, its answer sealed beside its log, and one as its model says."""
+    found = {}
+    for name in ("lag", "clean"):
+        folder = tmp_path_factory.mktemp(name)
+        hidden = plant_one("servo_lag", 5) if name == "lag" else None
+        if hidden is not None:
+            seal_answer(hidden, 5, folder)
+        found[name] = fly(make_vehicle("hover-ideal", seed=5, directory=folder, hidden=hidden), folder)
+    return found
+
+
+@pytest.fixture(scope="module")
+def fits(logs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder, found = tmp_path_factory.mktemp("fits"), {}
+    for name, log, model in (("lag", "lag", "tpp"), ("clean", "clean", "tpp"), ("cd", "lag", "cd")):
+        found[name] = folder / f"{name}.json"
+        judging = [f"{logs[log]}#{number}" for number in (5, 6)]
+        typed("fit", logs[log], "--model", model, "--validate", *judging, "-o", found[name])
+    return found
+
+
+@pytest.fixture(scope="module")
+def written(fits: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Everything that one question about the lag can leave behind."""
+    folder = tmp_path_factory.mktemp("written")
+    found: dict[str, Any] = {"fit": folder / "with.json", "page": folder / "x.html", "term": folder / "term.py"}
+    found["card"] = folder / "next.toml"
+    text = typed(
+        *("diagnose", fits["lag"], "--json", "-o", found["fit"], "--plot", found["page"]),
+        *("--suggest", found["term"], "--card", found["card"]),
+    )
+    found["diagnosis"] = folder / "diagnosis.json"
+    found["diagnosis"].write_text(text)
+    found["document"] = no_constants(text)
+    return found
+
+
+def no_constants(text: str) -> Any:
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} in JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def flat(text: str) -> str:
+    return " ".join(text.split())
+
+
+def sentences(text: str) -> list[str]:
+    """Those long enough to be noticed twice."""
+    return [said for said in flat(text).split(". ") if len(said) > 30]
+
+
+# ------------------------------------------------------------------------------------------------ words
+
+
+def test_the_answer_comes_first_on_one_screen(fits: dict[str, Path], tippath: Tippath) -> None:
+    status, out, err = tippath("diagnose", fits["lag"])
+    assert status == 0, err
+    lines = out.splitlines()
+    assert lines[0].startswith("missing: servo_lag")
+    assert "confidence" in lines[0] + lines[1]
+    assert 20 < len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    assert len(set(sentences(out))) == len(sentences(out))
+    assert "first-order lag of the servos" in out
+    assert "tau_s = " in out
+    assert " ms " in out
+    assert "plausible: 0 to 80 ms" in out
+    assert "not to be told from gyro_lag" in out
+    for said in ("on validation runs", "placebo: ", "why: ", "candidates, likeliest first", "not testable here: "):
+        assert said in out
+    for jargon in ("chi", "bic", "BIC", "inf ", "nan", "0 to inf"):
+        assert jargon not in out
+    assert f"next: tippath add {fits['lag']} servo_lag -o" in flat(out).replace(" \\ ", " ")
+
+
+def test_nothing_missing_is_short(fits: dict[str, Path], tippath: Tippath) -> None:
+    status, out, _ = tippath("diagnose", fits["clean"])
+    assert status == 0
+    lines = out.splitlines()
+    assert lines[0].startswith("complete: what is left is noise")
+    assert len(lines) <= 14
+    assert "could hide here" in out
+    assert "next: tippath design" in out
+    assert "candidates" not in out
+
+
+def test_explain_says_all_of_it(fits: dict[str, Path], tippath: Tippath) -> None:
+    status, out, _ = tippath("diagnose", fits["lag"], "--explain")
+    assert status == 0
+    assert max(map(len, out.splitlines())) <= 80
+    for heading in (" what it is", " why", " what changes", " what else could look so", " not testable here"):
+        assert heading in out.splitlines()
+    assert "disc_incidence: it needs angle_of_attack" in out
+    assert "--explain" not in out
+
+
+def test_no_validation_and_other_runs_are_said(logs: dict[str, Path], fits: dict[str, Path], tippath: Tippath) -> None:
+    runs = [f"{logs['lag']}#{number}" for number in (1, 3)]
+    status, out, err = tippath("diagnose", fits["lag"], *runs)
+    assert status == 0, err
+    assert "no validation runs: whether it holds on another flight is open" in flat(out)
+    assert "on validation runs" not in out
+    again = flat(out).replace(" \\ ", " ")
+    assert f"servo_lag {runs[0]} {runs[1]} -o" in again, "the next command names the same runs"
+
+
+def test_runs_of_two_vehicles_are_suspected(logs: dict[str, Path], fits: dict[str, Path], tippath: Tippath) -> None:
+    runs = [f"{logs['lag']}#1", f"{logs['lag']}#3", f"{logs['clean']}#2", f"{logs['clean']}#4"]
+    status, out, err = tippath("diagnose", fits["lag"], *runs)
+    assert status == 0, err
+    assert "suspicion: " in out
+    assert "runs of different vehicles" in flat(out)
+
+
+def test_bars_and_ladders_keep_to_their_columns() -> None:
+    assert (bar(0.0), bar(1.0, 4), bar(2.0, 4), bar(0.5, 3)) == ("", "████", "████", "█▌")
+    rungs = [("+ " + "long_" * 9, {"p": -33.3, "q": 100.0}, None), ("TPP", {"p": 8.0, "q": 9.0}, {"p": 7.0, "q": 6.0})]
+    lines = ladder_text(rungs, {"p": 99.9, "q": 99.9})
+    assert max(map(len, lines)) <= 78
+    columns = {line.index(mark) + len(mark) for line, mark in zip(lines, ("q: fitted", " 100.0", "  9.0"), strict=True)}
+    assert len(columns) == 1
+
+
+# ------------------------------------------------------------------------------------------------ documents
+
+
+def test_json(written: dict[str, Any]) -> None:
+    document = written["document"]
+    jsonschema.validate(document, DIAGNOSIS)
+    assert (document["verdict"], document["effect"], document["chain"]) == ("missing", "servo_lag", ["servo_lag"])
+    assert document["explained_share"] >= 0.8
+    assert "gyro_lag" in document["indistinguishable"]
+    asked = [one["delta_bic"] for one in document["candidates"] if one["delta_bic"] is not None]
+    assert asked == sorted(asked), "best first"
+    (lag,) = (one for one in document["candidates"] if one["effect"] == "servo_lag")
+    assert lag["explained_share"] == document["explained_share"]
+    assert lag["parameters"]["tau_s"] == pytest.approx(plant_one("servo_lag", 5).sizes["tau_s"], rel=0.1)
+    untold = {one["effect"] for one in document["candidates"] if one["not_testable"]}
+    assert "disc_incidence" in untold
+
+
+def test_what_it_writes(written: dict[str, Any], fits: dict[str, Path]) -> None:
+    fit = no_constants(written["fit"].read_text())
+    jsonschema.validate(fit, FIT)
+    assert fit["structure"]["effects"] == ["servo_lag"]
+    assert [one["effects"] for one in fit["lineage"]] == [[], ["servo_lag"]]
+    before = json.loads(fits["lag"].read_text())
+    assert all(fit["nrmse_percent"][axis] > before["nrmse_percent"][axis] for axis in ("p", "q"))
+    page = written["page"].read_text(encoding="utf-8")
+    assert "missing: servo_lag" in page
+    assert page.count("<svg") == 1
+
+
+def test_the_next_maneuver_is_a_card_or_it_is_said_why_not(written: dict[str, Any]) -> None:
+    """The lag of servos and of gyros look alike to whatever a card can fly."""
+    proposed = written["document"]["next_maneuver"]
+    assert proposed["separates"][0] == "servo_lag"
+    if proposed["card"] is None:
+        assert not written["card"].exists()
+        assert "log" in proposed["maneuver"]
+    else:
+        assert load_card(str(written["card"])).maneuvers
+
+
+def test_a_suggestion_can_be_added_at_once(written: dict[str, Any], fits: dict[str, Path], tippath: Tippath) -> None:
+    status, out, err = tippath("add", fits["lag"], written["term"])
+    assert status == 0, err
+    assert out.startswith("term.py: the error falls")
+    assert tippath("diagnose", fits["lag"], "--suggest", written["term"])[0] == 2
+
+
+def test_the_secret_is_found_named_and_revealed(
+    written: dict[str, Any], logs: dict[str, Path], tippath: Tippath
+) -> None:
+    status, out, _ = tippath("reveal", logs["lag"].parent, written["diagnosis"], "--json")
+    assert status == 0
+    document = no_constants(out)
+    jsonschema.validate(document, REVEAL)
+    (one,) = document["diagnoses"]
+    assert one["outcome"] == "right"
+    ((name, said, truth),) = [tuple(pair.values()) for pair in one["parameters"]]
+    assert (name, said) == ("tau_s", pytest.approx(truth, rel=0.1))
+    assert "right" in tippath("reveal", logs["lag"].parent, written["diagnosis"])[1]
+
+
+def test_repeat_climbs_from_cd_until_it_is_complete(fits: dict[str, Path], tippath: Tippath, tmp_path: Path) -> None:
+    target = tmp_path / "whole.json"
+    status, out, err = tippath("diagnose", fits["cd"], "--repeat", "-o", target)
+    assert status == 0, err
+    lines = out.splitlines()
+    assert lines[0].startswith("ladder")
+    assert [line.split("  ")[0] for line in lines[1:4]] == ["CD", "+ flapping", "+ servo_lag"]
+    assert any(line.startswith("complete") for line in lines)
+    assert max(map(len, lines)) <= 80
+    fit = json.loads(target.read_text())
+    assert (fit["structure"]["base"], fit["structure"]["effects"]) == ("tpp", ["servo_lag"])
+    assert len(fit["lineage"]) == 3
+    document = no_constants(tippath("diagnose", target, "--json")[1])
+    assert document["verdict"] == "complete"
+    assert document["explained_share"] is None
+
+
+def test_a_user_s_own_effect_is_asked_where_it_is_named(
+    fits: dict[str, Path], tippath: Tippath, tmp_path: Path
+) -> None:
+    effect = tmp_path / "tail_drag.py"
+    effect.write_text(DRAG)
+    document = no_constants(tippath("diagnose", fits["lag"], "--with", effect, "--json")[1])
+    assert str(effect) in {one["effect"] for one in document["candidates"]}
+    assert document["effect"] == "servo_lag"
+
+
+# ------------------------------------------------------------------------------------------------ refusals
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--plot", "x.jpg"], ".png, .svg or .html"),
+        (["-o", "no/such/fit.json"], "there is no folder"),
+        (["--suggest", "term.txt"], "ends in .py"),
+        (["--card", "x.png", "--plot", "x.png"], "to one file"),
+        (["--band", "15:0"], "--band"),
+        (["--band", "often"], "--band"),
+        (["--window", "5:2"], "--window"),
+        (["--with", "a,,b"], "empty name"),
+    ],
+)
+def test_wrong_usage(words: list[str], says: str, fits: dict[str, Path], tippath: Tippath) -> None:
+    status, out, err = tippath("diagnose", fits["lag"], *words)
+    assert (status, out) == (2, "")
+    assert says in err
+
+
+@pytest.mark.parametrize("option", ["-o", "--plot", "--suggest", "--card"])
+def test_nothing_is_written_over(option: str, fits: dict[str, Path], tippath: Tippath, tmp_path: Path) -> None:
+    path = tmp_path / {"--plot": "x.png", "--suggest": "x.py"}.get(option, "x")
+    path.write_text("mine")
+    status, _, err = tippath("diagnose", fits["lag"], option, path)
+    assert (status, "--force" in err, path.read_text()) == (2, True, "mine")
+
+
+def test_what_is_no_fit_and_runs_that_are_none(
+    fits: dict[str, Path], logs: dict[str, Path], tippath: Tippath, tmp_path: Path
+) -> None:
+    other, broken = tmp_path / "gains.json", tmp_path / "broken.json"
+    other.write_text('{"format": "tippath.gains/1"}')
+    broken.write_text("{")
+    failing = tmp_path / "failing.py"
+    failing.write_text("raise RuntimeError('boom')\n")
+    log = logs["lag"]
+    for words, says in (
+        ([other], "tippath.gains/1"),
+        ([broken], "not JSON"),
+        ([tmp_path / "gone.json"], "gone.json"),
+        ([fits["lag"], tmp_path / "gone.BIN"], "gone.BIN"),
+        ([fits["lag"], f"{log}#99"], "no such run"),
+        ([fits["lag"], f"{log}#1"], "pitch axis not identifiable"),
+        ([fits["lag"], "--band", "14:15"], "not identifiable"),
+        ([fits["lag"], "--validate", log], "every one validates"),
+        ([fits["lag"], f"{log}#1", f"{log}#3", "--validate", f"{log}#1", f"{log}#3"], "every one validates"),
+        ([fits["lag"], "--with", failing], "boom"),
+    ):
+        status, out, err = tippath("diagnose", *words)
+        assert (status, out) == (1, ""), err
+        assert says in err
+        assert max(map(len, err.splitlines())) < 400
+
+
+def test_a_log_that_changed_or_went(tippath: Tippath, tmp_path: Path) -> None:
+    log, fit = tmp_path / "run.csv", tmp_path / "fit.json"
+    source = np.random.default_rng(3)
+    t = np.arange(0, 12, 0.01)
+    columns = [t, *(np.interp(t, t[::7], source.normal(0, 0.1, t[::7].size)) for _ in range(2))]
+    p, q = (np.convolve(each, np.exp(-6 * t), "full")[: t.size] * 0.05 for each in columns[1:])
+    rows = np.stack([t, p, q, *columns[1:]], axis=1)
+    lines = ["t,p,q,delta_x,delta_y", *(",".join(f"{x:.6f}" for x in row) for row in rows)]
+    log.write_text("\n".join(lines) + "\n")
+    assert tippath("fit", log, "--model", "cd", "-o", fit)[0] == 0
+    log.write_text("\n".join(lines[:-5]) + "\n")
+    status, _, err = tippath("diagnose", fit)
+    assert (status, "is not the log this fit was made from any more" in err) == (1, True)
+    log.unlink()
+    status, _, err = tippath("diagnose", fit)
+    assert (status, "not there any more" in err) == (1, True)
+
+
+def test_ctrl_c_leaves_nothing_behind(fits: dict[str, Path], tmp_path: Path) -> None:
+    script = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from gcs.cli import main; "
+    words = ["diagnose", str(fits["lag"]), "-o", "fit.json", "--plot", "x.png", "--suggest", "x.py"]
+    with subprocess.Popen(
+        [sys.executable, "-c", f"{script}print('up', flush=True); raise SystemExit(main({words!r}))"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        time.sleep(0.6)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+    assert process.returncode == 130, err
+    assert out == ""
+    assert "interrupted" in err
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_closed_pipe_is_no_error(fits: dict[str, Path]) -> None:
+    command = f"{sys.executable} -m gcs.cli diagnose {fits['clean']} --json | head -c 1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    assert "Traceback" not in done.stderr
+    assert done.stdout == "{"
+
+
+def test_the_help_documents_the_format(tippath: Tippath) -> None:
+    out = tippath("diagnose", "--help")[1]
+    for key in DIAGNOSIS["required"]:
+        if key != "format":
+            assert f'"{key}"' in out, key
+    assert "80 %" in out
