@@ -223,7 +223,7 @@ def diagnose_fit(
     while True:
         structure = on_runs(fit.model.structure.base, named, [*records, *validation], records)
         held = {name: fit.model[name] for name in fit.fixed}
-        found = diagnose(structure, records, validation, band, effects=effects, fixed=held, say=say)
+        found = diagnose(structure, records, validation, band, effects=effects, fixed=held, begin=fit.model, say=say)
         rungs.append(
             Step(
                 structure.effects,
@@ -429,7 +429,9 @@ def add_effect(
     structure = on_runs(fit.model.structure.base, composed, [*records, *validation], records)
     held = {name: fit.model[name] for name in fit.fixed}
     users = [] if effect.path is None else [effect]
-    asked = diagnose(structure, records, validation, band, effects=users, fixed=held, say=say, chains=False)
+    asked = diagnose(
+        structure, records, validation, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
+    )
     name = effect.path or effect.id
     signs = (_validated(before, after), _agrees(before, after, records), _plausible(before, after))
     floor = {key: float(value) for key, value in asked.noise_floor_percent.items()}
@@ -539,11 +541,12 @@ def drawn(found: FitDiagnosis) -> Any:
     winner = last.winner
     best = None if winner is None or winner.fit is None else compare(winner.fit.model, found.records, found.fit.band_hz)
     label = " + ".join(Path(name).name for name in last.chain)
-    head = f"{last.verdict}{f': {label}' if last.verdict == 'missing' else ''}, confidence {last.confidence:.2f}"
+    answer = label if last.verdict == "missing" else f"{label} stands in" if last.stands_in else ""
+    head = f"{last.verdict}{f': {answer}' if answer else ''}, confidence {last.confidence:.2f}"
     return diagnosis_picture(
         bars,
         found.comparison.densities,
         None if best is None or last.verdict == "complete" else best.densities,
         f"with {label}",
-        title=f"{head}; candidates, the likeliest first",
+        title=f"{head}{'; candidates, the likeliest first' if bars else ''}",
     )

@@ -244,8 +244,11 @@ def diagnosis_picture(
         axis.annotate(
             note, (100 * share, y), (after, 0), textcoords="offset points", va="center", fontsize=9, bbox=BESIDE
         )
-    axis.axvline(80, color=BLACK, linewidth=0.8, linestyle=":")
-    axis.text(80, -0.62, "enough to name it", ha="center", va="bottom", fontsize=8)
+    if candidates:
+        axis.axvline(80, color=BLACK, linewidth=0.8, linestyle=":")
+        axis.text(80, -0.62, "enough to name it", ha="center", va="bottom", fontsize=8, bbox=BESIDE)
+    else:
+        axis.text(50, -0.1, "nothing was refitted: there is nothing to explain", ha="center", fontsize=10)
     axis.set_yticks(place, [label for label, _, _ in candidates])
     axis.set_ylim(count - 0.4, -1.1)
     noted = any(note for _, _, note in candidates)

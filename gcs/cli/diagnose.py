@@ -155,7 +155,11 @@ def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:
         words += [] if value is None else [f"--{name}", value]
     files = [word for word in parse_words(args.effects) if Path(word).resolve() in used]
     words += ["--with", ",".join(files)] if files else []
-    return shlex.join([*words, *(["--validate", *args.validate] if args.validate else [])])
+    words += ["--validate", *args.validate] if args.validate else []
+    # LOG#n needs no quotes, and reads better without
+    return " ".join(
+        word if shlex.quote(word.replace("#", "")) == word.replace("#", "") else shlex.quote(word) for word in words
+    )
 
 
 def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: str) -> None:

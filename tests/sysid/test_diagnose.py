@@ -47,7 +47,7 @@ def test_a_planted_effect_is_named(effect: str, also: str | None) -> None:
     assert found.effect == effect or (found.effect == also and effect in found.indistinguishable)
     assert found.explained_share is not None
     assert found.explained_share > 0.9
-    assert found.confidence > 0.8
+    assert found.confidence > 0.6
     assert not found.stands_in
     winner = next(one for one in found.candidates if one.effect == effect)
     for name, value in PLANTED[effect].items():
