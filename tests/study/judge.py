@@ -170,10 +170,11 @@ def tables(flights: Sequence[Flight]) -> str:
             f"validation NRMSE within 1 point of the best  {sum(x <= 1 for x in short)} of {len(short)} "
             f"({100 * sum(x <= 1 for x in short) / len(short):.1f} %)"
         )
-    z = [x for one in seen if one.right_in_class for x in one.sizes_off()]
-    if z:
-        near = sum(abs(x) <= 3 for x in z)
-        lines.append(f"sizes within 3 standard errors               {near} of {len(z)} ({100 * near / len(z):.1f} %)")
+    for level, words in (("catalogue", "within 3 standard errors, built as written"), ("below", "built below it")):
+        z = [x for one in seen if one.level == level and one.right_in_class for x in one.sizes_off()]
+        if z:
+            near = sum(abs(x) <= 3 for x in z)
+            lines.append(f"sizes {words:38} {near} of {len(z)} ({100 * near / len(z):.1f} %)")
     seconds = sorted(one.said["seconds"] for one in flights)
     if seconds:
         lines.append(
