@@ -354,7 +354,7 @@ def _remarks(records: Sequence[Record], validation: Sequence[Record]) -> tuple[s
     """What these runs cost the answer."""
     said = []
     if not validation:
-        said.append("no validation runs: whether it holds on another flight is open; name some with --validate")
+        said.append("no validation runs: whether it holds on others is open; name some with --validate")
     if len(records) == 1:
         said.append("one run only: what differs from run to run cannot show")
     return tuple(said)
@@ -548,5 +548,5 @@ def drawn(found: FitDiagnosis) -> Any:
         found.comparison.densities,
         None if best is None or last.verdict == "complete" else best.densities,
         f"with {label}",
-        title=f"{head}{'; candidates, the likeliest first' if bars else ''}",
+        title=f"{head}{'; candidates, the answer first' if bars else ''}",
     )
