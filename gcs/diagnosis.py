@@ -485,6 +485,8 @@ def _plausible(before: Fit, after: Fit) -> Sign:
     nulls = [one for one in new if one.null is not None]
     if nulls and all(_at_null(one, after.model[one.name], float(errors[one.name])) for one in nulls):
         return Sign(key, name, None, f"nothing of it is left: {', '.join(said)}")
+    if new and all(one.name in after.undetermined for one in new):
+        return Sign(key, name, None, f"these runs do not determine it: {', '.join(said)}")
     return Sign(key, name, True, ", ".join(said) if len(said) <= MOST_SAID else f"all {len(said)} values are")
 
 

@@ -69,9 +69,10 @@ def diagnosis_text(
         blocks.append(ladder_text(rungs, last.noise_floor_percent))
     blocks.append(verdict_text(found, reasons=not full))
     blocks.append([line for one in found.comparison.suspicions for line in _set(one.text, " suspicion: ", "   ")])
-    if last.verdict != "complete" and not last.chain:
-        blocks.append([line for said in found.comparison.findings for line in _set(said, " ", "   ")])
-    blocks.append(candidates_text(last, SHOWN_FULL if full else SHOWN))
+    if not _trace(last):
+        if last.verdict != "complete" and not last.chain:
+            blocks.append([line for said in found.comparison.findings for line in _set(said, " ", "   ")])
+        blocks.append(candidates_text(last, SHOWN_FULL if full else SHOWN))
     if full:
         blocks.append([f" {line}" for line in found.explanation.lines(WIDTH - 1)])
     blocks.append([*_telling(found, full), *_hidden(found, full), *_untestable(last, full), *_remarks(found)])
@@ -112,7 +113,8 @@ def _answer(last: Diagnosis) -> str:
     if last.verdict == "complete":
         return "complete: what is left is noise"
     if winner is None or winner.fit is None:
-        return "unexplained: no known effect explains what is left"
+        what = "a trace more than noise is left, too little to be named" if _trace(last) else "no known effect does it"
+        return f"unexplained: {what}"
     names = _name(winner)
     same = [_short(one) for one in last.indistinguishable]
     alike = f"  (not to be told from {listed(same)})" if same else ""
@@ -123,6 +125,13 @@ def _answer(last: Diagnosis) -> str:
     if (winner.explained_share or 0.0) >= EXPLAINED:
         return f"unexplained: {names} explains the fitted runs, but not the validation runs"
     return f"unexplained: {names} does most, and that is too little"
+
+
+def _trace(last: Diagnosis) -> bool:
+    """Whether what is left is significant and next to nothing: shares of it would be shares of rounding."""
+    if last.verdict != "unexplained" or last.chain:
+        return False
+    return together(last.noise_floor_percent) - together(last.parent.nrmse_percent) < NO_CHANGE
 
 
 def _head(text: str, sure: str) -> list[str]:
@@ -321,7 +330,7 @@ def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) ->
     """The command to type next."""
     last = found.last
     again = f" {rest}" if rest else ""
-    if last.verdict == "complete":
+    if last.verdict == "complete" or _trace(last):
         return _command(f"tippath design {written or fit}") if found.fit.model.structure.base == "tpp" else []
     if written is not None:
         return _command(f"tippath compare {written}")

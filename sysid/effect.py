@@ -16,6 +16,7 @@ import hashlib
 import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -176,7 +177,8 @@ def find(word: str) -> Effect:
         return known[word]
     if word.endswith(".py"):
         return load(Path(word))
-    close = [name for name in known if word.replace("-", "_").lower() in name]
+    plain = word.replace("-", "_").lower()
+    close = [name for name in known if plain in name] or get_close_matches(plain, known, 3)
     hint = f"; did you mean {', '.join(close)}" if close else "; `tippath effects` lists them"
     raise EffectError(f"no effect {word!r}{hint}")
 

@@ -279,9 +279,12 @@ def _phase(bare: Mismatches) -> list[str]:
     said = [f"The phase falls in proportion to frequency, by {-degrees:.0f} degrees up to {top:.1f} Hz: {late} late."]
     of_lag = 20 * math.log10(max(math.cos(math.radians(min(-degrees, 80.0))), 1e-3))
     if gain <= min(-LEAST_GAIN_DB, GAIN_OF_LAG * of_lag):
-        said.append(f"The gain falls too, by {-gain:.1f} dB there: a lag. A pure delay would keep it.")
+        said.append(f"The gain falls too, by {-gain:.1f} dB there, as behind a lag: a pure delay would keep it.")
     elif gain > GAIN_OF_LAG * of_lag and of_lag < -LEAST_GAIN_DB:
-        said.append(f"The gain stays within {max(abs(gain), 0.1):.1f} dB: a delay. A lag would lose {-of_lag:.1f} dB.")
+        said.append(
+            f"The gain stays within {max(abs(gain), 0.1):.1f} dB, as behind a delay: a first-order lag would lose "
+            f"{-of_lag:.1f} dB."
+        )
     return said
 
 
@@ -490,11 +493,12 @@ def _new_modes(parent: Candidate, fit: Candidate) -> list[str]:
     """Oscillations in the band that the parent did not have."""
     taken = [_nearest(old, fit.model.modes) for old in parent.model.modes]
     top = max(float(one.frequency_hz[-1]) for one in parent.ground.spectra)
-    return [
+    found = [
         f"new {one.frequency_hz:.2f} Hz {one.damping_ratio:.2f}"
         for one in fit.model.modes
         if abs(one.damping_ratio) < 1 and one.frequency_hz < top and one not in taken
     ]
+    return list(dict.fromkeys(found))  # equal servos have equal modes
 
 
 def _mode(old: Mode, new: Mode) -> str:

@@ -340,7 +340,7 @@ def minimise(
 def _step(here: _Normal, free: NDArray[np.bool_]) -> FloatArray:
     """The Gauss-Newton step of the free parameters, (parameters,)."""
     H, g = here.curvature[np.ix_(free, free)], here.gradient[free]
-    size = np.sqrt(np.diag(H))
+    size = np.sqrt(np.maximum(np.diag(H), 0))  # rounding leaves less than nothing where nothing is
     size = np.where(size > 0, size, 1.0)
     move = np.zeros(free.size)
     move[free] = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size

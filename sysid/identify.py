@@ -64,6 +64,8 @@ def identify(
         if open_to_all is not None:
             raise FitError(open_to_all)
         at = begin if count == len(effects) and begin is not None else parent
+        if at is not None and at.structure.base != composed.base:
+            at = None  # cylinder dynamics know nothing of flapping
         found: Estimate = estimate(composed, fitted, at, held)
         parent = found.model
         judged: Mapping[str, float] | None = None

@@ -159,6 +159,7 @@ def loop_margins(gains: Gains, vehicle: Model) -> Margins:
         return NO_MARGINS
     w = LOOP_RAD_S
     A, B, C, _ = gains.model.matrices
+    B = B[:, :2]
     K, L = gains.K, gains.observer_gain
     inner = A - L @ C - B @ K
     controller = K @ np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - inner, L[None].astype(complex))
@@ -180,7 +181,7 @@ def _holds(gains: Gains, vehicle: Model) -> bool:
     """Whether vehicle and controller together are stable; a delay, which no matrix holds, is left out."""
     A, B, C, _ = vehicle.matrices
     model = gains.model.matrices
-    inner = model.A - gains.observer_gain @ model.C - model.B @ gains.K
+    inner = model.A - gains.observer_gain @ model.C - model.B[:, :2] @ gains.K
     together = np.block([[A, -B[:, :2] @ gains.K], [gains.observer_gain @ C, inner]])
     return int(np.sum(np.linalg.eigvals(together).real > 1e-9)) <= len(vehicle.structure.attitude_states)
 

@@ -39,10 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     from gcs.errors import TippathError, UsageError
     from sysid.errors import SysidError
 
-    args = parser().parse_args(argv)
+    args = argparse.Namespace(command="")
     try:
+        args = parser().parse_args(argv)
         status: int = args.run(args)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # closed from the beginning
+            sys.stdout.flush()
         return status
     except UsageError as error:
         print(f"tippath {args.command}: {error}", file=sys.stderr)

@@ -83,8 +83,7 @@ def run(args: argparse.Namespace) -> int:
     except EffectError as error:
         if args.effect.endswith(".py"):
             raise
-        hint = "" if "did you mean" in str(error) else meant(args.effect)
-        raise UsageError(f"{error}{hint}") from error
+        raise UsageError(str(error)) from error
     present = {one.id for one in fit.model.structure.composed}
     if effect.id in present or (effect.id == "flapping" and fit.model.structure.base == "tpp"):
         raise UsageError(f"{args.fit} has {args.effect} already")
@@ -109,13 +108,3 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(text)
     return 0
-
-
-def meant(word: str) -> str:
-    """`; did you mean servo_lag`, where an id of the catalogue is nearly that."""
-    from difflib import get_close_matches
-
-    from sysid.effect import catalogue
-
-    close = get_close_matches(word.replace("-", "_").lower(), catalogue(), n=2)
-    return f"; did you mean {' or '.join(close)}?" if close else ""

@@ -80,7 +80,7 @@ def test_a_lag_is_told_by_phase_and_gain() -> None:
     assert what.startswith("First-order lag of the servos")
     assert "plausible: 0 to 80 ms" in what
     assert any(said.startswith("The phase falls in proportion to frequency") for said in found.why)
-    assert any("a lag. A pure delay would keep it" in said for said in found.why)
+    assert any("as behind a lag: a pure delay would keep it" in said for said in found.why)
     assert any("M_a 4" in said and "→ 7" in said for said in found.changes)
     assert any(said.startswith("Modes: 1.") for said in found.changes)
     assert found.resembles[0].startswith("These runs cannot tell it from gyro_lag (tau_g = ")
@@ -91,7 +91,7 @@ def test_a_lag_is_told_by_phase_and_gain() -> None:
 def test_a_delay_keeps_the_gain() -> None:
     found = explained("transport_delay", ["transport_delay"])
     assert any("p 13 ms, q 13 ms late" in said for said in found.why)
-    assert any("a delay. A lag would lose" in said for said in found.why)
+    assert any("as behind a delay: a first-order lag would lose" in said for said in found.why)
 
 
 def test_what_stands_in_is_named_with_its_value() -> None:

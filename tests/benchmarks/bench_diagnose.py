@@ -1,0 +1,48 @@
+"""What a diagnosis costs, against the base fit of the same runs: four chirps of 30 s, with a lag and with nothing."""
+
+from __future__ import annotations
+
+from planted import PLANTED, fly_many
+from planted_fits import records
+from timing import best_of
+
+from sysid.diagnose import diagnose
+from sysid.effect import EffectError, catalogue
+from sysid.evidence import candidate, ground, metric, score, settle
+from sysid.fit import estimate
+from sysid.identify import identify, on_runs
+from sysid.noise import divide
+from sysid.structures import TPP, compose
+
+
+def bench_diagnosis() -> None:
+    print()
+    for effect in (None, "servo_lag", "servo_backlash"):
+        (flight,) = fly_many(effect, {} if effect is None else PLANTED[effect], seeds=[3])
+        flown = records(flight)
+        structure = on_runs("tpp", (), flown, flown)
+        base_s = best_of(5, lambda flown=flown: identify(TPP, flown))
+        on = ground(flown, (0.0, 15.0))
+        parent = candidate(estimate(structure, on.viewed(structure)), (), on)
+        by = metric(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
+        settled = settle(parent, by)
+        composed = []
+        for one in catalogue().values():
+            try:
+                composed.append((one, compose("tpp", [one], on.available, dict(on.constants))))
+            except EffectError:
+                continue
+
+        def ask(linear: bool, composed=composed, parent=parent, settled=settled, by=by) -> None:  # type: ignore[no-untyped-def]
+            for one, made in composed:
+                if one.linear or not linear:
+                    score(one, made, parent, settled, by)
+
+        linear_s = best_of(3, lambda ask=ask: ask(True))
+        all_s = best_of(3, lambda ask=ask: ask(False))
+        whole_s = best_of(2, lambda structure=structure, flown=flown: diagnose(structure, flown))
+        print(
+            f"{effect or 'nothing'} hidden: base fit {1000 * base_s:.0f} ms; score of the linear entries "
+            f"{linear_s / base_s:.0f}, of all {all_s / base_s:.0f}, whole diagnosis {whole_s / base_s:.0f} base fits "
+            f"({whole_s:.1f} s)"
+        )
