@@ -600,8 +600,7 @@ def _verdict(
             if enough and not stands_in:
                 verdict = "missing"
             effect = chain[0] if verdict == "missing" or stands_in else None
-            if len(chain) == 1:
-                alike = _alike(winner, singles)
+            alike = _alike(winner, singles if len(chain) == 1 else pairs)
             if verdict == "missing":
                 lead, short = _lead(winner, alike, singles)
         confidence = UNEXPLAINED_RIGHT if lead is None else _logistic(CONFIDENCE, lead, short)
@@ -786,14 +785,16 @@ def _larger_first(winner: Judged, singles: Sequence[Judged]) -> tuple[str, ...]:
     return tuple(sorted(winner.effects, key=lambda name: -alone.get(name, 0.0)))
 
 
-def _alike(winner: Judged, singles: Sequence[Judged]) -> tuple[str, ...]:
+def _alike(winner: Judged, others: Sequence[Judged]) -> tuple[str, ...]:
+    """Effects that may stand in the winner's place, or in that of one of its two."""
     assert winner.settled is not None
     near = max(SAME, _misfit(winner))
-    return tuple(
-        one.effect
-        for one in singles
+    same = [
+        one
+        for one in others
         if one.settled is not None
-        and one.effects != winner.effects
+        and set(one.effects) != set(winner.effects)
         and not one.implausible
         and gain(winner.settled, one.settled)[0] + (one.added - winner.added) < near
-    )
+    ]
+    return tuple(dict.fromkeys(name for one in same for name in one.effects if name not in winner.effects))

@@ -420,7 +420,16 @@ def _points(composed: Structure, of: Candidate) -> list[tuple[dict[str, float], 
             grids += [{**first, one.name: value} for value in one.grid if value != first[one.name]]
     steps = [(one.name, SMALL_STEP * (one.typical - float(one.null or 0.0))) for one in sizes]
     nulls = {one.name: float(one.null or 0.0) for one in sizes}
-    return [({**nulls, **point}, steps) for point in grids]
+    # what is large may look otherwise than what is small: whole steps too, where the entry has a grid for them
+    wide = {one.name: one.grid for one in sizes if one.grid}
+    whole = [
+        [
+            (name, wide[name][min(i, len(wide[name]) - 1)] - nulls[name] if name in wide else step)
+            for name, step in steps
+        ]
+        for i in range(max((len(grid) for grid in wide.values()), default=0))
+    ]
+    return [({**nulls, **point}, some) for point in grids for some in (steps, *whole)]
 
 
 def _ask(
