@@ -484,7 +484,8 @@ def _pairs(
 ) -> list[Judged]:
     """The best second effects on the best first ones, where those leave something that is not noise."""
     found: dict[tuple[str, ...], Judged] = {}
-    able = [one for one in singles if one.fit is not None and one.delta_bic < 0]
+    fitted = [one for one in singles if one.fit is not None]
+    able = [one for one in fitted if one.delta_bic < 0]
     if not able or _remainder(able[0], parent) < REMAINDER:
         return []
     waiting, done = _different(able), set[str]()
@@ -513,7 +514,7 @@ def _pairs(
         if not waiting and found:
             # each half of the best chain may have another partner that does better still
             best = min(found.values(), key=lambda one: one.delta_bic)
-            waiting = [one for one in able if one.effect in best.effects and one.effect not in done]
+            waiting = [one for one in fitted if one.effect in best.effects and one.effect not in done]
     return sorted(found.values(), key=_order)
 
 
@@ -523,7 +524,7 @@ def _different(able: Sequence[Judged]) -> list[Judged]:
     for one in able[1:]:
         if len(chosen) == PARENTS_OF_PAIRS:
             break
-        if not one.implausible and all(_apart(one, other) for other in chosen):
+        if not one.implausible and all(other.implausible or _apart(one, other) for other in chosen):
             chosen.append(one)
     return chosen
 
