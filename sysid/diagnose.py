@@ -448,7 +448,10 @@ def _weighed(one: Judged, parent: Candidate, settled: Settled, by: Metric, judgi
     }
     validated = None
     if judging is not None:
-        error = output_error(model, judging.stacks)
+        try:
+            error = output_error(model, judging.stacks)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return replace(one, fit=None, not_testable="its response does not settle on the validation runs")
         validated = dict(zip(model.structure.outputs, map(float, error.nrmse_percent), strict=True))
     return replace(
         one,
@@ -510,7 +513,9 @@ def _pairs(
             if again.fit is None:
                 continue
             both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
-            found[names] = _weighed(both, parent, settled, by, judging)
+            weighed = _weighed(both, parent, settled, by, judging)
+            if weighed.fit is not None:
+                found[names] = weighed
         if not waiting and found:
             # each half of the best chain may have another partner that does better still
             best = min(found.values(), key=lambda one: one.delta_bic)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sysid.effect import Effect, Signals
+from sysid.errors import SysidError
 from sysid.model import FloatArray, Structure, discretise, stepped
 from sysid.preprocess import ComplexArray, Segment, Spectrum
 
@@ -40,7 +41,7 @@ LARGE_STEP = 1e-2
 FEWEST_BINS = 60
 
 
-class RelaxationError(ArithmeticError):
+class RelaxationError(SysidError, ArithmeticError):
     """The nonlinear response does not settle at these values."""
 
 
