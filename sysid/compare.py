@@ -494,14 +494,7 @@ def _stretches(frequency_hz: FloatArray, good: Any) -> tuple[tuple[float, float]
 
 
 def _trace(one: Spectrum, residual: ComplexArray) -> Trace:
-    from scipy.fft import irfft
-
-    def in_time(bins: ComplexArray) -> FloatArray:
-        whole = np.zeros((bins.shape[0], one.samples // 2 + 1), dtype=complex)
-        whole[:, one.first : one.first + bins.shape[1]] = bins
-        return np.asarray(irfft(whole, one.samples, axis=1))
-
-    return Trace(one.segment.record.id, one.segment.t, in_time(one.Y), in_time(residual))
+    return Trace(one.segment.record.id, one.segment.t, one.in_time(one.Y), one.in_time(residual))
 
 
 def _windows(traces: Sequence[Trace], outputs: Sequence[str]) -> tuple[WindowError, ...]:

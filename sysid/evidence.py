@@ -27,7 +27,7 @@ from sysid.model import FloatArray, Model, Structure
 from sysid.noise import Causes, Division, causes
 from sysid.parameter import Parameter
 from sysid.predict import RelaxationError, Stack, jumping, respond, stack
-from sysid.preprocess import ComplexArray, Segment, Spectrum, spectra
+from sysid.preprocess import ComplexArray, Spectrum, spectra
 from sysid.record import Record
 from sysid.structures import COMMANDS, compose
 
@@ -128,22 +128,11 @@ def _imposed(stacks: Sequence[Stack], by: Causes) -> list[Stack]:
         spectra = []
         for one, part in zip(group.spectra, group.slices, strict=True):
             channels = dict(one.segment.channels)
-            for row in changed:
-                name = group.inputs[row]
-                mean = float(np.mean(channels[name]))
-                channels[name] = mean + _samples(U[row, part], one)
-            segment = Segment(one.segment.record, one.segment.start_s, one.dt, channels, one.segment.resampled)
-            spectra.append(replace(one, segment=segment, U=U[:, part]))
+            for row, moving in zip(changed, one.in_time(U[changed, part]), strict=True):
+                channels[group.inputs[row]] = np.mean(channels[group.inputs[row]]) + moving
+            spectra.append(replace(one, segment=replace(one.segment, channels=channels), U=U[:, part]))
         made.append(replace(group, spectra=tuple(spectra), U=U))
     return made
-
-
-def _samples(bins: ComplexArray, one: Spectrum) -> FloatArray:
-    from scipy.fft import irfft
-
-    whole = np.zeros(one.samples // 2 + 1, dtype=complex)
-    whole[one.first : one.first + bins.size] = bins
-    return np.asarray(irfft(whole, one.samples))
 
 
 # ------------------------------------------------------------------------------------------------ whitened rows

@@ -325,9 +325,7 @@ class _Removed:
         for (_, one), e, rest in zip(segments, before.residuals, after.residuals, strict=True):
             frequency.append(one.frequency_hz)
             power.append((2 / one.samples) * (np.abs(e) ** 2 - np.abs(rest) ** 2))
-            whole = np.zeros((len(outputs), one.samples // 2 + 1), dtype=complex)
-            whole[:, one.first : one.first + one.frequency_hz.size] = e - rest
-            waves.append(np.fft.irfft(whole, one.samples, axis=1) / size[:, None])
+            waves.append(one.in_time(e - rest) / size[:, None])
             sizes = {name: float(np.std(one.segment.channels[name])) for name in ("delta_x", "delta_y")}
             command = max(sizes, key=lambda name: sizes[name])
             runs.append((command, sizes[command], float(np.std(waves[-1])) / max(sizes[command], 1e-12)))

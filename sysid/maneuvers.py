@@ -237,9 +237,7 @@ def _headroom(found: Sequence[Spectrum]) -> float:
         rate = max(rate, *(float(np.max(np.abs(channels[name]))) for name in ("p", "q")))
         command = max(command, *(float(np.max(np.abs(channels[name]))) for name in ("delta_x", "delta_y")))
         slow = np.where(one.frequency_hz >= SLOWEST_HZ, one.Y / (2j * np.pi * one.frequency_hz), 0)
-        whole = np.zeros((slow.shape[0], one.samples // 2 + 1), dtype=complex)
-        whole[:, one.first : one.first + slow.shape[1]] = slow
-        attitude = max(attitude, float(np.max(np.abs(np.fft.irfft(whole, one.samples, axis=1)))))
+        attitude = max(attitude, float(np.max(np.abs(one.in_time(slow)))))
     return min(LARGEST_RATE / rate, LARGEST_ATTITUDE / attitude, LARGEST_COMMAND / command)
 
 

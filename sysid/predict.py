@@ -367,13 +367,9 @@ def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mappi
 
 def _driven(one: Spectrum, U: ComplexArray) -> Spectrum:
     """The run with input bins U (m, bins) in place of what was logged, on its samples; means stay."""
-    from scipy.fft import irfft
-
-    wide = np.zeros((len(one.inputs), one.samples // 2 + 1), dtype=complex)
-    wide[:, one.first : one.first + one.frequency_hz.size] = U
     channels = dict(one.segment.channels)
-    for name, row in zip(one.inputs, wide, strict=True):
-        channels[name] = channels[name].mean() + irfft(row, one.samples)
+    for name, moving in zip(one.inputs, one.in_time(U), strict=True):
+        channels[name] = channels[name].mean() + moving
     return replace(one, segment=replace(one.segment, channels=channels))
 
 

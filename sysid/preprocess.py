@@ -74,6 +74,14 @@ class Spectrum:
 
         return np.asarray(rfft(rows, axis=1)[:, self.first : self.first + self.frequency_hz.size])
 
+    def in_time(self, bins: ComplexArray) -> FloatArray:
+        """Bins (rows, bins) back to samples, (rows, n): nothing outside the band, no mean."""
+        from scipy.fft import irfft
+
+        whole = np.zeros((bins.shape[0], self.samples // 2 + 1), dtype=complex)
+        whole[:, self.first : self.first + bins.shape[1]] = bins
+        return np.asarray(irfft(whole, self.samples, axis=1))
+
 
 def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:
     """Spacing above which time stamps have a gap: three medians, or a quarter period of the band's upper end."""

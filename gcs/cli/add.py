@@ -9,10 +9,9 @@ from typing import Any
 
 from gcs.cli.options import (
     add_effects_option,
-    add_log_options,
     add_output_options,
-    parse_band,
-    parse_profile,
+    add_reading_options,
+    parse_reading,
     parse_words,
     print_json,
     refuse_existing,
@@ -45,8 +44,7 @@ def add_parser(subparsers: Any) -> None:
         "--validate", nargs="+", default=[], metavar="RUN", help="runs that only judge; they never enter the fit"
     )
     add_effects_option(parser, "the paths of your own effect files that the fit uses already (their code runs)")
-    parser.add_argument("--band", metavar="LOW:HIGH", help="Hz, the frequencies that count (default: the fit's)")
-    add_log_options(parser)
+    add_reading_options(parser)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the ladder: .png, .svg, or .html")
     add_output_options(parser, "FIT2.json")
     parser.set_defaults(run=run)
@@ -58,14 +56,11 @@ def run(args: argparse.Namespace) -> int:
     from gcs.diagnosis import add_effect, flown_with_validation, ladder_of, placebo_of
     from gcs.diagnosis_words import addition_text
     from gcs.errors import UsageError
-    from gcs.logs import parse_window
     from gcs.pictures import ladder_picture, picture_kind, write_picture
     from sysid.effect import EffectError, find
     from sysid.result import Fit
 
-    band = None if args.band is None else parse_band(args.band)
-    window = None if args.window is None else parse_window(args.window)
-    profile = parse_profile(args.profile)
+    band, window, profile = parse_reading(args)
     if args.plot is not None:
         picture_kind(args.plot)
     for path in (args.plot, args.output):

@@ -10,9 +10,8 @@ from typing import Any
 from gcs.cli.options import (
     NAMED,
     add_effects_option,
-    add_log_options,
-    parse_band,
-    parse_profile,
+    add_reading_options,
+    parse_reading,
     parse_words,
     print_json,
     refuse_existing,
@@ -45,8 +44,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("runs", nargs="*", metavar="RUN")
     add_effects_option(parser, NAMED)
-    parser.add_argument("--band", metavar="LOW:HIGH", help="Hz, the frequencies that count (default: the fit's)")
-    add_log_options(parser)
+    add_reading_options(parser)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
@@ -58,14 +56,11 @@ def run(args: argparse.Namespace) -> int:
 
     from gcs.cli.fit import print_notes
     from gcs.comparison import compare_text, flown
-    from gcs.logs import parse_window
     from gcs.pictures import compare_picture, picture_kind, write_picture
     from sysid.compare import compare
     from sysid.result import Fit
 
-    band = None if args.band is None else parse_band(args.band)
-    window = None if args.window is None else parse_window(args.window)
-    profile = parse_profile(args.profile)
+    band, window, profile = parse_reading(args)
     if args.plot is not None:
         picture_kind(args.plot)
     refuse_existing(args.plot, args.force)

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import (
     add_effects_option,
-    add_log_options,
     add_output_options,
-    parse_band,
-    parse_profile,
+    add_reading_options,
+    parse_reading,
     parse_words,
     print_json,
     refuse_existing,
@@ -83,8 +82,7 @@ def add_parser(subparsers: Any) -> None:
     add_effects_option(
         parser, "paths of your own effect files (their code runs): those that the fit uses, others are asked as well"
     )
-    parser.add_argument("--band", metavar="LOW:HIGH", help="Hz, the frequencies that count (default: the fit's)")
-    add_log_options(parser)
+    add_reading_options(parser)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
     add_output_options(parser, "FIT2.json")
     parser.set_defaults(run=run)
@@ -96,14 +94,11 @@ def run(args: argparse.Namespace) -> int:
     from gcs.diagnosis import diagnose_fit, flown_with_validation
     from gcs.diagnosis_words import diagnosis_text
     from gcs.errors import UsageError
-    from gcs.logs import parse_window
     from gcs.pictures import picture_kind
     from sysid.effect import load
     from sysid.result import Fit
 
-    band = None if args.band is None else parse_band(args.band)
-    window = None if args.window is None else parse_window(args.window)
-    profile = parse_profile(args.profile)
+    band, window, profile = parse_reading(args)
     if args.plot is not None:
         picture_kind(args.plot)
     if args.suggest is not None and args.suggest.suffix != ".py":

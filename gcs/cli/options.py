@@ -7,9 +7,12 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs.errors import TippathError, UsageError
+
+if TYPE_CHECKING:
+    from gcs.logs import Window
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +26,23 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 def add_band_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--band", metavar="LOW:HIGH", default="0:15", help="Hz, the frequencies that count (default 0:15)"
+    )
+
+
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """--band, --profile and --window, of commands that read runs for a fit that has its own."""
+    parser.add_argument("--band", metavar="LOW:HIGH", help="Hz, the frequencies that count (default: the fit's)")
+    add_log_options(parser)
+
+
+def parse_reading(args: argparse.Namespace) -> tuple[tuple[float, float] | None, Window | None, Path | None]:
+    """Band, window and profile as given; None where the fit's own count. Raises UsageError."""
+    from gcs.logs import parse_window
+
+    return (
+        None if args.band is None else parse_band(args.band),
+        None if args.window is None else parse_window(args.window),
+        parse_profile(args.profile),
     )
 
 
