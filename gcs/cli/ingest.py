@@ -18,8 +18,8 @@ from typing import Any
 
 from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source, UnreadableError, ingest, parse_window
-from gcs.logs.dataflash import printable
-from gcs.logs.tables import EVENTS
+from gcs.logs.dataflash_table import EVENTS
+from gcs.logs.words import printable
 from sysid.record import CHANNELS, REQUIRED
 
 FORMAT = "tippath.runs/1"

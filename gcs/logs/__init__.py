@@ -8,23 +8,20 @@ with its record, as `Record.notes`.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 
 from gcs.errors import TippathError, UsageError
-from gcs.logs import dataflash, health, profiles, runs
-from gcs.logs.csv import CsvFile
-from gcs.logs.dataflash import Damage, printable
+from gcs.logs import formats, health, profiles, runs
+from gcs.logs.damage import Damage
 from gcs.logs.profiles import Profile
 from gcs.logs.runs import Run, Window
-from gcs.logs.tables import DataFlashTables, Log
 from gcs.logs.verdicts import named_all_the_same, with_verdicts
-from sysid.record import CHANNELS, Record, RecordError
+from gcs.logs.words import printable
+from sysid.record import Record, RecordError
 
 __all__ = [
     "Damage",
@@ -42,15 +39,6 @@ __all__ = [
     "split_run_word",
 ]
 
-READ = "DataFlash .BIN, .csv, and records (.npz) that tippath ingest -o wrote"
-NOT_YET: Mapping[str, str] = MappingProxyType(
-    {
-        ".ulg": "ULog is not read yet; convert it (ulog2csv of pyulog) and name the columns in a profile",
-        ".tlog": "telemetry logs are not read yet; take the vehicle's own .BIN, it also has every sample",
-        ".log": "text DataFlash is not read yet; take the .BIN that it was converted from",
-    }
-)
-
 
 @dataclass(frozen=True)
 class Source:
@@ -59,7 +47,7 @@ class Source:
     path: str
     sha256: str
     kind: str
-    """`dataflash`, `csv` or `record`."""
+    """`dataflash`, `ulog`, `tlog`, `csv` or `record`."""
     profile: Profile | None = None
     damage: Damage | None = None
     """None where the format has no way to tell."""
@@ -179,46 +167,28 @@ def ingest(
 
 
 def _read(path: Path, profile: Profile | None, window: Window | None, f_high_hz: float) -> tuple[Source, list[Run]]:
-    suffix = path.suffix.lower()
-    if not path.exists():
-        raise TippathError(f"{path}: no such file or folder")
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(2)
-    except OSError as error:
-        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
-    if suffix == ".npz":
+    if path.suffix.lower() == ".npz" and path.is_file():
         record = Record.load(path)
-        run = runs.of_record(record, window, f_high_hz)
-        return Source(str(path), record.sha256, "record"), [run]
-    if suffix == ".bin" or head == bytes(dataflash.HEAD):
-        return _read_dataflash(path, profile, window, f_high_hz)
-    if suffix in NOT_YET:
-        raise TippathError(f"{path}: {NOT_YET[suffix]}. Read are: {READ}")
-    if suffix not in (".csv", ".txt"):
-        raise TippathError(f"{path}: unknown kind of log ({suffix or 'no ending'}). Read are: {READ}")
-    return _read_csv(path, profile, window, f_high_hz)
-
-
-def _read_dataflash(
-    path: Path, profile: Profile | None, window: Window | None, f_high_hz: float
-) -> tuple[Source, list[Run]]:
-    log = dataflash.read(path)
-    sha256 = hashlib.sha256(log.data.data).hexdigest()
-    time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
-    table = DataFlashTables(log, str(path), time, None if profile is None else profile.time_scale)
-    chosen = profile or profiles.choose(table, profiles.bundled_profiles())
-    if chosen is None:
-        chosen = next(one for one in profiles.bundled_profiles() if one.name == "arducopter")
-    its_runs = with_verdicts(runs.runs_of(table, chosen, printable(path.name), sha256, window, f_high_hz), path)
-    notes = [
-        f"{count} messages of {name} left out: their time stamps break the order of the others"
-        for name, count in sorted(table.dropped.items())
-    ]
-    if log.damage.any:
-        notes.append(log.damage.describe())
-    source = Source(str(path), sha256, "dataflash", chosen, log.damage, table.fields(), tuple(notes))
-    return source, [_told(run, source) for run in its_runs]
+        return Source(str(path), record.sha256, "record"), [runs.of_record(record, window, f_high_hz)]
+    opened = formats.open_log(path, profile)
+    found: list[Run] = []
+    fields: dict[str, None] = {}
+    for log in opened.boots:
+        name = printable(path.name)
+        found += runs.runs_of(log, opened.profile, name, opened.sha256, window, f_high_hz, len(found) + 1)
+        fields.update(dict.fromkeys(log.fields()))
+    # Asked for after the runs: what breaks the order of time is found when a series is read.
+    notes = [*opened.notes]
+    for log in opened.boots:
+        notes += [
+            f"{count} messages of {name} left out: their time stamps break the order of the others"
+            for name, count in sorted(log.dropped.items())
+        ]
+    if opened.damage is not None and opened.damage.any:
+        notes.append(opened.damage.describe())
+    told = Source(str(path), opened.sha256, opened.kind, opened.profile, opened.damage, tuple(fields), tuple(notes))
+    judged = with_verdicts(found, path)
+    return replace(told, notes=(*notes, *opened.hints)), [_told(run, told) for run in judged]
 
 
 def _told(run: Run, source: Source) -> Run:
@@ -227,41 +197,6 @@ def _told(run: Run, source: Source) -> Run:
         return run
     notes = (*run.record.notes, *(f"{printable(Path(source.path).name)}: {note}" for note in source.notes))
     return replace(run, record=replace(run.record, notes=notes))
-
-
-def _read_csv(path: Path, profile: Profile | None, window: Window | None, f_high_hz: float) -> tuple[Source, list[Run]]:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
-    file = CsvFile.parse(raw, str(path))
-    sha256 = hashlib.sha256(raw).hexdigest()
-    chosen = profile or _csv_profile(file)
-    table: Log = profiles.open_csv(file, chosen)
-    if "t" not in file.header and chosen.time_source in (None, "t"):
-        raise TippathError(
-            f"{path}, line 1: column t missing; add the time in seconds as t, or name the time column in a profile "
-            "([time] source = ..., scale = ...)"
-        )
-    notes = list(file.notes)
-    if profile is None and chosen.name == "channels":
-        others = [name for name in file.header if name not in CHANNELS]
-        if others:
-            notes.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
-    its_runs = runs.runs_of(table, chosen, printable(path.name), sha256, window, f_high_hz)
-    source = Source(str(path), sha256, "csv", chosen, None, file.header, tuple(notes))
-    told = replace(source, notes=file.notes)  # which columns are not used is no news to whoever fits
-    return source, [_told(run, told) for run in its_runs]
-
-
-def _csv_profile(file: CsvFile) -> Profile:
-    """Of the bundled profiles the one whose columns are there; a header of channel names needs none."""
-    own = profiles.contract_profile(file.header)
-    if {"p", "q"} <= set(own.channels):
-        return own
-    columns = set(file.header)
-    bundled = (one for one in profiles.bundled_profiles() if one.kind == "csv" and set(one.needs) <= columns)
-    return next(bundled, own)
 
 
 def split_run_word(word: str) -> tuple[Path, int | None]:

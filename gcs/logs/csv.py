@@ -13,16 +13,14 @@ import codecs
 import csv
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gcs.errors import TippathError
-
-FloatArray = NDArray[np.float64]
+from gcs.logs.tables import FloatArray, Series
 
 _SHOWN = 30  # characters of a wrong value in a message
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -154,6 +152,77 @@ class CsvFile:
                     raise TippathError(
                         f"{where}: {cell[:_SHOWN]} is not a finite number; remove the row, gaps are allowed"
                     )
+
+
+class CsvTable:
+    """A CSV file; keys are column names, and all columns share the time column's clock."""
+
+    kind = "csv"
+
+    def __init__(self, file: CsvFile, path: str, time_column: str = "t", time_scale: float = 1.0) -> None:
+        self.file = file
+        self.path = path
+        self.time_column = time_column
+        self._scale = time_scale
+        self.dropped: dict[str, int] = {}
+        self._columns: dict[str, FloatArray] = {}
+        self._t: FloatArray | None = None
+
+    def load(self, keys: Iterable[str]) -> None:
+        """Read several columns in one pass; what is asked for later is read alone."""
+        wanted = [key for key in dict.fromkeys((self.time_column, *keys)) if key not in self._columns]
+        self._columns.update(self.file.columns([key for key in wanted if key in self.file.header]))
+
+    def has(self, key: str) -> bool:
+        return key in self.file.header
+
+    def series(self, key: str) -> Series:
+        if not self.has(key):
+            raise KeyError(key)
+        return Series(self.time(), self._column(key), "csv")
+
+    def fields(self) -> tuple[str, ...]:
+        return self.file.header
+
+    def time(self) -> FloatArray:
+        """Raises TippathError with the line where time does not increase."""
+        if self._t is None:
+            if not self.has(self.time_column):
+                raise TippathError(
+                    f"{self.path}: no time: column {self.time_column} is missing; add a column t in seconds, "
+                    "or name the time column in a profile: [time] source = ..., scale = ..."
+                )
+            t = self._column(self.time_column) * self._scale
+            back = np.flatnonzero(np.diff(t) <= 0)
+            if back.size:
+                row = int(back[0])
+                raise TippathError(
+                    f"{self.path}, line {self.file.line_of(row + 1)}, column {self.time_column}: time does not increase"
+                    f" ({float(self._column(self.time_column)[row + 1])!r} after "
+                    f"{float(self._column(self.time_column)[row])!r}); "
+                    "sort the rows by time and remove repeated ones"
+                )
+            self._t = t
+        return self._t
+
+    @property
+    def sampled_s(self) -> float:
+        t = self.time()
+        return float(t[-1] - t[0])
+
+    def texts(self) -> Sequence[tuple[float, str]]:
+        return ()
+
+    def modes(self) -> Sequence[tuple[float, int]]:
+        return ()
+
+    def armed(self) -> Sequence[tuple[float, bool]]:
+        return ()
+
+    def _column(self, key: str) -> FloatArray:
+        if key not in self._columns:
+            self.load([key])
+        return self._columns[key]
 
 
 def _header(line: str, path: str, number: int) -> tuple[str, ...]:

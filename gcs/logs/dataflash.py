@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import TippathError
+from gcs.logs.damage import Damage
+from gcs.logs.words import printable
 
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
@@ -92,39 +94,6 @@ class Format:
         return 3 + sum(np.dtype(TYPES[letter][0]).itemsize for letter in before)
 
 
-@dataclass(frozen=True)
-class Damage:
-    """What of a file could not be read."""
-
-    total_bytes: int
-    skipped_bytes: int
-    """Bytes that belong to no message: cut, shifted, of an unknown type, or padding."""
-    resyncs: int
-    """How often the chain broke and was found again."""
-    unknown: Mapping[int, int] = field(default_factory=dict)
-    """Message ids without a (readable) format -> how often the chain met them."""
-    tail_cut: bool = False
-    """The file ends inside a message, or in bytes that are none."""
-
-    @property
-    def any(self) -> bool:
-        return self.skipped_bytes > 0
-
-    def describe(self) -> str:
-        """One sentence; empty where there is no damage."""
-        if not self.any:
-            return ""
-        parts = [f"{self.skipped_bytes:,} of {self.total_bytes:,} bytes could not be read"]
-        if self.resyncs:
-            parts.append(f"the chain of messages broke {self.resyncs} times and was found again")
-        if self.unknown:
-            ids = ", ".join(str(id) for id in sorted(self.unknown)[:8])
-            parts.append(f"no format for message id {ids}")
-        if self.tail_cut:
-            parts.append("the end is cut")
-        return "; ".join(parts)
-
-
 @dataclass(frozen=True, eq=False)
 class DataFlashLog:
     """A log whose messages have been located; columns are gathered when asked for."""
@@ -185,12 +154,6 @@ class DataFlashLog:
         at = self.starts(message)
         chosen = self.formats[message].columns if columns is None else columns
         return {name: self.column(message, name, at) for name in chosen}
-
-
-def printable(raw: bytes | str) -> str:
-    """Text of a vehicle or a file made harmless: up to the first zero, control characters replaced by `?`."""
-    text = raw.split(b"\0", 1)[0].decode("utf-8", "replace") if isinstance(raw, bytes) else raw
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def read(path: Path) -> DataFlashLog:

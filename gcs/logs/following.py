@@ -64,7 +64,7 @@ class Following:
 def measure_following(path: Path, flown: Sequence[RunResult]) -> list[Following]:
     """How the rates followed in those of the runs that were commanded as rates. Raises TippathError without samples."""
     from gcs.logs import dataflash
-    from gcs.logs.tables import DataFlashTables
+    from gcs.logs.dataflash_table import DataFlashTables
 
     runs = [result for result in flown if result.run.maneuver.target == "rate"]
     log = DataFlashTables(dataflash.read(path), str(path)) if runs else None

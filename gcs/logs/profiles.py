@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import TippathError
-from gcs.logs.csv import CsvFile
+from gcs.logs.csv import CsvFile, CsvTable
 from gcs.logs.expression import Expression
-from gcs.logs.tables import CsvTable, Log, Series
+from gcs.logs.tables import Log, Series
 from sysid.record import CHANNELS, REQUIRED
 
 FloatArray = NDArray[np.float64]
 
+KINDS = ("dataflash", "ulog", "tlog", "csv")
 COMMANDS = ("delta_", "excitation_")
 MANEUVERS = ("chirp", "doublet", "quiet", "unknown")
 AXES = ("roll", "pitch", "elevator")
@@ -69,7 +70,7 @@ class Profile:
     path: str = ""
     """The file it was read from."""
     kind: str | None = None
-    """`dataflash` or `csv`; None fits any."""
+    """One of `KINDS`; None fits any."""
     needs: tuple[str, ...] = ()
     """Fields that a log must hold for the profile to be chosen unasked."""
     priority: int = 0
@@ -141,8 +142,8 @@ def parse(text: str, path: str) -> Profile:
     _known(log, ("kind", "needs", "priority"), path, "[log] ")
     _known(time, ("source", "scale"), path, "[time] ")
     kind = log.get("kind")
-    if kind not in (None, "dataflash", "csv"):
-        raise TippathError(f'{path}: [log] kind is "dataflash" or "csv", not {kind!r}')
+    if kind not in (None, *KINDS):
+        raise TippathError(f"{path}: [log] kind is one of {', '.join(KINDS)}, not {kind!r}")
     channels = {}
     for name, entry in _table(document, "channels", path).items():
         if name not in CHANNELS or name == "t":

@@ -14,8 +14,8 @@ from typing import Any
 
 from gcs.errors import TippathError
 from gcs.flightdir import FlightFolder
-from gcs.logs.dataflash import printable
 from gcs.logs.runs import Run
+from gcs.logs.words import printable
 
 SAME_S = 0.25
 """Between the two times of one entry; a run takes seconds."""

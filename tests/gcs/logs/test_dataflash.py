@@ -15,7 +15,7 @@ from pymavlink import DFReader
 from gcs.errors import TippathError
 from gcs.logs import dataflash
 from gcs.logs.dataflash import DataFlashLog
-from gcs.logs.tables import DataFlashTables
+from gcs.logs.dataflash_table import DataFlashTables
 
 MIXED = {
     "MIXD": (7, "QbBhHiIfdM", "TimeUS,b,B,h,H,i,I,f,d,M"),
