@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+os.environ["TIPPATH_CACHE"] = "off"  # tests read logs anew, and write nothing beside those they do not own
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:

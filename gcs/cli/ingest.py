@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gcs.cli.progress import ReadingBar
 from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source, UnreadableError, ingest, parse_window
 from gcs.logs.dataflash_table import EVENTS
@@ -31,6 +32,9 @@ _FORMAT_HELP = """\
 {path: reason}}. start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
 With --explain each source also has "channels": {channel: {"unit", "source", "scale", "offset"}}, "absent": {channel:
 reason} and "fields".
+
+What was read is kept beside the log in a folder .tippath and taken from there the next time, as long as log, profile
+and window are the same; it may be removed at any time. TIPPATH_CACHE=off in the environment does without it.
 
 A flight.json beside a log is believed: a run that it says is to be flown again (aborted, link lost, limits left) is
 listed as not usable; `tippath fit LOG#n` takes it all the same.
@@ -61,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
     window = None if args.window is None else parse_window(args.window)
     try:
-        found = ingest(args.logs, args.profile, window)
+        with ReadingBar() as bar:
+            found = ingest(args.logs, args.profile, window, progress=bar)
     except UnreadableError as error:
         if not args.json:
             raise
@@ -106,7 +111,7 @@ def document(found: Ingest, written: Mapping[str, str] | None = None, *, explain
                 "sha256": source.sha256,
                 "kind": source.kind,
                 "profile": None if source.profile is None else source.profile.name,
-                "notes": list(source.notes),
+                "notes": [*source.notes, *source.hints],
                 **(_channels(found, source) if explain else {}),
             }
             for source in found.sources
@@ -235,7 +240,7 @@ def table(found: Ingest) -> list[str]:
         lines += [f"    - {reason}" for reason in run.reasons]
         lines += [f"    note: {note}" for note in run.notes]
     for source in found.sources:
-        lines += [f" {printable(source.path)}: {note}" for note in source.notes]
+        lines += [f" {printable(source.path)}: {note}" for note in (*source.notes, *source.hints)]
     return lines
 
 

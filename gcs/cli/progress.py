@@ -9,6 +9,7 @@ from typing import TextIO
 
 from gcs.envelope import Limits
 from gcs.excitation import LOST_PATIENCE_S
+from gcs.logs.reading import Progress as Reading
 from gcs.sweep import Briefing, Ending, Note, Phase, Progress, RunProgress, RunReady, RunResult
 from gcs.vehicle import LOST_AFTER_S
 
@@ -142,5 +143,35 @@ class Counting:
 
     def __exit__(self, *_: object) -> None:
         if self._stream.isatty():
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+
+
+class ReadingBar:
+    """A bar on a terminal's standard error while many logs are read; nothing elsewhere, nor for one log."""
+
+    WIDTH = 24
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._drawn = False
+
+    def __enter__(self) -> ReadingBar:
+        return self
+
+    def __call__(self, progress: Reading) -> None:
+        if progress.total < 2 or not self._stream.isatty():
+            return
+        share = progress.done_bytes / progress.total_bytes if progress.total_bytes else progress.done / progress.total
+        bar = ("▓" * round(share * self.WIDTH)).ljust(self.WIDTH, "░")
+        self._stream.write(
+            f"\r\x1b[K {bar} {progress.done} of {progress.total} logs, {progress.done_bytes / 1e6:,.0f} of "
+            f"{progress.total_bytes / 1e6:,.0f} MB   {printable(progress.path.name)[:30]}"
+        )
+        self._stream.flush()
+        self._drawn = True
+
+    def __exit__(self, *_: object) -> None:
+        if self._drawn:
             self._stream.write("\r\x1b[K")
             self._stream.flush()

@@ -10,23 +10,26 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from gcs.errors import TippathError, UsageError
-from gcs.logs import formats, health, profiles, runs
+from gcs.logs import formats, health, profiles, reading
+from gcs.logs.cache import Content
 from gcs.logs.damage import Damage
 from gcs.logs.profiles import Profile
+from gcs.logs.reading import Progress
 from gcs.logs.runs import Run, Window
+from gcs.logs.source import Source
 from gcs.logs.verdicts import named_all_the_same, with_verdicts
-from gcs.logs.words import printable
-from sysid.record import Record, RecordError
+from sysid.record import Record
 
 __all__ = [
     "Damage",
     "Ingest",
     "Profile",
+    "Progress",
     "Run",
     "Source",
     "UnreadableError",
@@ -38,22 +41,6 @@ __all__ = [
     "resolve_runs",
     "split_run_word",
 ]
-
-
-@dataclass(frozen=True)
-class Source:
-    """A log as it was read."""
-
-    path: str
-    sha256: str
-    kind: str
-    """`dataflash`, `ulog`, `tlog`, `csv` or `record`."""
-    profile: Profile | None = None
-    damage: Damage | None = None
-    """None where the format has no way to tell."""
-    fields: tuple[str, ...] = ()
-    """What the log holds, for writing a profile."""
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,18 +91,32 @@ def parse_window(text: str) -> Window:
     return start, stop
 
 
+DEPTH = 4  # folders within folders, as /log/2026-11-20/*.ulg on a PX4 card
+
+
 def logs_in(folder: Path) -> list[Path]:
-    """The logs of a flight folder: flight*.BIN, else every .BIN. Raises TippathError where there is none."""
+    """The logs of a flight folder, flight*.BIN; of any other every log, or those of its subfolders where it has none.
 
-    def order(path: Path) -> tuple[object, ...]:
-        pieces = re.split(r"(\d+)", path.stem.lower())
-        return (*(int(piece) if piece.isdigit() else piece for piece in pieces), path.name)
+    Of files that differ in their ending only (a .BIN and the .log it was converted to) the one that holds most is
+    taken. Raises TippathError where there is none.
+    """
+    ranks = {suffix: rank for rank, suffix in enumerate(formats.suffixes())}
+    for depth in range(DEPTH):
+        files = [path for path in folder.glob("*/" * depth + "*") if path.suffix.lower() in ranks and path.is_file()]
+        files = [path for path in files if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+        flight = [path for path in files if path.stem.lower().startswith("flight") and path.suffix.lower() == ".bin"]
+        best: dict[tuple[Path, str], Path] = {}
+        for path in sorted(flight or files, key=lambda path: ranks[path.suffix.lower()]):
+            best.setdefault((path.parent, path.stem if path in flight else path.stem.lower()), path)
+        if best:
+            return sorted(best.values(), key=_in_order)
+    known = ", ".join(sorted(ranks))
+    raise TippathError(f"{folder}: no log ({known}) in this folder; name a flight folder or the log itself")
 
-    found = [path for path in folder.iterdir() if path.suffix.lower() == ".bin" and path.is_file()]
-    flight = [path for path in found if path.stem.lower().startswith("flight")]
-    if not found:
-        raise TippathError(f"{folder}: no .BIN in this folder; name a flight folder or the log itself")
-    return sorted(flight or found, key=order)
+
+def _in_order(path: Path) -> tuple[object, ...]:
+    pieces = re.split(r"(\d+)", path.stem.lower())
+    return (path.parent, *(int(piece) if piece.isdigit() else piece for piece in pieces), path.name)
 
 
 def ingest(
@@ -124,6 +125,7 @@ def ingest(
     window: Window | None = None,
     *,
     f_high_hz: float = health.F_HIGH_HZ,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Ingest:
     """Find the runs in logs and flight folders, cut their records, check their health.
 
@@ -150,53 +152,19 @@ def ingest(
     found: list[Run] = []
     sources: list[Source] = []
     folders: set[tuple[Path, str]] = set()
-    for path in logs:
-        try:
-            source, its_runs = _read(path, chosen, window, f_high_hz)
-        except (TippathError, RecordError) as error:
-            refused[str(path)] = str(error)
+    for path, content in reading.read_all(logs, reading.Reading(chosen, window, f_high_hz), progress):
+        if not isinstance(content, Content):
+            refused[str(path)] = str(content)
             continue
-        if (path.parent, source.sha256) in folders and path.suffix.lower() == ".bin":
+        source = content.source
+        if (path.parent, source.sha256) in folders and source.kind != "record":
             continue
         folders.add((path.parent, source.sha256))
         sources.append(source)
-        found += its_runs
+        found += with_verdicts(content.runs, path)
     if not sources:
         raise UnreadableError(refused)
     return Ingest(tuple(found), tuple(sources), refused)
-
-
-def _read(path: Path, profile: Profile | None, window: Window | None, f_high_hz: float) -> tuple[Source, list[Run]]:
-    if path.suffix.lower() == ".npz" and path.is_file():
-        record = Record.load(path)
-        return Source(str(path), record.sha256, "record"), [runs.of_record(record, window, f_high_hz)]
-    opened = formats.open_log(path, profile)
-    found: list[Run] = []
-    fields: dict[str, None] = {}
-    for log in opened.boots:
-        name = printable(path.name)
-        found += runs.runs_of(log, opened.profile, name, opened.sha256, window, f_high_hz, len(found) + 1)
-        fields.update(dict.fromkeys(log.fields()))
-    # Asked for after the runs: what breaks the order of time is found when a series is read.
-    notes = [*opened.notes]
-    for log in opened.boots:
-        notes += [
-            f"{count} messages of {name} left out: their time stamps break the order of the others"
-            for name, count in sorted(log.dropped.items())
-        ]
-    if opened.damage is not None and opened.damage.any:
-        notes.append(opened.damage.describe())
-    told = Source(str(path), opened.sha256, opened.kind, opened.profile, opened.damage, tuple(fields), tuple(notes))
-    judged = with_verdicts(found, path)
-    return replace(told, notes=(*notes, *opened.hints)), [_told(run, told) for run in judged]
-
-
-def _told(run: Run, source: Source) -> Run:
-    """With what is wrong with the whole log among the notes of its record."""
-    if run.record is None or not source.notes:
-        return run
-    notes = (*run.record.notes, *(f"{printable(Path(source.path).name)}: {note}" for note in source.notes))
-    return replace(run, record=replace(run.record, notes=notes))
 
 
 def split_run_word(word: str) -> tuple[Path, int | None]:

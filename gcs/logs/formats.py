@@ -86,6 +86,11 @@ def open_log(path: Path, profile: Profile | None) -> Opened:
     raise TippathError(f"{path}: unknown kind of log ({suffix or 'no ending'}). Read are: {READ}")
 
 
+def suffixes() -> tuple[str, ...]:
+    """The endings of logs in a folder, those that hold most first; .txt is too often something else."""
+    return tuple(suffix for format in FORMATS for suffix in format.suffixes if suffix != ".txt")
+
+
 def _never(head: bytes) -> bool:
     return False
 

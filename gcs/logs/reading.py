@@ -1,0 +1,177 @@
+"""From files to runs: one log, or many side by side; what was read before is taken from the cache."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gcs.errors import TippathError
+from gcs.logs import cache, formats, runs
+from gcs.logs.cache import Content
+from gcs.logs.profiles import Profile
+from gcs.logs.runs import Run, Window
+from gcs.logs.source import Source
+from gcs.logs.words import printable
+from sysid.record import Record, RecordError
+
+SIDE_BY_SIDE_BYTES = 64 << 20  # below it, starting processes costs more than they save
+MOST_PROCESSES = 8
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How logs are to be read."""
+
+    profile: Profile | None
+    window: Window | None
+    f_high_hz: float
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a folder has been read."""
+
+    done: int
+    total: int
+    done_bytes: int
+    total_bytes: int
+    path: Path
+    """The log that was finished last."""
+
+
+def read(path: Path, how: Reading) -> Content:
+    """Everything in one log. Raises TippathError where it cannot be read, RecordError for a record that is none."""
+    if path.suffix.lower() == ".npz" and path.is_file():
+        record = Record.load(path)
+        return Content(Source(str(path), record.sha256, "record"), (runs.of_record(record, how.window, how.f_high_hz),))
+    kept: Path | None = None
+    sha256 = ""
+    if cache.wanted() and path.is_file():
+        try:
+            sha256 = cache.digest_of(path)
+        except OSError as error:
+            raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+        kept = cache.place(path, sha256, (how,))
+        content = cache.load(kept)
+        if content is not None:
+            return content
+    content = _parse(path, how)
+    if kept is not None and content.source.sha256 == sha256:  # else it grew meanwhile
+        cache.save(kept, content)
+    return content
+
+
+def _parse(path: Path, how: Reading) -> Content:
+    opened = formats.open_log(path, how.profile)
+    found: list[Run] = []
+    fields: dict[str, None] = {}
+    for log in opened.boots:
+        name = printable(path.name)
+        found += runs.runs_of(log, opened.profile, name, opened.sha256, how.window, how.f_high_hz, first=len(found) + 1)
+        fields.update(dict.fromkeys(log.fields()))
+    # Asked for after the runs: what breaks the order of time is found when a series is read.
+    notes = [*opened.notes]
+    for log in opened.boots:
+        notes += [
+            f"{count} messages of {name} left out: their time stamps break the order of the others"
+            for name, count in sorted(log.dropped.items())
+        ]
+    if opened.damage is not None and opened.damage.any:
+        notes.append(opened.damage.describe())
+    source = Source(
+        str(path),
+        opened.sha256,
+        opened.kind,
+        opened.profile,
+        opened.damage,
+        tuple(fields),
+        tuple(notes),
+        opened.hints,
+    )
+    return Content(source, tuple(_told(run, source) for run in found))
+
+
+def _told(run: Run, source: Source) -> Run:
+    """With what is wrong with the whole log among the notes of its record."""
+    if run.record is None or not source.notes:
+        return run
+    notes = (*run.record.notes, *(f"{printable(Path(source.path).name)}: {note}" for note in source.notes))
+    return replace(run, record=replace(run.record, notes=notes))
+
+
+Refusal = TippathError | RecordError
+Outcome = Content | Refusal
+
+
+def read_all(
+    paths: Sequence[Path], how: Reading, progress: Callable[[Progress], None] | None = None
+) -> Iterator[tuple[Path, Outcome]]:
+    """Each log with what was read, or why it could not be, in the order given; several side by side where it pays."""
+    sizes = {path: _size(path) for path in paths}
+    total, so_far, done = sum(sizes.values()), 0, 0
+
+    def told(path: Path) -> None:
+        nonlocal so_far, done
+        so_far, done = so_far + sizes[path], done + 1
+        if progress is not None:
+            progress(Progress(done, len(paths), so_far, total, path))
+
+    processes = min(MOST_PROCESSES, len(paths), os.cpu_count() or 1)
+    if processes < 2 or total < SIDE_BY_SIDE_BYTES:
+        for path in paths:
+            outcome = _outcome(path, how)
+            told(path)
+            yield path, outcome
+        return
+    outcomes: dict[Path, Outcome] = {}
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _leave_interrupts_to_the_parent)
+    try:
+        largest_first = sorted(paths, key=lambda path: -sizes[path])
+        futures: dict[Future[bytes | Refusal], Path] = {
+            pool.submit(_packed_outcome, path, how): path for path in largest_first
+        }
+        for future in as_completed(futures):
+            path = futures[future]
+            try:
+                result = future.result()
+                outcomes[path] = cache.unpacked(result) if isinstance(result, bytes) else result
+            except BrokenProcessPool:  # the system ended a process, for want of memory as a rule
+                outcomes[path] = _outcome(path, how)
+            told(path)
+    except BaseException:  # interrupted: nobody waits for a log that is half read
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+    yield from ((path, outcomes[path]) for path in paths)
+
+
+def _outcome(path: Path, how: Reading) -> Outcome:
+    try:
+        return read(path, how)
+    except (TippathError, RecordError) as error:
+        return error
+
+
+def _packed_outcome(path: Path, how: Reading) -> bytes | Refusal:
+    outcome = _outcome(path, how)
+    return cache.packed(outcome) if isinstance(outcome, Content) else outcome
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

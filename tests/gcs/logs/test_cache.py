@@ -1,0 +1,202 @@
+"""What was read is kept, believed only while everything is the same, and never in the way."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.logs import cache, formats, ingest, logs_in, reading, resolve_runs
+from gcs.logs.reading import Progress
+
+Save = Callable[[bytes, str], Path]
+
+
+@pytest.fixture(autouse=True)
+def switched_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(cache.SWITCH, "on")
+
+
+@pytest.fixture
+def parses(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The logs that were really opened."""
+    opened: list[Path] = []
+    really = formats.open_log
+
+    def count(path: Path, profile: object) -> formats.Opened:
+        opened.append(path)
+        return really(path, profile)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(reading.formats, "open_log", count)
+    return opened
+
+
+def kept(folder: Path) -> list[Path]:
+    return sorted((folder / cache.FOLDER).glob("*"))
+
+
+def test_a_log_is_read_once_and_comes_back_as_it_was(two_chirps: bytes, saved: Save, parses: list[Path]) -> None:
+    path = saved(two_chirps[:-20], "flight.BIN")  # damaged, so that damage and notes make the journey too
+    first, second = ingest([path]), ingest([path])
+    assert parses == [path]
+    assert first.sources == second.sources
+    for one, other in zip(first.runs, second.runs, strict=True):
+        assert one.record is not None
+        assert other.record is not None
+        assert one.health == other.health
+        assert one.reasons == other.reasons
+        assert one.record.notes == other.record.notes
+        assert one.record.swept_band_hz == other.record.swept_band_hz
+        assert set(one.record.channels) == set(other.record.channels)
+        for name, values in one.record.channels.items():
+            assert np.array_equal(values, other.record.channels[name])
+            assert not other.record.channels[name].flags.writeable
+
+
+def test_a_changed_log_is_read_anew(two_chirps: bytes, saved: Save, parses: list[Path]) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    ingest([path])
+    times = path.stat()
+    changed = bytearray(two_chirps)
+    changed[-1] ^= 1
+    path.write_bytes(changed)
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))  # same size, same time
+    ingest([path])
+    assert len(parses) == 2
+
+
+def test_another_window_or_profile_is_another_reading(two_chirps: bytes, saved: Save, parses: list[Path]) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    whole = ingest([path])
+    cut = ingest([path], window=(None, whole.runs[0].start_s + 3))
+    other = ingest([path], "arducopter_rate")
+    assert len(parses) == 3
+    assert len(cut.runs) < len(whole.runs)
+    assert {run.rate_source for run in other.runs} != {run.rate_source for run in whole.runs}
+
+
+@pytest.mark.parametrize("harm", [lambda raw: raw[: len(raw) // 2], lambda raw: b"", lambda raw: b"\0" * len(raw)])
+def test_half_a_file_counts_as_none(
+    harm: Callable[[bytes], bytes], two_chirps: bytes, saved: Save, parses: list[Path]
+) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    ingest([path])
+    (file,) = kept(path.parent)
+    file.write_bytes(harm(file.read_bytes()))
+    assert len(ingest([path]).usable) == 2
+    assert len(parses) == 2
+    ingest([path])
+    assert len(parses) == 2, "it was written again, whole"
+
+
+def test_what_is_no_content_of_ours_is_not_believed(two_chirps: bytes, saved: Save, parses: list[Path]) -> None:
+    import hashlib
+
+    import msgspec
+
+    path = saved(two_chirps, "flight.BIN")
+    ingest([path])
+    (file,) = kept(path.parent)
+    body = msgspec.msgpack.encode({"source": {"path": 3}, "runs": "many"})
+    file.write_bytes(hashlib.sha256(body).digest() + body)
+    assert len(ingest([path]).usable) == 2
+
+
+def test_where_nothing_can_be_written_the_log_is_read_all_the_same(
+    two_chirps: bytes, saved: Save, parses: list[Path]
+) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    (path.parent / cache.FOLDER).write_text("a file where the folder would be")
+    assert len(ingest([path]).usable) == len(ingest([path]).usable) == 2
+    assert len(parses) == 2
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    two_chirps: bytes, saved: Save, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = saved(two_chirps, "flight.BIN")
+
+    def full(self: Path, data: bytes) -> int:
+        self.touch()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert len(ingest([path]).usable) == 2
+    assert kept(path.parent) == []
+
+
+def test_the_switch(two_chirps: bytes, saved: Save, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(cache.SWITCH, "off")
+    path = saved(two_chirps, "flight.BIN")
+    ingest([path])
+    assert not (path.parent / cache.FOLDER).exists()
+
+
+def test_few_ways_of_reading_are_kept(two_chirps: bytes, saved: Save) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    other = saved(two_chirps, "flight.BIN.BIN")
+    ingest([other])
+    for stop in range(100, 100 + cache.KEPT + 3):
+        ingest([path], window=(None, float(stop)))
+    names = [file.name for file in kept(path.parent)]
+    assert sum(name.startswith("flight.BIN-") for name in names) == cache.KEPT
+    assert sum(name.startswith("flight.BIN.BIN-") for name in names) == 1
+
+
+def test_a_flight_json_is_asked_every_time(two_chirps: bytes, saved: Save) -> None:
+    from gcs.flightdir import FlightFolder
+
+    path = saved(two_chirps, "flight.BIN")
+    entered = ingest([path]).runs[0].entered_s
+    FlightFolder(path.parent).write(
+        {"runs": [{"log_start_s": entered, "ending": "aborted", "reason": "the pilot said so", "verdict": None}]}
+    )
+    assert [run.usable for run in ingest([path]).runs] == [False, True]
+
+
+def test_side_by_side_gives_the_same_in_the_same_order(
+    two_chirps: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(cache.SWITCH, "off")
+    for number, data in enumerate((two_chirps, two_chirps[: len(two_chirps) // 2], b"no log at all", two_chirps[:-30])):
+        (tmp_path / f"{number}.BIN").write_bytes(data)
+    paths = logs_in(tmp_path)
+    one_by_one = ingest(paths)
+    monkeypatch.setattr(reading, "SIDE_BY_SIDE_BYTES", 0)
+    monkeypatch.setattr(reading.os, "cpu_count", lambda: 2)
+    seen: list[Progress] = []
+    together = ingest(paths, progress=seen.append)
+    assert [run.id for run in together.runs] == [run.id for run in one_by_one.runs]
+    assert [run.health for run in together.runs] == [run.health for run in one_by_one.runs]
+    assert together.refused == one_by_one.refused
+    assert len(together.refused) == 1
+    assert [step.done for step in seen] == [1, 2, 3, 4]
+    assert seen[-1].done_bytes == seen[-1].total_bytes == sum(path.stat().st_size for path in paths)
+
+
+def test_fits_read_from_the_cache_too(two_chirps: bytes, saved: Save, parses: list[Path]) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    first, second = resolve_runs([str(path)]), resolve_runs([f"{path}#1", f"{path}#2"])
+    assert parses == [path]
+    assert [record.id for record in first] == [record.id for record in second]
+
+
+def test_logs_of_a_card(tmp_path: Path, two_chirps: bytes) -> None:
+    def put(name: str) -> Path:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(two_chirps)
+        return path
+
+    deep = [put("log/2026-11-20/9.BIN"), put("log/2026-11-20/10.BIN"), put("log/2026-11-21/1.BIN")]
+    put("log/2026-11-20/.tippath/9.BIN")
+    put("log/2026-11-20/notes.txt")
+    put("log/2026-11-20/9.csv")
+    assert logs_in(tmp_path) == deep, "of 9.BIN and 9.csv the one that holds most"
+    top = [put("2.bin"), put("3.CSV")]
+    assert logs_in(tmp_path) == top, "the folder's own logs come before those of its subfolders"
+    flight = [put("flight.BIN"), put("flight-2.BIN")]
+    assert set(logs_in(tmp_path)) == set(flight)
