@@ -378,21 +378,27 @@ def gains_text(gains: Gains) -> str:
 def runs_of(fit: Fit, which: Sequence[RecordUsed]) -> list[Record]:
     """The records a fit was made from, read again from their logs.
 
-    Raises TippathError where a log is gone or is not the same bytes any more.
+    Raises TippathError where a log is gone or is not the same bytes any more, or where the window leaves nothing.
     """
     from gcs.logs import ingest
 
     profile = None if fit.profile is None else Path(fit.profile)
-    logs: dict[str, list[Record]] = {}
+    logs: dict[str, tuple[set[str], dict[str, Record | None]]] = {}
     found: list[Record] = []
     for one in which:
         if not one.path or not Path(one.path).exists():
             raise TippathError(f"{one.id}: its log {one.path or '(unknown)'} is not there any more")
         if one.path not in logs:
-            runs = ingest([Path(one.path)], profile, fit.window_s, f_high_hz=fit.band_hz[1]).runs
-            logs[one.path] = [run.record for run in runs if run.record is not None]
-        same = [record for record in logs[one.path] if record.id == one.id]
-        if not same or same[0].sha256 != one.sha256:
+            read = ingest([Path(one.path)], profile, fit.window_s, f_high_hz=fit.band_hz[1])
+            logs[one.path] = ({source.sha256 for source in read.sources}, {run.id: run.record for run in read.runs})
+        digests, records = logs[one.path]
+        if one.sha256 not in digests:
             raise TippathError(f"{one.id}: {one.path} is not the log this fit was made from any more")
-        found.append(same[0])
+        record = records.get(one.id)
+        if record is None:
+            ends = (
+                "" if fit.window_s is None else " in " + ":".join("" if s is None else f"{s:g}" for s in fit.window_s)
+            )
+            raise TippathError(f"{one.id}: {one.path} has no such run in {ends} s; --window START:STOP takes it in")
+        found.append(record)
     return found
