@@ -9,37 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flying import CHIRP, DOUBLET, fly_maneuver, log_of
 
 from gcs.analysis import Identification, identify_flight, split_runs
 from gcs.logs import ingest, resolve_runs
 from sitl.parameters import BANK_ORDER, bank_crc
-from sitl.vehicle import Mode, Reason, Vehicle, make_vehicle
+from sitl.vehicle import make_vehicle
 from sysid.regulator import design
 
 CHIRPS = [(10, 0.10, 30.0), (10, 0.10, 30.0), (11, 0.15, 30.0), (11, 0.15, 30.0)]
 DOUBLETS = [(10, 0.10, 8.0), (11, 0.15, 8.0)]
-
-
-def fly(vehicle: Vehicle, kind: int, axis: int, magnitude: float, duration_s: float) -> None:
-    for name, value in {
-        "SID_AXIS": axis,
-        "SID_MAGNITUDE": magnitude,
-        "SID_F_START_HZ": 0.5,
-        "SID_F_STOP_HZ": 10.0,
-        "SID_T_FADE_IN": 0.0,
-        "SID_T_REC": duration_s,
-        "SID_T_FADE_OUT": 0.0,
-        "SIDX_KIND": kind,
-        "SIDX_LAW": 1,
-        "SIDX_PULSE_S": 0.25,
-    }.items():
-        assert vehicle.write_parameter(name, value) is not None
-    assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
-    while vehicle.sweeping:
-        vehicle.step()
-    assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
-    for _ in range(1000):
-        vehicle.step()
 
 
 @pytest.fixture(scope="module", params=["hover-ideal", "hover"])
@@ -47,12 +26,10 @@ def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     folder = tmp_path_factory.mktemp(request.param)
     vehicle = make_vehicle(request.param, seed=11, directory=folder)
     for maneuver in CHIRPS:
-        fly(vehicle, 0, *maneuver)
+        fly_maneuver(vehicle, CHIRP, *maneuver, rest_steps=1000)
     for maneuver in DOUBLETS:
-        fly(vehicle, 1, *maneuver)
-    vehicle.close()
-    (log,) = folder.glob("*.BIN")
-    return request.param, log
+        fly_maneuver(vehicle, DOUBLET, *maneuver, rest_steps=1000)
+    return request.param, log_of(vehicle, folder)
 
 
 @pytest.fixture(scope="module")

@@ -65,8 +65,10 @@ class Case:
 
 def fly(case: Case, folder: Path) -> tuple[Path, list[dict[str, Any]]]:
     """Fly the card as fast as it computes; the log and what was hidden."""
+    from flying import fly_maneuver, log_of
+
     from sitl import hidden as draws
-    from sitl.vehicle import Mode, Reason, make_vehicle
+    from sitl.vehicle import make_vehicle
 
     hidden = draws.plant_one(case.names[0], case.seed, case.plant, scale=case.scale)
     known = [hidden.to_json()]
@@ -78,28 +80,8 @@ def fly(case: Case, folder: Path) -> tuple[Path, list[dict[str, Any]]]:
         case.plant, case.seed, directory=folder, hidden=hidden, gust_scale=case.gusts, condition=case.condition
     )
     for kind, axis, magnitude, duration_s, _ in FORWARD_CARD if case.plant == "forward" else HOVER_CARD:
-        for name, value in {
-            "SID_AXIS": axis,
-            "SID_MAGNITUDE": magnitude,
-            "SID_F_START_HZ": 0.5,
-            "SID_F_STOP_HZ": 10.0,
-            "SID_T_FADE_IN": 0.0,
-            "SID_T_REC": duration_s,
-            "SID_T_FADE_OUT": 0.0,
-            "SIDX_KIND": kind,
-            "SIDX_LAW": 1,
-            "SIDX_PULSE_S": 0.25,
-        }.items():
-            vehicle.write_parameter(name, value)
-        vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
-        while vehicle.sweeping:
-            vehicle.step()
-        vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
-        for _ in range(500):
-            vehicle.step()
-    vehicle.close()
-    (log,) = folder.glob("*.BIN")
-    return log, known
+        fly_maneuver(vehicle, kind, axis, magnitude, duration_s)
+    return log_of(vehicle, folder), known
 
 
 def together(one: Any, other: Any) -> Any:
@@ -214,4 +196,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))  # `flying`, as the tests see it
     sys.exit(main())

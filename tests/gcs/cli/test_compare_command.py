@@ -12,9 +12,10 @@ import jsonschema
 import planted
 import pytest
 from contract_schemas import COMPARE
+from flying import fly_maneuver, log_of
 from planted import PLANTED, axes, fly
 
-from sitl.vehicle import Mode, Reason, Vehicle, make_vehicle
+from sitl.vehicle import make_vehicle
 from sysid.record import Record
 
 Tippath = Callable[..., tuple[int, str, str]]
@@ -247,33 +248,11 @@ def test_a_users_effect_runs_only_where_it_is_named(
     assert "TPP + tail_drag.py against" in out
 
 
-def sweep(vehicle: Vehicle, kind: int, axis: int, magnitude: float, duration_s: float) -> None:
-    for name, value in {
-        "SID_AXIS": axis,
-        "SID_MAGNITUDE": magnitude,
-        "SID_F_START_HZ": 0.5,
-        "SID_F_STOP_HZ": 10.0,
-        "SID_T_FADE_IN": 0.0,
-        "SID_T_REC": duration_s,
-        "SID_T_FADE_OUT": 0.0,
-        "SIDX_KIND": kind,
-        "SIDX_LAW": 1,
-    }.items():
-        assert vehicle.write_parameter(name, value) is not None
-    assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
-    while vehicle.sweeping:
-        vehicle.step()
-    assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
-    for _ in range(500):
-        vehicle.step()
-
-
 def test_quiet_hover_in_the_fit_s_own_log_is_found(tippath: Tippath, tmp_path: Path) -> None:
     vehicle = make_vehicle("hover-ideal", seed=6, directory=tmp_path)
     for kind, axis, magnitude in ((0, 10, 0.10), (0, 11, 0.15), (2, 10, 0.0)):
-        sweep(vehicle, kind, axis, magnitude, 15.0)
-    vehicle.close()
-    (log,) = tmp_path.glob("*.BIN")
+        fly_maneuver(vehicle, kind, axis, magnitude, 15.0)
+    log = log_of(vehicle, tmp_path)
     fit = tmp_path / "fit.json"
     assert tippath("fit", tmp_path, "--model", "tpp", "-o", fit)[0] == 0
     assert len(json.loads(fit.read_text())["records"]) == 2, "quiet hover never enters a fit"

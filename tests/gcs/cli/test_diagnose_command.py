@@ -21,12 +21,13 @@ import jsonschema
 import numpy as np
 import pytest
 from contract_schemas import DIAGNOSIS, FIT, REVEAL
+from flying import fly_maneuver, log_of
 
 from gcs.diagnosis_words import bar, ladder_text
 from gcs.maneuver import load_card
 from sitl.hidden import plant_one
 from sitl.seal import seal_answer
-from sitl.vehicle import Mode, Reason, Vehicle, make_vehicle
+from sitl.vehicle import Vehicle, make_vehicle
 
 Tippath = Callable[..., tuple[int, str, str]]
 MANEUVERS = (
@@ -52,20 +53,9 @@ EFFECT = Effect(
 
 
 def fly(vehicle: Vehicle, folder: Path) -> Path:
-    for kind, axis, magnitude, duration_s in MANEUVERS:
-        settings = {"SID_AXIS": axis, "SID_MAGNITUDE": magnitude, "SID_F_START_HZ": 0.5, "SID_F_STOP_HZ": 10.0}
-        own = {"SID_T_FADE_IN": 0.0, "SID_T_REC": duration_s, "SIDX_KIND": kind, "SIDX_LAW": 1, "SIDX_PULSE_S": 0.25}
-        for name, value in {**settings, **own}.items():
-            assert vehicle.write_parameter(name, value) is not None
-        assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
-        while vehicle.sweeping:
-            vehicle.step()
-        assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
-        for _ in range(500):
-            vehicle.step()
-    vehicle.close()
-    (log,) = folder.glob("*.BIN")
-    return log
+    for maneuver in MANEUVERS:
+        fly_maneuver(vehicle, *maneuver)
+    return log_of(vehicle, folder)
 
 
 def typed(*words: object) -> str:
