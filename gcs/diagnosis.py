@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gcs.analysis import assess, runs_of
 from gcs.comparison import flown
 from gcs.errors import TippathError
@@ -31,7 +33,6 @@ from sysid.hiding import Hiding, could_hide
 from sysid.identify import identify, on_runs
 from sysid.maneuvers import NextManeuver, linear_or_not, next_maneuver
 from sysid.model import Model
-from sysid.noise import divide
 from sysid.parameter import Parameter
 from sysid.record import Record
 from sysid.result import Fit, RecordUsed
@@ -251,7 +252,7 @@ def diagnose_fit(
             )
             wild = _newly_implausible(fit, more)
         if not repeat or more is None or wild or len(rungs) >= MOST_RUNGS:
-            remarks = [*_remarks(records, validation)]
+            remarks = [*_remarks(records, validation), *_in_a_loop(found)]
             if repeat and more is not None:
                 if wild:
                     remarks.append(
@@ -337,9 +338,7 @@ def _next(found: Diagnosis) -> NextManeuver | None:
         rivals = [second.fit]
     if not rivals:
         return None
-    on = found.parent.ground
-    division = divide(winner.fit.estimate.error, on.stacks, on.causes)
-    return next_maneuver([winner.fit, *rivals], division, found.metric)
+    return next_maneuver([winner.fit, *rivals], winner.fit.division, found.metric)
 
 
 def rival(found: Diagnosis) -> Judged | None:
@@ -359,6 +358,21 @@ def _remarks(records: Sequence[Record], validation: Sequence[Record]) -> tuple[s
     if len(records) == 1:
         said.append("one run only: what differs from run to run cannot show")
     return tuple(said)
+
+
+def _in_a_loop(found: Diagnosis) -> tuple[str, ...]:
+    """That feedback, and not the vehicle alone, made these data, where the best model is unstable."""
+    winner = found.winner
+    model = found.parent.model if winner is None or winner.fit is None else winner.fit.model
+    if model.stable:
+        return ()
+    pole = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
+    named = "" if winner is None else f" with {listed(winner.effects)}"
+    return (
+        f"the model{named} is unstable (pole at {pole:+.1f} 1/s): so data look that were flown through a pilot or "
+        "controller without excitation of their own. Kind and size of what was found hold only as far as that loop "
+        "lets them: fly a chirp with noise on every axis, with the excitation logged, and ask that",
+    )
 
 
 def _effect(name: str, users: Sequence[Effect]) -> Effect:

@@ -102,6 +102,7 @@ def verdict_text(found: FitDiagnosis, *, reasons: bool = True) -> list[str]:
         lines.append(_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
     lines.append(_row("noise alone would allow", None, floor))
     lines += _sizes(winner)
+    lines += _unheld(last)
     lines += _others(last)
     if reasons:
         lines += _why(found)
@@ -122,6 +123,8 @@ def _answer(last: Diagnosis) -> str:
         return "missing: " + (", and then ".join(map(_short, last.chain)) if len(last.chain) == 2 else names) + alike
     if last.stands_in:
         return f"unexplained: {names} would do it, but only at implausible values: it stands in"
+    if last.unheld:
+        return f"unexplained: {names} is nearest, and its size does not hold on the validation runs"
     if (winner.explained_share or 0.0) >= EXPLAINED:
         return f"unexplained: {names} explains the fitted runs, but not the validation runs"
     return f"unexplained: {names} does most, and that is too little"
@@ -218,6 +221,20 @@ def _sizes(winner: Judged) -> list[str]:
         said = quantity(one, value, winner.standard_errors.get(name))
         lines += _set(f"{said:{LEFT - 1}} {_judged(one, value)}".rstrip(), "  ", "    ")
     return lines
+
+
+def _unheld(last: Diagnosis) -> list[str]:
+    """The size that two sets of runs put differently."""
+    if last.verdict != "unexplained" or not last.unheld:
+        return []
+    one = last.unheld[0]
+    there = quantity(one.parameter, one.elsewhere, one.elsewhere_error)
+    return _set(
+        f"the validation runs alone ask for {there}: one vehicle has one {one.parameter.name}, so this only resembles "
+        "what is there",
+        "  ",
+        "    ",
+    )
 
 
 def _judged(one: Parameter, value: float) -> str:

@@ -198,15 +198,17 @@ def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
             f"with the poles held stable it reaches only p {p:.0f} / q {q:.0f} %, "
             f"free p {free[0]:.0f} / q {free[1]:.0f} %"
         )
-        late = lateness(Structure(model.structure.base_), found)
-        if late is not None:
-            said.append(late)
+        if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
+            late = lateness(Structure(model.structure.base_), found)
+            if late is not None:
+                said.append(late)
     except FitError as error:
         said.append(f"no more can be said of why: {error}")
     said.append("fly a chirp with independent noise on every axis, with the excitation logged, and fit that")
     return said
 
 
+LATE_ALREADY = frozenset({"servo_lag", "servo_second_order", "transport_delay", "gyro_lag"})
 LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 

@@ -128,6 +128,8 @@ class Effect:
     Absolute commands, not centred; rows in the structure's order, delta_x and delta_y first. The result is held over
     each sample.
     """
+    rests_within: str | None = None
+    """The parameter that says how far from the command `samples` may hold still, as it may have before a run began."""
     response: Callable[[Any, Mapping[str, Any]], Any] | None = None
     """For what no finite state can say (delay): frequency response of every command at s = j omega."""
     adapt: Callable[[Surroundings], Effect] | None = None
@@ -139,6 +141,8 @@ class Effect:
     """Where to begin, from the parent's parameter values and the constants; without it, `typical` and the grids."""
     null_tolerance: float = 1e-9
     """At the null, or 1e-9 of typical from one that divides by zero, the response is the base's to this tolerance."""
+    acts_at_null: bool = False
+    """Whether a part of it has no parameter, so that it does something with all of them at their nulls."""
     path: str | None = None
     """Of a user's effect; None in the catalogue."""
     sha256: str | None = field(default=None)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from sysid.identifiable import structural
 from sysid.identify import means
 from sysid.instrument import FOLLOWING, caused_by
 from sysid.model import FloatArray, Model, Structure
-from sysid.noise import Causes, Division, causes
+from sysid.noise import Causes, Division, causes, divide
 from sysid.parameter import Parameter
 from sysid.predict import RelaxationError, Stack, jumping, respond, stack
 from sysid.preprocess import ComplexArray, Spectrum, spectra
@@ -63,14 +64,15 @@ class Ground:
 
     def viewed(self, structure: Structure) -> list[Spectrum]:
         """The bins with this structure's own inputs, as a fit wants them."""
-        return [_view(one, structure.inputs) for one in self.spectra]
+        return [viewed(one, structure.inputs) for one in self.spectra]
 
     @property
     def samples(self) -> int:
         return sum(group.samples for group in self.stacks)
 
 
-def _view(one: Spectrum, inputs: tuple[str, ...]) -> Spectrum:
+def viewed(one: Spectrum, inputs: tuple[str, ...]) -> Spectrum:
+    """Bins with these inputs only."""
     if one.inputs == inputs:
         return one
     return replace(one, U=one.U[[one.inputs.index(name) for name in inputs]], inputs=inputs)
@@ -210,6 +212,11 @@ class Candidate:
     @property
     def model(self) -> Model:
         return self.estimate.model
+
+    @cached_property
+    def division(self) -> Division:
+        """What it leaves, divided into what the commands explain and noise."""
+        return divide(self.estimate.error, self.ground.stacks, self.ground.causes)
 
     @property
     def error_share(self) -> float:
@@ -436,7 +443,7 @@ def _ask(
     places: list[dict[str, float]] = []
     for name, step in steps:
         places.append({**named, name: named[name] + step})
-    alone = not steps or (not composed.linear and _does_something_at_null(composed))
+    alone = not steps or effect.acts_at_null
     if alone:
         places.insert(0, dict(named))
     try:
@@ -488,10 +495,6 @@ def _ask(
     except np.linalg.LinAlgError:
         pass
     return Score(effect.path or effect.id, chi_squared, int(np.sum(rank)), tried, at, errors)
-
-
-def _does_something_at_null(composed: Structure) -> bool:
-    return any(one.id == "yaw_coupling" for one in composed.composed)
 
 
 def _predicted(composed: Structure, named: Mapping[str, float], on: Ground) -> list[ComplexArray]:

@@ -384,7 +384,7 @@ def _not_linear(parent: Candidate, fit: Candidate, removed: _Removed) -> list[st
     """How much of the removed error no linear answer to the commands explains."""
     if fit.model.structure.linear:
         return []
-    division = divide(parent.estimate.error, parent.ground.stacks, parent.ground.causes)
+    division = parent.division
     linear = float(np.sum(np.maximum(np.sum(division.explained, axis=0), 0)))
     whole = float(np.sum(removed.power))
     share = 1 - linear / whole if whole > 0 else 0.0

@@ -52,4 +52,5 @@ EFFECT = Effect(
     order=5,
     linear=False,
     samples=samples,
+    rests_within="half_width",
 )

@@ -49,4 +49,5 @@ EFFECT = Effect(
     order=3,
     linear=False,
     samples=samples,
+    rests_within="width",
 )

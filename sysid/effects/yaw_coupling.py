@@ -52,4 +52,5 @@ EFFECT = Effect(
     equations=equations,
     channels=("r",),
     linear=False,
+    acts_at_null=True,  # the tilt terms
 )

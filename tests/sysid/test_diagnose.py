@@ -16,6 +16,7 @@ from sysid.identify import on_runs
 from sysid.record import Record
 
 SECONDS = 20.0
+LIMIT, TURNED = 0.065, 0.2
 
 
 def flown(effect: str | None, seed: int = 31, *, forward: bool = False, noise: float = 0.004) -> list[Run]:
@@ -134,3 +135,14 @@ def test_a_user_s_effect_is_asked_beside_the_catalogue(tmp_path: Path) -> None:
 
 def test_forward_flight_is_complete_with_its_own_structure() -> None:
     assert asked(flown(None, 61, forward=True), *FORWARD_FLIGHT).verdict == "complete"
+
+
+def test_a_limit_is_found_beside_a_turned_gyro_and_what_could_stand_in_its_place_is_told() -> None:
+    runs = fly_many("servo_saturation", {"limit": LIMIT}, seeds=[71], duration_s=SECONDS)[0]
+    turned = [{**run, "p": run["p"] + TURNED * run["q"], "q": run["q"] - TURNED * run["p"]} for run in runs]
+    found = asked(turned)
+    assert found.verdict == "missing"
+    assert set(found.chain) in ({"servo_saturation", "gyro_misalignment"}, {"servo_saturation", "inertia_coupling"})
+    assert "gyro_misalignment" in {*found.chain, *found.indistinguishable}
+    assert found.winner is not None
+    assert found.winner.values["limit"] == pytest.approx(LIMIT, rel=0.05)

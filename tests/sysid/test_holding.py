@@ -1,0 +1,82 @@
+"""Sizes on runs of another amplitude: those of what is there agree, those of what only resembles it do not."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+from planted import fly_many
+from planted_fits import records
+
+from sysid.diagnose import UNHELD, Diagnosis, diagnose
+from sysid.effect import catalogue
+from sysid.evidence import ground
+from sysid.holding import Size, sizes
+from sysid.identify import on_runs
+from sysid.preprocess import DEFAULT_BAND_HZ
+from sysid.record import Record
+
+SECONDS = 20.0
+TAU_S = 0.03
+LESS = 0.75
+MOVING = ("delta_x", "delta_y", "p", "q")
+
+
+@cache
+def lagging(tau_s: float, seed: int) -> tuple[Record, ...]:
+    return tuple(records(fly_many("servo_lag", {"tau_s": tau_s}, seeds=[seed], duration_s=SECONDS)[0]))
+
+
+def asked(other: float) -> Diagnosis:
+    """A vehicle with a lag, judged by runs of one with another lag."""
+    flight = lagging(TAU_S, 71)
+    return diagnose(on_runs("tpp", (), flight, flight), flight, lagging(other, 72), chains=False)
+
+
+def test_one_size_holds() -> None:
+    found = asked(TAU_S)
+    assert found.verdict == "missing"
+    assert [one.parameter.name for one in found.sizes] in (["tau_s"], ["tau_g"])
+    assert found.sizes[0].off == 0
+    assert found.sizes[0].elsewhere == pytest.approx(TAU_S, abs=4 * found.sizes[0].elsewhere_error)
+    assert not found.unheld
+
+
+def test_an_effect_whose_size_differs_elsewhere_only_resembles_what_is_there() -> None:
+    """It explains most of the error there, too: that alone would not show it."""
+    found = asked(LESS * TAU_S)
+    assert found.winner is not None
+    assert found.winner.validation_share is not None
+    assert found.winner.validation_share > 0.6
+    assert (found.verdict, found.effect) == ("unexplained", None)
+    assert len(found.chain) == 1
+    (size,) = found.unheld
+    assert size.off == pytest.approx(1 - LESS, abs=0.1)
+    assert found.to_json()["sizes"][0]["validation"] == pytest.approx(LESS * TAU_S, rel=0.1)
+
+
+def test_runs_that_do_not_determine_a_size_say_nothing() -> None:
+    """A limit that no command reaches is not contradicted."""
+    flight = records(fly_many("servo_saturation", {"limit": 0.12}, seeds=[73], duration_s=SECONDS)[0])
+    found = diagnose(on_runs("tpp", (), flight, flight), flight, chains=False)
+    assert found.effect == "servo_saturation"
+    assert found.winner is not None
+    assert found.winner.fit is not None
+    gentle = [
+        Record(
+            one.id, {**one.channels, **{name: 0.3 * one.channels[name] for name in ("delta_x", "delta_y", "p", "q")}}
+        )
+        for one in flight
+    ]
+    other = ground(gentle, DEFAULT_BAND_HZ, found.parent.ground)
+    assert sizes(found.winner.fit, ["servo_saturation"], other) == ()
+    (same,) = sizes(found.winner.fit, ["servo_saturation"], found.parent.ground)
+    assert same.elsewhere == pytest.approx(same.fitted, rel=0.02)
+
+
+@pytest.mark.parametrize(("elsewhere", "error", "off"), [(0.8, 0.01, 0.17), (0.8, 0.1, 0.0), (-1.0, 0.0, 2.0)])
+def test_chance_is_taken_off(elsewhere: float, error: float, off: float) -> None:
+    parameter = catalogue()["servo_lag"].parameters[0]
+    size = Size(parameter, 1.0, 0.0, elsewhere, error)
+    assert size.off == pytest.approx(off)
+    assert (size.off > UNHELD) is (off > UNHELD)
