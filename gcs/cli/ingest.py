@@ -13,13 +13,19 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from gcs.cli.progress import ReadingBar
 from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source, UnreadableError, ingest, parse_window
+from gcs.logs.csv import CsvFile
 from gcs.logs.dataflash_table import EVENTS
+from gcs.logs.formats import open_log
+from gcs.logs.health import Health
+from gcs.logs.profiles import ChannelSource
+from gcs.logs.proposal import propose
 from gcs.logs.words import printable
 from sysid.record import CHANNELS, REQUIRED
 
@@ -28,6 +34,9 @@ FORMAT = "tippath.runs/1"
 _FORMAT_HELP = """\
 --json prints {"format": "tippath.runs/1", "runs": [{"id", "path", "maneuver", "axis", "start_s", "duration_s",
 "rate_hz", "gaps": [[start_s, stop_s]], "usable", "reasons", "notes", "rate_source", "swept_band_hz", "excitation",
+"health": {"jitter", "clipped", "saturated_share", "command_band_hz": {axis: [low, high]}, "coherence": {axis:
+{"band_hz", "share"}}, "input_correlation", "quiet": [{"where", "start_s", "duration_s"}], "latency": [{"field",
+"against", "late_ms", "correlation"}]},
 "record"}], "damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused":
 {path: reason}}. start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
 With --explain each source also has "channels": {channel: {"unit", "source", "scale", "offset"}}, "absent": {channel:
@@ -46,7 +55,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "ingest",
         help="list the runs in logs with their health; write records",
-        description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .csv.",
+        description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, telemetry .tlog and .csv, whole or damaged.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -68,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         with ReadingBar() as bar:
             found = ingest(args.logs, args.profile, window, progress=bar)
     except UnreadableError as error:
-        if not args.json:
+        if not (args.json or args.explain):
             raise
         found = Ingest((), (), error.refused)
     written: dict[str, str] = {}
@@ -175,8 +184,42 @@ def _run_entry(run: Run, record: str | None) -> dict[str, Any]:
             axis: {"command_rms": _number(command), "rate_rms_rad_s": _number(rate)}
             for axis, (command, rate) in run.health.excitation.items()
         },
+        "health": None if run.health is None else _health_entry(run.health),
         "channels": dict(run.sources),
         "record": record,
+    }
+
+
+def _health_entry(health: Health) -> dict[str, Any]:
+    together = health.input_correlation
+    return {
+        "jitter": _number(health.jitter),
+        "clipped": dict(health.clipped),
+        "saturated_share": {name: _number(share) for name, share in health.saturated_share.items()},
+        "command_band_hz": {
+            axis: [_number(low), _number(high)] for axis, (low, high) in health.command_band_hz.items()
+        },
+        "coherence": {
+            axis: {
+                "band_hz": [_number(one.low_hz), _number(one.high_hz)] if one.share else None,
+                "share": _number(one.share),
+            }
+            for axis, one in health.coherent.items()
+        },
+        "input_correlation": None if together is None else _number(together),
+        "quiet": [
+            {"where": one.where, "start_s": _number(one.start_s), "duration_s": _number(one.duration_s)}
+            for one in health.quiet
+        ],
+        "latency": [
+            {
+                "field": one.field,
+                "against": one.against,
+                "late_ms": _number(1000 * one.late_s),
+                "correlation": _number(one.correlation),
+            }
+            for one in health.latency
+        ],
     }
 
 
@@ -237,6 +280,8 @@ def table(found: Ingest) -> list[str]:
             f" {id:<{width}}  {run.maneuver:<8}  {run.axis or '-':<8}  {run.start_s:8.2f}  {run.duration_s:8.2f}  "
             f"{rate:>6}  {len(run.gaps):4d}  {'usable' if run.usable else 'not usable, because'}"
         )
+        if run.health is not None and (words := run.health.words(run.axis)):
+            lines.append(f"    {printable(words)}")
         lines += [f"    - {reason}" for reason in run.reasons]
         lines += [f"    note: {note}" for note in run.notes]
     for source in found.sources:
@@ -276,8 +321,26 @@ def explanation(found: Ingest) -> list[str]:
         for channel, reason in absent.items():
             need = " (needed)" if channel in REQUIRED else ""
             lines.append(f"    {channel:<13} {CHANNELS[channel]:<7} {reason}{need}")
-        lines += _to_write(source)
+        lines += _to_write(source, have)
+    for path, reason in found.refused.items():
+        lines += _of_refused(Path(path), reason)
     return lines
+
+
+def _of_refused(path: Path, reason: str) -> list[str]:
+    """What to write for a log that is refused as it is, where at least its fields can be read."""
+    try:
+        if path.suffix.lower() in (".csv", ".txt"):
+            kind, fields = "csv", tuple(name for name in CsvFile.read(path).header if name)
+        else:
+            opened = open_log(path, None)
+            kind, fields = opened.kind, tuple(dict.fromkeys(name for log in opened.boots for name in log.fields()))
+    except TippathError:
+        return []
+    return [
+        f"\n {printable(str(path))}: not read: {printable(reason)}",
+        *_to_write(Source(str(path), "", kind, fields=fields), {}),
+    ]
 
 
 def _scaled(text: str, source: Source, channel: str) -> str:
@@ -289,21 +352,20 @@ def _scaled(text: str, source: Source, channel: str) -> str:
     return f"{scale:+.6g} * {shown}" + (f" {offset:+.6g}" if offset else "")
 
 
-def _to_write(source: Source) -> list[str]:
+def _to_write(source: Source, have: Mapping[str, str]) -> list[str]:
+    """A profile to start from, and the fields there are to choose from."""
     fields = [printable(name) for name in source.fields]
     shown = ", ".join(fields[:40]) + (f" and {len(fields) - 40} more" if len(fields) > 40 else "")
-    rates = [name for name in fields if "gyr" in name.lower()]
-    others = [name for name in fields if "time" not in name.lower() and name.split(".")[0] not in EVENTS]
-    example = next(iter(rates + others), "FIELD")
-    time = "TIME_COLUMN" if source.kind == "csv" else "MESSAGE.TimeUS"
+    mappings = {} if source.profile is None else source.profile.channels
+    found = {
+        channel: replace(mappings.get(channel, ChannelSource(channel, (text,))), sources=(text,))
+        for channel, text in have.items()
+    }
+    candidates = [name for name in fields if name.split(".")[0] not in EVENTS]
+    time = (None, None) if source.profile is None else (source.profile.time_source, source.profile.time_scale)
     return [
-        "  to take a channel from elsewhere, write a profile and name it with --profile FILE.toml:",
-        '    name = "mine"',
-        "    [time]",
-        f'    source = "{time}"',
-        "    scale = 1e-6            # to seconds",
-        "    [channels.p]            # likewise q, delta_x, delta_y and any other channel",
-        f'    source = "{example}"    # a field, or arithmetic on fields',
-        "    scale = 0.017453292519943295   # to rad/s",
         f"  fields of this log: {shown}",
+        "  to take a channel from elsewhere, a profile to start from:",
+        "",
+        *propose(candidates, source.kind, found, time).splitlines(),
     ]

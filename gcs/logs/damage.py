@@ -30,9 +30,11 @@ class Damage:
             return ""
         parts = [f"{self.skipped_bytes:,} of {self.total_bytes:,} bytes could not be read"]
         if self.resyncs:
-            parts.append(f"the chain of messages broke {self.resyncs} times and was found again")
+            times = "once" if self.resyncs == 1 else f"{self.resyncs:,} times"
+            parts.append(f"the chain of messages broke {times} and was found again")
         if self.unknown:
-            ids = ", ".join(str(id) for id in sorted(self.unknown)[:8])
+            most = sorted(self.unknown, key=lambda id: (-self.unknown[id], id))[:8]
+            ids = ", ".join(f"{id} ({self.unknown[id]:,} times)" for id in most)
             parts.append(f"no format for message id {ids}")
         if self.tail_cut:
             parts.append("the end is cut")

@@ -19,6 +19,9 @@ EVENTS = frozenset({"CMD", "ERR", "EV", "FILE", "FMT", "FMTU", "MAVC", "MODE", "
 EVENTS |= {"SIDS", "SIDY", "UNIT", "VER"}
 """Messages that tell of something that happened once: several may share a time, and nothing is due after them."""
 
+KEPT_BYTES = 1 << 26  # of series that were asked for before
+KEPT_LEAST = 8  # of them, however long
+
 _ARMED, _DISARMED = (10, 15), (11,)  # Id of EV
 
 
@@ -58,6 +61,8 @@ class DataFlashTables:
         self.dropped: dict[str, int] = {}
         """Message type -> samples thrown out for an impossible time stamp."""
         self._time = (time_field, time_scale)
+        self._present = frozenset(log.names)
+        self._series: dict[str, Series] = {}
         self._clocks: dict[str, tuple[FloatArray, NDArray[np.int64]]] = {}
 
     def has(self, key: str) -> bool:
@@ -67,17 +72,33 @@ class DataFlashTables:
             return False
         fmt = self.log.formats[message]
         letter = fmt.types[fmt.columns.index(column)]
-        return letter not in "aNnZ" and self._clock(message, instance)[0].size > 0
+        if letter in "aNnZ":
+            return False
+        time = self._time_of(message)
+        if instance is None and time is not None and fmt.types[fmt.columns.index(time[0])] in "IQ":
+            return message in self._present  # whole numbers are finite: one of them always stays
+        return self._clock(message, instance)[0].size > 0
 
     def series(self, key: str) -> Series:
+        if key in self._series:
+            self._series[key] = self._series.pop(key)  # the last one asked for is forgotten last
+            return self._series[key]
         message, instance, column = self._parts(key)
         t, starts = self._clock(message, instance)
         values = self.log.column(message, column, starts).astype(np.float64)
-        return Series(t, values, message if instance is None else f"{message}[{instance}]")
+        self._series[key] = Series(t, values, message if instance is None else f"{message}[{instance}]")
+        while len(self._series) > KEPT_LEAST and sum(s.values.nbytes for s in self._series.values()) > KEPT_BYTES:
+            del self._series[next(iter(self._series))]
+        return self._series[key]
 
     def fields(self) -> tuple[str, ...]:
         every = (f"{name}.{column}" for name in self.log.names for column in self.log.formats[name].columns)
         return tuple(key for key in every if not key.endswith((".TimeUS", ".TimeMS")) and self.has(key))
+
+    @property
+    def sampled(self) -> bool:
+        """Whether there is anything but `EVENTS`."""
+        return any(name not in EVENTS and self._time_of(name) is not None for name in self._present)
 
     @property
     def sampled_s(self) -> float:

@@ -67,7 +67,7 @@ def measure_following(path: Path, flown: Sequence[RunResult]) -> list[Following]
     from gcs.logs.dataflash_table import DataFlashTables
 
     runs = [result for result in flown if result.run.maneuver.target == "rate"]
-    log = DataFlashTables(dataflash.read(path), str(path)) if runs else None
+    log = DataFlashTables(dataflash.read(path).boots[-1], str(path)) if runs else None
     found = []
     for result in runs:
         assert log is not None

@@ -7,30 +7,22 @@ To read another kind, write its module beside this one (a class that is a `gcs.l
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 
 from gcs.errors import TippathError
-from gcs.logs import dataflash, profiles
+from gcs.logs import dataflash, dataflash_text, profiles, ulog
 from gcs.logs.csv import CsvFile
 from gcs.logs.damage import Damage
-from gcs.logs.dataflash_table import DataFlashTables
+from gcs.logs.dataflash_table import DataFlashTables, MessageLog
 from gcs.logs.profiles import Profile
 from gcs.logs.tables import Log
 from gcs.logs.words import printable
 from sysid.record import CHANNELS
 
 HEAD_BYTES = 64
-READ = "DataFlash .BIN, .csv, and records (.npz) that tippath ingest -o wrote"
-NOT_YET: Mapping[str, str] = MappingProxyType(
-    {
-        ".ulg": "ULog is not read yet; convert it (ulog2csv of pyulog) and name the columns in a profile",
-        ".tlog": "telemetry logs are not read yet; take the vehicle's own .BIN, it also has every sample",
-        ".log": "text DataFlash is not read yet; take the .BIN that it was converted from",
-    }
-)
+READ = "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, .csv, and records (.npz) that tippath ingest -o wrote"
 
 
 @dataclass(frozen=True)
@@ -50,6 +42,13 @@ class Opened:
     """What is wrong with the log and so with every run of it."""
     hints: tuple[str, ...] = ()
     """What whoever ingests it should know, but not whoever fits its runs."""
+    cut: tuple[Profile, ...] = ()
+    """For each boot the profile with the runs that the log itself cuts out of it; empty where it does not."""
+
+    @property
+    def parts(self) -> list[tuple[Log, Profile]]:
+        """Each boot with the profile that it is read by."""
+        return list(zip(self.boots, self.cut or [self.profile] * len(self.boots), strict=True))
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,6 @@ def open_log(path: Path, profile: Profile | None) -> Opened:
     for format in FORMATS:
         if suffix in format.suffixes:
             return format.open(path, profile)
-    if suffix in NOT_YET:
-        raise TippathError(f"{path}: {NOT_YET[suffix]}. Read are: {READ}")
     raise TippathError(f"{path}: unknown kind of log ({suffix or 'no ending'}). Read are: {READ}")
 
 
@@ -101,13 +98,65 @@ def _is_dataflash(head: bytes) -> bool:
 
 def _open_dataflash(path: Path, profile: Profile | None) -> Opened:
     log = dataflash.read(path)
-    sha256 = hashlib.sha256(log.data.data).hexdigest()
+    return _dataflash_opened(log.boots, path, profile, log.sha256(), log.damage)
+
+
+def _open_dataflash_text(path: Path, profile: Profile | None) -> Opened:
+    log, sha256 = dataflash_text.read(path)
+    return _dataflash_opened(log.boots, path, profile, sha256, log.damage, log.notes)
+
+
+def _dataflash_opened(
+    logs: Sequence[MessageLog],
+    path: Path,
+    profile: Profile | None,
+    sha256: str,
+    damage: Damage,
+    notes: tuple[str, ...] = (),
+) -> Opened:
+    """The boots of a DataFlash log, in whichever of its two spellings."""
     time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
-    table = DataFlashTables(log, str(path), time, None if profile is None else profile.time_scale)
-    chosen = profile or profiles.choose(table, profiles.bundled_profiles())
+    scale = None if profile is None else profile.time_scale
+    boots = tuple(DataFlashTables(boot, str(path), time, scale) for boot in logs)
+    sampled = tuple(boot for boot in boots if boot.sampled) or boots[:1]
+    if len(boots) > 1:
+        silent = len(boots) - len(sampled)
+        notes = (
+            *notes,
+            f"{len(boots)} boots in this log, each with its own clock"
+            + (f"; {silent} of them without samples" if silent else ""),
+        )
+    chosen = profile
+    for boot in sampled:
+        chosen = chosen or profiles.choose(boot, profiles.bundled_profiles())
     if chosen is None:
         chosen = next(one for one in profiles.bundled_profiles() if one.name == "arducopter")
-    return Opened((table,), "dataflash", sha256, chosen, log.damage)
+    return Opened(sampled, "dataflash", sha256, chosen, damage, notes)
+
+
+def _open_ulog(path: Path, profile: Profile | None) -> Opened:
+    log = ulog.read(path)
+    sha256 = hashlib.sha256(log.data.data).hexdigest()
+    chosen, tables = ulog.choose(log, str(path), profile, profiles.bundled_profiles())
+    return Opened((tables,), "ulog", sha256, chosen, log.damage, log.notes, ulog.advice(tables, chosen))
+
+
+def _is_tlog(head: bytes) -> bool:
+    """A time in us since 1970, and behind it what begins a MAVLink frame; the next frame too, where the head has it."""
+    if len(head) < 18 or head[0] != 0 or head[1] >= 0x0F or not any(head[1:8]) or head[8] not in (0xFD, 0xFE):
+        return False
+    if head[8] == 0xFD and head[10] > 1:
+        return False
+    length = 8 + head[9] if head[8] == 0xFE else 12 + head[9] + 13 * head[10]
+    return len(head) <= 16 + length or head[16 + length] in (0xFD, 0xFE)
+
+
+def _open_tlog(path: Path, profile: Profile | None) -> Opened:
+    from gcs.logs import tlog  # it takes all dialects of MAVLink to memory
+
+    log = tlog.read(path)
+    chosen = tlog.choose(log, profile, profiles.bundled_profiles())
+    return Opened(log.boots, "tlog", log.sha256, chosen, log.damage, log.notes, log.hints)
 
 
 def _open_csv(path: Path, profile: Profile | None) -> Opened:
@@ -117,31 +166,37 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
         raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
     file = CsvFile.parse(raw, str(path))
     chosen = profile or _csv_profile(file)
-    table = profiles.open_csv(file, chosen)
-    if "t" not in file.header and chosen.time_source in (None, "t"):
-        raise TippathError(
-            f"{path}, line 1: column t missing; add the time in seconds as t, or name the time column in a profile "
-            "([time] source = ..., scale = ...)"
-        )
-    hints: tuple[str, ...] = ()
+    log = profiles.open_csv(file, chosen)
+    hints = [*file.layout.hints]
     if profile is None and chosen.name == "channels":
-        others = [name for name in file.header if name not in CHANNELS]
+        others = [name for name in file.layout.names if name and name not in CHANNELS]
         if others:
-            hints = (f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}",)
-    return Opened((table,), "csv", hashlib.sha256(raw).hexdigest(), chosen, None, file.notes, hints)
+            hints.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
+    cut: tuple[Profile, ...] = ()
+    if chosen.settings is not None:
+        told = [profiles.cuts_by_settings(chosen, boot) for boot in log.boots]
+        cut = tuple(replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ()))) for cuts, notes in told)
+        hints += [note for cuts, notes in told if not cuts for note in notes]
+    sha256 = hashlib.sha256(raw).hexdigest()
+    return Opened(log.boots, "csv", sha256, chosen, log.damage, log.notes, tuple(hints), cut)
 
 
 def _csv_profile(file: CsvFile) -> Profile:
     """Of the bundled profiles the one whose columns are there; a header of channel names needs none."""
-    own = profiles.contract_profile(file.header)
-    if {"p", "q"} <= set(own.channels):
-        return own
+    layout = file.layout
+    names = [name for name in layout.names if file.column(name) is not None]
+    units = {name: layout.units[place] for name in names if (place := file.column(name)) is not None}
+    if {"p", "q"} <= set(names):
+        return profiles.contract_profile(names, units, file.path)
     columns = set(file.header)
     bundled = (one for one in profiles.bundled_profiles() if one.kind == "csv" and set(one.needs) <= columns)
-    return next(bundled, own)
+    return next(bundled, profiles.contract_profile(names, {}, file.path))
 
 
 FORMATS = (
     Format("dataflash", (".bin",), _is_dataflash, _open_dataflash),
+    Format("ulog", (".ulg",), ulog.is_ulog, _open_ulog),
+    Format("dataflash", (".log",), dataflash_text.recognises, _open_dataflash_text),
+    Format("tlog", (".tlog",), _is_tlog, _open_tlog),
     Format("csv", (".csv", ".txt"), _never, _open_csv),
 )

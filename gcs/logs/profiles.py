@@ -5,6 +5,10 @@ p and q come from one kind of message, and its clock becomes the record's. Every
 clock without inventing anything: fields of the same clock as they are; fields of the same rate by the nearest sample
 within half a sample; slower commands hold their last value, as the vehicle held it; other slow fields (rotor speed,
 attitude) are interpolated. A row whose required channels have no partner is left out and becomes a gap.
+
+[axes] says how the log's body axes lie where they are not ours (x forward, y right, z down); it turns the signs of all
+channels that are measured along or about them. [settings] names the fields that hold what was flown: the log is then
+cut into the stretches in which `active` is not zero.
 """
 
 from __future__ import annotations
@@ -13,18 +17,21 @@ import difflib
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import TippathError
-from gcs.logs.csv import CsvFile, CsvTable
+from gcs.logs.csv import CsvFile, CsvLog, open_table
 from gcs.logs.expression import Expression
 from gcs.logs.tables import Log, Series
+from gcs.logs.units import factor_or_ask
 from sysid.record import CHANNELS, REQUIRED
 
 FloatArray = NDArray[np.float64]
@@ -33,7 +40,16 @@ KINDS = ("dataflash", "ulog", "tlog", "csv")
 COMMANDS = ("delta_", "excitation_")
 MANEUVERS = ("chirp", "doublet", "quiet", "unknown")
 AXES = ("roll", "pitch", "elevator")
+OTHER = "other"  # an axis that is excited but not identified: yaw, thrust
 FEW = 0.01  # share of rows that may be given up for an optional channel
+OUR_AXES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {"x": ("forward", "backward"), "y": ("right", "left"), "z": ("down", "up")}
+)
+"""Axis -> how ours lies, and the other way."""
+ALONG: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"x": ("p", "phi", "ax", "u"), "y": ("q", "theta", "ay", "v"), "z": ("r", "az", "w")}
+)
+"""Axis -> channels measured along or about it."""
 SLOWER = 1.5  # a field is slower than the clock when its spacing is this much longer
 
 
@@ -62,6 +78,27 @@ class Cut:
 
 
 @dataclass(frozen=True)
+class Settings:
+    """Fields (or arithmetic on fields) that hold what was flown."""
+
+    active: str
+    """Not zero while a maneuver is flown."""
+    axis: str | None = None
+    """The number of the excited axis: a place, from 0, in `axes`."""
+    axes: tuple[str, ...] = ("roll", "pitch")
+    """One of `AXES` each, or `other`."""
+    f_start_hz: str | None = None
+    f_stop_hz: str | None = None
+    amplitude: str | None = None
+    maneuver: str = "chirp"
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        named = (self.active, self.axis, self.f_start_hz, self.f_stop_hz, self.amplitude)
+        return tuple(text for text in named if text is not None)
+
+
+@dataclass(frozen=True)
 class Profile:
     """Where the channels of a kind of log come from."""
 
@@ -77,6 +114,7 @@ class Profile:
     time_source: str | None = None
     time_scale: float | None = None
     cuts: tuple[Cut, ...] = ()
+    settings: Settings | None = None
     notes: tuple[str, ...] = field(default=())
     """What a user of the profile must know; goes into every record."""
 
@@ -137,7 +175,7 @@ def parse(text: str, path: str) -> Profile:
         document = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise TippathError(f"{path}: not TOML: {error}") from error
-    _known(document, ("name", "log", "time", "channels", "runs", "notes"), path, "")
+    _known(document, ("name", "log", "time", "axes", "channels", "settings", "runs", "notes"), path, "")
     log, time = _table(document, "log", path), _table(document, "time", path)
     _known(log, ("kind", "needs", "priority"), path, "[log] ")
     _known(time, ("source", "scale"), path, "[time] ")
@@ -150,6 +188,12 @@ def parse(text: str, path: str) -> Profile:
             hint = "time has its own table [time]" if name == "t" else _nearest(name, [c for c in CHANNELS if c != "t"])
             raise TippathError(f"{path}: [channels.{name}]: no such channel; {hint}")
         channels[name] = _channel(name, entry, path)
+    for channel in _turned(_table(document, "axes", path), path):
+        if channel in channels:
+            turned = channels[channel]
+            channels[channel] = replace(turned, scale=-turned.scale, offset=-turned.offset)
+    if "settings" in document and "runs" in document:
+        raise TippathError(f"{path}: [settings] and [[runs]] both say where the runs are; keep one of them")
     if not channels:
         raise TippathError(f"{path}: no [channels.*]; a profile needs at least p, q, delta_x and delta_y")
     source = time.get("source")
@@ -165,6 +209,7 @@ def parse(text: str, path: str) -> Profile:
         time_source=source,
         time_scale=_number(time["scale"], path, "[time] scale") if "scale" in time else None,
         cuts=_cuts(document.get("runs", []), path),
+        settings=_settings(_table(document, "settings", path), path) if "settings" in document else None,
         notes=_texts(document.get("notes", []), path, "notes"),
     )
 
@@ -187,6 +232,45 @@ def _channel(name: str, entry: Any, path: str) -> ChannelSource:
         _number(entry.get("offset", 0.0), path, f"{where} offset"),
         _number(entry.get("min_rate_hz", 0.0), path, f"{where} min_rate_hz"),
     )
+
+
+def _turned(axes: Mapping[str, Any], path: str) -> tuple[str, ...]:
+    """The channels whose signs the log's axes turn."""
+    _known(axes, tuple(OUR_AXES), path, "[axes] ")
+    turned = []
+    for axis, allowed in OUR_AXES.items():
+        word = axes.get(axis, allowed[0])
+        if word not in allowed:
+            raise TippathError(f"{path}: [axes] {axis} is {' or '.join(allowed)}, not {word!r}")
+        if word == allowed[1]:
+            turned.append(axis)
+    if len(turned) % 2:
+        left_handed = " or ".join("xyz".replace(turned[0], "")) if len(turned) == 1 else "one"
+        raise TippathError(
+            f"{path}: [axes] these axes are left-handed: turn {left_handed} as well, or give the signs by scale = -..."
+        )
+    return tuple(channel for axis in turned for channel in ALONG[axis])
+
+
+def _settings(table: Mapping[str, Any], path: str) -> Settings:
+    names = ("active", "axis", "axes", "f_start_hz", "f_stop_hz", "amplitude", "maneuver")
+    _known(table, names, path, "[settings] ")
+    fields = {
+        name: _text(table[name], path, f"[settings] {name}") for name in names if name != "axes" and name in table
+    }
+    if not fields.get("active", "").strip():
+        raise TippathError(
+            f"{path}: [settings] active is missing: the field that is not zero while a maneuver is flown"
+        )
+    if fields.get("maneuver", "chirp") not in MANEUVERS:
+        raise TippathError(f"{path}: [settings] maneuver is one of {', '.join(MANEUVERS)}")
+    axes = _texts(table.get("axes", ["roll", "pitch"]), path, "[settings] axes")
+    for axis in axes:
+        if axis not in (*AXES, OTHER):
+            raise TippathError(f"{path}: [settings] axes: {axis!r}: {_nearest(axis, (*AXES, OTHER))}")
+    if ("f_start_hz" in fields) != ("f_stop_hz" in fields):
+        raise TippathError(f"{path}: [settings] f_start_hz and f_stop_hz go together")
+    return Settings(axes=axes, **fields)
 
 
 def _cuts(entries: Any, path: str) -> tuple[Cut, ...]:
@@ -262,35 +346,53 @@ def bundled_profiles() -> tuple[Profile, ...]:
     return tuple(sorted(found, key=lambda profile: -profile.priority))
 
 
-def contract_profile(header: Sequence[str]) -> Profile:
-    """For a CSV whose columns carry the channels' own names."""
-    names = [name for name in header if name in CHANNELS and name != "t"]
-    return Profile("channels", {name: ChannelSource(name, (name,)) for name in names}, kind="csv", time_source="t")
+def contract_profile(header: Sequence[str], units: Mapping[str, str] | None = None, path: str = "") -> Profile:
+    """For a CSV whose columns carry the channels' own names.
+
+    units: column -> unit as the file writes it, where it does; others are taken to be the channel's own. Raises
+    TippathError for a unit that is not known.
+    """
+    names = [name for name in header if name in CHANNELS]
+    where = f"{path}, line 1" if path else "line 1"
+    written = {name: (units or {}).get(name, "") for name in names}
+    scales = {name: factor_or_ask(name, written[name], f"{where}, column {name}") for name in names}
+    said = [f"{name} from {written[name]}" for name in names if scales[name] != 1.0]
+    channels = {name: ChannelSource(name, (name,), scales[name]) for name in names if name != "t"}
+    notes = (f"units converted as the header gives them: {', '.join(said)}",) if said else ()
+    return Profile("channels", channels, kind="csv", time_source="t", time_scale=scales.get("t"), notes=notes)
 
 
 def choose(log: Log, candidates: Sequence[Profile]) -> Profile | None:
-    """The fitting profile of the highest priority, unless another has rates at least twice as often.
+    """The fitting profile of the highest priority, unless another has rates and commands at least twice as often.
 
-    (Old logs keep RATE at 10 Hz and the gyro itself at 50.) None where none fits.
+    (Old logs keep RATE at 10 Hz, and the gyro itself and the motors at 50.) None where none fits.
     """
-    fitting = [(profile, _rate_spacing(profile, log)) for profile in candidates if profile.fits(log)]
+    fitting = [(profile, _spacing(profile, log)) for profile in candidates if profile.fits(log)]
     if not fitting:
         return None
     fastest = min(spacing for _, spacing in fitting)
     return next(profile for profile, spacing in fitting if spacing <= 2 * fastest or math.isinf(fastest))
 
 
-def _rate_spacing(profile: Profile, log: Log) -> float:
-    sources = profile.channels["p"].sources if "p" in profile.channels else ()
-    spacings = [log.series(key).spacing_s for key in sources if log.has(key)]
-    return min(spacings, default=math.inf)
+def _spacing(profile: Profile, log: Log) -> float:
+    """Median spacing of rates or commands, whichever are logged more slowly; infinite where either is not."""
+    worst = 0.0
+    for name in ("p", "delta_x"):
+        spacings = [math.inf]
+        for text in profile.channels[name].sources if name in profile.channels else ():
+            keys = (text,) if log.has(text) else _fields(text)
+            if keys and all(log.has(key) for key in keys):
+                spacings.append(max(log.series(key).spacing_s for key in keys))
+        worst = max(worst, min(spacings))
+    return worst
 
 
 def fields_of(profile: Profile) -> tuple[str, ...]:
     """Every field a profile may ask for."""
     keys: dict[str, None] = dict.fromkeys([profile.time_source] if profile.time_source else [])
-    for channel in profile.channels.values():
-        for text in channel.sources:
+    its_settings = () if profile.settings is None else profile.settings.sources
+    for texts in (*(channel.sources for channel in profile.channels.values()), its_settings):
+        for text in texts:
             keys[text] = None
             try:
                 keys.update(dict.fromkeys(Expression.parse(text).fields))
@@ -299,11 +401,88 @@ def fields_of(profile: Profile) -> tuple[str, ...]:
     return tuple(keys)
 
 
-def open_csv(file: CsvFile, profile: Profile) -> CsvTable:
+def open_csv(file: CsvFile, profile: Profile) -> CsvLog:
     """A CSV seen through a profile, its columns read in one pass. Raises TippathError for what is wrong in it."""
-    table = CsvTable(file, file.path, profile.time_source or "t", profile.time_scale or 1.0)
-    table.load([key for key in fields_of(profile) if table.has(key)])
-    return table
+    needed: dict[str, None] = {}
+    for name in REQUIRED:
+        for text in profile.channels[name].sources if name in profile.channels else ():
+            fields = (text,) if file.column(text) is not None else _fields(text)
+            if fields and all(file.column(key) is not None for key in fields):
+                needed.update(dict.fromkeys(fields))
+                break
+    others = [key for key in fields_of(profile) if file.column(key) is not None and key not in needed]
+    return open_table(file, profile.time_source or "t", profile.time_scale or 1.0, list(needed), others)
+
+
+def _fields(text: str) -> tuple[str, ...]:
+    try:
+        return Expression.parse(text).fields
+    except TippathError:
+        return ()  # `apply` complains
+
+
+def cuts_by_settings(profile: Profile, log: Log) -> tuple[tuple[Cut, ...], tuple[str, ...]]:
+    """The stretches in which the profile's settings say that a maneuver was flown, and what to tell about them.
+
+    Raises TippathError where a field that holds a setting is missing.
+    """
+    settings = profile.settings
+    if settings is None:
+        return (), ()
+    for text in settings.sources:
+        for key in _bind(text, log).fields:
+            if not log.has(key):
+                raise TippathError(
+                    f"{log.path}: {key} of [settings] in profile {profile.name} is missing; the log has "
+                    f"{', '.join(log.fields()[:12])}"
+                )
+    clock = log.series(_bind(settings.active, log).fields[0])
+
+    def values(text: str | None) -> FloatArray | None:
+        if text is None:
+            return None
+        expression = _bind(text, log)
+        aligned = {key: _onto(clock, log.series(key), held=True) for key in expression.fields}
+        return np.broadcast_to(expression.evaluate(aligned), clock.t.shape)
+
+    active = values(settings.active)
+    assert active is not None
+    on = np.isfinite(active) & (active != 0)
+    axis, low, high, amplitude = (
+        values(text) for text in (settings.axis, settings.f_start_hz, settings.f_stop_hz, settings.amplitude)
+    )
+    changes = np.diff(on.astype(np.int8)) != 0
+    if axis is not None:
+        changes |= on[1:] & on[:-1] & (np.diff(axis) != 0)
+    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), on.size]
+    cuts: list[Cut] = []
+    told: list[str] = []
+    for start, stop in pairwise(edges):
+        if not on[start] or stop - start < 2:
+            continue
+        name = None if axis is None else _axis_named(settings, axis[start])
+        band = None if low is None or high is None else (float(low[start]), float(high[start]))
+        good = band is not None and 0 < band[0] < band[1] < math.inf
+        maneuver = "unknown" if name == OTHER else settings.maneuver
+        cuts.append(
+            Cut(
+                float(clock.t[start]),
+                float(clock.t[stop - 1]),
+                maneuver,
+                None if name == OTHER else name,
+                band if good and maneuver == "chirp" else None,
+            )
+        )
+        if amplitude is not None:
+            told.append(f"{float(amplitude[start]):g}")
+    if not cuts:
+        return (), (f"{settings.active} is zero throughout: by its settings no maneuver was flown",)
+    return tuple(cuts), (f"amplitudes by the settings of the runs in order: {', '.join(told)}",) if told else ()
+
+
+def _axis_named(settings: Settings, value: float) -> str:
+    place = int(value) if math.isfinite(value) else -1
+    return settings.axes[place] if 0 <= place < len(settings.axes) else OTHER
 
 
 # ------------------------------------------------------------------------------------------------ applying

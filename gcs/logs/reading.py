@@ -69,12 +69,9 @@ def read(path: Path, how: Reading) -> Content:
 
 def _parse(path: Path, how: Reading) -> Content:
     opened = formats.open_log(path, how.profile)
-    found: list[Run] = []
-    fields: dict[str, None] = {}
-    for log in opened.boots:
-        name = printable(path.name)
-        found += runs.runs_of(log, opened.profile, name, opened.sha256, how.window, how.f_high_hz, first=len(found) + 1)
-        fields.update(dict.fromkeys(log.fields()))
+    name = printable(path.name)
+    found = runs.runs_of(opened.parts, name, opened.sha256, how.window, how.f_high_hz)
+    fields = dict.fromkeys(field for log in opened.boots for field in log.fields())
     # Asked for after the runs: what breaks the order of time is found when a series is read.
     notes = [*opened.notes]
     for log in opened.boots:

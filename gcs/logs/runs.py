@@ -4,21 +4,23 @@ A DataFlash log says it in SIDS (settings, at entry of mode SYSTEMID) and SIDD (
 maneuver, then zero input until the mode is left. The run is cut by the maneuver; up to 0.5 s before and 1 s after it
 are kept, for trim and for the answer to die out. Where SIDS was lost, SIDD's own clock tells the entry.
 The swept band is what was flown: of a chirp that ended early, or that a window cuts, SIDD.F tells how far it came.
-A log without either has no maneuver: it is one stretch, and not usable unless the user cuts it (--window, or [[runs]]
-in a profile) and so vouches for what is in it.
+Logs without either are asked in this order: what modes and texts tell of (`gcs.logs.told`), what the excitation itself
+shows (`gcs.logs.excited`). A log in which none of them finds a maneuver is one stretch, and not usable unless the user
+cuts it (--window, or [[runs]] in a profile) and so vouches for what is in it.
+A CSV is one run unless it is cut so; a maneuver found in it gives the run its name, not its length.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import TippathError
-from gcs.logs import health, profiles
+from gcs.logs import around, excited, health, latency, profiles, told
 from gcs.logs.dataflash_table import DataFlashTables
 from gcs.logs.profiles import Profile
 from gcs.logs.span import Span
@@ -71,45 +73,104 @@ class Run:
 
 
 def runs_of(
-    log: Log,
-    profile: Profile,
+    boots: Sequence[tuple[Log, Profile]],
     name: str,
     sha256: str,
     window: Window | None = None,
     f_high_hz: float = health.F_HIGH_HZ,
-    first: int = 1,
 ) -> tuple[Run, ...]:
-    """Every run of a log, in order of time, numbered from `first`.
+    """Every run of a log, boot by boot in order of time, numbered from 1.
 
-    Those outside the window are left out, and the others keep their numbers. A window in which no maneuver lies is
-    itself one run, unknown, on the user's word. `name` is the file's name, for the ids. Raises TippathError where the
-    profile makes no sense.
+    Those outside the window are left out, and the others keep their numbers. A boot without maneuvers is one run,
+    unknown; so is a window in which none lies, on the user's word. `name` is the file's name, for the ids. Raises
+    TippathError where a profile makes no sense.
     """
     low, high = _ends(window)
+    found: list[Run] = []
+    outside: list[profiles.OutsideLog] = []
+    number = 1
+    spans = [_spans(log, profile) for log, profile in boots]
+    none_inside = not any(span.start_s <= high and span.stop_s >= low for its in spans for span in its)
+    for (log, profile), its in zip(boots, spans, strict=True):
+        numbered = [(number + i, span) for i, span in enumerate(its) if span.start_s <= high and span.stop_s >= low]
+        if not its or (not numbered and none_inside):
+            if isinstance(log, DataFlashTables) and log.sampled_s < health.SHORTEST_PIECE_S:
+                found.append(_empty(log, f"{name}#{number + len(its)}"))
+            else:
+                numbered = [(number + len(its), _whole(log, profile, window))]
+        number += len(its) or 1
+        flown = [(span.start_s, span.stop_s) for span in its]
+        for place, span in numbered:
+            others = [other for other in flown if other != (span.start_s, span.stop_s)]
+            try:
+                run = _run(log, profile, span, f"{name}#{place}", sha256, (low, high), f_high_hz, others)
+            except profiles.OutsideLog as error:
+                outside.append(error)
+            else:
+                found.append(run)
+    if not found and outside:
+        raise outside[0]
+    return tuple(found)
+
+
+def _spans(log: Log, profile: Profile) -> list[Span]:
     if profile.cuts:
-        spans = [
+        return [
             Span(c.start_s, c.stop_s, c.start_s, c.stop_s, c.maneuver, c.axis, c.swept_band_hz) for c in profile.cuts
         ]
+    return _found(log, profile)
+
+
+def _whole(log: Log, profile: Profile, window: Window | None) -> Span:
+    """All of a log in which no maneuver was found, or of the window."""
+    reasons = (_no_maneuver(log),) if log.kind != "csv" and window is None else ()
+    whole = Span(-math.inf, math.inf, -math.inf, math.inf, reasons=reasons)
+    return _named(whole, excited.find(log, profile)) if log.kind == "csv" and not profile.cuts else whole
+
+
+def _found(log: Log, profile: Profile) -> list[Span]:
+    """The maneuvers of a log that is to be cut by them, in order of time."""
+    if log.kind == "csv":
+        return []
+    if isinstance(log, DataFlashTables):
+        spans = find(log)
+        if spans:
+            return spans
+    shown = excited.find(log, profile)
+    return told.find(log, shown) or shown
+
+
+def _named(whole: Span, shown: Sequence[Span]) -> Span:
+    """A CSV's one run, called after the maneuvers that its excitation shows where they are of one kind."""
+    kinds = {span.maneuver for span in shown}
+    if len(kinds) != 1:
+        return whole
+    axes = {span.axis for span in shown}
+    bands = [span.swept_band_hz for span in shown if span.swept_band_hz is not None]
+    band = (min(low for low, _ in bands), max(high for _, high in bands)) if bands else None
+    where = ", ".join(f"{span.axis} {span.start_s:.1f}-{span.stop_s:.1f} s" for span in shown)
+    return replace(
+        whole,
+        maneuver=kinds.pop(),
+        axis=axes.pop() if len(axes) == 1 else None,
+        swept_band_hz=band,
+        notes=(f"{excited.NOTE} ({where})",),
+        track=shown[0].track if len(shown) == 1 else None,
+    )
+
+
+def _no_maneuver(log: Log) -> str:
+    if log.kind == "dataflash":
+        entered = any(mode == SYSTEMID for _, mode in log.modes())
+        what = "the log has no SIDS and no SIDD, " + (
+            "though mode SYSTEMID was entered" if entered else "mode SYSTEMID was never entered"
+        )
     else:
-        spans = find(log) if isinstance(log, DataFlashTables) else []
-    numbered = [
-        (number, span) for number, span in enumerate(spans, first) if span.start_s <= high and span.stop_s >= low
-    ]
-    if not numbered:
-        reasons: tuple[str, ...] = ()
-        if isinstance(log, DataFlashTables) and log.sampled_s < health.SHORTEST_PIECE_S:
-            return (_empty(log, f"{name}#{first + len(spans)}"),)
-        if isinstance(log, DataFlashTables) and window is None:
-            entered = log.has("MODE.ModeNum") and np.any(log.series("MODE.ModeNum").values == SYSTEMID)
-            reasons = (
-                "no excitation maneuver: the log has no SIDS and no SIDD, "
-                + ("though mode SYSTEMID was entered" if entered else "mode SYSTEMID was never entered")
-                + "; pilot and controller alone moved the commands, and their feedback cannot be told from the "
-                f"vehicle: {health.SWEEP}; or name a stretch that was flown as one: --window START:STOP",
-            )
-        numbered = [(first + len(spans), Span(-math.inf, math.inf, -math.inf, math.inf, reasons=reasons))]
-    return tuple(
-        _run(log, profile, span, f"{name}#{number}", sha256, (low, high), f_high_hz) for number, span in numbered
+        what = "neither flight modes nor texts tell of one"
+    return (
+        f"no excitation maneuver: {what}, and the commands show no chirp; pilot and controller alone moved the "
+        f"commands, and their feedback cannot be told from the vehicle: {health.SWEEP}; or name a stretch that was "
+        "flown as one: --window START:STOP"
     )
 
 
@@ -132,6 +193,7 @@ def _run(
     sha256: str,
     window: tuple[float, float],
     f_high_hz: float,
+    others: Sequence[tuple[float, float]] = (),
 ) -> Run:
     low = max(span.first_s, span.start_s - KEEP_BEFORE_S, window[0])
     high = min(span.last_s, span.stop_s + KEEP_AFTER_S, window[1])
@@ -158,9 +220,14 @@ def _run(
             tuple(notes),
         )
     except (TippathError, RecordError) as error:
+        if isinstance(error, profiles.OutsideLog) and (log.kind == "csv" or window != (-math.inf, math.inf)):
+            raise
         if log.kind == "csv":
             raise TippathError(str(error)) from error
-        reasons = (*span.reasons, str(error))
+        why = around.disarmed(log, start, stop)
+        missing = around.not_logged(log, profile, f_high_hz) if isinstance(error, profiles.ChannelsMissing) else []
+        said = any(reason.startswith(around.NO_ACTUATORS) for reason in missing)
+        reasons = (*([why] if why else []), *missing, *span.reasons, *([] if said else [str(error)]))
         finite = math.isfinite(start) and math.isfinite(stop)
         return Run(
             None,
@@ -188,7 +255,12 @@ def _run(
         slow_channels=mapped.spacing_s,
         f_high_hz=f_high_hz,
     )
-    reasons = (*span.reasons, *found.reasons)
+    found = _with_the_log(log, profile, found, mapped.sources, (start, stop), span, others)
+    beside = [
+        around.disarmed(log, start, stop),
+        around.equal_motors(log, mapped.sources, found.excitation, start, stop),
+    ]
+    reasons = (*(reason for reason in beside if reason is not None), *span.reasons, *found.reasons)
     # The record carries what was noted about it to whoever fits it.
     record = replace(record, notes=(*notes, *found.notes))
     return Run(
@@ -211,6 +283,29 @@ def _run(
         found,
         span.entered_s,
     )
+
+
+def _with_the_log(
+    log: Log,
+    profile: Profile,
+    found: health.Health,
+    sources: Mapping[str, str],
+    at: tuple[float, float],
+    span: Span,
+    others: Sequence[tuple[float, float]],
+) -> health.Health:
+    """The health of a record, with what only the log around it tells."""
+    late = latency.measure(log, profile, sources, found.excitation, *at)
+    quiet: tuple[health.Quiet, ...] = ()
+    if math.isfinite(span.start_s) and math.isfinite(span.stop_s):
+        rms = max((rate for _, rate in found.excitation.values()), default=0.0)
+        quiet = around.quiet(log, profile, span.start_s, span.stop_s, rms, others)
+    notes = [
+        f"{one.against} is {-1000 * one.late_s:.1f} ms later than {one.field}: a fitted delay or lag includes that"
+        for one in late
+        if one.late_s < 0
+    ]
+    return replace(found, quiet=quiet, latency=late, notes=(*found.notes, *notes))
 
 
 def of_record(record: Record, window: Window | None = None, f_high_hz: float = health.F_HIGH_HZ) -> Run:
@@ -239,6 +334,11 @@ def of_record(record: Record, window: Window | None = None, f_high_hz: float = h
 
 def _flown_band(log: Log, span: Span, start_s: float, stop_s: float) -> tuple[float, float] | None:
     """The part of the sweep that lies between two times; the plan where nothing is cut, or the log does not tell."""
+    if span.swept_band_hz is not None and span.track is not None:
+        t, frequency = span.track
+        inside = frequency[(t >= start_s) & (t <= stop_s)]
+        whole = start_s <= span.start_s and stop_s >= span.stop_s
+        return span.swept_band_hz if whole or not inside.size else (float(inside.min()), float(inside.max()))
     if span.swept_band_hz is None or not isinstance(log, DataFlashTables) or not log.has("SIDD.F"):
         return span.swept_band_hz
     low, high = span.swept_band_hz

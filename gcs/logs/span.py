@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gcs.logs.tables import FloatArray
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Span:
     """Where a maneuver lies in a log, before its data are looked at."""
 
@@ -23,3 +25,5 @@ class Span:
     reasons: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     entered_s: float | None = None
+    track: tuple[FloatArray, FloatArray] | None = None
+    """Times (s) and frequencies (Hz) of a chirp that was found by its excitation, both of shape (n,)."""

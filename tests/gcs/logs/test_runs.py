@@ -282,13 +282,13 @@ def test_a_flight_folder_is_its_flight_logs_and_nothing_twice(two_chirps: bytes,
     ids = [run.id for run in ingest([folder]).runs]
     assert ids == ["flight.BIN#1", "flight.BIN#2", "flight-2.BIN#1", "flight-10.BIN#1"]
     (tmp_path / "nothing").mkdir()
-    with pytest.raises(TippathError, match=r"no \.BIN"):
+    with pytest.raises(TippathError, match=r"no log \("):
         ingest([tmp_path / "nothing"])
 
 
-@pytest.mark.parametrize("name", ["x.ulg", "x.tlog", "x.log", "x.xls", "x"])
+@pytest.mark.parametrize("name", ["x.xls", "x"])
 def test_formats_that_are_not_read_say_which_are(saved: Saved, name: str) -> None:
-    with pytest.raises(TippathError, match=r"Read are: DataFlash \.BIN, \.csv"):
+    with pytest.raises(TippathError, match=r"Read are: DataFlash \.BIN"):
         ingest([saved(b"some bytes", name)])
 
 

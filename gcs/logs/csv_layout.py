@@ -1,0 +1,296 @@
+"""How a CSV file is laid out: its encoding, its separator, its header, its units, the style of its decimals.
+
+Nothing is asked of the user that the file itself tells. UTF-8 goes first (damaged bytes spoil their own line only),
+UTF-16 shows by its mark or its zeros, and what is neither is read as Windows' western code page. The separator is the
+one under which the header and most of the first rows have equally many cells. Units stand in brackets behind a name
+(`p [deg/s]`) or in a row of their own below the header.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gcs.errors import TippathError
+from gcs.logs.words import printable
+
+SHOWN = 30  # characters of a wrong value in a message
+SEPARATORS = ("\t", ";", "|", ",", " ")
+WORDS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ": "blanks"}
+COMMENTS = ("#", "%", "//")
+SAMPLE = 50  # rows that are looked at to find the separator
+HEAD = 4096  # bytes that decide the encoding
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_NAME_AND_UNIT = re.compile(r"^(.*?\S)\s*(?:\[(?!\d+\])([^\[\]]*)\]|\(([^()]*)\))$")
+_DECIMAL_COMMA = re.compile(r"\d,\d")
+_DECIMAL_POINT = re.compile(r"\d\.\d")
+_NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf|infinity)$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A CSV file's text and how to read it."""
+
+    path: str
+    header: tuple[str, ...]
+    """Column names as they stand in the file."""
+    names: tuple[str, ...]
+    """The same without a unit in brackets."""
+    units: tuple[str, ...]
+    """Unit of each column as written, empty where none is."""
+    separator: str
+    width: int
+    """Cells in a whole row; one more than the header's where rows end in a separator."""
+    body: str
+    """The rows, with \\n as line end; decimal commas are points already, unless `mixed`."""
+    first_line: int
+    """Line of the file (from 1) on which the body begins."""
+    encoding: str
+    mixed: bool = False
+    """Decimal points and commas both occur."""
+    padding: int = 0
+    """Zero bytes at the end of the file, as a card's preallocated file has them."""
+    hints: tuple[str, ...] = ()
+    """What was found out and is harmless."""
+
+    def cells(self, line: str) -> list[str]:
+        """The cells of a line. Raises csv.Error."""
+        return cells(line, self.separator)
+
+
+def cells(line: str, separator: str) -> list[str]:
+    """Split one line. Raises csv.Error for what no quoting rule allows."""
+    if '"' not in line:
+        return line.split() if separator == " " else line.split(separator)
+    if separator == " ":
+        return next(csv.reader([line.strip()], delimiter=" ", skipinitialspace=True), [])
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma."""
+    return _NUMBER.match(text.strip()) is not None
+
+
+def layout_of(raw: bytes, path: str) -> Layout:
+    """Find out how a file is laid out. Raises TippathError where it is no text with a header and rows."""
+    text, encoding = _decode(raw)
+    whole = len(text)
+    text = text.rstrip("\0")
+    padding = (whole - len(text)) * (2 if encoding.startswith("utf-16") else 1)
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
+    lines = _Lines(text)
+    forced: str | None = None
+    comment, comment_at = "", 0
+    while True:  # the header is the first line that is neither blank nor a comment
+        line = lines.take()
+        if line is None:
+            raise TippathError(f"{path}: the file is empty; it needs a header such as t,p,q,delta_x,delta_y")
+        stripped = line.strip()
+        if forced is None and re.fullmatch(r"(?i)sep=.", stripped) and lines.number <= 2:
+            forced = stripped[-1]
+        elif stripped.startswith(COMMENTS):
+            text_of = stripped.lstrip("#%/ ")
+            comment, comment_at = (text_of, lines.number) if text_of else (comment, comment_at)
+        elif stripped:
+            break
+    number = lines.number
+    if any(not c.isprintable() and c != "\t" for c in line):
+        raise TippathError(f"{path}, line {number}: not text; is it a binary log with the wrong name?")
+    sample = lines.ahead(SAMPLE)
+    if _is_row(line):
+        separator = _separator(comment, [line, *sample], path, comment_at, forced) if comment else None
+        if separator is None or len(_split(comment, separator, path, comment_at)) < 2:
+            raise TippathError(
+                f"{path}, line {number}: the first line holds numbers, not names; put a header first, such as "
+                "t,p,q,delta_x,delta_y"
+            )
+        line, number = comment, comment_at
+        lines.back()
+    else:
+        separator = _separator(line, sample, path, number, forced)
+    separator = separator or ","
+    header = tuple(printable(name.strip()) for name in _split(line, separator, path, number))
+    if len(header) > 1 and not header[-1]:
+        header = header[:-1]
+    _check(header, path, number)
+    units = [""] * len(header)
+    names = list(header)
+    for i, name in enumerate(header):
+        if found := _NAME_AND_UNIT.match(name):
+            names[i], units[i] = found[1], (found[2] if found[2] is not None else found[3]).strip()
+    at = lines.position
+    below = lines.take()
+    while below is not None and not below.strip():
+        at = lines.position
+        below = lines.take()
+    if below is not None and (row := _units_row(below, separator, len(header))) is not None:
+        units = [unit or other for unit, other in zip(row, units, strict=True)]
+        at = lines.position
+    body, first_line = text[at:], text.count("\n", 0, at) + 1
+    if separator == " ":
+        body = body.replace("\t", " ")
+    if not body.strip():
+        raise TippathError(f"{path}, line {number}: a header and no rows; the log has no samples")
+    mixed, hints = False, []
+    if separator != ",":
+        hints.append(f"columns are separated by {WORDS.get(separator, separator)}")
+        if _DECIMAL_COMMA.search(body):
+            mixed = _DECIMAL_POINT.search(body) is not None
+            if not mixed:
+                body = body.replace(",", ".")
+                hints.append("decimals are written with commas")
+    width = _width(body, separator, len(header))
+    return Layout(
+        path, header, tuple(names), tuple(units), separator, width, body, first_line, encoding, mixed, padding,
+        tuple(hints),
+    )  # fmt: skip
+
+
+class _Lines:
+    """Lines of a text, one after the other, with their numbers; the rest of the text stays in one piece."""
+
+    def __init__(self, text: str) -> None:
+        self.text, self.position, self.number = text, 0, 0
+        self._before = 0
+
+    def take(self) -> str | None:
+        if self.position >= len(self.text):
+            return None
+        self._before = self.position
+        stop = self.text.find("\n", self.position)
+        stop = len(self.text) if stop < 0 else stop
+        line = self.text[self.position : stop]
+        self.position = min(stop + 1, len(self.text))
+        self.number += 1
+        return line
+
+    def back(self) -> None:
+        """Give the line taken last back."""
+        self.position = self._before
+        self.number -= 1
+
+    def ahead(self, count: int) -> list[str]:
+        """The next lines that are neither blank nor comments."""
+        found: list[str] = []
+        at = self.position
+        while at < len(self.text) and len(found) < count:
+            stop = self.text.find("\n", at)
+            stop = len(self.text) if stop < 0 else stop
+            line = self.text[at:stop]
+            if line.strip() and not line.lstrip().startswith(COMMENTS):
+                found.append(line)
+            at = stop + 1
+        return found
+
+
+def _decode(raw: bytes) -> tuple[str, str]:
+    for mark, encoding in _MARKS:
+        if raw.startswith(mark):
+            return raw[len(mark) :].decode(encoding, "replace"), encoding
+    if len(raw) > 7 and raw[0] and not any(raw[1:8:2]) and all(raw[0:8:2]):
+        return raw.decode("utf-16-le", "replace"), "utf-16-le"
+    if len(raw) > 7 and raw[1] and not any(raw[0:8:2]) and all(raw[1:8:2]):
+        return raw.decode("utf-16-be", "replace"), "utf-16-be"
+    try:
+        return raw.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        head = raw[:HEAD]
+    try:  # damage further on spoils its own lines only
+        head[: head.rfind(b"\n") + 1 or len(head)].decode("utf-8")
+        return raw.decode("utf-8", "replace"), "utf-8"
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", "replace"), "cp1252"
+
+
+def _is_row(line: str) -> bool:
+    """Whether all cells of a line are numbers, whatever separates them."""
+    return any(
+        all(is_number(cell) for cell in found)
+        for separator in SEPARATORS
+        if (found := line.strip().strip(separator).split(separator if separator != " " else None))
+    )
+
+
+def _separator(header: str, sample: Sequence[str], path: str, number: int, forced: str | None) -> str | None:
+    """The separator under which the header and most of the sample have equally many cells; None for one column."""
+    if forced is not None:
+        return forced
+    best: tuple[float, int, str] | None = None
+    for separator in SEPARATORS:
+        try:
+            count = len(_trimmed(cells(header.strip(), separator)))
+        except csv.Error as error:
+            raise TippathError(f"{path}, line {number}: cannot be read ({error}); is it a CSV file?") from error
+        if count < 2:
+            continue
+        same = sum(1 for line in sample if _count(line, separator) == count)
+        # Where nothing fits, the error is told for commas, or what the header has most of.
+        score = (same / len(sample) if sample else 1.0, (separator != " ") * count, separator)
+        if best is None or score[:2] > best[:2]:
+            best = score
+    return None if best is None else best[2]
+
+
+def _trimmed(found: list[str]) -> list[str]:
+    return found[:-1] if len(found) > 1 and not found[-1].strip() else found
+
+
+def _count(line: str, separator: str) -> int:
+    try:
+        return len(_trimmed(cells(line, separator)))
+    except csv.Error:
+        return 0
+
+
+def _split(line: str, separator: str, path: str, number: int) -> list[str]:
+    try:
+        return cells(line.strip() if separator != "\t" else line.strip(" "), separator)
+    except csv.Error as error:
+        raise TippathError(f"{path}, line {number}: cannot be read ({error}); is it a CSV file?") from error
+
+
+def _check(header: Sequence[str], path: str, number: int) -> None:
+    where = f"{path}, line {number}"
+    for place, name in enumerate(header):
+        if not name and place:  # the first is the row number of many programs
+            raise TippathError(f"{where}, column {place + 1}: no name in the header; name it or remove the column")
+        if name and name in header[:place]:
+            raise TippathError(f"{where}, column {place + 1}: {name[:SHOWN]!r} stands twice in the header; rename one")
+
+
+def _units_row(line: str, separator: str, columns: int) -> list[str] | None:
+    """The cells of a row without any number; None where it is a row of values."""
+    try:
+        found = [printable(cell.strip()).strip("[]()") for cell in cells(line, separator)]
+    except csv.Error:
+        return None
+    if len(found) > columns and not any(found[columns:]):
+        found = found[:columns]
+    if len(found) != columns or not any(found) or any(is_number(cell) and cell != "1" for cell in found):
+        return None
+    return found if any(not is_number(cell) for cell in found if cell) else None
+
+
+def _width(body: str, separator: str, columns: int) -> int:
+    """Cells of a row: one more than there are names where most of the first rows end in a separator."""
+    if separator == " ":
+        return columns
+    sample = _Lines(body).ahead(SAMPLE)
+    longer = 0
+    for line in sample:
+        try:
+            found = cells(line, separator)
+        except csv.Error:
+            continue
+        longer += len(found) == columns + 1 and not found[-1].strip()
+    return columns + 1 if longer > len(sample) / 2 else columns

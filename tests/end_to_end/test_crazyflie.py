@@ -1,0 +1,115 @@
+"""Real logs straight through the commands: a quadrotor flown by hand, and two of ArduPilot's sweeps fitted together.
+
+The quadrotor has no excitation of its own: pilot and controller close the loop. What is asked of the tool is written
+beside the data: something is late in the actuators, by 30 to 60 ms, lag and delay not to be told apart, and a warning
+about the feedback.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Tippath = Callable[..., tuple[int, str, str]]
+LATE = {"servo_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag"}
+
+pytestmark = pytest.mark.data
+
+
+def late_s(candidate: dict[str, Any]) -> float:
+    """How late a candidate makes the slow answers: its phase per frequency, rad/(rad/s)."""
+    values = candidate["parameters"]
+    second_order = "frequency" in values and "zeta" in values
+    lag = 2 * values["zeta"] / (math.tau * values["frequency"]) if second_order else 0.0
+    return float(lag + sum(values.get(name, 0.0) for name in ("tau_s", "tau_g", "T_d")))
+
+
+@pytest.fixture
+def fit(shared_data: Path, tmp_path: Path, tippath: Tippath) -> Path:
+    log = shared_data / "crazyflie" / "roll_pitch_pilot_mapped.csv"
+    path = tmp_path / "cd.json"
+    status, _, _ = tippath("fit", log, "--model", "cd", "--band", "0.3:15", "-o", path)
+    assert status == 0
+    return path
+
+
+def test_the_fit_warns_of_feedback(fit: Path) -> None:
+    document = json.loads(fit.read_text("utf-8"))
+    assert document["nrmse_percent"]["p"] == pytest.approx(31, abs=1.5)
+    assert document["nrmse_percent"]["q"] == pytest.approx(35, abs=1.5)
+    assert document["stable"] is False
+    warnings = " ".join(document["warnings"])
+    assert "unstable" in warnings
+    assert "in the loop" in warnings
+    assert "these data do not separate the two" in warnings
+
+
+def test_the_raw_log_through_its_profile_fits_as_the_mapped_one(
+    fit: Path, shared_data: Path, tmp_path: Path, tippath: Tippath
+) -> None:
+    raw = tmp_path / "raw.json"
+    mapped = json.loads(fit.read_text("utf-8"))
+    log = shared_data / "crazyflie" / "roll_pitch_pilot.csv"
+    assert tippath("fit", log, "--window", "55.00025:90.00005", "--model", "cd", "--band", "0.3:15", "-o", raw)[0] == 0
+    document = json.loads(raw.read_text("utf-8"))
+    assert document["records"][0]["samples"] == pytest.approx(mapped["records"][0]["samples"], abs=2)
+    for axis in ("p", "q"):
+        assert document["nrmse_percent"][axis] == pytest.approx(mapped["nrmse_percent"][axis], abs=0.1)
+    for name, parameter in document["parameters"].items():
+        error = mapped["parameters"][name]["standard_error"] or math.inf
+        assert abs(parameter["value"] - mapped["parameters"][name]["value"]) < 0.1 * error, name
+
+
+def test_the_diagnosis_names_something_late_and_what_it_cannot_tell_apart(fit: Path, tippath: Tippath) -> None:
+    status, out, _ = tippath("diagnose", fit, "--json")
+    assert status == 0
+    found = json.loads(out)
+    assert found["verdict"] == "missing"
+    assert found["effect"] in LATE
+    assert {"servo_lag", "transport_delay"} <= {found["effect"], *found["indistinguishable"]}
+    singles = {one["effect"]: one for one in found["candidates"]}
+    assert late_s(singles["servo_lag"]) == pytest.approx(0.041, abs=0.003)
+    assert late_s(singles["transport_delay"]) == pytest.approx(0.034, abs=0.003)
+    for name in (found["effect"], "servo_lag", "transport_delay"):
+        if name != "servo_rate_limit":  # late by as much as the command moves
+            assert 0.03 <= late_s(singles[name]) <= 0.06, name
+    assert singles["servo_lag"]["nrmse_percent"]["p"] == pytest.approx(65, abs=1.5)
+    assert singles["servo_lag"]["nrmse_percent"]["q"] == pytest.approx(69, abs=1.5)
+    assert singles["transport_delay"]["nrmse_percent"]["p"] == pytest.approx(59, abs=1.5)
+    # the feedback is spoken of, and that the excitation was not logged
+    assert "feedback" in out
+    assert "excitation is not logged" in out
+
+
+@pytest.mark.parametrize(("model", "p", "q"), [("cd", 85.6, 90.6), ("tpp", 86.3, 91.2)])
+def test_two_sweeps_are_fitted_together_straight_from_their_logs(
+    shared_data: Path, tmp_path: Path, tippath: Tippath, model: str, p: float, q: float
+) -> None:
+    logs = [shared_data / "ardupilot" / f"quad_{axis}_sweep.BIN" for axis in ("roll", "pitch")]
+    path = tmp_path / "quad.json"
+    status, _, _ = tippath("fit", *logs, "--model", model, "-o", path)
+    assert status == 0
+    document = json.loads(path.read_text("utf-8"))
+    assert [record["id"] for record in document["records"]] == ["quad_roll_sweep.BIN#1", "quad_pitch_sweep.BIN#1"]
+    assert [record["maneuver"] for record in document["records"]] == ["chirp", "chirp"]
+    assert document["stable"]
+    assert document["nrmse_percent"]["p"] == pytest.approx(p, abs=1)
+    assert document["nrmse_percent"]["q"] == pytest.approx(q, abs=1)
+    if model == "cd":  # an X frame of equal arms answers alike on both axes, and hardly across
+        roll, pitch = (document["parameters"][name]["value"] for name in ("L_lat", "M_lon"))
+        assert roll == pytest.approx(pitch, rel=0.05)
+        across = [abs(document["parameters"][name]["value"]) for name in ("L_lon", "M_lat")]
+        assert max(across) < 0.03 * roll
+
+
+def test_the_sweeps_fit_better_within_the_band_they_swept(shared_data: Path, tmp_path: Path, tippath: Tippath) -> None:
+    logs = [shared_data / "ardupilot" / f"quad_{axis}_sweep.BIN" for axis in ("roll", "pitch")]
+    path = tmp_path / "quad.json"
+    assert tippath("fit", *logs, "--model", "cd", "--band", "0.5:10", "-o", path)[0] == 0
+    document = json.loads(path.read_text("utf-8"))
+    assert min(document["nrmse_percent"].values()) > 94
