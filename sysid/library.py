@@ -51,6 +51,8 @@ LEAST_LEFT = 1e-4
 """Share of a term that the parent's own parameters must leave of it; less needs absurd coefficients."""
 LEAST_APART = 1e-4
 """1 - correlation^2 of the two terms of a pair."""
+FARTHEST = 1e60
+"""Of what a term may be in any bin: its square, and that by another, must stay a number."""
 RANK = 1e-9
 LOOKED_AT = 120
 """Best entries that are compared one by one."""
@@ -502,7 +504,7 @@ class _Products:
 
 def _products(known: Library, settled: Settled, by: Metric) -> _Products:
     """Without forming one sensitivity: <h t, v> is the real part of conj(t) times what h makes of v, bin by bin."""
-    Z = np.concatenate(known.imposed, axis=1)
+    Z = _within_reach(np.concatenate(known.imposed, axis=1))
     h = np.concatenate(
         [
             group.scale * np.einsum("fij,rjf->rif", white, T)
@@ -538,6 +540,13 @@ def _products(known: Library, settled: Settled, by: Metric) -> _Products:
     pairs -= np.sum(own[one] * asked[two] + asked[one] * own[two], axis=1)
     pairs += np.sum((own[one] @ crossed) * own[two], axis=1)
     return _Products(e, rest, rest / np.maximum(whole, 1e-300), pairs)
+
+
+def _within_reach(Z: ComplexArray) -> ComplexArray:
+    """Terms of shape (terms, bins); one that runs away, a power of a state that a model does not hold, is nothing."""
+    largest = np.maximum(np.abs(Z.real).max(axis=1), np.abs(Z.imag).max(axis=1))
+    far = ~(largest < FARTHEST)
+    return np.where(far[:, None], 0.0, Z) if far.any() else Z
 
 
 def _inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:

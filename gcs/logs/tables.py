@@ -11,6 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -31,7 +32,7 @@ class Series:
     clock: str
     """Series of one log with equal clocks have equal `t`."""
 
-    @property
+    @cached_property
     def spacing_s(self) -> float:
         """Median spacing; infinite for fewer than two samples."""
         return float(np.median(np.diff(self.t))) if self.t.size > 1 else np.inf
@@ -93,22 +94,53 @@ def before_no_gap(t: FloatArray) -> NDArray[np.bool_]:
     return keep
 
 
+AROUND = 64  # stamps on either side of a break among which the damaged one is looked for
+
+
 def increasing(t: FloatArray, *, strictly: bool = True) -> NDArray[np.bool_]:
     """Which samples form the longest increasing sequence of time stamps, shape (n,).
 
-    A damaged stamp breaks the order of its neighbours; the fewest samples are given up to restore it. A stamp that is
-    not finite never stays. Not `strictly`: several may share a time.
+    A damaged stamp breaks the order of its neighbours; the fewest samples are given up to restore it, among those
+    around each break where that is enough. A stamp that is not finite never stays. Not `strictly`: several may share a
+    time.
     """
     keep = np.isfinite(t)
-    steps = np.diff(t)
-    if keep.all() and np.all(steps > 0 if strictly else steps >= 0):
-        return keep
-    place = bisect_left if strictly else bisect_right
     places = np.flatnonzero(keep)
+    stamps = t[places]
+
+    def in_order(values: FloatArray) -> bool:
+        steps = np.diff(values)
+        return bool(np.all(steps > 0 if strictly else steps >= 0))
+
+    if in_order(stamps):
+        return keep
+    steps = np.diff(stamps)
+    breaks = np.flatnonzero(steps <= 0 if strictly else steps < 0)
+    near = np.zeros(stamps.size + 1, np.int64)
+    np.add.at(near, np.maximum(breaks - AROUND, 0), 1)
+    np.add.at(near, np.minimum(breaks + AROUND, stamps.size), -1)
+    looked_at = np.cumsum(near[:-1]) > 0
+    if not in_order(stamps[~looked_at]):  # the clock goes back for good: no neighbourhood is enough
+        looked_at[:] = True
+    chosen = ~looked_at
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], looked_at.astype(np.int8), [0]))))
+    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        low = stamps[start - 1] if start else -np.inf
+        high = stamps[stop] if stop < stamps.size else np.inf
+        part = stamps[start:stop]
+        inside = np.flatnonzero((part > low) & (part < high) if strictly else (part >= low) & (part <= high))
+        chosen[start + inside[_longest(part[inside], strictly)]] = True
+    keep[places] = chosen
+    return keep
+
+
+def _longest(stamps: FloatArray, strictly: bool) -> NDArray[np.int64]:
+    """Places of the longest increasing sequence, by patience sorting."""
+    place = bisect_left if strictly else bisect_right
     tails: list[float] = []  # smallest last stamp of an increasing sequence of each length
     ends: list[int] = []
-    before = np.full(places.size, -1, np.int64)
-    for i, stamp in enumerate(t[places].tolist()):
+    before = np.full(stamps.size, -1, np.int64)
+    for i, stamp in enumerate(stamps.tolist()):
         length = place(tails, stamp)
         if length == len(tails):
             tails.append(stamp)
@@ -117,9 +149,9 @@ def increasing(t: FloatArray, *, strictly: bool = True) -> NDArray[np.bool_]:
             tails[length] = stamp
             ends[length] = i
         before[i] = ends[length - 1] if length else -1
-    keep = np.zeros(t.size, np.bool_)
+    found = []
     i = ends[-1] if ends else -1
     while i >= 0:
-        keep[places[i]] = True
+        found.append(i)
         i = int(before[i])
-    return keep
+    return np.array(found[::-1], np.int64)

@@ -12,6 +12,7 @@ import pytest
 from planted_fits import records
 from planted_terms import flights, parent_of, searched
 
+from sysid import library as searching
 from sysid.effect import Signals, find, magnitude
 from sysid.evidence import Candidate, Metric, Settled, metric, score, settle
 from sysid.library import Entry, Factor, Term, code, entries, expressions, library, search, select, text, value
@@ -135,6 +136,12 @@ def test_an_unstable_parent_is_searched_all_the_same() -> None:
     unstable = dataclasses.replace(parent, estimate=dataclasses.replace(parent.estimate, model=model))
     assert not unstable.model.stable
     assert all(np.all(np.isfinite(terms)) for terms in library(unstable).flown)
+
+
+def test_a_term_that_runs_away_is_worth_nothing() -> None:
+    Z = np.ones((3, 4), complex)
+    Z[0, 2], Z[1, 3] = 1e200j, np.nan
+    assert searching._within_reach(Z).tolist() == [[0] * 4, [0] * 4, [1] * 4]
 
 
 def test_one_run_is_enough() -> None:
