@@ -55,7 +55,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "ingest",
         help="list the runs in logs with their health; write records",
-        description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, telemetry .tlog and .csv, whole or damaged.",
+        description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
+        "telemetry .tlog and .csv, whole or damaged; a folder is searched for them.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -280,7 +281,7 @@ def table(found: Ingest) -> list[str]:
             f" {id:<{width}}  {run.maneuver:<8}  {run.axis or '-':<8}  {run.start_s:8.2f}  {run.duration_s:8.2f}  "
             f"{rate:>6}  {len(run.gaps):4d}  {'usable' if run.usable else 'not usable, because'}"
         )
-        if run.health is not None and (words := run.health.words(run.axis)):
+        if run.health is not None and run.maneuver != "quiet" and (words := run.health.words(run.axis)):
             lines.append(f"    {printable(words)}")
         lines += [f"    - {reason}" for reason in run.reasons]
         lines += [f"    note: {note}" for note in run.notes]

@@ -232,5 +232,5 @@ def check_same_rate_source(records: Iterable[Record]) -> None:
         listed = "; ".join(f"{kind}: {', '.join(ids)}" for kind, ids in sorted(kinds.items()))
         raise TippathError(
             f"these runs take p and q from different messages ({listed}), which differ by some 10 ms: fit runs of one "
-            "kind, or take all from RATE with --profile arducopter_rate"
+            f"kind, or take all from one with {profiles.taking_one_of(kinds)}"
         )

@@ -16,7 +16,7 @@ from __future__ import annotations
 import difflib
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from itertools import pairwise
@@ -41,6 +41,9 @@ COMMANDS = ("delta_", "excitation_")
 MANEUVERS = ("chirp", "doublet", "quiet", "unknown")
 AXES = ("roll", "pitch", "elevator")
 OTHER = "other"  # an axis that is excited but not identified: yaw, thrust
+ABSURD = 1e6  # in any channel's unit
+MOST: Mapping[str, float] = MappingProxyType({"rad/s": 500.0, "-1..1": 10.0})
+"""By unit; rotors are quicker than gyros."""
 FEW = 0.01  # share of rows that may be given up for an optional channel
 OUR_AXES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {"x": ("forward", "backward"), "y": ("right", "left"), "z": ("down", "up")}
@@ -346,6 +349,15 @@ def bundled_profiles() -> tuple[Profile, ...]:
     return tuple(sorted(found, key=lambda profile: -profile.priority))
 
 
+def taking_one_of(kinds: Collection[str]) -> str:
+    """`--profile NAME` of the bundled profile that takes the rates from one of these kinds of message alone."""
+    for profile in reversed(bundled_profiles()):  # the plainest last
+        sources = {source.split(".")[0] for name in ("p", "q") for source in profile.channels[name].sources}
+        if len(sources) == 1 and sources <= set(kinds):
+            return f"--profile {profile.name}"
+    return "--profile FILE.toml"
+
+
 def contract_profile(header: Sequence[str], units: Mapping[str, str] | None = None, path: str = "") -> Profile:
     """For a CSV whose columns carry the channels' own names.
 
@@ -542,7 +554,7 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
         held = name.startswith(COMMANDS)
         aligned = {key: _onto(clock, one, held) for key, one in series.items()}
         values = np.broadcast_to(channel.scale * expression.evaluate(aligned) + channel.offset, clock.t.shape)
-        good = np.isfinite(values)
+        good = _possible(name, values)
         lost = float(np.mean(~good[valid])) if valid.any() else 0.0
         if name not in REQUIRED and lost > FEW:
             reasons[name] = f"{text} has no value for {100 * lost:.0f} % of the samples"
@@ -559,6 +571,20 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
     channels = {"t": clock.t[valid], **{name: values[valid] for name, values in found.items()}}
     kind = "csv" if log.kind == "csv" else base.split(".")[0].split("[")[0]
     return Mapped(channels, sources, reasons, kind, slow, int(np.count_nonzero(~valid)))
+
+
+def _possible(name: str, values: FloatArray) -> NDArray[np.bool_]:
+    """Which values can have been measured, shape (n,): a flipped bit makes numbers that nothing takes.
+
+    Where many are beyond what a vehicle does, the unit is wrong and not the sample: they stay, and the health says so.
+    """
+    possible = np.isfinite(values) & (np.abs(values) < ABSURD)
+    limit = MOST.get(CHANNELS[name])
+    if limit is not None:
+        beyond = possible & (np.abs(values) > limit)
+        if np.mean(beyond) <= FEW:
+            possible &= ~beyond
+    return possible
 
 
 def _require_overlap(sources: Sequence[str], log: Log, start_s: float, stop_s: float) -> None:

@@ -207,7 +207,7 @@ def _run(
             for channel in [c for c in channels if c.startswith("excitation_")]:
                 del channels[channel]
         if mapped.rows_dropped:
-            notes.append(f"{mapped.rows_dropped} samples left out: a required channel had no value at their time")
+            notes.append(f"{mapped.rows_dropped} samples left out: a channel had no value there, or an impossible one")
         record = Record(
             id,
             channels,
