@@ -320,7 +320,7 @@ def library(parent: Candidate) -> Library:
                 for group, parts in zip(on.stacks, signals, strict=True)
             ]
 
-        terms = bins(flown), bins(imposed)
+        terms = _within_reach(bins(flown), bins(imposed))
     at = [f"{name}_dot" for name in ("p", "q", "a", "b") if name in model.structure.states]
     at += ["delta_x", "delta_y", "p_m", "q_m"]
     made = entries(found, at)
@@ -339,6 +339,16 @@ def library(parent: Candidate) -> Library:
         numbered([one.parts[0] for one in made]),
         numbered([one.parts[1] for one in made if len(one.parts) == 2]),
     )
+
+
+def _within_reach(
+    flown: list[ComplexArray], imposed: list[ComplexArray]
+) -> tuple[list[ComplexArray], list[ComplexArray]]:
+    """Terms of shape (terms, bins); one that runs away, a power of a state that a model does not hold, is nothing."""
+    far = ~np.all([np.abs(Z).max(axis=1, initial=0.0) < FARTHEST for Z in (*flown, *imposed)], axis=0)
+    if not far.any():
+        return flown, imposed
+    return [np.where(far[:, None], 0.0, Z) for Z in flown], [np.where(far[:, None], 0.0, Z) for Z in imposed]
 
 
 def _expressions_on(segments: Sequence[Mapping[str, FloatArray]]) -> list[Expression]:
@@ -504,7 +514,7 @@ class _Products:
 
 def _products(known: Library, settled: Settled, by: Metric) -> _Products:
     """Without forming one sensitivity: <h t, v> is the real part of conj(t) times what h makes of v, bin by bin."""
-    Z = _within_reach(np.concatenate(known.imposed, axis=1))
+    Z = np.concatenate(known.imposed, axis=1)
     h = np.concatenate(
         [
             group.scale * np.einsum("fij,rjf->rif", white, T)
@@ -540,13 +550,6 @@ def _products(known: Library, settled: Settled, by: Metric) -> _Products:
     pairs -= np.sum(own[one] * asked[two] + asked[one] * own[two], axis=1)
     pairs += np.sum((own[one] @ crossed) * own[two], axis=1)
     return _Products(e, rest, rest / np.maximum(whole, 1e-300), pairs)
-
-
-def _within_reach(Z: ComplexArray) -> ComplexArray:
-    """Terms of shape (terms, bins); one that runs away, a power of a state that a model does not hold, is nothing."""
-    largest = np.maximum(np.abs(Z.real).max(axis=1), np.abs(Z.imag).max(axis=1))
-    far = ~(largest < FARTHEST)
-    return np.where(far[:, None], 0.0, Z) if far.any() else Z
 
 
 def _inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:

@@ -196,5 +196,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parents[1]))  # `flying`, as the tests see it
+    tests = Path(__file__).resolve().parents[1]
+    sys.path[:0] = [str(tests.parent), str(tests)]  # the packages, and `flying` as the tests see it
     sys.exit(main())

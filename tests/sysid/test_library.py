@@ -139,9 +139,10 @@ def test_an_unstable_parent_is_searched_all_the_same() -> None:
 
 
 def test_a_term_that_runs_away_is_worth_nothing() -> None:
-    Z = np.ones((3, 4), complex)
-    Z[0, 2], Z[1, 3] = 1e200j, np.nan
-    assert searching._within_reach(Z).tolist() == [[0] * 4, [0] * 4, [1] * 4]
+    flown, imposed = np.ones((4, 4), complex), np.ones((4, 4), complex)
+    flown[0, 2], imposed[1, 3], imposed[2, 1] = 1e200j, np.nan, np.inf
+    (flown,), (imposed,) = searching._within_reach([flown], [imposed])
+    assert flown.tolist() == imposed.tolist() == [[0] * 4, [0] * 4, [0] * 4, [1] * 4]
 
 
 def test_one_run_is_enough() -> None:
