@@ -145,7 +145,9 @@ def _compared(
         # what a response of their own explains of the runs is no noise
         noise = noise.at_most(1 - np.sum([alone.explained([i]) for i in range(len(runs))], axis=0) / whole)
     bands = _bands(model, flown, band_hz, stacks, power, division, noise)
-    traces = tuple(_trace(one, residual) for one, residual in zip(parts, error.residuals, strict=True))
+    traces = tuple(
+        _trace(structure.commands, one, residual) for one, residual in zip(parts, error.residuals, strict=True)
+    )
     in_time = _windows(traces, structure.outputs)
     suspicions = [
         *clipped(flown),
@@ -478,6 +480,7 @@ def _responses(model: Model, found: Sequence[Spectrum]) -> tuple[tuple[ResponseE
                     np.asarray(20 * np.log10(1 + allowed)),
                     np.asarray(np.degrees(np.arcsin(allowed))),
                     _stretches(cut.frequency_hz, noticed),
+                    measured,
                 )
             )
     return tuple(each), mistaken_signs(judged.measured)
@@ -493,8 +496,9 @@ def _stretches(frequency_hz: FloatArray, good: Any) -> tuple[tuple[float, float]
 # ------------------------------------------------------------------------------------------------ time
 
 
-def _trace(one: Spectrum, residual: ComplexArray) -> Trace:
-    return Trace(one.segment.record.id, one.segment.t, one.in_time(one.Y), one.in_time(residual))
+def _trace(names: Sequence[str], one: Spectrum, residual: ComplexArray) -> Trace:
+    commands = dict(zip(names, one.in_time(one.U[: len(names)]), strict=True))
+    return Trace(one.segment.record.id, one.segment.t, one.in_time(one.Y), one.in_time(residual), commands)
 
 
 def _windows(traces: Sequence[Trace], outputs: Sequence[str]) -> tuple[WindowError, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.metrics import Mismatch
 from sysid.model import FloatArray
+from sysid.preprocess import ComplexArray
 from sysid.result import finite
 from sysid.suspicions import Suspicion
 
@@ -162,6 +163,8 @@ class ResponseError:
     """(f,)"""
     noticed: tuple[tuple[float, float], ...]
     """Bands in Hz where the difference lies above what noise allows."""
+    measured: ComplexArray
+    """(f,), the measured response, rad/s per unit of command; NaN where the runs tell nothing."""
 
     def to_json(self) -> dict[str, Any]:
         return {**self.mismatch.to_json(), "noticed_hz": [list(band) for band in self.noticed]}
@@ -178,6 +181,8 @@ class Trace:
     """(k, n), rad/s."""
     residual: FloatArray
     """(k, n)"""
+    commands: Mapping[str, FloatArray]
+    """Name -> (n,), as recorded inside the band, -1..1."""
 
     @property
     def modelled(self) -> FloatArray:
