@@ -12,7 +12,7 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from gcs.logs.csv import CsvFile
 from gcs.logs.dataflash_table import EVENTS
 from gcs.logs.formats import open_log
 from gcs.logs.health import Health
-from gcs.logs.profiles import ChannelSource
+from gcs.logs.profiles import ChannelSource, found_in
 from gcs.logs.proposal import propose
 from gcs.logs.words import printable
 from sysid.record import CHANNELS, REQUIRED
@@ -56,7 +56,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "ingest",
         help="list the runs in logs with their health; write records",
         description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
-        "telemetry .tlog and .csv, whole or damaged; a folder is searched for them.",
+        "telemetry .tlog and .csv, whole or damaged. A folder is searched for them, and so are those in it; "
+        "of a flight folder its flight*.BIN are taken.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -87,13 +88,14 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(document(found, written, explain=args.explain), indent=1, allow_nan=False))
     else:
-        print("\n".join(table(found)))
+        if found.runs or found.sources:
+            print("\n".join(table(found)))
         for path in written.values():
             print(f" wrote {printable(path)}")
-        if args.explain:
-            print("\n".join(explanation(found)))
+        if args.explain and (lines := explanation(found)):
+            print("\n".join(lines))
     for reason in found.refused.values():
-        print(f"not read: {reason}", file=sys.stderr)
+        print(f"not read: {printable(reason)}", file=sys.stderr)
     if not found.usable:
         print("no run is usable", file=sys.stderr)
         return 1
@@ -152,7 +154,9 @@ def _found_and_absent(found: Ingest, source: Source) -> tuple[dict[str, str], di
     """Channel -> where its values come from; channel -> why it has none."""
     its_runs = [run for run in found.runs if run.path == source.path]
     have = dict(next((run.sources for run in its_runs if run.sources), {}))
-    reasons = next((run.absent for run in its_runs if run.absent), {})
+    reasons = dict(next((run.absent for run in its_runs if run.absent), {}))
+    if not have and source.profile is not None:  # no run could be cut, but some of it is there
+        have, reasons = found_in(source.profile, source.fields)
     return have, {
         name: reasons.get(name, "no source")
         for name in CHANNELS
@@ -283,10 +287,10 @@ def table(found: Ingest) -> list[str]:
         )
         if run.health is not None and run.maneuver != "quiet" and (words := run.health.words(run.axis)):
             lines.append(f"    {printable(words)}")
-        lines += [f"    - {reason}" for reason in run.reasons]
-        lines += [f"    note: {note}" for note in run.notes]
+        lines += [f"    - {printable(reason)}" for reason in run.reasons]
+        lines += [f"    note: {printable(note)}" for note in run.notes]
     for source in found.sources:
-        lines += [f" {printable(source.path)}: {note}" for note in (*source.notes, *source.hints)]
+        lines += [f" {printable(source.path)}: {printable(note)}" for note in (*source.notes, *source.hints)]
     return lines
 
 
@@ -322,10 +326,22 @@ def explanation(found: Ingest) -> list[str]:
         for channel, reason in absent.items():
             need = " (needed)" if channel in REQUIRED else ""
             lines.append(f"    {channel:<13} {CHANNELS[channel]:<7} {reason}{need}")
+        lines += _latency(run for run in found.runs if run.path == source.path)
         lines += _to_write(source, have)
     for path, reason in found.refused.items():
         lines += _of_refused(Path(path), reason)
     return lines
+
+
+def _latency(runs: Iterable[Run]) -> list[str]:
+    """Of every run that has one, which fields show the same quantity earlier or later than those that were taken."""
+    shown = [
+        f"    {printable(run.id)}: {printable(one.words)}"
+        for run in runs
+        if run.health is not None
+        for one in run.health.latency
+    ]
+    return ["  the same quantity is also in other fields, at another time", *shown] if shown else []
 
 
 def _of_refused(path: Path, reason: str) -> list[str]:

@@ -9,9 +9,10 @@ with its record, as `Record.notes`.
 from __future__ import annotations
 
 import math
+import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs.errors import TippathError, UsageError
@@ -23,6 +24,7 @@ from gcs.logs.reading import Progress
 from gcs.logs.runs import Run, Window
 from gcs.logs.source import Source
 from gcs.logs.verdicts import named_all_the_same, with_verdicts
+from gcs.logs.words import printable
 from sysid.record import Record
 
 __all__ = [
@@ -66,7 +68,7 @@ class UnreadableError(TippathError):
     """None of the logs could be read."""
 
     def __init__(self, refused: Mapping[str, str]) -> None:
-        super().__init__("\n".join(refused.values()))
+        super().__init__("\n".join(map(printable, refused.values())))
         self.refused = dict(refused)
         """Path -> why."""
 
@@ -95,28 +97,56 @@ DEPTH = 4  # folders within folders, as /log/2026-11-20/*.ulg on a PX4 card
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """The logs of a flight folder, flight*.BIN; of any other every log, or those of its subfolders where it has none.
+    """The logs of a folder and of its subfolders; of each that is a flight folder its flight*.BIN alone.
 
     Of files that differ in their ending only (a .BIN and the .log it was converted to) the one that holds most is
-    taken. Raises TippathError where there is none.
+    taken. Hidden files and folders are left out. Raises TippathError where there is none, OSError where the folder
+    cannot be read.
     """
     ranks = {suffix: rank for rank, suffix in enumerate(formats.suffixes())}
-    for depth in range(DEPTH):
-        files = [path for path in folder.glob("*/" * depth + "*") if path.suffix.lower() in ranks and path.is_file()]
-        files = [path for path in files if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
-        flight = [path for path in files if path.stem.lower().startswith("flight") and path.suffix.lower() == ".bin"]
-        best: dict[tuple[Path, str], Path] = {}
-        for path in sorted(flight or files, key=lambda path: ranks[path.suffix.lower()]):
+    best: dict[tuple[Path, str], Path] = {}
+    records = False
+    for files in _files_within(folder):
+        logs = [path for path in files if path.suffix.lower() in ranks and path.is_file()]
+        records |= any(path.suffix.lower() == ".npz" for path in files)
+        flight = [path for path in logs if _is_flight(path)]
+        for path in sorted(flight or logs, key=lambda path: (reading.size_of(path) == 0, ranks[path.suffix.lower()])):
             best.setdefault((path.parent, path.stem if path in flight else path.stem.lower()), path)
-        if best:
-            return sorted(best.values(), key=_in_order)
+    if best:
+        return sorted(best.values(), key=_in_order)
     known = ", ".join(sorted(ranks))
-    raise TippathError(f"{folder}: no log ({known}) in this folder; name a flight folder or the log itself")
+    do = "name the records in it one by one (*.npz)" if records else "name a flight folder or the log itself"
+    raise TippathError(
+        f"{folder}: no log ({known}) in this folder, nor in {DEPTH - 1} levels of folders below it; {do}"
+    )
+
+
+def _files_within(folder: Path) -> Iterator[list[Path]]:
+    """The files of a folder and of those below it, folder by folder; nothing below a flight folder."""
+
+    def unless_below(error: OSError) -> None:
+        if error.filename == str(folder):
+            raise error
+
+    seen: set[str] = set()
+    for at, below, names in os.walk(folder, onerror=unless_below, followlinks=True):
+        place, real = Path(at), os.path.realpath(at)
+        files = [] if real in seen else [place / name for name in names if not name.startswith(".")]
+        deep = len(place.parts) - len(folder.parts) >= DEPTH - 1
+        done = deep or real in seen or any(_is_flight(path) for path in files)
+        below[:] = [] if done else [name for name in below if not name.startswith(".")]
+        seen.add(real)
+        yield files
+
+
+def _is_flight(path: Path) -> bool:
+    return path.stem.lower().startswith("flight") and path.suffix.lower() == ".bin" and path.is_file()
 
 
 def _in_order(path: Path) -> tuple[object, ...]:
+    """By folder and name, with the numbers in names as numbers: every second piece is one."""
     pieces = re.split(r"(\d+)", path.stem.lower())
-    return (path.parent, *(int(piece) if piece.isdigit() else piece for piece in pieces), path.name)
+    return (path.parent, *(int(piece) if place % 2 else piece for place, piece in enumerate(pieces)), path.name)
 
 
 def ingest(
@@ -151,15 +181,18 @@ def ingest(
         raise UsageError("name at least one log, flight folder or record")
     found: list[Run] = []
     sources: list[Source] = []
-    folders: set[tuple[Path, str]] = set()
+    known: dict[tuple[Path, str], int] = {}
     for path, content in reading.read_all(logs, reading.Reading(chosen, window, f_high_hz), progress):
         if not isinstance(content, Content):
             refused[str(path)] = str(content)
             continue
         source = content.source
-        if (path.parent, source.sha256) in folders and source.kind != "record":
-            continue
-        folders.add((path.parent, source.sha256))
+        if source.kind != "record":
+            place = known.setdefault((path.parent, source.sha256), len(sources))
+            if place < len(sources):
+                again = f"{printable(path.name)} holds the same bytes and is left out"
+                sources[place] = replace(sources[place], hints=(*sources[place].hints, again))
+                continue
         sources.append(source)
         found += with_verdicts(content.runs, path)
     if not sources:
@@ -169,13 +202,15 @@ def ingest(
 
 def split_run_word(word: str) -> tuple[Path, int | None]:
     """`LOG#2` -> (LOG, 2), `LOG` -> (LOG, None). A file of exactly that name goes before a number."""
+    if not word:
+        raise UsageError("an empty name is no run: name a flight folder, LOG, LOG#n or a record")
     path = Path(word)
     if path.exists():
         return path, None
     name, mark, number = word.rpartition("#")
     if not mark:
         return path, None
-    if not number.isdigit() or int(number) < 1:
+    if re.fullmatch("[0-9]{1,9}", number) is None or int(number) < 1:
         raise UsageError(f"{word}: after # stands the number of a run, from 1")
     return Path(name), int(number)
 
@@ -191,8 +226,8 @@ def resolve_runs(
 
     A word is a flight folder or a log (all its usable runs), LOG#n (that run, which must be usable, but for the
     flight's own verdict on it), or a record (.npz). All records take p and q from the same kind of message. What the
-    user should know of each (cut short, gaps, damage of the log) is in `Record.notes`. Raises TippathError with the
-    reasons.
+    user should know of each (cut short, gaps, damage of the log), and what of a folder cannot be read, is in
+    `Record.notes`. Raises TippathError with the reasons.
     """
     if not words:
         raise UsageError("name at least one run: a flight folder, LOG, LOG#n or a record")
@@ -214,13 +249,18 @@ def resolve_runs(
         if not usable:
             listed = "\n".join(f"  {run.id}: {reason}" for run in found for reason in run.reasons)
             raise TippathError(f"{word}: not usable, because\n{listed}")
+        unread = [f"left out of {word}: {reason}" for reason in read[path].refused.values()]
         for run in usable:
             assert run.record is not None
             if (run.path, run.id) not in seen:
                 seen.add((run.path, run.id))
-                records.append(run.record)
+                records.append(_with_notes(run.record, unread) if run is usable[0] else run.record)
     check_same_rate_source(records)
     return records
+
+
+def _with_notes(record: Record, notes: Iterable[str]) -> Record:
+    return replace(record, notes=(*record.notes, *map(printable, notes)))
 
 
 def check_same_rate_source(records: Iterable[Record]) -> None:

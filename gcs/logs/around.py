@@ -15,7 +15,6 @@ import numpy as np
 
 from gcs.errors import TippathError
 from gcs.logs import health, profiles
-from gcs.logs.expression import Expression
 from gcs.logs.health import Quiet
 from gcs.logs.profiles import Profile
 from gcs.logs.tables import FloatArray, Log, Series
@@ -158,7 +157,7 @@ def not_logged(log: Log, profile: Profile, f_high_hz: float = health.F_HIGH_HZ) 
             for name in wanted
             if name in profile.channels
             for text in profile.channels[name].sources
-            for key in _keys(text)
+            for key in profiles.keys_of(text, log)
         )
         reasons.append(
             f"{NO_ACTUATORS}: no {' or '.join(asked) or 'commands'} for {', '.join(wanted)} "
@@ -172,15 +171,8 @@ def _had(log: Log, profile: Profile, channel: str) -> list[str]:
     """The first field of each source of a channel of which all fields are there."""
     if channel not in profile.channels:
         return []
-    keys = [_keys(text) for text in profile.channels[channel].sources]
+    keys = [profiles.keys_of(text, log) for text in profile.channels[channel].sources]
     return [one[0] for one in keys if one and all(log.has(key) for key in one)]
-
-
-def _keys(text: str) -> tuple[str, ...]:
-    try:
-        return tuple(Expression.parse(text).fields)
-    except TippathError:
-        return (text,)
 
 
 def _listed(log: Log) -> str:
@@ -199,7 +191,7 @@ def equal_motors(
     Of the outputs that the commands are worked out from, or, where commands that move are logged apart, of the usual
     ones. excitation: axis -> rms of (command, rate).
     """
-    worked_out = [_keys(sources[name]) for name in ("delta_x", "delta_y") if name in sources]
+    worked_out = [profiles.keys_of(sources[name], log) for name in ("delta_x", "delta_y") if name in sources]
     worked_out = [keys for keys in worked_out if len(keys) > 1]
     if worked_out:
         families = [tuple(dict.fromkeys(key for keys in worked_out for key in keys))]

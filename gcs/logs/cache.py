@@ -86,8 +86,11 @@ def load(place: Path) -> Content | None:
 
 
 def save(place: Path, content: Content) -> None:
-    """Keep it, whole or not at all; a disk that does not take it is no error."""
-    body = packed(content)
+    """Keep it, whole or not at all; a disk that does not take it is no error, nor a name that is no text."""
+    try:
+        body = packed(content)
+    except UnicodeEncodeError:
+        return
     if len(body) > MOST_BYTES:
         return
     part = place.with_name(f"{place.name}.{os.getpid()}.part")

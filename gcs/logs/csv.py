@@ -452,9 +452,11 @@ def open_table(
     Raises TippathError naming line and column where time is missing or does not increase, or too much is wrong.
     """
     if file.column(time_column) is None:
+        do = "add the time in seconds as t, or name the time column in a profile"
+        if time_column != "t":
+            do = f"the profile takes the time from it; name one of {', '.join(file.header[:LISTED])}"
         raise TippathError(
-            f"{file.path}, line 1: column {time_column} missing; add the time in seconds as t, or name the time column "
-            "in a profile ([time] source = ..., scale = ...)"
+            f"{file.path}, line 1: column {time_column} missing; {do} ([time] source = ..., scale = ...)"
         )
     rows = file.rows([time_column, *required], others)
     t = rows.values[time_column] * time_scale

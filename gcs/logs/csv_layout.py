@@ -94,7 +94,8 @@ def layout_of(raw: bytes, path: str) -> Layout:
     while True:  # the header is the first line that is neither blank nor a comment
         line = lines.take()
         if line is None:
-            raise TippathError(f"{path}: the file is empty; it needs a header such as t,p,q,delta_x,delta_y")
+            what = "nothing but zero bytes" if padding and not text else "the file is empty"
+            raise TippathError(f"{path}: {what}; it needs a header such as t,p,q,delta_x,delta_y")
         stripped = line.strip()
         if forced is None and re.fullmatch(r"(?i)sep=.", stripped) and lines.number <= 2:
             forced = stripped[-1]

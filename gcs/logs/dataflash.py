@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from gcs.errors import TippathError
 from gcs.logs.damage import Damage
 from gcs.logs.dataflash_chain import (
+    CLOCKS,
     FMT_ID,
     FMT_LENGTH,
     HEAD,
@@ -40,7 +41,7 @@ from gcs.logs.dataflash_chain import (
 )
 from gcs.logs.words import printable
 
-__all__ = ["FMT_ID", "FMT_LENGTH", "HEAD", "TYPES", "Damage", "DataFlashLog", "Format", "parse", "printable", "read"]
+__all__ = ["CLOCKS", "FMT_ID", "FMT_LENGTH", "HEAD", "TYPES", "Damage", "DataFlashLog", "Format", "parse", "read"]
 
 CACHE_BYTES = 1 << 29  # of messages gathered before
 

@@ -53,6 +53,8 @@ SAME_BYTES = 300  # more than one message
 DECLARING = frozenset({"FMT", "FMTU", "MULT", "UNIT"})
 MOST_BREAKS = 200  # of the clock that are looked into
 
+CLOCKS: Mapping[str, float] = MappingProxyType({"TimeUS": 1e-6, "TimeMS": 1e-3})
+"""Field that holds the time -> its unit in s, the likelier first."""
 TYPES: Mapping[str, tuple[str, float | None]] = MappingProxyType(
     {
         "a": ("(32,)<i2", None),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -9,11 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.logs.dataflash import Format
+from gcs.logs.dataflash import CLOCKS, Format
 from gcs.logs.tables import FloatArray, Series, before_no_gap, increasing
 
 _FIELD = re.compile(r"([A-Za-z0-9_]{1,4})(?:\[(\d{1,3})\])?\.([A-Za-z0-9_]+)")
-_CLOCKS = (("TimeUS", 1e-6), ("TimeMS", 1e-3))
 _INSTANCE = ("I", "Instance")
 EVENTS = frozenset({"CMD", "ERR", "EV", "FILE", "FMT", "FMTU", "MAVC", "MODE", "MSG", "MULT", "ORGN", "PARM"})
 EVENTS |= {"SIDS", "SIDY", "UNIT", "VER"}
@@ -125,7 +125,8 @@ class DataFlashTables:
         if key is None:
             return ()
         modes = self.series(key)
-        return [(t, int(mode)) for t, mode in zip(modes.t.tolist(), modes.values.tolist(), strict=True)]
+        told = zip(modes.t.tolist(), modes.values.tolist(), strict=True)
+        return [(t, int(mode)) for t, mode in told if math.isfinite(mode)]
 
     def armed(self) -> Sequence[tuple[float, bool]]:
         if self.has("ARM.ArmState"):
@@ -150,7 +151,7 @@ class DataFlashTables:
     def _time_of(self, message: str) -> tuple[str, float] | None:
         columns = self.log.formats[message].columns
         field, scale = self._time
-        for name, unit in _CLOCKS if field is None else ((field, scale or 1.0), *_CLOCKS):
+        for name, unit in CLOCKS.items() if field is None else ((field, scale or 1.0), *CLOCKS.items()):
             if name in columns:
                 return name, scale if scale is not None and name == field else unit
         return None

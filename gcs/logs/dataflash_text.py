@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from gcs.errors import TippathError
 from gcs.logs.damage import Damage
-from gcs.logs.dataflash import TYPES, Format
+from gcs.logs.dataflash import CLOCKS, TYPES, Format
 from gcs.logs.words import printable
 
 Bytes = NDArray[np.uint8]
@@ -34,17 +34,20 @@ Offsets = NDArray[np.int64]
 
 FMT = Format(0x80, "FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
 STRINGS = "nNZ"
+FLOATS = "fdg"
 LONGEST_NAME = 4
 LONGEST_CELL = 48  # bytes of a number
+LONGEST_HEADING = 20  # lines before the first FMT...
+LONGEST_WORDS = 80  # ... and bytes of each
 CHUNK = 1 << 20  # bytes looked at together: what they need stays in the cache
 ROWS = 1 << 15  # cells parsed together
 BACK_S = 1.0  # the clock goes back by more, and stays there: a new boot
 STAYS = 5
 MOST_BREAKS = 100
 
-_CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 _NAME = re.compile(rb"[A-Za-z0-9_]{1,4}")
 _COLUMN = re.compile(r"[A-Za-z0-9_]+")
+_WHOLE = rb"[ \t]*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?[ \t]*"  # of a whole number, which is always finite
 _NUMBER = rb"[ \t]*[+-]?(?:\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?|[nN][aA][nN]|[iI]nf(?:inity)?)[ \t]*"
 _TEXT = rb"[^,\x00-\x08\x0a-\x1f]*"
 _REST = rb"[^\x00-\x08\x0a-\x1f]*"
@@ -142,13 +145,14 @@ class TextLog:
         """The first line of each boot but the first: where the clock goes back for good."""
         lines, times = [], []
         for name, fmt in self.formats.items():
-            clock = next((one for one in _CLOCKS if one in fmt.columns), None)
+            clock = next((one for one in CLOCKS if one in fmt.columns), None)
             if clock is not None and self.starts(name).size:
                 lines.append(self.starts(name))
-                times.append(self.column(name, clock) * _CLOCKS[clock])
+                times.append(self.column(name, clock) * CLOCKS[clock])
         if not lines:
             return []
         at, t = np.concatenate(lines), np.concatenate(times)
+        at, t = at[np.isfinite(t)], t[np.isfinite(t)]
         order = np.argsort(at)
         at, t = at[order], t[order]
         found = []
@@ -248,7 +252,8 @@ def _located(data: Bytes, size: int, name: str) -> TextLog:
     formats = _formats(data, first, stop, np.flatnonzero((name_of == names.get("FMT", -2)) & whole))
     if not formats:
         raise TippathError(
-            f"{name}: not a text DataFlash log: no line FMT, ... that can be read; take the .BIN that it was made from"
+            f"{name}: not a text DataFlash log: no line FMT, ... that can be read; take the .BIN that it was "
+            "made from, or name it .csv where it is a table"
         )
     regular = whole.copy()
     regular[np.searchsorted(stop, np.maximum(odd, 0))] = False
@@ -269,10 +274,23 @@ def _located(data: Bytes, size: int, name: str) -> TextLog:
         formats[text], plain = _judge(data, fmt, plain, its_own, first, stop)
         lines[text] = its_own[plain]
         good[lines[text]] = True
+    blank |= _heading(data, first, stop, np.flatnonzero(columns == 0), lines["FMT"])
     damage = _damage(size, newlines, good, blank, unknown, int(zeros[good].sum()))
     # a name that few lines bear and no FMT declares is a damaged one
     undeclared = {text: count for text, count in undeclared.items() if count >= 3}
     return TextLog(data, formats, damage, undeclared, lines, first, stop, commas)
+
+
+def _heading(
+    data: Bytes, first: Offsets, stop: Offsets, without_commas: Offsets, formats: Offsets
+) -> NDArray[np.bool_]:
+    """Which lines are the words with which old logs begin (`ArduCopter V3.0.1`, `Free RAM: 1331`), shape (lines,)."""
+    heading = np.zeros(first.size, np.bool_)
+    before = without_commas[without_commas < formats[:1].sum()]
+    for line in before[:LONGEST_HEADING].tolist():
+        words = data[first[line] : stop[line]].tobytes().rstrip(b"\r")
+        heading[line] = len(words) <= LONGEST_WORDS and words.isascii() and words.decode().isprintable()
+    return heading
 
 
 def _marks(data: Bytes, size: int) -> tuple[Offsets, Offsets, Offsets]:
@@ -411,9 +429,9 @@ def _pattern(fmt: Format) -> re.Pattern[bytes]:
         elif letter == "a":
             parts.append(_ARRAY)
         elif letter == "M":
-            parts.append(_NUMBER + rb"|" + _WORD)
+            parts.append(_WHOLE + rb"|" + _WORD)
         else:
-            parts.append(_NUMBER)
+            parts.append(_NUMBER if letter in FLOATS else _WHOLE)
     return re.compile(re.escape(fmt.name.encode()) + b"".join(rb",(" + part + rb")" for part in parts) + rb"\r?")
 
 
@@ -434,7 +452,7 @@ def _judge(
         if match is None or any(len(match[i + 1]) > LONGEST_CELL for i, x in enumerate(fmt.types) if x not in "anNZ"):
             continue
         good[k] = True
-        words.update(place for place in modes if re.fullmatch(_NUMBER, match[place + 1]) is None)
+        words.update(place for place in modes if re.fullmatch(_WHOLE, match[place + 1]) is None)
     if words:
         types = "".join("N" if place in words else letter for place, letter in enumerate(fmt.types))
         fmt = replace(fmt, types=types)

@@ -22,7 +22,7 @@ from gcs.logs.words import printable
 from sysid.record import CHANNELS
 
 HEAD_BYTES = 64
-READ = "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, .csv, and records (.npz) that tippath ingest -o wrote"
+READ = "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), and records (.npz) of tippath ingest -o"
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,7 @@ class Format:
 def open_log(path: Path, profile: Profile | None) -> Opened:
     """Open a log by its first bytes, or its ending. Raises TippathError for what is no log that is read here."""
     suffix = path.suffix.lower()
-    if not path.exists():
-        raise TippathError(f"{path}: no such file or folder")
+    require_file(path)
     try:
         with path.open("rb") as stream:
             head = stream.read(HEAD_BYTES)
@@ -81,6 +80,20 @@ def open_log(path: Path, profile: Profile | None) -> Opened:
         if suffix in format.suffixes:
             return format.open(path, profile)
     raise TippathError(f"{path}: unknown kind of log ({suffix or 'no ending'}). Read are: {READ}")
+
+
+def require_file(path: Path) -> None:
+    """Raises TippathError for what holds no bytes that can be read twice, and why; a pipe would be waited for."""
+    if path.is_file():
+        return
+    if path.is_symlink() and not path.exists():
+        raise TippathError(f"{path}: a link to what does not exist")
+    if path.exists():
+        raise TippathError(f"{path}: not a file but a pipe or a device; save what it gives and name that file")
+    name, mark, number = path.name.rpartition("#")
+    if mark and number.isdecimal() and path.with_name(name or mark).is_file():
+        raise TippathError(f"{path}: no such file; {name} is one: all its runs are listed, name it without #{number}")
+    raise TippathError(f"{path}: no such file or folder")
 
 
 def suffixes() -> tuple[str, ...]:

@@ -232,13 +232,16 @@ def check(
             f"delta_x and delta_y move together (correlation {together:+.2f}): the two inputs cannot be separated in "
             "this run, join it with another in which they move otherwise"
         )
-    if longest < SHORTEST_PIECE_S:
+    if gaps and longest < SHORTEST_PIECE_S:
         reasons.append(
             f"no piece of {SHORTEST_PIECE_S:g} s without a gap (the longest is {longest:.2f} s): "
             "log to a faster medium or take the log from the vehicle instead of the telemetry"
         )
     elif record.duration_s < SHORTEST_RUN_S:
-        reasons.append(f"only {record.duration_s:.1f} s long; at least {SHORTEST_RUN_S:g} s are needed: fly it again")
+        reasons.append(
+            f"only {record.duration_s:.1f} s long; at least {SHORTEST_RUN_S:g} s are needed: fly it longer, or widen "
+            "the window that cuts it"
+        )
     if planned_s is not None and maneuver_s is not None and maneuver_s < planned_s - 0.5:
         notes.append(f"cut short: {maneuver_s:.1f} s of {planned_s:.1f} s were flown")
     return Health(

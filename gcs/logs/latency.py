@@ -16,7 +16,6 @@ from functools import cache
 
 import numpy as np
 
-from gcs.errors import TippathError
 from gcs.logs import profiles
 from gcs.logs.expression import Expression
 from gcs.logs.profiles import Profile
@@ -102,24 +101,15 @@ def _bundled(kind: str, channel: str) -> tuple[str, ...]:
 def _compare(log: Log, used: str, other: str, start_s: float, stop_s: float) -> Latency | None:
     """None where they share their fields, one is missing, too slow, or not the same quantity."""
     ours, theirs = _on_its_clock(log, used, start_s, stop_s), _on_its_clock(log, other, start_s, stop_s)
-    if ours is None or theirs is None or set(_keys(log, used)) & set(_keys(log, other)):
+    if ours is None or theirs is None or set(profiles.keys_of(used, log)) & set(profiles.keys_of(other, log)):
         return None
     found = shift(ours, theirs)
     return None if found is None or abs(found[1]) < ALIKE else Latency(other, used, *found)
 
 
-def _keys(log: Log, text: str) -> tuple[str, ...]:
-    if log.has(text):
-        return (text,)
-    try:
-        return tuple(Expression.parse(text).fields)
-    except TippathError:
-        return ()
-
-
 def _on_its_clock(log: Log, text: str, start_s: float, stop_s: float) -> Series | None:
     """A field, or arithmetic on fields of one message."""
-    keys = _keys(log, text)
+    keys = profiles.keys_of(text, log)
     if not keys or not all(log.has(key) for key in keys):
         return None
     parts = {key: log.series(key).part(start_s, stop_s) for key in keys}
@@ -156,7 +146,7 @@ def shift(ours: Series, theirs: Series) -> tuple[float, float] | None:
 
 def _in_band(grid: FloatArray, series: Series) -> FloatArray:
     """The spectrum of a field between the ends of the band, zero elsewhere."""
-    good = np.isfinite(series.values)
+    good = np.isfinite(series.values) & (np.abs(series.values) < profiles.ABSURD)
     if np.count_nonzero(good) < 2:
         return np.zeros(grid.size // 2 + 1)
     values = np.interp(grid, series.t[good], series.values[good])

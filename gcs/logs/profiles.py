@@ -160,15 +160,17 @@ def load(path: Path) -> Profile:
 
     Raises TippathError that names the file, the key and what is allowed.
     """
-    if not path.exists():
+    if not path.exists() or path.is_dir():
         bundled = {profile.name: profile for profile in bundled_profiles()}
         if str(path) in bundled:
             return bundled[str(path)]
         raise TippathError(f"{path}: no such profile; give a TOML file, or one of {', '.join(sorted(bundled))}")
     try:
         text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise TippathError(f"{path}: cannot be read as a profile ({error})") from error
+    except OSError as error:
+        raise TippathError(f"{path}: cannot be read as a profile ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise TippathError(f"{path}: cannot be read as a profile: not text in UTF-8") from error
     return parse(text, str(path))
 
 
@@ -392,11 +394,16 @@ def _spacing(profile: Profile, log: Log) -> float:
     for name in ("p", "delta_x"):
         spacings = [math.inf]
         for text in profile.channels[name].sources if name in profile.channels else ():
-            keys = (text,) if log.has(text) else _fields(text)
+            keys = keys_of(text, log)
             if keys and all(log.has(key) for key in keys):
                 spacings.append(max(log.series(key).spacing_s for key in keys))
         worst = max(worst, min(spacings))
     return worst
+
+
+def keys_of(text: str, log: Log) -> tuple[str, ...]:
+    """The fields that a source asks for: one where the log has it by that name; none where it makes no sense."""
+    return (text,) if log.has(text) else _fields(text)
 
 
 def fields_of(profile: Profile) -> tuple[str, ...]:
@@ -411,6 +418,21 @@ def fields_of(profile: Profile) -> tuple[str, ...]:
             except TippathError:
                 continue  # the name of a column that is no arithmetic; `apply` complains where it is none either
     return tuple(keys)
+
+
+def found_in(profile: Profile, fields: Collection[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Channel -> the first of its sources of which all fields are there; channel -> that there is none."""
+    found, absent = {}, {}
+    for name, channel in profile.channels.items():
+        there = (
+            text for text in channel.sources if text in fields or ((keys := _fields(text)) and set(keys) <= set(fields))
+        )
+        text = next(there, None)
+        if text is None:
+            absent[name] = f"the log has no {' or '.join(channel.sources)}"
+        else:
+            found[name] = text
+    return found, absent
 
 
 def open_csv(file: CsvFile, profile: Profile) -> CsvLog:

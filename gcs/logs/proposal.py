@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 from gcs.logs.profiles import ChannelSource
 from gcs.logs.units import factor
+from gcs.logs.words import printable
 from sysid.record import CHANNELS, REQUIRED
 
 _LETTERS = {"p": ("p", "x", "roll"), "q": ("q", "y", "pitch"), "r": ("r", "z", "yaw")}
@@ -156,7 +157,7 @@ def _scale(channel: str, field: str) -> tuple[float, str]:
 
 
 def _entry(channel: str, text: str, source: ChannelSource, why: str) -> list[str]:
-    lines = [f"[channels.{channel}]   # {CHANNELS[channel]}; {_comment(why)}", f"source = {_quoted(text)}"]
+    lines = [f"[channels.{channel}]   # {CHANNELS[channel]}; {printable(why)}", f"source = {_quoted(text)}"]
     if source.scale != 1.0:
         lines.append(f"scale = {source.scale!r}")
     if source.offset:
@@ -176,8 +177,4 @@ def _unit(field: str) -> str:
 
 def _quoted(text: str) -> str:
     """A TOML basic string."""
-    return json.dumps(_comment(text))
-
-
-def _comment(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)
+    return json.dumps(printable(text))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -47,7 +48,10 @@ class Progress:
 
 def read(path: Path, how: Reading) -> Content:
     """Everything in one log. Raises TippathError where it cannot be read, RecordError for a record that is none."""
-    if path.suffix.lower() == ".npz" and path.is_file():
+    if path.suffix.lower() == ".npz":
+        formats.require_file(path)
+        if not _is_record(path):
+            raise TippathError(f"{path}: not a record; records are the .npz files that tippath ingest -o writes")
         record = Record.load(path)
         return Content(Source(str(path), record.sha256, "record"), (runs.of_record(record, how.window, how.f_high_hz),))
     kept: Path | None = None
@@ -65,6 +69,17 @@ def read(path: Path, how: Reading) -> Content:
     if kept is not None and content.source.sha256 == sha256:  # else it grew meanwhile
         cache.save(kept, content)
     return content
+
+
+def _is_record(path: Path) -> bool:
+    """Whether it has what every record has. Raises TippathError where it cannot be opened."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return "about.npy" in archive.namelist()
+    except zipfile.BadZipFile:
+        return False
+    except OSError as error:
+        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
 
 
 def _parse(path: Path, how: Reading) -> Content:
@@ -110,7 +125,7 @@ def read_all(
     paths: Sequence[Path], how: Reading, progress: Callable[[Progress], None] | None = None
 ) -> Iterator[tuple[Path, Outcome]]:
     """Each log with what was read, or why it could not be, in the order given; several side by side where it pays."""
-    sizes = {path: _size(path) for path in paths}
+    sizes = {path: size_of(path) for path in paths}
     total, so_far, done = sum(sizes.values()), 0, 0
 
     def told(path: Path) -> None:
@@ -131,14 +146,17 @@ def read_all(
     pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _leave_interrupts_to_the_parent)
     try:
         largest_first = sorted(paths, key=lambda path: -sizes[path])
-        futures: dict[Future[bytes | Refusal], Path] = {
+        futures: dict[Future[bytes | Refusal | None], Path] = {
             pool.submit(_packed_outcome, path, how): path for path in largest_first
         }
         for future in as_completed(futures):
             path = futures[future]
             try:
                 result = future.result()
-                outcomes[path] = cache.unpacked(result) if isinstance(result, bytes) else result
+                if result is None:
+                    outcomes[path] = _outcome(path, how)
+                else:
+                    outcomes[path] = cache.unpacked(result) if isinstance(result, bytes) else result
             except BrokenProcessPool:  # the system ended a process, for want of memory as a rule
                 outcomes[path] = _outcome(path, how)
             told(path)
@@ -158,12 +176,17 @@ def _outcome(path: Path, how: Reading) -> Outcome:
         return error
 
 
-def _packed_outcome(path: Path, how: Reading) -> bytes | Refusal:
+def _packed_outcome(path: Path, how: Reading) -> bytes | Refusal | None:
+    """None where it cannot be sent: the name is no text."""
     outcome = _outcome(path, how)
-    return cache.packed(outcome) if isinstance(outcome, Content) else outcome
+    try:
+        return cache.packed(outcome) if isinstance(outcome, Content) else outcome
+    except UnicodeEncodeError:
+        return None
 
 
-def _size(path: Path) -> int:
+def size_of(path: Path) -> int:
+    """Bytes; 0 where nobody can tell."""
     try:
         return path.stat().st_size
     except OSError:

@@ -7,7 +7,8 @@ The swept band is what was flown: of a chirp that ended early, or that a window 
 Logs without either are asked in this order: what modes and texts tell of (`gcs.logs.told`), what the excitation itself
 shows (`gcs.logs.excited`). A log in which none of them finds a maneuver is one stretch, and not usable unless the user
 cuts it (--window, or [[runs]] in a profile) and so vouches for what is in it.
-A CSV is one run unless it is cut so; a maneuver found in it gives the run its name, not its length.
+A CSV is one run unless it is cut so, or by its own columns ([settings] in a profile); a maneuver found in it gives the
+run its name, not its length.
 """
 
 from __future__ import annotations
@@ -207,7 +208,8 @@ def _run(
             for channel in [c for c in channels if c.startswith("excitation_")]:
                 del channels[channel]
         if mapped.rows_dropped:
-            notes.append(f"{mapped.rows_dropped} samples left out: a channel had no value there, or an impossible one")
+            samples = "1 sample" if mapped.rows_dropped == 1 else f"{mapped.rows_dropped} samples"
+            notes.append(f"{samples} left out: a channel had no value there, or an impossible one")
         record = Record(
             id,
             channels,
@@ -224,27 +226,7 @@ def _run(
             raise
         if log.kind == "csv":
             raise TippathError(str(error)) from error
-        why = around.disarmed(log, start, stop)
-        missing = around.not_logged(log, profile, f_high_hz) if isinstance(error, profiles.ChannelsMissing) else []
-        said = any(reason.startswith(around.NO_ACTUATORS) for reason in missing)
-        reasons = (*([why] if why else []), *missing, *span.reasons, *([] if said else [str(error)]))
-        finite = math.isfinite(start) and math.isfinite(stop)
-        return Run(
-            None,
-            id,
-            log.path,
-            span.maneuver,
-            span.axis,
-            start if finite else 0.0,
-            max(0.0, stop - start) if finite else 0.0,
-            None,
-            (),
-            False,
-            reasons,
-            span.notes,
-            swept_band_hz=band,
-            entered_s=span.entered_s,
-        )
+        return _without_record(log, profile, span, id, (start, stop), band, error, f_high_hz)
     start = start if math.isfinite(start) else float(record.t[0])
     stop = stop if math.isfinite(stop) else float(record.t[-1])
     start, stop = max(start, float(record.t[0])), min(stop, float(record.t[-1]))
@@ -282,6 +264,40 @@ def _run(
         mapped.absent,
         found,
         span.entered_s,
+    )
+
+
+def _without_record(
+    log: Log,
+    profile: Profile,
+    span: Span,
+    id: str,
+    at: tuple[float, float],
+    band: tuple[float, float] | None,
+    error: TippathError | RecordError,
+    f_high_hz: float,
+) -> Run:
+    """A maneuver of which no record can be cut, with all that stands against it."""
+    start, stop = at
+    why = around.disarmed(log, start, stop)
+    missing = around.not_logged(log, profile, f_high_hz) if isinstance(error, profiles.ChannelsMissing) else []
+    said = any(reason.startswith(around.NO_ACTUATORS) for reason in missing)
+    finite = math.isfinite(start) and math.isfinite(stop)
+    return Run(
+        None,
+        id,
+        log.path,
+        span.maneuver,
+        span.axis,
+        start if math.isfinite(start) else 0.0,
+        max(0.0, stop - start) if finite else 0.0,
+        None,
+        (),
+        False,
+        (*([why] if why else []), *missing, *span.reasons, *([] if said else [str(error)])),
+        span.notes,
+        swept_band_hz=band,
+        entered_s=span.entered_s,
     )
 
 

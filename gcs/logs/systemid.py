@@ -60,7 +60,7 @@ def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
             entries.append(
                 _Entry(
                     at,
-                    int(columns["Ax"][i]),
+                    _number(columns["Ax"][i]),
                     (low, high) if 0 < low < high < math.inf else None,
                     duration if 0 < duration < 3600 else None,
                 )
@@ -71,6 +71,11 @@ def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
             if not any(abs(at - entry.t) < 1.5 for entry in entries):
                 entries.append(_Entry(at, lost=True))
     return sorted(entries, key=lambda entry: entry.t)
+
+
+def _number(value: float) -> int:
+    """A setting that is a number of something; -1, which is nothing's, where a damaged format made it none."""
+    return int(value) if math.isfinite(value) else -1
 
 
 def _restarts(t: FloatArray, clock: FloatArray) -> list[float]:
@@ -113,7 +118,7 @@ def _span(
         kinds = log.series("SIDY.Kind")
         nearest = int(np.argmin(np.abs(kinds.t - entry.t)))
         if abs(kinds.t[nearest] - entry.t) < 0.5:
-            maneuver = KINDS.get(int(kinds.values[nearest]), "unknown")
+            maneuver = KINDS.get(_number(kinds.values[nearest]), "unknown")
             if maneuver == "chirp":
                 notes.append(_law(log, nearest))
     elif not entry.lost:

@@ -61,7 +61,7 @@ _INSTANCES = {"ACTUATOR_CONTROL_TARGET": "group_mlx"}
 
 
 @dataclass(frozen=True)
-class Source:
+class Sender:
     """A system and component that sent frames."""
 
     number: int
@@ -341,7 +341,7 @@ def parse(data: NDArray[np.uint8], size: int, path: str = "log") -> Read:
     )
 
 
-def _sources(frames: Frames) -> list[Source]:
+def _sources(frames: Frames) -> list[Sender]:
     """Who sent frames, in order of their numbers.
 
     An autopilot is known by its heartbeat. Where there is none in the log, it is whoever sends as component 1 and is
@@ -356,7 +356,7 @@ def _sources(frames: Frames) -> list[Source]:
         its_own = by == number
         types = frozenset(table["type"][its_own].tolist())
         autopilot = bool(np.any(flies[its_own])) if types else number & 255 == 1 and not np.any(flies)
-        found.append(Source(number, count, types, autopilot))
+        found.append(Sender(number, count, types, autopilot))
     return found
 
 
@@ -416,7 +416,7 @@ def _reference(frames: Frames, rows: Offsets) -> tuple[Offsets, FloatArray]:
     return np.empty(0, np.int64), np.empty(0)
 
 
-def _notes(boots: Sequence[TlogTables], vehicles: Sequence[Source]) -> tuple[str, ...]:
+def _notes(boots: Sequence[TlogTables], vehicles: Sequence[Sender]) -> tuple[str, ...]:
     notes = []
     if len(vehicles) > 1:
         notes.append(
@@ -428,7 +428,7 @@ def _notes(boots: Sequence[TlogTables], vehicles: Sequence[Source]) -> tuple[str
     return tuple(notes)
 
 
-def _hints(boots: Sequence[TlogTables], vehicle: Source, sources: Sequence[Source]) -> tuple[str, ...]:
+def _hints(boots: Sequence[TlogTables], vehicle: Sender, sources: Sequence[Sender]) -> tuple[str, ...]:
     log = max(boots, key=lambda boot: boot.sampled_s)
     rates = [f"{name} {log.rate_hz(name):.1f} Hz" for name in (*RATES, *ACTUATORS) if log.rate_hz(name)]
     hints = [

@@ -205,7 +205,7 @@ def parse(data: Bytes, path: str = "log") -> ULogFile:
             + (
                 "the log ends before its first sample: fetch it from the vehicle again, whole"
                 if known
-                else "not a ULog"
+                else "not a ULog: no topic that has a format was found; check that it is the .ulg from the vehicle"
             )
         )
     appended = _flags(data, path) if known else ()

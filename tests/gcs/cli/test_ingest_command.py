@@ -175,6 +175,55 @@ def test_runs_of_logs_with_one_name_can_be_told_apart(tmp_path: Path, capsys: py
     assert ids == ["a/flight-0001/x.csv#1", "b/flight-0001/x.csv#1", "flight-0002/x.csv#1", "y.csv#1"]
 
 
+def test_nothing_that_a_name_holds_reaches_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    red = "\x1b[31mred.csv"
+    flight(tmp_path / red)
+    (tmp_path / f"empty{red}").write_text("")
+    assert call(tmp_path, "--explain") == 0
+    captured = capsys.readouterr()
+    assert "?[31mred.csv#1" in captured.out
+    assert "\x1b" not in captured.out + captured.err
+    with pytest.raises(TippathError) as error:
+        call(tmp_path / f"empty{red}")
+    assert "\x1b" not in str(error.value)
+
+
+def test_explain_tells_what_is_there_where_no_run_could_be_cut(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+    lines += ["FMT, 2, 31, IMU, Iffffff, TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"]
+    lines += [f"IMU, {1000 + 20 * i}, 0.{i % 7}, 0.1, 0.0, 0.1, 0.1, -9.8" for i in range(500)]
+    (tmp_path / "old.log").write_text("\n".join(lines) + "\n")
+    assert call(tmp_path / "old.log", "--explain") == 1
+    found, missing = capsys.readouterr().out.split("channels found")[1].split("not found")
+    assert "+1 * IMU.GyrX" in found
+    assert "delta_x" in missing
+    assert "RCOU.C1" in missing
+
+
+def test_explain_tells_the_latency_where_it_was_measured(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from gcs.logs import runs
+    from gcs.logs.latency import Latency
+
+    late = Latency("RATE.P", "SIDD.Gy", 0.01, 0.99)
+    monkeypatch.setenv("TIPPATH_CACHE", "off")
+    monkeypatch.setattr(runs.latency, "measure", lambda *a: (late,))
+    log = flight(tmp_path / "flight.csv")
+    assert call(log, "--explain") == 0
+    assert "flight.csv#1: RATE.P is 10.0 ms later than SIDD.Gy" in capsys.readouterr().out
+
+
+def test_a_log_that_says_nothing_leaves_no_empty_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "syslog.log").write_text("Nov 20 kernel: hello\n")
+    assert call(tmp_path / "syslog.log", "--explain") == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "not a text DataFlash log" in captured.err
+
+
 @pytest.mark.data
 def test_all_the_real_logs_at_once(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     logs = sorted((shared_data / "ardupilot").glob("*.[Bb][Ii][Nn]"))

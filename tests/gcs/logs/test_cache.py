@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gcs.errors import TippathError, UsageError
 from gcs.logs import cache, formats, ingest, logs_in, reading, resolve_runs
 from gcs.logs.reading import Progress
 
@@ -197,6 +199,136 @@ def test_logs_of_a_card(tmp_path: Path, two_chirps: bytes) -> None:
     put("log/2026-11-20/9.csv")
     assert logs_in(tmp_path) == deep, "of 9.BIN and 9.csv the one that holds most"
     top = [put("2.bin"), put("3.CSV")]
-    assert logs_in(tmp_path) == top, "the folder's own logs come before those of its subfolders"
+    assert logs_in(tmp_path) == [*top, *deep], "a log on the top hides none of those below it"
+    session = put("log/session/flight.BIN")
+    put("log/session/other.BIN")
+    put("log/session/tries/1.BIN")
+    assert logs_in(tmp_path) == [*top, *deep, session], "a flight folder among others is its flight"
     flight = [put("flight.BIN"), put("flight-2.BIN")]
     assert set(logs_in(tmp_path)) == set(flight)
+
+
+def test_a_file_that_is_empty_hides_none_of_its_name(tmp_path: Path, two_chirps: bytes) -> None:
+    (tmp_path / "1.BIN").write_bytes(b"")
+    (tmp_path / "1.log").write_bytes(two_chirps)
+    assert logs_in(tmp_path) == [tmp_path / "1.log"]
+
+
+@pytest.mark.parametrize("name", ["²1.csv", "x²", "१.csv", "10²-3.ulg"])
+def test_digits_of_every_kind_in_names(tmp_path: Path, name: str) -> None:
+    path = (tmp_path / name).with_suffix(".csv")
+    path.write_text("t,p,q,delta_x,delta_y\n")
+    (tmp_path / "1.csv").write_text("")
+    assert set(logs_in(tmp_path)) == {path, tmp_path / "1.csv"}
+    with pytest.raises(UsageError, match="number of a run"):
+        resolve_runs([f"{tmp_path / '1.csv'}#²"])
+
+
+def test_links_that_go_round_are_followed_once(tmp_path: Path, two_chirps: bytes) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "1.BIN").write_bytes(two_chirps)
+    (tmp_path / "logs" / "again").symlink_to(tmp_path)
+    (tmp_path / "gone.BIN").symlink_to(tmp_path / "nowhere.BIN")
+    (tmp_path / "2.BIN").mkdir()
+    assert logs_in(tmp_path) == [tmp_path / "logs" / "1.BIN"]
+
+
+def test_a_folder_of_records_says_what_to_name(tmp_path: Path) -> None:
+    (tmp_path / "flight-1.npz").write_bytes(b"")
+    with pytest.raises(TippathError, match=r"\*\.npz"):
+        logs_in(tmp_path)
+
+
+def test_copies_in_one_folder_are_read_once_and_told(tmp_path: Path, two_chirps: bytes) -> None:
+    for name in ("1.BIN", "copy of 1.BIN"):
+        (tmp_path / name).write_bytes(two_chirps)
+    found = ingest([tmp_path])
+    assert [run.id for run in found.runs] == ["1.BIN#1", "1.BIN#2"]
+    assert any("copy of 1.BIN holds the same bytes" in hint for hint in found.sources[0].hints)
+
+
+def test_a_record_does_not_hide_its_log(tmp_path: Path, two_chirps: bytes) -> None:
+    path, record = tmp_path / "1.BIN", tmp_path / "record.npz"
+    path.write_bytes(two_chirps)
+    resolve_runs([str(path)])[0].save(record)
+    assert [source.kind for source in ingest([record, path]).sources] == ["record", "dataflash"]
+
+
+@pytest.mark.parametrize("name", ["pipe.csv", "pipe.BIN", "pipe.npz"])
+def test_pipes_are_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(TippathError, match="pipe"):
+        ingest([tmp_path / name])
+
+
+def test_a_link_to_nothing_and_a_run_for_a_log_are_told_as_such(tmp_path: Path, two_chirps: bytes) -> None:
+    (tmp_path / "gone.BIN").symlink_to(tmp_path / "nowhere.BIN")
+    with pytest.raises(TippathError, match="a link to what does not exist"):
+        ingest([tmp_path / "gone.BIN"])
+    (tmp_path / "1.BIN").write_bytes(two_chirps)
+    with pytest.raises(TippathError, match="name it without #2"):
+        ingest([tmp_path / "1.BIN#2"])
+
+
+@pytest.mark.parametrize("data", [b"", b"no zip", b"PK\x03\x04 half a zip"])
+def test_an_npz_that_is_no_record(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "x.npz").write_bytes(data)
+    np.savez(tmp_path / "y.npz", a=np.arange(3))
+    for name in ("x.npz", "y.npz"):
+        with pytest.raises(TippathError, match="not a record; records are"):
+            ingest([tmp_path / name])
+
+
+@pytest.mark.parametrize("side_by_side", [False, True])
+def test_names_that_are_no_text(
+    two_chirps: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, side_by_side: bool
+) -> None:
+    """On a card that was written under another encoding: nothing is kept of such a log, and it is read all the same."""
+    if side_by_side:
+        monkeypatch.setattr(reading, "SIDE_BY_SIDE_BYTES", 0)
+        monkeypatch.setattr(reading.os, "cpu_count", lambda: 2)
+    for name in (b"caf\xe9.BIN", b"cafe.BIN"):
+        Path(os.fsdecode(bytes(tmp_path) + b"/" + name)).write_bytes(two_chirps + name)
+    found = ingest([tmp_path])
+    assert [run.id for run in found.runs] == ["cafe.BIN#1", "cafe.BIN#2", "caf?.BIN#1", "caf?.BIN#2"]
+    assert all(run.usable for run in found.runs)
+    assert len(list((tmp_path / cache.FOLDER).iterdir())) == 1
+
+
+def test_what_a_folder_has_and_cannot_be_read_is_told_with_the_fit(tmp_path: Path, two_chirps: bytes) -> None:
+    (tmp_path / "1.BIN").write_bytes(two_chirps)
+    (tmp_path / "2.BIN").write_bytes(b"")
+    first, second = resolve_runs([str(tmp_path)])
+    assert any("2.BIN: the file is empty" in note for note in first.notes)
+    assert not any("2.BIN" in note for note in second.notes)
+
+
+def test_many_write_the_same_at_once(saved: Save, two_chirps: bytes) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: ingest([path]).runs, range(4)))
+    assert all([run.health for run in runs] == [run.health for run in found[0]] for runs in found)
+    (kept,) = (path.parent / cache.FOLDER).iterdir()
+    assert cache.load(kept) is not None
+
+
+def test_where_nothing_can_be_kept_it_is_read_all_the_same(saved: Save, two_chirps: bytes) -> None:
+    path = saved(two_chirps, "flight.BIN")
+    (path.parent / cache.FOLDER).write_text("a file where the folder would be")
+    assert len(ingest([path]).usable) == 2
+    assert len(ingest([path]).usable) == 2
+
+
+def test_a_profile_that_changed_under_its_name_is_read_anew(saved: Save, two_chirps: bytes, tmp_path: Path) -> None:
+    path, profile = saved(two_chirps, "flight.BIN"), tmp_path / "mine.toml"
+    text = "".join(
+        f'[channels.{name}]\nsource = "{source}"\nscale = 0.01\n'
+        for name, source in (("p", "SIDD.Gx"), ("q", "SIDD.Gy"), ("delta_x", "RATE.ROut"), ("delta_y", "RATE.POut"))
+    )
+    profile.write_text(text)
+    before = ingest([path], profile).runs[0]
+    profile.write_text(text.replace("0.01", "0.02"))
+    after = ingest([path], profile).runs[0]
+    assert before.record is not None
+    assert after.record is not None
+    np.testing.assert_allclose(after.record.channels["p"], 2 * before.record.channels["p"])

@@ -238,3 +238,10 @@ def test_times_that_are_no_seconds_are_suspected(saved: Saved, factor: float, un
 def test_a_window_outside_a_csv_says_where_it_runs(saved: Saved) -> None:
     with pytest.raises(TippathError, match=r"no samples after 500 s: the log runs from 0\.000 to 19\.995 s"):
         ingest([saved(text(rows()), "flight.csv")], window=(500.0, None))
+
+
+def test_a_profile_with_another_time_column_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(text(rows()))
+    with pytest.raises(TippathError, match="column timestamp_us missing; the profile takes the time from it; name one"):
+        ingest([path], "quadrotor")

@@ -16,6 +16,7 @@ from gcs.errors import TippathError
 from gcs.logs import dataflash
 from gcs.logs.dataflash import DataFlashLog
 from gcs.logs.dataflash_table import DataFlashTables
+from gcs.logs.words import printable
 
 LOGS = ("heli_pitch_sweep.BIN", "heli_roll_sweep.BIN", "log171.bin", "quad_pitch_sweep.BIN", "quad_roll_sweep.BIN")
 MIXED = {
@@ -207,7 +208,7 @@ def test_what_is_no_log_is_refused_with_a_reason(data: bytes, words: str) -> Non
 
 
 def test_bytes_of_the_vehicle_cannot_reach_the_terminal() -> None:
-    assert dataflash.printable(b"SystemID \x1b[2Jx\n\0rest") == "SystemID ?[2Jx?"
+    assert printable(b"SystemID \x1b[2Jx\n\0rest") == "SystemID ?[2Jx?"
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:

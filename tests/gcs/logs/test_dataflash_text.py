@@ -433,3 +433,39 @@ def test_a_log_is_recognised_by_its_first_line_and_a_binary_one_by_its_own(
         path.write_bytes(data)
         assert formats.open_log(path, None).kind == "dataflash"
         assert len(ingest([path]).usable) == 2
+
+
+def test_the_words_before_an_old_logs_formats_are_no_damage(spoken: bytes) -> None:
+    """Ground stations of 2013 wrote them there."""
+    heading = b"\nArduCopter V3.0.1\nFree RAM: 1331\r\nAPM 2\n"
+    log = parse(heading + spoken)
+    assert not log.damage.any
+    assert log.names == parse(spoken).names
+    assert parse(b"ArduC\xffpter V3.0.1\n" + spoken).damage.skipped_bytes == 18
+    assert parse(b"FMT, 9\n" + spoken).damage.skipped_bytes == 7
+    assert parse(spoken + b"APM 2\n").damage.skipped_bytes == 6
+
+
+@pytest.mark.filterwarnings("error")
+def test_times_that_are_no_numbers_make_no_boot(spoken: bytes) -> None:
+    lines = spoken.splitlines(keepends=True)
+    at = [i for i, line in enumerate(lines) if line.startswith(b"RATE,")]
+    for k, word in zip(at[200:204], (b"inf", b"inf", b"nan", b"-inf"), strict=True):
+        cells = lines[k].split(b",")
+        lines[k] = b",".join([cells[0], b" " + word, *cells[2:]])
+    log = parse(b"".join(lines))
+    assert log.boots == (log,)
+
+
+@pytest.mark.parametrize("word", [b"nan", b"inf", b"-inf", b"1e400", b"1e999"])
+@pytest.mark.parametrize(("message", "place"), [(b"SIDS", 1), (b"SIDS", 2), (b"SIDY", 1), (b"SIDY", 2), (b"RPM", 2)])
+def test_whole_numbers_that_are_none(
+    spoken: bytes, saved: Callable[[bytes, str], Path], word: bytes, message: bytes, place: int
+) -> None:
+    """Where a whole number is due, the line is left out; a float may be nan."""
+    lines = [line.split(b",") for line in spoken.splitlines()]
+    for cells in lines:
+        if cells[0] == message:
+            cells[place] = b" " + word
+    runs = ingest([saved(b"\n".join(b",".join(cells) for cells in lines) + b"\n", "1.log")]).runs
+    assert [(run.axis, run.usable) for run in runs] == [("roll", True), ("pitch", True)]

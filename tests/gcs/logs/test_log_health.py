@@ -107,6 +107,8 @@ def test_too_slow_too_short_and_torn_to_pieces() -> None:
     assert health.check(record(channels(49.0)), f_high_hz=10).usable
     short = health.check(record(channels(seconds=3.0)))
     assert "only 3.0 s long" in short.reasons[0]
+    (shorter,) = health.check(record(channels(seconds=1.0))).reasons
+    assert "only 1.0 s long" in shorter, "there is no gap that could be to blame"
     c = channels()
     keep = (c["t"] % 1.0) < 0.8
     torn = health.check(record({name: values[keep] for name, values in c.items()}))
@@ -386,3 +388,14 @@ def test_a_vehicle_on_the_bench_was_never_armed(shared_data: Path) -> None:
     assert not run.usable
     assert any("never armed" in reason for reason in run.reasons)
     assert any("motors equal: no moment" in reason for reason in run.reasons)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_value_beyond_all_reason_hides_no_latency() -> None:
+    t = np.arange(0, 20, 0.0025)
+    ours, theirs = np.sin(2 * np.pi * 3 * t) + np.sin(2 * np.pi * 5.3 * t), np.zeros(t.size)
+    theirs[4:] = ours[:-4]
+    theirs[[100, 3000]] = 1e300, np.nan
+    found = latency.shift(Series(t, ours, "A"), Series(t, theirs, "B"))
+    assert found is not None
+    assert found[0] == pytest.approx(0.01, abs=3e-4)

@@ -405,3 +405,12 @@ def test_the_profile_with_the_faster_rates_and_commands_is_chosen(
     chosen = profiles.choose(Logged(**fields), bundled_profiles())
     assert chosen is not None
     assert chosen.name == name
+
+
+def test_a_folder_of_a_profiles_name_does_not_hide_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "px4").mkdir()
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert profiles.load(Path("px4")).name == "px4"
+    with pytest.raises(TippathError, match="no such profile"):
+        profiles.load(Path("mine"))
