@@ -200,6 +200,8 @@ class Candidate:
     added: tuple[str, ...]
     """Effects beyond the parent's."""
     held: tuple[str, ...]
+    free: tuple[str, ...]
+    """Parameters that have a slope to follow: neither held, nor at a bound, nor a jump. The rows of J are theirs."""
     ground: Ground
     Y: list[ComplexArray]
     """Predicted from the commands as flown, for every stack (k, bins)."""
@@ -246,6 +248,7 @@ def candidate(found: Estimate, held: Collection[str], on: Ground, added: Sequenc
         found,
         tuple(added),
         tuple(held),
+        tuple(structure.names[i] for i in loose),
         on,
         [one.Y for one in flown],
         Y_imposed,

@@ -284,7 +284,7 @@ class _Asking:
             by,
             by_fit,
             np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
-            tuple(name for name in structure.names if name not in parent.held and name not in estimate.at_bound),
+            parent.free,
             _by_linear_part(parent),
             np.asarray(np.linalg.pinv(settled.asked @ settled.moved.T, rcond=1e-12).T @ settled.moved),
             gains,

@@ -427,10 +427,8 @@ class _Pair:
         ours = by([respond(truth.structure, truth.values, group, False).Y[None] for group in stacks])[0]
         answers = [respond(rival.structure, rival.values, group, True) for group in stacks]
         theirs = by([one.Y[None] for one in answers])[0]
-        free = [name for name in self.rival.model.structure.names if name not in self.rival.held]
-        free = [name for name in free if name not in self.rival.estimate.at_bound]
         added = [name for name in rival.structure.names if name not in self.rival.model.structure.names]
-        at = [rival.structure.names.index(name) for name in (*free, *added)]
+        at = [rival.structure.names.index(name) for name in (*self.rival.free, *added)]
         J = by([_slopes(one.J, one.to)[at] for one in answers])
         old = np.concatenate([self.J, np.zeros((len(added), self.J.shape[1]))])
         return ours - theirs, J, old
@@ -575,7 +573,7 @@ def _apart_words(sigma: float) -> str:
 def _told_by_signal(pair: _Pair, signal: str) -> float:
     """Standard errors that the signal adds when logged on runs like those flown."""
     truth, rival = pair.truth.model, pair.rival.model
-    free = [name for name in rival.structure.names if name not in (*pair.rival.held, *pair.rival.estimate.at_bound)]
+    free = pair.rival.free
     apart, slopes = [], []
     for group in pair.truth.ground.imposed:
         here, there = _signal(truth, signal, group), _signal(rival, signal, group)

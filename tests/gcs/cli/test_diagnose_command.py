@@ -400,3 +400,14 @@ def test_the_help_documents_the_format(tippath: Tippath) -> None:
         if key != "format":
             assert f'"{key}"' in out, key
     assert "80 %" in out
+
+
+def test_what_could_hide_behind_a_dead_band_is_told_too(tippath: Tippath, tmp_path: Path) -> None:
+    vehicle = make_vehicle("hover-ideal", seed=5, directory=tmp_path, hidden=plant_one("servo_deadband", 3))
+    log = fly(vehicle, tmp_path)
+    fit = tmp_path / "fit.json"
+    assert tippath("fit", log, "--model", "tpp", "--validate", f"{log}#5", f"{log}#6", "-o", fit)[0] == 0
+    status, out, _ = tippath("diagnose", fit)
+    assert status == 0
+    assert out.startswith("missing: servo_deadband")
+    assert "could hide" in out
