@@ -15,15 +15,16 @@ from typing import Any
 
 from gcs.errors import TippathError
 from sysid.checks import Check, Spread, eigenfrequency_checks, fit_checks
+from sysid.effect import find
 from sysid.identify import identify, judge
 from sysid.implied import Implied, Vehicle, implied, rotor_speed
 from sysid.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches, mismatch
-from sysid.model import Model
+from sysid.model import Model, Structure
 from sysid.preprocess import DEFAULT_BAND_HZ, spectra
-from sysid.record import Record
+from sysid.record import CHANNELS, Record
 from sysid.regulator import Gains
 from sysid.result import HIGH_CORRELATION, Fit, RecordUsed
-from sysid.structures import CD, TPP, reduce_to_cd
+from sysid.structures import CD, TPP, compose, not_testable, reduce_to_cd
 
 Band = tuple[float, float]
 
@@ -70,15 +71,31 @@ def split_runs(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
 
 
 def identify_flight(
-    records: Sequence[Record], validation: Sequence[Record] = (), band_hz: Band = DEFAULT_BAND_HZ
+    records: Sequence[Record],
+    validation: Sequence[Record] = (),
+    band_hz: Band = DEFAULT_BAND_HZ,
+    *,
+    effects: Sequence[str] = (),
 ) -> Identification:
     """Fit TPP and CD to the records together and judge both, and the reduced CD, on the validation records.
 
-    Raises sysid.fit.FitError where an axis is not identifiable.
+    `effects` are composed onto the TPP, and onto the CD those that its own parameters do not stand for. Raises
+    sysid.fit.FitError where an axis is not identifiable.
     """
-    tpp = identify(TPP, records, validation, band_hz)
-    cd = identify(CD, records, validation, band_hz)
-    reduced = reduce_to_cd(tpp.model)
+    tpp = identify(TPP, records, validation, band_hz, effects=effects)
+    cd = identify(CD, records, validation, band_hz, effects=on_cd(effects))
+    return side_by_side(tpp, cd, records, validation)
+
+
+def on_cd(effects: Sequence[str]) -> list[str]:
+    """Those of the effects of a TPP that act on the CD beside it."""
+    return [one for one in effects if not_testable(find(one), "cd", effects, CHANNELS) is None]
+
+
+def side_by_side(tpp: Fit, cd: Fit, records: Sequence[Record], validation: Sequence[Record]) -> Identification:
+    """Two fits that were made of these runs, with the CD that the TPP reduces to and the eigenfrequency check."""
+    band_hz = tpp.band_hz
+    reduced = _reduced(tpp.model, cd.model.structure)
     return Identification(
         tpp,
         cd,
@@ -89,9 +106,19 @@ def identify_flight(
     )
 
 
+def _reduced(tpp: Model, cd: Structure) -> Model:
+    """The CD of this structure that a TPP becomes when its flapping has settled; effects that both have stay."""
+    core = compose("tpp", [one for one in tpp.structure.composed if one.id == "angular_damping"])
+    bare = reduce_to_cd(Model(core, core.vector({name: tpp[name] for name in core.names})))
+    known = dict(zip(bare.structure.names, map(float, bare.values), strict=True))
+    return Model(cd, cd.vector({name: known[name] if name in known else tpp[name] for name in cd.names}))
+
+
 def nrmse_table(found: Identification) -> str:
     """Table 3: NRMSE fit in percent, 100 is perfect."""
-    lines = ["NRMSE fit, %            TPP           CD      CD reduced    paper: TPP / CD"]
+    as_paper = not found.tpp.model.structure.composed
+    judged = {one.maneuver for one in found.tpp.validation}
+    lines = [f"NRMSE fit, %            TPP           CD      CD reduced{'    paper: TPP / CD' if as_paper else ''}"]
     rows = [("chirps", found.tpp.nrmse_percent, found.cd.nrmse_percent, found.reduced_nrmse)]
     if (
         found.tpp.validation_nrmse_percent is not None
@@ -100,7 +127,7 @@ def nrmse_table(found: Identification) -> str:
     ):
         rows.append(
             (
-                "doublets",
+                "doublets" if judged <= {"doublet"} else "validation",
                 found.tpp.validation_nrmse_percent,
                 found.cd.validation_nrmse_percent,
                 found.reduced_validation,
@@ -109,23 +136,25 @@ def nrmse_table(found: Identification) -> str:
     for maneuver, tpp, cd, reduced in rows:
         for index, axis in enumerate(("p", "q")):
             name = f"{maneuver if index == 0 else ''}"
-            paper = f"{PAPER_NRMSE['tpp', maneuver][index]:5.1f} / {PAPER_NRMSE['cd', maneuver][index]:.1f}"
-            lines.append(
-                f"  {name:10} {axis}     {tpp[axis]:8.1f}     {cd[axis]:8.1f}    {reduced[axis]:8.1f}      {paper}"
-            )
+            paper = ""
+            if as_paper and ("tpp", maneuver) in PAPER_NRMSE:
+                paper = f"{PAPER_NRMSE['tpp', maneuver][index]:5.1f} / {PAPER_NRMSE['cd', maneuver][index]:.1f}"
+            line = f"  {name:10} {axis}     {tpp[axis]:8.1f}     {cd[axis]:8.1f}    {reduced[axis]:8.1f}      {paper}"
+            lines.append(line.rstrip())
     return "\n".join(lines)
 
 
 def modes_table(found: Identification) -> str:
     """Table 2: natural frequencies and damping ratios."""
-    lines = ["natural modes       frequency, Hz   damping ratio    paper"]
+    as_paper = not found.tpp.model.structure.composed
+    lines = [f"natural modes       frequency, Hz   damping ratio{'    paper' if as_paper else ''}"]
     for name, model, paper in (
         ("TPP", found.tpp.model, PAPER_MODES["tpp"]),
         ("CD", found.cd.model, PAPER_MODES["cd"]),
         ("CD reduced", found.reduced, ()),
     ):
         for index, mode in enumerate(model.modes):
-            beside = f"{paper[index][0]:.2f} Hz  {paper[index][1]:.2f}" if index < len(paper) else ""
+            beside = f"{paper[index][0]:.2f} Hz  {paper[index][1]:.2f}" if as_paper and index < len(paper) else ""
             lines.append(
                 f"  {name if index == 0 else '':12}      {mode.frequency_hz:8.3f}        "
                 f"{mode.damping_ratio:8.3f}       {beside}".rstrip()
@@ -135,14 +164,17 @@ def modes_table(found: Identification) -> str:
 
 def parameter_table(found: Identification) -> str:
     """Table 4: parameters with standard errors."""
-    lines = ["parameter           value ± standard error       unit        paper"]
+    as_paper = not found.tpp.model.structure.composed
+    lines = [f"parameter           value ± standard error       unit{'        paper' if as_paper else ''}"]
     for fit, paper in ((found.tpp, PAPER_PARAMETERS["tpp"]), (found.cd, PAPER_PARAMETERS["cd"])):
         structure = fit.model.structure
+        beside = [f" {theirs:10.3f}" for theirs in paper] if as_paper else [""] * len(structure.names)
         for parameter, value, error, theirs in zip(
-            structure.parameters, fit.model.values, fit.standard_errors, paper, strict=True
+            structure.parameters, fit.model.values, fit.standard_errors, beside, strict=True
         ):
             label = f"{structure.base.upper():3} {parameter.name:6}"
-            lines.append(f"  {label:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8} {theirs:10.3f}")
+            line = f"  {label:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8}{theirs}"
+            lines.append(line.rstrip())
     return "\n".join(lines)
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gcs.analysis import runs_of, wrapped
-from gcs.logs import Window, ingest, resolve_runs
+from gcs.logs import Run, Window, ingest, resolve_runs
 from sysid.comparison import Comparison
 from sysid.fit import AXIS_OF
 from sysid.record import Record
@@ -51,15 +51,23 @@ def split(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
 def _quiet_beside(fit: Fit, records: Sequence[Record]) -> list[Record]:
     """Usable runs of quiet hover in the logs of these records, with rates from the same kind of message."""
     profile = None if fit.profile is None else Path(fit.profile)
-    sources = {record.rate_source for record in records}
-    known = {(record.path, record.id) for record in records}
     logs = [Path(path) for path in dict.fromkeys(record.path for record in records) if not path.endswith(".npz")]
     if not logs:
         return []
+    return quiet_among(ingest(logs, profile, fit.window_s, f_high_hz=fit.band_hz[1]).runs, fit, records)
+
+
+def quiet_among(runs: Sequence[Run], fit: Fit, records: Sequence[Record]) -> list[Record]:
+    """Usable quiet hover among runs, from the logs of these records and with rates from the same kind of message."""
+    sources = {record.rate_source for record in records}
+    known = {(record.path, record.id) for record in records}
+    logs = {record.path for record in records}
     return [
         run.record
-        for run in ingest(logs, profile, fit.window_s, f_high_hz=fit.band_hz[1]).usable
-        if run.record is not None
+        for run in runs
+        if run.usable
+        and run.record is not None
+        and run.path in logs
         and run.maneuver == "quiet"
         and run.record.rate_source in sources
         and (run.record.path, run.record.id) not in known

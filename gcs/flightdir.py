@@ -4,18 +4,25 @@
       flight.BIN     the vehicle's own log, byte for byte
       flight.tlog    the telemetry, both directions
       card.toml      the card as it was flown
-      flight.json    the vehicle, the runs with their verdicts, how the samples came and how many are missing
+      flight.json    the vehicle, the runs with their verdicts, how the samples came and how many are missing;
+                     the flight's name and notes
+      audit.jsonl    what was done, when, and the command that does it again; only ever appended to
+      tpp.json ...   what was made of it: fits, comparisons, gains, reports, none of them overwritten
 
-A folder that holds something is never written into. `flight.json` is replaced whole after every run, so that a
-flight that ends badly is told as far as it went.
+A folder that holds something is never flown into. `flight.json` is replaced whole after every run, so that a
+flight that ends badly is told as far as it went. A log that lies among strangers (`X.BIN` in a folder that is no
+flight's) has its own `X.BIN.flight.json` and `X.BIN.audit.jsonl` beside it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +32,30 @@ FORMAT = "tippath.flight/1"
 _NUMBERED = re.compile(r"flight-(\d{4,})")
 
 
+USERS_KEYS = ("name", "notes")
+"""Of flight.json, that nobody but the user writes."""
+
+
+@dataclass(frozen=True, slots=True)
+class AuditEntry:
+    """One line of audit.jsonl."""
+
+    time: str
+    """ISO 8601, UTC."""
+    did: str
+    command: str | None
+    """What does the same in a shell, where something does."""
+    by: str
+    """`app` or `command`."""
+
+
 @dataclass(frozen=True, slots=True)
 class FlightFolder:
     """One flight on disk."""
 
     path: Path
+    of: str = ""
+    """The file name of a log that is a flight by itself; empty where the folder is the flight."""
 
     @property
     def log(self) -> Path:
@@ -45,18 +71,102 @@ class FlightFolder:
 
     @property
     def about(self) -> Path:
-        return self.path / "flight.json"
+        return self.path / (f"{self.of}.flight.json" if self.of else "flight.json")
+
+    @property
+    def audit_file(self) -> Path:
+        return self.path / (f"{self.of}.audit.jsonl" if self.of else "audit.jsonl")
 
     def write(self, about: Mapping[str, Any]) -> None:
-        """Write flight.json, whole or not at all. Raises TippathError where the disk does not take it."""
-        part = self.about.with_name("flight.json.part")
+        """Write flight.json, whole or not at all; name and notes stay. Raises TippathError where the disk does not
+        take it."""
+        users: dict[str, Any] = {}
+        with contextlib.suppress(TippathError):  # nothing there yet, or nothing to be kept of
+            users = {key: value for key, value in self.read().items() if key in USERS_KEYS}
+        part = self.about.with_name(self.about.name + ".part")
         try:
-            text = json.dumps({"format": FORMAT, **about}, indent=1, allow_nan=False, ensure_ascii=False)
+            text = json.dumps({"format": FORMAT, **users, **about}, indent=1, allow_nan=False, ensure_ascii=False)
             part.write_text(text + "\n", "utf-8")
             part.replace(self.about)
         except OSError as error:
-            part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
             raise TippathError(f"{self.about} cannot be written ({error.strerror or error})") from error
+
+    def rename(self, name: str) -> None:
+        """Give the flight a name. Raises TippathError where flight.json is damaged, or the disk does not take it."""
+        self.write({**self._known(), "name": name})
+
+    def note(self, time: datetime, text: str) -> None:
+        """Add a note. Raises as `rename`."""
+        about = self._known()
+        notes = about.get("notes")
+        self.write(
+            {**about, "notes": [*(notes if isinstance(notes, list) else ()), {"time": stamp(time), "text": text}]}
+        )
+
+    def _known(self) -> dict[str, Any]:
+        """What flight.json says, nothing where there is none."""
+        return self.read() if self.about.exists() else {}
+
+    @property
+    def name(self) -> str:
+        """As the user gave it; empty where there is none, or flight.json cannot be read."""
+        with contextlib.suppress(TippathError):
+            name = self.read().get("name")
+            return name if isinstance(name, str) else ""
+        return ""
+
+    def notes(self) -> list[tuple[str, str]]:
+        """Time and text of each note, oldest first; none where flight.json cannot be read."""
+        with contextlib.suppress(TippathError):
+            notes = self.read().get("notes")
+            return [
+                (str(one.get("time", "")), str(one["text"]))
+                for one in (notes if isinstance(notes, list) else ())
+                if isinstance(one, dict) and isinstance(one.get("text"), str)
+            ]
+        return []
+
+    def audit(self, time: datetime, did: str, command: str | None = None, *, by: str = "command") -> None:
+        """Append what was done to audit.jsonl. Raises TippathError where the disk does not take it.
+
+        A line that was cut off (the laptop died, the disk was full) stays as it is; the next begins on its own.
+        """
+        entry = {"time": stamp(time), "by": by, "did": did, "command": command}
+        line = json.dumps(entry, ensure_ascii=False).encode() + b"\n"
+        try:
+            with self.audit_file.open("a+b") as stream:
+                size = stream.seek(0, os.SEEK_END)
+                if size:
+                    stream.seek(size - 1)
+                    line = line if stream.read(1) == b"\n" else b"\n" + line
+                stream.write(line)
+        except OSError as error:
+            raise TippathError(f"{self.audit_file} cannot be written ({error.strerror or error})") from error
+
+    def audited(self) -> tuple[list[AuditEntry], int]:
+        """What was done, oldest first, and how many lines are damaged. Raises TippathError where it cannot be read."""
+        try:
+            lines = self.audit_file.read_bytes().split(b"\n")
+        except FileNotFoundError:
+            return [], 0
+        except OSError as error:
+            raise TippathError(f"{self.audit_file} cannot be read ({error.strerror or error})") from error
+        found: list[AuditEntry] = []
+        damaged = 0
+        for line in filter(None, map(bytes.strip, lines)):
+            try:
+                one = json.loads(line)
+                command = one["command"]
+                found.append(
+                    AuditEntry(
+                        str(one["time"]), str(one["did"]), None if command is None else str(command), str(one["by"])
+                    )
+                )
+            except (ValueError, KeyError, TypeError):
+                damaged += 1
+        return found, damaged
 
     def write_card(self, text: str) -> None:
         """Keep the card beside the log. Raises TippathError where the disk does not take it."""
@@ -86,6 +196,50 @@ class FlightFolder:
         """The runs of flight.json, in the order flown. Raises as `read`."""
         runs = self.read().get("runs", [])
         return [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+
+
+def stamp(time: datetime) -> str:
+    """As it is written: ISO 8601 in UTC, to the millisecond."""
+    return time.astimezone(UTC).isoformat(timespec="milliseconds")
+
+
+def flight_of(path: Path) -> FlightFolder:
+    """The flight that a folder or a log is: the folder, the folder that the log belongs to, or the log by itself."""
+    if path.is_dir():
+        return FlightFolder(path)
+    folder = FlightFolder(path.parent)
+    of_flight = folder.about.is_file() and path.stem.lower().startswith("flight")
+    return folder if of_flight else FlightFolder(path.parent, path.name)
+
+
+def keep(document: Mapping[str, Any], path: Path) -> Path:
+    """As `keep_text`, a JSON document."""
+    return keep_text(json.dumps(document, indent=1, allow_nan=False) + "\n", path)
+
+
+def keep_text(text: str, path: Path) -> Path:
+    """Write a result beside the log, under the next free name where another one stands there already; where it stands.
+
+    Raises TippathError where the disk does not take it; nothing is left of a failure.
+    """
+    number = 1
+    while True:
+        made = False
+        target = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+        try:
+            with target.open("x", encoding="utf-8") as stream:
+                made = True
+                stream.write(text)
+            return target
+        except FileExistsError:
+            with contextlib.suppress(OSError, ValueError):
+                if target.read_text(encoding="utf-8") == text:
+                    return target
+            number += 1
+        except OSError as error:
+            if made:
+                target.unlink(missing_ok=True)  # half a file would be taken for one
+            raise TippathError(f"{target} cannot be written ({error.strerror or error})") from error
 
 
 def create(given: Path | None, parent: Path | None = None) -> FlightFolder:

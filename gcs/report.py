@@ -1,16 +1,30 @@
-"""A self-contained page about a flight: tables, checks, and measured against modelled rates for every run."""
+"""A self-contained page about a flight: tables, checks, where the model fails, what it lacks, and the ladder; gains
+with the answer they promise; and measured against modelled rates for every run.
+
+Where several fits are shown, the one with most steps behind it (the first of equals) is compared and diagnosed.
+"""
 
 from __future__ import annotations
 
 import html
 import io
-from collections.abc import Sequence
-from typing import Any
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from sysid.model import Model
 from sysid.preprocess import segments, spectrum
 from sysid.record import Record
 from sysid.simulate import overlay
+
+if TYPE_CHECKING:
+    from sysid.loop import Following
+    from sysid.result import Fit
+
+Section = tuple[str, str, list[str]]
+"""Heading, text, pictures."""
+Progress = Callable[[str, float | None], None]
 
 # Okabe and Ito: told apart by colour-blind eyes
 BLACK, BLUE, ORANGE, GREEN = "#222222", "#0072B2", "#D55E00", "#009E73"
@@ -80,6 +94,164 @@ def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
 def svg(figure: Any) -> str:
     """A figure as an SVG element to stand in a page."""
     stream = io.StringIO()
-    figure.savefig(stream, format="svg")
+    from matplotlib import rc_context
+
+    with rc_context({"svg.hashsalt": "tippath"}):  # the same figure gives the same page
+        figure.savefig(stream, format="svg", metadata={"Date": None})
     text = stream.getvalue()
     return text[text.index("<svg") :]
+
+
+# ------------------------------------------------------------------------------------------------ a whole flight
+
+
+def flight_report(
+    paths: Sequence[Path],
+    named: Sequence[str] = (),
+    gains: Path | None = None,
+    *,
+    diagnosing: bool = True,
+    say: Progress = lambda _what, _share: None,
+) -> str:
+    """The page of one or more FIT.json, with the gains designed on one of them.
+
+    `named` are the user's effect files, whose code may run. Raises TippathError where a log is gone, ResultError for a
+    file that is no fit, GainsError for one that holds no gains.
+    """
+    from gcs.analysis import assess, fit_text, runs_of
+    from gcs.comparison import compare_text, flown
+    from gcs.pictures import compare_picture
+    from sysid.compare import compare
+    from sysid.result import Fit
+
+    fits = [Fit.load(path, named) for path in paths]
+    steps = len(fits) + 2 + diagnosing
+    sections: list[Section] = []
+    runs: dict[tuple[str, str], Record] = {}
+    for number, (path, fit) in enumerate(zip(paths, fits, strict=True)):
+        say(path.name, number / steps)
+        fitted = runs_of(fit, fit.records)
+        for record in [*fitted, *runs_of(fit, fit.validation)]:
+            runs[record.path, record.id] = record
+        judged = assess(fit, fitted)
+        sections.append((path.name, fit_text(fit, judged.checks, judged.responses), []))
+    main = max(range(len(fits)), key=lambda number: len(fits[number].lineage))
+    path, fit = paths[main], fits[main]
+    say("where it fails", len(fits) / steps)
+    records, quiet = flown(fit)
+    found = compare(fit.model, records, fit.band_hz, quiet)
+    sections += _ladder_section(path, fit, found.noise_floor_percent)
+    sections.append((f"Where {path.name} fails", compare_text(found, fit), [svg(compare_picture(found))]))
+    if diagnosing:
+        sections.append(_diagnosis_section(path, fit, lambda what: say(what, (len(fits) + 1) / steps)))
+    if gains is not None:
+        sections.append(_gains_section(gains, fits))
+    models = [(_label(fit), fit.model) for fit in fits]
+    pictures = []
+    for number, record in enumerate(runs.values()):
+        say(record.id, 1 - (1 - number / len(runs)) / steps)
+        pictures.append(run_picture(record, models, fits[0].band_hz))
+    sections.append(("Measured against modelled", "", pictures))
+    title, about = _head(paths, next(iter(runs.values())).path)
+    return page(title, [*([("The flight", about, [])] if about else []), *sections])
+
+
+def _label(fit: Fit) -> str:
+    return " + ".join([fit.model.structure.base.upper(), *(Path(one).name for one in fit.model.structure.effects)])
+
+
+def _head(paths: Sequence[Path], log: str) -> tuple[str, str]:
+    """The title, and what the flight's folder tells of the flight."""
+    from gcs.errors import TippathError
+    from gcs.flightdir import flight_of
+    from gcs.logs.words import printable
+
+    folder = flight_of(Path(log))
+    title = folder.name or "tippath: " + ", ".join(path.stem for path in paths)
+    lines = [printable(f"{time[:16].replace('T', ' ')}  {text}") for time, text in folder.notes()]
+    try:
+        flown = folder.runs()
+    except TippathError:
+        flown = []
+    for run in flown:
+        verdict = run.get("verdict")
+        reasons = verdict.get("reasons") if isinstance(verdict, dict) else None
+        kept = isinstance(verdict, dict) and verdict.get("keep") is True
+        why = "; ".join(map(str, reasons)) if isinstance(reasons, list) and reasons else str(run.get("reason", ""))
+        lines.append(printable(f"{run.get('label', '')}: {'keep' if kept else f'fly again: {why}'}"))
+    return title, "\n".join(lines)
+
+
+def _ladder_section(path: Path, fit: Fit, floor: Any) -> list[Section]:
+    """Rung by rung, with the signs that the last addition left in its file."""
+    from gcs.analysis import wrapped
+    from gcs.diagnosis import rung_names
+    from gcs.diagnosis_words import ladder_text
+    from gcs.pictures import ladder_picture
+
+    if len(fit.lineage) < 2:
+        return []
+    names = rung_names(fit.model.structure.base, [rung.effects for rung in fit.lineage])
+    rungs = [
+        (name, rung.nrmse_percent, rung.validation_nrmse_percent) for name, rung in zip(names, fit.lineage, strict=True)
+    ]
+    document = json.loads(path.read_text(encoding="utf-8"))
+    floor = document.get("noise_floor_percent") or floor
+    lines = ladder_text(rungs, floor)
+    marks = {True: "✓", False: "✗", None: "?"}
+    signs = document.get("signs")
+    for one in signs if isinstance(signs, list) else ():
+        lines += wrapped(f"{marks.get(one.get('seen'), '?')} {one.get('name')}: {one.get('text')}", " ", "   ")
+    return [(f"The ladder to {path.name}", "\n".join(lines), [svg(ladder_picture(rungs, floor))])]
+
+
+def _diagnosis_section(path: Path, fit: Fit, say: Callable[[str], None]) -> Section:
+    from gcs.diagnosis import diagnose_fit, drawn, flown_with_validation
+    from gcs.diagnosis_words import diagnosis_text
+
+    records, validation, quiet = flown_with_validation(fit, (), (), None, None)
+    found = diagnose_fit(fit, records, validation, quiet, say=say)
+    return f"What {path.name} lacks", diagnosis_text(found, path.name, full=True), [svg(drawn(found))]
+
+
+def _gains_section(path: Path, fits: Sequence[Fit]) -> Section:
+    """The gains designed again on the fit that they are from, and the answer they promise."""
+    from gcs.analysis import gains_text
+    from gcs.gains import GainsError, checksum, load_gains
+    from sysid.errors import SysidError
+    from sysid.loop import following
+    from sysid.regulator import design
+
+    crc = load_gains(path).crc
+    document = json.loads(path.read_text(encoding="utf-8"))
+    weights = document.get("weights")
+    cost = weights.get("inputs") if isinstance(weights, dict) else None
+    for fit in reversed(fits):
+        if fit.model.structure.base != "tpp" or not isinstance(cost, int | float):
+            continue
+        try:
+            gains = design(fit.model, float(cost))
+            again = json.loads(json.dumps(gains.to_json()))
+            if any(again[key] != document.get(key) for key in ("K", "observer_gain", "prefilter", "margins", "model")):
+                continue
+            answer = following(gains, fit.model)
+        except SysidError:
+            continue
+        text = f"{gains_text(gains)}\n  checksum      {checksum(crc)}"
+        return f"Gains, {path.name}", text, [following_picture(answer)]
+    raise GainsError(f"{path} was designed on none of these fits")
+
+
+def following_picture(found: Following) -> str:
+    """SVG of the rates asked for and predicted, on each axis."""
+    figure, axes = _figure(2, (10, 4.6))
+    for axis, one in zip(axes, (found.roll, found.pitch), strict=True):
+        own, other = ("p", "q") if one.axis == "roll" else ("q", "p")
+        axis.plot(found.t, one.asked, color=BLACK, linewidth=1.0, label=f"{own} asked for")
+        axis.plot(found.t, one.own, color=BLUE, linewidth=1.2, label=f"{own} predicted")
+        axis.plot(found.t, one.other, color=ORANGE, linewidth=0.9, linestyle="--", label=f"{other} predicted")
+        axis.set_ylabel("rad/s")
+        axis.legend(loc="upper right", fontsize=8)
+    axes[0].set_title("rate doublets, closed loop, small motion", fontsize=10, loc="left")
+    axes[-1].set_xlabel("s")
+    return svg(figure)

@@ -478,6 +478,8 @@ class _Flight:
                     self.stopped, self.ending = str(error), Ending.REFUSED
                     return
                 self.on_progress(RunReady(run, plan))
+                if aborted() is None:
+                    self._audit(f"starting {run.label}: {run.maneuver.numbers}, {plan.words}")
                 result = fly_run(
                     self.session,
                     run,
@@ -492,6 +494,8 @@ class _Flight:
                 )
                 self.runs.append(result)
                 self.write()
+                said = "" if result.verdict is None else result.verdict.words
+                self._audit(joined(f"{run.label} {result.ending.value}", result.reason or said))
                 self.on_progress(result)
                 if result.ending is not Ending.FINISHED:
                     self.ending = result.ending
@@ -500,6 +504,12 @@ class _Flight:
                 self._rest(mode_before, aborted)
         finally:
             self._restore(parameters)
+
+    def _audit(self, did: str) -> None:
+        """A disk that does not take it is told by what else is written, and is no reason to stop in flight."""
+        by = "app" if self.about.get("command") == "fly" else "command"
+        with contextlib.suppress(TippathError):
+            self.folder.audit(datetime.now(UTC), did, by=by)
 
     def _unfit(self, mode_before: int, aborted: Callable[[], str | None]) -> str:
         """Why no further run may start, empty where it may."""

@@ -43,6 +43,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = parser().parse_args(argv)
         status: int = args.run(args)
+        if status == EXIT_DONE or hasattr(args, "flown"):
+            from gcs.cli.audit import audit
+
+            audit(args, sys.argv[1:] if argv is None else argv)
         if sys.stdout is not None:  # closed from the beginning
             sys.stdout.flush()
         return status

@@ -53,11 +53,11 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
+    from gcs.desk.ladder import effect_to_add
     from gcs.diagnosis import add_effect, flown_with_validation, ladder_of, placebo_of
     from gcs.diagnosis_words import addition_text
     from gcs.errors import UsageError
     from gcs.pictures import ladder_picture, picture_kind, write_picture
-    from sysid.effect import EffectError, find
     from sysid.result import Fit
 
     band, window, profile = parse_reading(args)
@@ -73,15 +73,7 @@ def run(args: argparse.Namespace) -> int:
     strange = [word for word in words if Path(word).resolve() not in used]
     if strange:
         raise UsageError(f"--with {strange[0]}: {args.fit} does not use it; what to add is named without --with")
-    try:
-        effect = find(args.effect)
-    except EffectError as error:
-        if args.effect.endswith(".py"):
-            raise
-        raise UsageError(str(error)) from error
-    present = {one.id for one in fit.model.structure.composed}
-    if effect.id in present or (effect.id == "flapping" and fit.model.structure.base == "tpp"):
-        raise UsageError(f"{args.fit} has {args.effect} already")
+    effect = effect_to_add(fit, args.effect, str(args.fit))
     records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window)
     print_notes([*records, *validation])
     with Counting("asking") as say:

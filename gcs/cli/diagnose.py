@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from collections.abc import Collection
 from pathlib import Path
@@ -33,8 +32,9 @@ from one that only follows the noise.
 Verdicts: "complete", what the model leaves is noise; "missing", one effect or a chain of two explains at least 80 % of
 what can be explained, on fitted and validation runs, at plausible values; "unexplained", there is something, and
 nothing in the catalogue does it. An effect that explains it at values that physics does not allow "stands in" for
-something else. With --repeat the effect is added and the question asked again, until the answer is another one;
--o keeps the fit with all that was found.
+something else; one whose size is another on the validation runs only resembles what is there. With --repeat the
+effect is added and the question asked again, until the answer is another one; -o keeps the fit with all that was
+found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often
@@ -43,9 +43,9 @@ answers like this one were right on flights whose answer was known.
 --json prints {"format": "tippath.diagnosis/1", "verdict", "effect", "chain", "stands_in", "indistinguishable",
 "confidence", "explained_share", "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent",
 "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best first, "pairs",
-"placebo", "noise_floor_percent", "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why",
-"card"} or null, "explanation", "suspicions", "remarks", "rungs": [{"effects", "nrmse_percent",
-"validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
+"placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text],
+"character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation", "suspicions",
+"remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
 """
 
 
@@ -144,6 +144,8 @@ def run(args: argparse.Namespace) -> int:
 
 def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:
     """The words of this command that the next one needs as well; of effect files those that the fit has."""
+    from gcs.desk import shell
+
     words = [*args.runs]
     for name in ("profile", "window", "band"):
         value = getattr(args, name)
@@ -151,10 +153,7 @@ def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:
     files = [word for word in parse_words(args.effects) if Path(word).resolve() in used]
     words += ["--with", ",".join(files)] if files else []
     words += ["--validate", *args.validate] if args.validate else []
-    # LOG#n needs no quotes, and reads better without
-    return " ".join(
-        word if shlex.quote(word.replace("#", "")) == word.replace("#", "") else shlex.quote(word) for word in words
-    )
+    return shell.words(words)
 
 
 def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: str) -> None:

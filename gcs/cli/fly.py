@@ -1,4 +1,4 @@
-"""`tippath fly`: the terminal app, on a vehicle or on the bundled simulated one."""
+"""`tippath fly`: the terminal app, on a vehicle, on the bundled simulated one, or on recorded flights."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gcs.tui.engine import FlightEngine
+    from gcs.tui.reconnect import Reconnecting
 
-DEFAULT_PLANT = "hover"
 PLANTS = ("hover", "hover-ideal", "forward")
+THEMES = ("dark", "light", "sun", "contrast")
+SERVED = "127.0.0.1"
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -20,10 +21,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "fly",
         help="the terminal app",
-        description="Fly a card run by run, fit the flight, design gains and push them, on the keys of a terminal. "
-        "Without --connect a simulated vehicle is started, hovering, and ended with the app.",
+        description="Fly a card run by run, fit the flight, find what is missing, design gains and push them, on the "
+        "keys of a terminal. Without --connect and --sim it asks where to connect; recorded flights need no vehicle.",
         epilog="F12 aborts from anywhere. NO_COLOR=1 switches colours off.",
     )
+    parser.add_argument("flight", nargs="?", metavar="FLIGHT", help="a flight folder or a log to open at once")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--connect",
@@ -34,7 +36,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "--sim",
         metavar="PLANT",
         choices=PLANTS,
-        help=f"start a simulated vehicle: hover, hover-ideal or forward (default {DEFAULT_PLANT})",
+        help="start a simulated vehicle, ended with the app: hover, hover-ideal or forward",
     )
     parser.add_argument(
         "-o", dest="output", metavar="DIR", type=Path, default=Path(), help="where the flights' folders are made"
@@ -53,17 +55,41 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         default="braille",
         help="how the strips are drawn; block or ascii where the font lacks braille (ascii: nothing else anywhere)",
     )
+    parser.add_argument(
+        "--theme",
+        choices=THEMES,
+        default="dark",
+        help="colours: dark, light, sun (black on white) or contrast (white on black); F9 changes them (default dark)",
+    )
     parser.add_argument("--no-bell", action="store_true", help="do not ring")
+    parser.add_argument(
+        "--serve",
+        nargs="?",
+        type=_port,
+        const=8000,
+        metavar="PORT",
+        help="the same app in a browser on this computer, http://127.0.0.1:PORT (default 8000); needs the extra web",
+    )
     parser.set_defaults(run=run)
     return parser
+
+
+def _port(word: str) -> int:
+    """A port of this computer; a host is refused, because whoever reaches the page can fly."""
+    if not word.isdigit() or not 1 <= int(word) <= 65535:
+        raise argparse.ArgumentTypeError(
+            f"{word}: a port from 1 to 65535 is wanted; it is served on {SERVED} only, because whoever reaches it "
+            "can fly"
+        )
+    return int(word)
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where the app itself failed. Raises TippathError where the app cannot begin."""
     from gcs.errors import TippathError, UsageError
 
-    if args.connect is not None and (args.seed is not None or args.on_ground):
-        raise UsageError("--seed and --on-ground are the simulated vehicle's; leave them out with --connect")
+    if args.sim is None and (args.seed is not None or args.on_ground):
+        raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
     from gcs.link.transport import parse_link
     from gcs.maneuver import load_card
 
@@ -71,47 +97,47 @@ def run(args: argparse.Namespace) -> int:
     if args.connect is not None:
         parse_link(args.connect)
     load_card(args.card)
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+    if args.flight is not None and not Path(args.flight).expanduser().exists():
+        raise TippathError(f"{args.flight}: no such folder or log")
+    if args.serve is not None:
+        return _serve(args)
+    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
         raise TippathError("the app needs a terminal; `tippath sweep` and `tippath demo` do without")
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TippathError(f"{args.output}: {error.strerror or error}; choose another folder with -o") from error
 
-    from gcs.pilot import SimulatedVehicle
     from gcs.tui.app import TippathApp
-    from gcs.tui.engine import FlightEngine
+    from gcs.tui.places import NOWHERE, simulated, typed
+    from gcs.tui.reconnect import Reconnecting
 
-    plant = None if args.connect is not None else args.sim or DEFAULT_PLANT
+    place = NOWHERE
+    if args.connect is not None:
+        place = typed(args.connect)
+    elif args.sim is not None:
+        place = simulated(args.sim, seed=args.seed, on_ground=args.on_ground)
+    first = "runs" if args.flight is not None else "connect" if place is NOWHERE else "fly"
     with contextlib.ExitStack() as ends:
-        start_vehicle = None
-        if plant is not None:
-            print(f"starting the simulated vehicle ({plant})", file=sys.stderr)
-            vehicle = ends.enter_context(
-                SimulatedVehicle(plant, args.output / "vehicle-logs", seed=args.seed, on_ground=args.on_ground)
-            )
-
-            def start_vehicle() -> SimulatedVehicle:
-                return vehicle
-
-        engine = FlightEngine(
-            args.connect,
-            plant=plant,
-            start_vehicle=start_vehicle,
-            folder=args.output,
-            primary=args.primary or plant is not None,
-            card=args.card,
-        )
+        engine = Reconnecting(place, folder=args.output, primary=args.primary, card=args.card)
         ends.callback(_close, engine)
-        app = TippathApp(engine, args.plot, bell=not args.no_bell)
+        app = TippathApp(
+            engine,
+            args.plot,
+            bell=not args.no_bell,
+            theme=args.theme,
+            harbour=engine,
+            first=first,
+            flight=args.flight,
+        )
         app.run()
     commands = engine.state().commands
-    if commands:
+    if commands and not _served():
         print("\n".join(["what was done, as a shell does it:", *commands]))
     return app.return_code or 0
 
 
-def _close(engine: FlightEngine) -> None:
+def _close(engine: Reconnecting) -> None:
     """However the app ends: a run under way is ended before the link is let go, also past an impatient Ctrl-C."""
     if engine.state().stage.under_way:
         print("ending the run: waiting until the vehicle is out of it", file=sys.stderr)
@@ -119,3 +145,47 @@ def _close(engine: FlightEngine) -> None:
         engine.close()
     except KeyboardInterrupt:
         engine.close()
+
+
+# ------------------------------------------------------------------------------------------------ in a browser
+
+
+def _served() -> bool:
+    """Whether textual-serve started this process: its terminal is a browser."""
+    import os
+
+    return os.environ.get("TEXTUAL_DRIVER", "").endswith("WebDriver")
+
+
+def _serve(args: argparse.Namespace) -> int:
+    """Serve the app on loopback until interrupted; every page is an app of its own, so one link has one page."""
+    from gcs.errors import TippathError
+
+    try:
+        from textual_serve.server import Server
+    except ImportError as error:
+        raise TippathError("--serve needs textual-serve, which is not installed: pip install 'tippath[web]'") from error
+    import shlex
+
+    words = [sys.executable, "-m", "gcs.cli", "fly", *_again(args)]
+    print(f"serving on http://{SERVED}:{args.serve}; Ctrl-C ends it", file=sys.stderr)
+    Server(shlex.join(words), host=SERVED, port=args.serve, title="tippath").serve()
+    return 0
+
+
+def _again(args: argparse.Namespace) -> list[str]:
+    """The options, less --serve."""
+    words = [] if args.flight is None else [args.flight]
+    for name, value in (
+        ("--connect", args.connect),
+        ("--sim", args.sim),
+        ("-o", args.output),
+        ("--card", args.card),
+        ("--seed", args.seed),
+        ("--plot", args.plot),
+        ("--theme", args.theme),
+    ):
+        words += [] if value is None else [name, str(value)]
+    for name, on in (("--primary", args.primary), ("--on-ground", args.on_ground)):
+        words += [name] if on else []
+    return [*words, "--no-bell"]

@@ -14,10 +14,16 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "report",
         help="a self-contained page with plots",
-        description="Tables and measured-against-modelled plots of one or more fits in one HTML file. "
+        description="One HTML file about one or more fits: tables, where the model fails, what it lacks, the ladder of "
+        "effects that were added, and measured against modelled rates of every run. Of several fits the one with the "
+        "longest ladder, the first of equals, is compared and diagnosed. "
         "The logs that the fits were made from must still be where they were.",
     )
     parser.add_argument("fits", nargs="+", type=Path, metavar="FIT.json")
+    parser.add_argument(
+        "--gains", type=Path, metavar="GAINS.json", help="show these gains, designed on one of the fits, as well"
+    )
+    parser.add_argument("--no-diagnosis", action="store_true", help="do not ask what is missing: saves some seconds")
     add_effects_option(parser, NAMED)
     parser.add_argument("-o", "--output", type=Path, default=Path("report.html"), metavar="REPORT.html")
     parser.add_argument("--force", action="store_true", help="overwrite the file")
@@ -25,24 +31,18 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis import assess, fit_text, runs_of
-    from gcs.report import page, run_picture
-    from sysid.record import Record
-    from sysid.result import Fit
+    from gcs.cli.progress import Counting
+    from gcs.report import flight_report
 
     refuse_existing(args.output, args.force)
-    fits = [Fit.load(path, parse_words(args.effects)) for path in args.fits]
-    sections: list[tuple[str, str, list[str]]] = []
-    runs: dict[tuple[str, str], Record] = {}
-    for path, fit in zip(args.fits, fits, strict=True):
-        fitted = runs_of(fit, fit.records)
-        for record in [*fitted, *runs_of(fit, fit.validation)]:
-            runs[record.path, record.id] = record
-        judged = assess(fit, fitted)
-        sections.append((path.name, fit_text(fit, judged.checks, judged.responses), []))
-    models = [(fit.model.structure.base.upper(), fit.model) for fit in fits]
-    pictures = [run_picture(record, models, fits[0].band_hz) for record in runs.values()]
-    sections.append(("Measured against modelled", "", pictures))
-    write_text(page("tippath: " + ", ".join(path.stem for path in args.fits), sections), args.output)
+    with Counting("report") as say:
+        text = flight_report(
+            args.fits,
+            parse_words(args.effects),
+            args.gains,
+            diagnosing=not args.no_diagnosis,
+            say=lambda what, _: say(what),
+        )
+    write_text(text, args.output)
     print(f"wrote {args.output}", file=sys.stderr)
     return 0

@@ -138,6 +138,7 @@ def run(args: argparse.Namespace) -> int:
             # We hold its failsafe, and are about to leave.
             words = result.link_loss.words.removeprefix("link lost: ")
             print(f" the vehicle is still in the air and {words} once this program has ended", file=sys.stderr)
+    args.flown = folder.path
     followed, unknown = rates_followed(result)
     ended = "" if result.complete else f"   stopped: {printable(result.stopped)}"
     if args.json:

@@ -203,7 +203,7 @@ def test_report_is_self_contained(foreign_csv: Path, tippath: Tippath, tmp_path:
     page = tmp_path / "report.html"
     assert tippath("report", fit, "-o", page)[0] == 0
     text = page.read_text(encoding="utf-8")
-    assert text.count("<svg") == 1
+    assert text.count("<svg") == 3  # comparison, diagnosis, the run
     assert "src=" not in text
     assert 'href="http' not in text
     foreign_csv.rename(foreign_csv.with_suffix(".moved"))

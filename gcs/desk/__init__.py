@@ -1,0 +1,8 @@
+"""What is done with a flight after it was flown: `Desk`, and its state."""
+
+from __future__ import annotations
+
+from gcs.desk.desk import Cancelled, Desk
+from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+
+__all__ = ["Base", "Cancelled", "Choice", "Designed", "Desk", "DeskState", "Fitted", "RunRow", "Rung", "TimedNote"]

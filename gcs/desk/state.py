@@ -1,0 +1,231 @@
+"""What the desk holds of one flight: one immutable value, replaced whole, read by whoever shows it.
+
+In the order of the work: the runs and what each is used for, the fits, the ladder of rungs with what was compared and
+asked on each, the gains with the response they promise, the report; and the shell commands that do the same again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
+    from gcs.analysis import Identification
+    from gcs.diagnosis import Addition, FitDiagnosis, Sign
+    from sysid.comparison import Comparison
+    from sysid.loop import Following
+    from sysid.regulator import Gains
+    from sysid.result import Fit
+
+Nrmse = Mapping[str, float]
+"""Percent by output, `p` and `q`; 100 is perfect."""
+
+
+class Choice(Enum):
+    """What a run is used for."""
+
+    FIT = "fit"
+    VALIDATE = "validate"
+    OUT = "leave out"
+    NOISE = "noise"
+    """Quiet hover: it tells the noise, never enters a fit, and the user cannot choose it nor away from it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunRow:
+    """One run of the flight."""
+
+    id: str
+    """`flight.BIN#2`; what `Desk.use` takes."""
+    word: str
+    """As a command names it: the log's path and the number."""
+    maneuver: str
+    """`chirp`, `doublet`, `quiet` or `unknown`."""
+    axis: str | None
+    duration_s: float
+    rate_hz: float | None
+    size: float | None
+    """Root mean square of the excitation, or of the command where it is not logged; -1..1."""
+    health: str
+    """In few words: `500 Hz, no gaps, 0.5-10 Hz`, or the first reason against it."""
+    usable: bool
+    """Whether it may be chosen at all."""
+    reasons: tuple[str, ...]
+    """What is against it, and what to do."""
+    notes: tuple[str, ...]
+    verdict: str
+    """Of whoever flew it: `keep`, `fly again: ...`; empty where nobody judged."""
+    choice: Choice
+    default: Choice
+    """What the desk chose by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimedNote:
+    """What somebody wrote down."""
+
+    time: str
+    """ISO 8601, UTC."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """Where the ladder begins."""
+
+    model: str = "tpp"
+    """`tpp` or `cd`."""
+    effects: tuple[str, ...] = ()
+    """Catalogue ids, in order; in forward flight `angular_damping`, `elevator`."""
+
+    @property
+    def words(self) -> str:
+        """`tpp + elevator`."""
+        return " + ".join((self.model, *self.effects))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Fitted:
+    """TPP, CD and the CD that the TPP reduces to, on the same runs."""
+
+    found: Identification
+    tables: str
+    """NRMSE beside the paper's, modes, eigenfrequency check, parameters; 78 columns."""
+    runs: tuple[str, ...]
+    """Ids of those fitted,"""
+    validation: tuple[str, ...]
+    """and of those that judged."""
+    warnings: tuple[str, ...]
+    tpp_path: Path | None
+    """The kept FIT.json; None where it could not be kept."""
+    cd_path: Path | None
+    commands: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rung:
+    """One step of the ladder: a fit, and what was asked of it."""
+
+    name: str
+    """`TPP`, `+ servo_lag`."""
+    effect: str | None
+    """That this rung added; None at the bottom."""
+    fit: Fit
+    path: Path | None
+    """The kept FIT.json; None where it could not be kept."""
+    noise_floor_percent: Nrmse | None = None
+    """NRMSE that a model which leaves nothing but noise would reach; None until compared, asked or added."""
+    addition: Addition | None = None
+    """With signs and placebo; None at the bottom, and of rungs from an earlier session."""
+    addition_text: str = ""
+    comparison: Comparison | None = None
+    """With traces, responses and densities to be drawn."""
+    comparison_text: str = ""
+    diagnosis: FitDiagnosis | None = None
+    diagnosis_text: str = ""
+
+    @property
+    def nrmse_percent(self) -> Nrmse:
+        return self.fit.nrmse_percent
+
+    @property
+    def validation_nrmse_percent(self) -> Nrmse | None:
+        return self.fit.validation_nrmse_percent
+
+    @property
+    def verdict(self) -> str | None:
+        """`complete`, `missing` or `unexplained`; None where it was not asked."""
+        return None if self.diagnosis is None else self.diagnosis.last.verdict
+
+    @property
+    def signs(self) -> tuple[Sign, ...]:
+        """Whether the effect is really there; empty where it was not added here."""
+        return () if self.addition is None else self.addition.signs
+
+    @property
+    def placebo(self) -> tuple[str, Nrmse, Nrmse | None] | None:
+        """The best wrong effect in this one's place: name, NRMSE fitted and on validation runs."""
+        from gcs.diagnosis import placebo_of
+
+        return None if self.addition is None else placebo_of(self.addition)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Designed:
+    """Gains, and what they promise."""
+
+    text: str
+    path: Path | None
+    """The kept GAINS.json; None where it could not be kept. Only a kept one is pushed."""
+    crc: int
+    """Of the set as the vehicle will hold it."""
+    command: str
+    rung: str
+    """The model they were designed on, in full: `TPP + servo_lag`."""
+    gains: Gains
+    """With `K`, `margins`, `poles`."""
+    following: Following | None
+    """The closed loop's predicted answer to the rate doublet of the card `lqr-doublet`, for each axis; None where the
+    gains, made for the tip-path plane alone, would not hold the whole model."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DeskState:
+    """One moment."""
+
+    path: Path | None = None
+    """The flight folder or log that is open."""
+    home: Path | None = None
+    """Where results are kept."""
+    name: str = ""
+    notes: tuple[TimedNote, ...] = ()
+    vehicle: str = ""
+    """What flew, in few words; empty where the folder does not tell."""
+    runs: tuple[RunRow, ...] = ()
+    unread: tuple[str, ...] = ()
+    """Logs that could not be read, damage, kept fits that were not opened: each with why."""
+    base: Base = Base()
+    fitted: Fitted | None = None
+    ladder: tuple[Rung, ...] = ()
+    """The current one, bottom first; the cursor is on the last rung."""
+    designed: Designed | None = None
+    card: Path | None = None
+    """The last card written by `next_card`."""
+    report: Path | None = None
+    busy: str = ""
+    """What is being worked on; empty where nothing is."""
+    progress: float | None = None
+    """0..1; None where it cannot be told."""
+    said: str = ""
+    """The last word: what was done, and what could not be kept."""
+    unkept: tuple[str, ...] = ()
+    """Results on the screen that no folder holds yet; `Desk.keep_in` writes them."""
+    commands: tuple[str, ...] = ()
+    """What was done here, as a shell does it; newest last."""
+
+    @property
+    def current(self) -> Rung | None:
+        """The rung under the cursor."""
+        return self.ladder[-1] if self.ladder else None
+
+    @property
+    def comparison(self) -> Comparison | None:
+        """Of the current rung."""
+        return None if self.current is None else self.current.comparison
+
+    @property
+    def diagnosis(self) -> FitDiagnosis | None:
+        """Of the current rung."""
+        return None if self.current is None else self.current.diagnosis
+
+    @property
+    def noise_floor_percent(self) -> Nrmse | None:
+        """The last one told on the ladder."""
+        return next((one.noise_floor_percent for one in reversed(self.ladder) if one.noise_floor_percent), None)
+
+    def chosen(self, choice: Choice) -> tuple[RunRow, ...]:
+        """The runs used for that."""
+        return tuple(run for run in self.runs if run.choice is choice)

@@ -1,0 +1,592 @@
+"""The desk, headless: from a flight to gains and a report, each step as its command does it; nothing lost, nothing
+half written. The vehicle hides a servo's lag of 22 ms."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import shlex
+import shutil
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flown_folder import fly_folder
+from flying import CHIRP, ELEVATOR, PITCH, QUIET, ROLL
+from matplotlib.figure import Figure
+
+import gcs.desk.desk
+from gcs.desk import Base, Cancelled, Choice, Desk
+from gcs.errors import TippathError, UsageError
+from gcs.flightdir import FlightFolder
+from sysid.result import Fit
+
+WHEN = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
+SHORT = ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
+
+
+DRAG = '''"""Drag of a long tail."""
+
+from sysid.effect import Effect, Stage
+from sysid.parameter import Parameter
+
+EFFECT = Effect(
+    id="tail_drag", title="drag of the tail", group="user", equation="q_dot += M_tail q", source="a plate",
+    signature="pitch motions decay faster",
+    parameters=(Parameter("M_tail", "1/s", "pitch acceleration per rate", null=0.0, typical=-2.0),),
+    stage=Stage.DYNAMICS, equations=lambda s: {"q_dot": s.M_tail * s.q},
+)
+'''
+
+
+def typed(*words: str) -> str:
+    """What a command that succeeds prints."""
+    from gcs.cli import main
+
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        assert main([*words]) == 0, words
+    return out.getvalue()
+
+
+def repeat(commands: Sequence[str]) -> None:
+    """Type them."""
+    for command in commands:
+        words, _, target = command.partition(" > ")
+        printed = typed(*shlex.split(words)[1:])
+        if target:
+            Path(*shlex.split(target)).write_text(printed)
+
+
+def ask(desk: Desk) -> None:
+    """From runs to gains."""
+    desk.fit()
+    desk.compare()
+    desk.diagnose()
+    desk.add("servo_lag")
+    desk.compare()
+    desk.diagnose()
+    desk.design()
+
+
+@pytest.fixture(scope="module")
+def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A flight folder that nobody has opened; its second run is to be flown again."""
+    return fly_folder(tmp_path_factory.mktemp("raw") / "flight-0001", again=2).path
+
+
+@pytest.fixture(scope="module")
+def worked(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Path]]:
+    """The whole way to the gains, in a folder of its own; the commands name paths from there."""
+    home = tmp_path_factory.mktemp("worked")
+    shutil.copytree(raw, home / "flight-0001")
+    with contextlib.chdir(home):
+        desk = Desk(now=lambda: WHEN)
+        desk.open("flight-0001")
+        desk.use("flight.BIN#2", Choice.FIT)
+        ask(desk)
+        yield desk, home
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    """Two chirps, no validation."""
+    return fly_folder(tmp_path / "flight-0002", None, SHORT).path
+
+
+# ------------------------------------------------------------------------------------------------ runs
+
+
+def test_runs_are_used_as_their_kind_says(raw: Path) -> None:
+    desk = Desk()
+    desk.open(str(raw))
+    state = desk.state()
+    assert [(run.maneuver, run.axis, run.choice) for run in state.runs] == [
+        ("chirp", "roll", Choice.FIT),
+        ("chirp", "roll", Choice.OUT),
+        ("chirp", "pitch", Choice.FIT),
+        ("chirp", "pitch", Choice.FIT),
+        ("chirp", "roll", Choice.VALIDATE),
+        ("doublet", "roll", Choice.VALIDATE),
+        ("doublet", "pitch", Choice.VALIDATE),
+    ]
+    assert [run.verdict for run in state.runs[:2]] == ["keep", "fly again: gust"]
+    assert state.runs[1].usable
+    assert "gust" in state.runs[1].health
+    assert state.runs[0].health.startswith("500 Hz, no gaps, 0.5-10 Hz")
+    assert state.vehicle == "simulated 4.5.7, system 1"
+    assert state.base == Base("tpp")
+    assert (state.home, state.busy, state.progress) == (raw, "", None)
+    desk.use("flight.BIN#2", Choice.FIT)
+    desk.use(str(state.runs[0].word), Choice.OUT)
+    assert [run.id for run in desk.state().chosen(Choice.FIT)] == ["flight.BIN#2", "flight.BIN#3", "flight.BIN#4"]
+    with pytest.raises(UsageError, match="no such run"):
+        desk.use("flight.BIN#9", Choice.FIT)
+    with pytest.raises(TippathError, match="not quiet hover"):
+        desk.use("flight.BIN#1", Choice.NOISE)
+
+
+def test_a_base_is_checked_when_it_is_chosen(raw: Path) -> None:
+    desk = Desk()
+    desk.open(str(raw))
+    desk.choose_base("cd", ("elevator",))
+    assert desk.state().base.words == "cd + elevator"
+    for model, effects in (("cylinder", ()), ("cd", ("angular_damping",)), ("tpp", ("wings",))):
+        with pytest.raises(UsageError):
+            desk.choose_base(model, effects)
+    assert desk.state().base.words == "cd + elevator"
+
+
+def test_nothing_is_asked_before_there_is_something(raw: Path, tmp_path: Path) -> None:
+    desk = Desk()
+    for wish in (desk.fit, desk.compare, desk.diagnose, desk.design, desk.report, lambda: desk.note("x")):
+        with pytest.raises(TippathError, match="no flight yet"):
+            wish()
+    with pytest.raises(TippathError, match="no such folder"):
+        desk.open(str(tmp_path / "nowhere"))
+    desk.open(str(raw))
+    for ask_it in (desk.compare, desk.diagnose, desk.design, desk.report, desk.next_card, desk.undo):
+        with pytest.raises(TippathError, match="no fit yet"):
+            ask_it()
+    for run in desk.state().runs:
+        desk.use(run.id, Choice.OUT)
+    with pytest.raises(TippathError, match="no run is chosen"):
+        desk.fit()
+    assert desk.state().busy == ""
+
+
+# ------------------------------------------------------------------------------------------------ the way to the gains
+
+
+def test_the_hidden_lag_is_found_and_the_ladder_says_so(worked: tuple[Desk, Path]) -> None:
+    state = worked[0].state()
+    assert [(rung.name, rung.effect, rung.verdict) for rung in state.ladder] == [
+        ("TPP", None, "missing"),
+        ("+ servo_lag", "servo_lag", "complete"),
+    ]
+    first, last = state.ladder
+    assert last is state.current
+    assert min(last.nrmse_percent[axis] - first.nrmse_percent[axis] for axis in "pq") > 3
+    assert {one.key for one in last.signs} == {"validation", "agreement", "plausible"}
+    assert last.placebo is not None
+    assert last.placebo[0] != "servo_lag"
+    assert last.noise_floor_percent is not None
+    assert last.noise_floor_percent["q"] == pytest.approx(last.nrmse_percent["q"], abs=1.0)
+    assert "missing: servo_lag" in first.diagnosis_text
+    assert "on runs that were not fitted" in last.addition_text.replace("\n  ", " ")
+    assert state.comparison is last.comparison is not None
+    assert state.comparison.traces
+    assert state.diagnosis is last.diagnosis
+    assert state.fitted is not None
+    for part in ("paper: TPP / CD", "eigenfrequency check", "  validation p"):
+        assert part in state.fitted.tables
+
+
+def test_the_gains_tell_what_they_promise(worked: tuple[Desk, Path]) -> None:
+    designed = worked[0].state().designed
+    assert designed is not None
+    assert designed.rung == "TPP + servo_lag"
+    assert designed.gains.margins.gain_db > 3
+    assert designed.following is not None
+    for answer in (designed.following.roll, designed.following.pitch):
+        assert answer.own.shape == designed.following.t.shape == answer.delta_x.shape
+        settled = (designed.following.t > 0.4) & (designed.following.t < 0.499)
+        np.testing.assert_allclose(answer.own[settled], 0.3, rtol=0.1)
+        assert answer.rise_s is not None
+        assert 0 < answer.rise_s < 0.4
+        assert np.abs(answer.own[-100:]).max() < 0.02
+
+
+def test_every_command_does_the_same_again(
+    worked: tuple[Desk, Path], raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk, home = worked
+    shutil.copytree(raw, tmp_path / "flight-0001")
+    monkeypatch.chdir(tmp_path)
+    commands = desk.state().commands
+    assert [command.split()[1] for command in commands] == [
+        *("ingest", "fit", "fit", "compare", "diagnose", "add", "compare", "diagnose", "design")
+    ]
+    repeat(commands)
+    made = {path.name for path in (home / "flight-0001").glob("*.json")} - {"flight.json"}
+    assert made == {
+        *("tpp.json", "cd.json", "tpp-compare.json", "tpp-diagnosis.json", "gains.json"),
+        *("tpp-servo_lag.json", "tpp-servo_lag-compare.json", "tpp-servo_lag-diagnosis.json"),
+    }
+    for name in made:
+        ours = json.loads((home / "flight-0001" / name).read_text())
+        theirs = json.loads((tmp_path / "flight-0001" / name).read_text())
+        assert ours == theirs, name
+
+
+def test_an_effect_of_the_user_s_own_is_named_in_every_command(
+    short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my tail.py").write_text(DRAG)
+    shutil.copytree(short, tmp_path / "again" / short.name)
+    shutil.copy(tmp_path / "my tail.py", tmp_path / "again")
+    monkeypatch.chdir(tmp_path)
+    desk = Desk()
+    desk.open(short.name)
+    desk.fit()
+    desk.add("my tail.py")
+    desk.compare()
+    desk.design()
+    state = desk.state()
+    assert [rung.name for rung in state.ladder] == ["TPP", "+ my tail.py"]
+    assert state.current is not None
+    assert state.current.path == Path("flight-0002/tpp-my tail.json")
+    assert state.commands[-3:] == (
+        "tippath add flight-0002/tpp.json 'my tail.py' -o 'flight-0002/tpp-my tail.json'",
+        "tippath compare 'flight-0002/tpp-my tail.json' --with 'my tail.py' --json > "
+        "'flight-0002/tpp-my tail-compare.json'",
+        "tippath design 'flight-0002/tpp-my tail.json' --with 'my tail.py' -o flight-0002/gains.json",
+    )
+    monkeypatch.chdir(tmp_path / "again")
+    repeat(state.commands)
+    for name in ("tpp-my tail.json", "tpp-my tail-compare.json", "gains.json"):
+        assert json.loads((short / name).read_text()) == json.loads(Path(short.name, name).read_text())
+
+
+def test_forward_flight_begins_with_its_effects_and_quiet_hover_tells_the_noise(tmp_path: Path) -> None:
+    card = ((CHIRP, ROLL, 0.1, 8.0), (CHIRP, PITCH, 0.15, 8.0), (CHIRP, ELEVATOR, 0.3, 8.0), (QUIET, ROLL, 0.0, 8.0))
+    desk = Desk()
+    desk.open(str(fly_folder(tmp_path / "flight-0003", None, card, plant="forward").path))
+    state = desk.state()
+    assert state.base.words == "tpp + angular_damping + elevator"
+    assert [run.choice for run in state.runs] == [Choice.FIT] * 3 + [Choice.NOISE]
+    with pytest.raises(TippathError, match="quiet hover"):
+        desk.use("flight.BIN#4", Choice.FIT)
+    desk.fit()
+    desk.compare()
+    state = desk.state()
+    assert state.fitted is not None
+    assert "paper" not in state.fitted.tables.partition("eigenfrequency")[0], "the paper's table is of hover"
+    assert max(len(line) for line in state.fitted.tables.splitlines()) <= 80
+    assert [one.split(" --model ")[1].split(" -o")[0] for one in state.fitted.commands] == [
+        "cd --with elevator",
+        "tpp --with angular_damping,elevator",
+    ]
+    assert [rung.name for rung in state.ladder] == ["TPP + angular_damping + elevator"]
+    assert state.comparison is not None
+    assert state.comparison.quiet_ratio is not None
+    other = Desk()
+    other.open(str(tmp_path / "flight-0003"))
+    assert other.state().base == state.base
+    assert [rung.name for rung in other.state().ladder] == [rung.name for rung in state.ladder]
+    desk.choose_base("cd", ("elevator",))
+    desk.fit()
+    assert [rung.name for rung in desk.state().ladder] == ["CD + elevator"]
+    desk.design()
+    designed = desk.state().designed
+    assert designed is not None
+    assert designed.rung == "TPP + elevator"
+
+
+def test_an_old_flight_is_opened_with_its_ladder_wherever_it_was_moved(
+    worked: tuple[Desk, Path], tmp_path: Path
+) -> None:
+    desk, home = worked
+    other = Desk()
+    shutil.copytree(home / "flight-0001", tmp_path / "moved")
+    other.open(str(tmp_path / "moved"))
+    before, after = desk.state(), other.state()
+    assert [(rung.name, rung.effect) for rung in after.ladder] == [(rung.name, rung.effect) for rung in before.ladder]
+    assert [rung.nrmse_percent for rung in after.ladder] == [rung.nrmse_percent for rung in before.ladder]
+    assert after.fitted is not None
+    assert before.fitted is not None
+    assert after.fitted.tables == before.fitted.tables
+    assert [run.choice for run in after.runs] == [run.choice for run in before.runs]
+    assert after.unread == ()
+    other.compare()
+    assert other.state().comparison is not None
+    assert other.state().current.path.name == "tpp-servo_lag.json"  # type: ignore[union-attr]
+
+
+def test_the_audit_tells_it_all(worked: tuple[Desk, Path]) -> None:
+    desk, home = worked
+    found, damaged = FlightFolder(home / "flight-0001").audited()
+    assert damaged == 0
+    assert [one.command for one in found] == [*desk.state().commands[1:]]
+    assert {(one.by, one.time) for one in found} == {("app", "2026-05-04T12:30:00.000+00:00")}
+
+
+def test_one_rung_back_and_the_file_stays(worked: tuple[Desk, Path]) -> None:
+    _, home = worked
+    other = Desk()
+    other.open(str(home / "flight-0001"))
+    other.undo()
+    assert [rung.name for rung in other.state().ladder] == ["TPP"]
+    assert (home / "flight-0001" / "tpp-servo_lag.json").exists()
+    with pytest.raises(TippathError, match="bottom"):
+        other.undo()
+    with pytest.raises(UsageError, match="no effect"):
+        other.add("wings")
+
+
+def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path], tmp_path: Path) -> None:
+    from gcs.maneuver import load_card
+    from sysid.maneuvers import NextManeuver
+
+    _, home = worked
+    shutil.copytree(home / "flight-0001", tmp_path / "flight-0001")
+    desk = Desk()
+    desk.open(str(tmp_path / "flight-0001"))
+    desk.undo()
+    with pytest.raises(TippathError, match="not asked yet"):
+        desk.next_card()
+    asked = worked[0].state().ladder[0].diagnosis
+    rung = desk.state().current
+    assert asked is not None
+    assert rung is not None
+    desk._replace(rung.fit, diagnosis=asked)
+    with pytest.raises(TippathError, match="no maneuver on a card"):
+        desk.next_card()
+    table = {"kind": "chirp", "axis": "roll", "amplitude": 0.2, "duration_s": 20.0}
+    more = NextManeuver("a larger roll chirp", ("a", "b"), "play", 5.0, {"name": "next", "maneuver": [table]})
+    desk._replace(rung.fit, diagnosis=replace(asked, next=more))
+    path = desk.next_card()
+    assert path == tmp_path / "flight-0001" / "next.toml" == desk.state().card
+    assert load_card(str(path)).maneuvers[0].amplitude == 0.2
+    assert desk.state().commands[-1].endswith(f"tpp.json --card {path}")
+
+
+def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
+    worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import gcs.report
+
+    def counted(figure: Figure) -> str:
+        return f"<svg>{len(figure.axes)} panels</svg>"
+
+    monkeypatch.setattr(gcs.report, "svg", counted)
+    desk, home = worked
+    monkeypatch.chdir(home)
+    desk.rename("first flight")
+    desk.report()
+    state = desk.state()
+    assert state.report is not None
+    text = state.report.read_text()
+    for part in (
+        *("<h1>first flight</h1>", "run 2: fly again: gust", "The ladder to tpp-servo_lag.json", "Where tpp-servo_lag"),
+        *(
+            "What tpp-servo_lag.json lacks",
+            "complete: what is left is noise",
+            "Gains, gains.json",
+            "<svg>3 panels</svg>",
+        ),
+        "✓ its size is physically plausible",
+    ):
+        assert part in text, part
+    assert state.commands[-1] == (
+        "tippath report flight-0001/tpp.json flight-0001/tpp-servo_lag.json flight-0001/cd.json "
+        "--gains flight-0001/gains.json -o flight-0001/report.html"
+    )
+    assert (state.progress, state.said) == (None, "wrote flight-0001/report.html")
+    words = state.commands[-1].replace("report.html", "again.html").split()[1:]
+    typed(*words)
+    assert Path("flight-0001/again.html").read_text() == text
+
+
+def test_the_same_figure_is_the_same_page() -> None:
+    from gcs.report import svg
+
+    def drawn() -> str:
+        figure = Figure(figsize=(2, 2))
+        figure.subplots().plot([1, 2], [3, 4])
+        return svg(figure)
+
+    assert drawn() == drawn()
+
+
+# ------------------------------------------------------------------------------------------------ name, notes, keeping
+
+
+def test_name_and_notes_are_kept(short: Path) -> None:
+    desk = Desk(now=lambda: WHEN)
+    desk.open(str(short))
+    desk.rename("  tail\x1b[2J boom ")
+    desk.note("gusts from the west")
+    other = Desk()
+    other.open(str(short))
+    assert other.state().name == desk.state().name == "tail [2J boom"
+    assert other.state().notes == desk.state().notes
+    assert other.state().notes[0].time == "2026-05-04T12:30:00.000+00:00"
+    with pytest.raises(TippathError, match="empty"):
+        desk.note(" ")
+    assert FlightFolder(short).runs(), "what the sweep wrote stays"
+
+
+def test_a_second_fit_is_kept_beside_the_first(short: Path) -> None:
+    desk = Desk()
+    desk.open(str(short))
+    desk.fit()
+    first = desk.state().fitted
+    desk.fit()
+    again = desk.state().fitted
+    assert first is not None
+    assert again is not None
+    assert again.tpp_path == first.tpp_path, "the same result needs no second file"
+    (short / "tpp.json").write_text("{}")
+    desk.fit()
+    last = desk.state()
+    assert last.fitted is not None
+    assert last.fitted.tpp_path == short / "tpp-2.json"
+    assert last.commands[-1].endswith("-o " + str(short / "tpp-2.json"))
+    assert (short / "tpp.json").read_text() == "{}"
+
+
+def test_a_folder_that_takes_nothing_loses_nothing(
+    short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A card that is read-only: everything stays on the screen, and is kept as soon as another folder is named."""
+
+    def refuse(text: str, path: Path) -> Path:
+        if path.parent == short:
+            raise TippathError(f"{path} cannot be written (Read-only file system)")
+        return keep(text, path)
+
+    keep = gcs.desk.desk.keep_text
+    desk = Desk()
+    desk.open(str(short))
+    monkeypatch.setattr(gcs.desk.desk, "keep_text", refuse)
+    desk.fit()
+    desk.design()
+    state = desk.state()
+    assert state.fitted is not None
+    assert state.designed is not None
+    assert state.designed.path is None
+    assert state.current is not None
+    assert state.current.path is None
+    assert state.unkept == ("CD", "TPP", "gains")
+    assert "Read-only file system" in state.said
+    assert len(state.commands) == 1, "a command would name a file that is not there"
+    with pytest.raises(TippathError, match="not kept yet: CD, TPP, gains"):
+        desk.report()
+    with pytest.raises(TippathError, match="not kept yet"):
+        desk.open(str(short))
+    desk.keep_in(tmp_path / "results")
+    state = desk.state()
+    assert state.unkept == ()
+    assert [path.name for path in sorted((tmp_path / "results").glob("*.json"))] == [
+        "cd.json",
+        "gains.json",
+        "tpp.json",
+    ]
+    assert state.designed is not None
+    assert state.designed.path == tmp_path / "results" / "gains.json"
+    assert [command.split()[1] for command in state.commands] == ["ingest", "fit", "fit", "design"]
+    assert Fit.load(tmp_path / "results" / "tpp.json").records[0].path.endswith("flight.BIN")
+    other = Desk()
+    other.open(str(short))
+    assert other.state().ladder == ()
+
+
+def test_files_that_are_no_fits_of_this_flight_are_left_alone(short: Path, worked: tuple[Desk, Path]) -> None:
+    _, home = worked
+    desk = Desk()
+    desk.open(str(short))
+    desk.fit()
+    stranger = json.loads((home / "flight-0001" / "tpp.json").read_text())
+    (short / "stranger.json").write_text(json.dumps(stranger))
+    changed = json.loads((short / "tpp.json").read_text())
+    for one in changed["records"]:
+        one["sha256"] = "0" * 64
+    (short / "changed.json").write_text(json.dumps(changed))
+    mine = json.loads((short / "tpp.json").read_text())
+    mine["structure"]["effects"] = ["../mine.py"]
+    mine["structure"]["user_effects"] = {"../mine.py": "0" * 64}
+    (short / "mine.json").write_text(json.dumps(mine))
+    (short / "broken.json").write_text('{"format": "tippath.fit/1", "structure": 3}')
+    (short / "half.json").write_text('{"format": "tippath.fit/1"')
+    (short / "list.json").write_text("[1, 2]")
+    other = Desk()
+    other.open(str(short))
+    state = other.state()
+    assert [rung.path for rung in state.ladder] == [short / "tpp.json"]
+    said = "\n".join(state.unread)
+    assert "stranger" in said or len(state.unread) >= 3
+    for word in ("changed.json was not opened: it was made from other", "is code", "broken.json was not opened"):
+        assert word in said, said
+
+
+# ------------------------------------------------------------------------------------------------ busy, called off
+
+
+def test_what_is_called_off_changes_nothing(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    desk = Desk()
+    desk.open(str(short))
+    desk.fit()
+    before = desk.state()
+    steps: list[str] = []
+    step = Desk._step
+
+    def third(self: Desk, what: str, share: float | None = None) -> None:
+        steps.append(what)
+        if len(steps) == 3:
+            assert self.state().busy.startswith("asking: ")
+            self.cancel()
+            assert self.state().busy.startswith("calling off: ")
+        step(self, what, share)
+
+    monkeypatch.setattr(Desk, "_step", third)
+    files = sorted(short.iterdir())
+    with pytest.raises(Cancelled, match="called off: asking"):
+        desk.diagnose()
+    after = desk.state()
+    assert len(steps) == 3
+    assert (after.ladder, after.commands, after.busy) == (before.ladder, before.commands, "")
+    assert "nothing was changed" in after.said
+    assert sorted(short.iterdir()) == files
+    desk.cancel()  # nothing is under way: no harm to what comes next
+    monkeypatch.setattr(Desk, "_step", step)
+    desk.compare()
+    assert desk.state().comparison is not None
+
+
+def test_one_thing_at_a_time_and_the_state_is_there_meanwhile(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import gcs.analysis
+
+    begun, go_on = threading.Event(), threading.Event()
+    identify = gcs.analysis.identify_flight
+
+    def slow(*args: object, **kwargs: object) -> object:
+        begun.set()
+        assert go_on.wait(10)
+        return identify(*args, **kwargs)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(gcs.analysis, "identify_flight", slow)
+    desk = Desk()
+    desk.open(str(short))
+    worker = threading.Thread(target=desk.fit)
+    worker.start()
+    assert begun.wait(10)
+    assert desk.state().busy == "fitting: TPP and CD"
+    for wish in (desk.fit, desk.design, lambda: desk.open(str(short)), desk.undo):
+        with pytest.raises(TippathError, match="wait: fitting"):
+            wish()
+    desk.note("meanwhile")
+    desk.use("flight.BIN#1", Choice.VALIDATE)
+    waiting = threading.Thread(target=lambda: desk.open(str(short), wait=True))
+    waiting.start()
+    go_on.set()
+    worker.join(10)
+    waiting.join(10)
+    state = desk.state()
+    assert [rung.name for rung in state.ladder] == ["TPP"], "opened again, with what was kept"
+    assert [note.text for note in state.notes] == ["meanwhile"]
+
+
+def test_what_the_data_refuse_is_told_and_changes_nothing(short: Path) -> None:
+    desk = Desk()
+    desk.open(str(short))
+    desk.use("flight.BIN#2", Choice.OUT)
+    with pytest.raises(TippathError, match="pitch"):
+        desk.fit()
+    assert desk.state().fitted is None
+    assert not list(short.glob("tpp*.json"))
