@@ -1,53 +1,48 @@
-"""Controller: gains designed on the fitted TPP, pushed as one verified set, and back again."""
+"""Controller: gains designed on the ladder's top rung, pushed as one verified set, and back again."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-from textual.containers import VerticalScroll
-from textual.widget import Widget
-
-from gcs.link.decode import sanitise
-from gcs.tui import words
-from gcs.tui.base import Page
+from gcs.tui import desk_words
+from gcs.tui.actions import Act
+from gcs.tui.base import READ, VIEW, Split
+from gcs.tui.draw_desk import predicted
+from gcs.tui.plot import Style
 from gcs.tui.state import State
 from gcs.tui.widgets.lines import Lines
 
 
-class ControllerScreen(Page):
-    """K, observer, prefilter, poles and margins; what the vehicle holds."""
+class ControllerScreen(Split):
+    """Margins, the predicted answer to a doublet, K, observer, prefilter; what the vehicle holds."""
 
     NAME = "Controller"
-    KEYS = "D design  P push (asks)  V revert (asks)  up/down scroll  F12/space abort"
-    BINDINGS = [
-        ("d,D", "app.work('design')", "design"),
-        ("p,P", "app.push", "push"),
-        ("v,V", "app.revert", "revert"),
-        ("down", "scroll(1)", "down"),
-        ("up", "scroll(-1)", "up"),
-    ]
+    VIEWS = ("gains", "predicted answer")
+    ACTS = (
+        Act("d,D", "app.work('design')", "design", "design gains on the top rung"),
+        Act("w,W", "app.weigh", "weight", "design with another input cost"),
+        Act("p,P", "app.push", "push (asks)", "push the gains to the vehicle"),
+        Act("r,R", "app.revert", "revert (asks)", "go back to the gains before"),
+        VIEW,
+        Act("x,X", "axis(1)", "axis", "the predicted answer of the other axis"),
+        *READ,
+    )
 
-    def body(self) -> Iterable[Widget]:
-        yield Lines(self.style, "bank")
-        with VerticalScroll(id="gains", can_focus=False):
-            yield Lines(self.style, "text")
+    def __init__(self, style: Style) -> None:
+        super().__init__(style)
+        self.axis = 0
 
-    def action_scroll(self, lines: int) -> None:
-        """Move the tables."""
-        self.query_one("#gains", VerticalScroll).scroll_relative(y=lines, animate=False)
+    def action_axis(self, step: int) -> None:
+        """Roll or pitch."""
+        self.axis += step
+        self.view = 1
 
     def show_body(self, state: State, width: int) -> None:
-        self.query_one("#bank", Lines).show([(words.fitted(f" {words.bank_line(state.bank)}", width), "bold")])
-        lines = [piece for line in self._lines(state) for piece in words.wrapped(line, width - 2)]
-        text = self.query_one("#text", Lines)
-        text.styles.height = len(lines)
-        text.show(lines)
-
-    def _lines(self, state: State) -> list[str]:
-        if state.designed is None:
-            return ["", " no gains are designed yet"]
-        lines = ["", *(f" {line}" for line in state.designed.text.splitlines())]
-        if state.designed.note:
-            lines += ["", f" {state.designed.note}"]
-        lines += ["", f" checksum {state.designed.crc:06x}, kept in {sanitise(str(state.designed.path))}"]
-        return [*lines, "", " the same in a shell:", *(f"   {command}" for command in state.commands[-4:])]
+        made = state.desk.designed
+        self.lay_out(made is not None and made.following is not None)
+        self.query_one("#title", Lines).show([desk_words.bank_title(state, width)])
+        key = (state.desk, state.designed, state.commands, self.axis, width, self.size.height, self.text_width)
+        if not self.changed(*key):
+            return
+        self.put_text(desk_words.controller_lines(state, self.text_width))
+        plot = None if made is None else predicted(made, self.axis)
+        if plot is not None:
+            self.put_plot(plot, str(self.axis % 2))

@@ -1,9 +1,10 @@
 """Between the app and what flies: the state to show, and the few things a key may ask for.
 
-The flying itself is `gcs.sweep.fly_card`, the fit `gcs.analysis.identify_flight`, the push `gcs.gains.push`: the same
-functions as behind the commands. What is added here is only what a screen needs: the card runs in a thread of its own
-and waits before every run until that run was made ready and then started, two steps; while it waits, a change of mode,
-a disarmed vehicle or a lost link calls the card off, so that nothing starts later that nobody looks at any more.
+The flying itself is `gcs.sweep.fly_card`, the push `gcs.gains.push`, and what is done with a flight after it was flown
+`gcs.desk.Desk`: the same functions as behind the commands. What is added here is only what a screen needs: the card
+runs in a thread of its own and waits before every run until that run was made ready and then started, two steps; while
+it waits, a change of mode, a disarmed vehicle or a lost link calls the card off, so that nothing starts later that
+nobody looks at any more. When it is over the desk opens the flight by itself.
 
 The state is replaced whole, under a lock, and never changed. `Engine` is what the app knows; tests give it another.
 """
@@ -11,17 +12,18 @@ The state is replaced whole, under a lock, and never changed. `Engine` is what t
 from __future__ import annotations
 
 import contextlib
-import json
-import shlex
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from gcs.desk import Desk
+from gcs.desk.shell import word
 from gcs.errors import LinkError, TippathError
 from gcs.flightdir import create
 from gcs.link.procedures import ProcedureError, ReadParameter, SetMode
@@ -57,6 +59,10 @@ KEPT_TELEMETRY = 1200
 class Engine(Protocol):
     """What the app asks. `state` and `window` never wait; `ready`, `start`, `end_card` and `abort` only set a wish."""
 
+    @property
+    def desk(self) -> Desk:
+        """What is done with a flight after it was flown; its methods that wait are called from a worker."""
+
     def state(self) -> State: ...
     def window(self, last_s: float) -> LiveWindow: ...
     def ready(self) -> None: ...
@@ -66,7 +72,7 @@ class Engine(Protocol):
 
     # These wait, and are called from a worker. They raise TippathError.
     def choose_card(self, word: str) -> None: ...
-    def open_flight(self, word: str) -> None: ...
+    def open_flight(self, path: str) -> None: ...
     def fit(self) -> None: ...
     def design(self) -> None: ...
     def push(self) -> None: ...
@@ -99,7 +105,10 @@ class FlightEngine:
         primary: bool = False,
         card: str = "hover",
         open_session: Callable[..., Session] = Session.open,
+        make_desk: Callable[..., Desk] = Desk,
     ) -> None:
+        """Without `link` and `start_vehicle` there is no vehicle, and the desk alone works. `make_desk` gives the desk
+        to work on, told by `on_command` and `on_said` whom to tell."""
         self._folder = folder
         self._primary = primary
         self._start_vehicle = start_vehicle
@@ -111,14 +120,18 @@ class FlightEngine:
         self._ending = threading.Event()
         self._card = load_card(card)
         self._card_word = card
-        self._state = State(link or "the simulated vehicle", plant, card=self._card.name, runs=_views(self._card))
+        self._state = State(
+            link or ("the simulated vehicle" if start_vehicle else ""),
+            plant,
+            card=self._card.name,
+            runs=_views(self._card),
+        )
         self._limits_of_card()
         self._abort: str | None = None
         self._started = False
         self._mode_before = STABILIZE
         self._telemetry: deque[tuple[float, float, float]] = deque(maxlen=KEPT_TELEMETRY)
-        self._model: Any = None
-        self._gains: Mapping[str, Any] | None = None
+        self._desk = make_desk(on_command=self._did, on_said=lambda text: self._set(said=text))
         self._link = link
         self._flying: threading.Thread | None = None
         self._conductor = threading.Thread(target=self._conduct, name="tippath app", daemon=True)
@@ -126,9 +139,13 @@ class FlightEngine:
 
     # What the app reads.
 
+    @property
+    def desk(self) -> Desk:
+        return self._desk
+
     def state(self) -> State:
         """This moment."""
-        state, session = self._state, self._session
+        state, session = view.joined(self._state, self._desk.state()), self._session
         if session is None:
             return state
         try:
@@ -136,7 +153,7 @@ class FlightEngine:
         except LinkError:
             return state
         received = session.samples(0.0).received if vehicle.recording is not None else 0
-        return replace(state, vehicle=vehicle, samples=received)
+        return replace(state, vehicle=vehicle, samples=received, station=session.station)
 
     def window(self, last_s: float) -> LiveWindow:
         """The log's samples while it is recorded, else what telemetry told of the rates."""
@@ -252,7 +269,7 @@ class FlightEngine:
         self._flying.start()
 
     def _fly(self, session: Session, card: TestCard) -> None:
-        said = ""
+        said, landed = "", None
         try:
             profile = require_flyable(session, card)
             folder = create(None, self._folder)
@@ -268,6 +285,7 @@ class FlightEngine:
                 about={"command": "fly", "link": session.link},
             )
             said = self._landed(result)
+            landed = result.folder.path if result.recording is not None and result.recording.logs else None
         except TippathError as error:
             said = str(error)
         except Exception as error:  # a fault of ours must neither hide nor end the app in flight
@@ -279,12 +297,26 @@ class FlightEngine:
                         self._mark(run.number, Mark.SKIPPED)
                 stage = Stage.IDLE if self._session is not None else Stage.NO_VEHICLE
                 self._set(stage=stage, current=0, progress=None, said=said, rpm_reference=None)
+            if landed is not None and not self._ending.is_set():
+                threading.Thread(target=self._read_flown, args=(landed,), name="tippath runs", daemon=True).start()
+
+    def _read_flown(self, flight: Path) -> None:
+        """The desk goes on with what was flown last, as soon as it is free."""
+        try:
+            self._desk.open(str(flight), wait=True)
+        except TippathError as error:
+            self._set(said=f"{flight.name} was not opened: {error}")
+        except Exception as error:  # a fault of ours must not end the app
+            self._set(said=f"{flight.name} was not opened: {type(error).__name__}: {error}")
 
     def _landed(self, result: SweepResult) -> str:
         kept = sum(run.clean for run in result.runs)
         missing = result.missing_blocks
-        where = _word(result.folder.path)
-        self._did(f"tippath sweep --connect {self._link_word()} --card {_word(self._card_word)} -o {where}")
+        where = word(result.folder.path)
+        command = f"tippath sweep --connect {self._link_word()} --card {word(self._card_word)} -o {where}"
+        self._did(command)
+        with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
+            result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
         text = f"recorded {where}: {kept} of {result.planned} runs kept, {missing} blocks missing"
         problems = () if result.recording is None else result.recording.problems
         return "; ".join([text, *([result.stopped] if result.stopped else []), *problems])
@@ -384,102 +416,41 @@ class FlightEngine:
 
     # The fit and the gains.
 
-    def open_flight(self, word: str) -> None:
-        """Another flight folder or log to fit. Raises TippathError where there is none."""
-        path = Path(word).expanduser()
-        if not path.exists():
-            raise TippathError(f"{path}: no such folder or log")
-        with self._lock:
-            if self._state.stage.under_way:
-                raise TippathError("a card is being flown: end it first (1, then E)")
-            self._set(flight=path, said="")
+    def open_flight(self, path: str) -> None:
+        """Another flight folder or log to work on. Raises TippathError where there is none."""
+        if self._state.stage.under_way:
+            raise TippathError("a card is being flown: end it first (1, then E)")
+        self._desk.open(path)
+        self._set(flight=self._desk.state().path)
 
     def fit(self) -> None:
-        """Fit the flight by the same functions as `tippath fit`, and keep the fits beside its log."""
-        from gcs.analysis import (
-            checks_text,
-            identify_flight,
-            modes_table,
-            nrmse_table,
-            parameter_table,
-            split_runs,
-        )
-        from gcs.logs import resolve_runs
-        from sysid.errors import SysidError
-
-        flight = self._state.flight
-        if flight is None:
-            raise TippathError("no flight yet: fly a card (1), or open a flight (O)")
+        """Fit the flight with the runs and the base that were chosen on the desk."""
         if self._state.stage.under_way:
             raise TippathError("the card is still being flown; the fit comes after it")
-        with self._working(f"fitting {flight.name}"):
-            try:
-                chirps, doublets = split_runs(resolve_runs([str(flight)]))
-                found = identify_flight(chirps, doublets)
-            except SysidError as error:
-                raise TippathError(str(error)) from error
-            home = flight if flight.is_dir() else flight.parent
-            runs = [f"{record.path}#{record.id.rpartition('#')[2]}" for record in chirps]
-            judges = [f"{record.path}#{record.id.rpartition('#')[2]}" for record in doublets]
-            commands = []
-            for name, one in (("tpp", found.tpp), ("cd", found.cd)):
-                path = _keep(one.to_json(home), home / f"{name}.json")
-                words = " ".join(_word(run) for run in runs)
-                validate = f" --validate {' '.join(_word(run) for run in judges)}" if judges else ""
-                commands.append(f"tippath fit {words} --model {name}{validate} -o {_word(path)}")
-                if name == "tpp":
-                    fit_path = path
-            self._model = (found.tpp.model, fit_path)
-            fitted = view.Fitted(
-                flight,
-                tuple(record.id for record in chirps),
-                tuple(record.id for record in doublets),
-                # The checks before the long table of parameters: they say whether to read it.
-                "\n\n".join(
-                    (nrmse_table(found), modes_table(found), checks_text(found.checks), parameter_table(found))
-                ),
-                tuple(dict.fromkeys((*found.tpp.warnings, *found.cd.warnings))),
-                tuple(commands),
-            )
-            self._set(fitted=fitted, designed=None, said="")
-            for command in commands:
-                self._did(command)
+        flight = self._state.flight
+        if flight is not None and self._desk.state().path != flight:
+            self._desk.open(str(flight), wait=True)
+        self._desk.fit()
 
     def design(self) -> None:
-        """Gains on the fitted TPP, kept as GAINS.json beside the fit."""
-        from gcs.analysis import gains_text
-        from gcs.gains import gains_of
-        from sysid.errors import SysidError
-        from sysid.regulator import design
-
-        if self._model is None or self._state.fitted is None:
-            raise TippathError("no fit yet: 2 fits a flight; gains are designed on its TPP")
-        model, fit_path = self._model
-        with self._working("designing gains"):
-            try:
-                gains = design(model)
-            except SysidError as error:
-                raise TippathError(str(error)) from error
-            document = gains.to_json()
-            path = _keep(document, fit_path.with_name("gains.json"))
-            self._gains = document
-            command = f"tippath design {_word(fit_path)} -o {_word(path)}"
-            self._set(
-                designed=view.Designed(gains_text(gains), path, gains_of(document).crc, command), said="gains designed"
-            )
-            self._did(command)
+        """Gains on the ladder's last fit, kept as GAINS.json beside it."""
+        self._desk.design()
 
     def push(self) -> None:
         """The designed gains to the vehicle, as one verified set; only on the ground, disarmed."""
-        from gcs.gains import gains_of, push
+        from gcs.gains import checksum, gains_of, push
 
         session = self._on_ground()
-        designed, document = self._state.designed, self._gains
-        if designed is None or document is None:
+        designed = self._desk.state().designed
+        if designed is None:
             raise TippathError("no gains yet: D designs them")
+        if designed.path is None:
+            raise TippathError("the gains are not kept in any file yet: keep them in another folder first")
         with self._working("pushing gains"):
             result = push(
-                session, gains_of(document), on_progress=lambda step: self._set(busy=f"pushing gains: {step}")
+                session,
+                gains_of(designed.gains.to_json()),
+                on_progress=lambda step: self._set(busy=f"pushing gains: {step}"),
             )
             self._set(
                 bank=Bank(result.crc, result.previous_crc, result.switch_on),
@@ -487,11 +458,14 @@ class FlightEngine:
                 if result.committed
                 else f"the vehicle held {result.crc:06x} already; nothing was written",
             )
-            self._did(f"tippath push {_word(designed.path)} --connect {self._link_word()}")
+            command = f"tippath push {word(designed.path)} --connect {self._link_word()}"
+            self._did(command)
+            did = "pushed gains" if result.committed else "pushed gains that the vehicle held already:"
+            self._desk.audit(f"{did} {checksum(result.crc)}, before {checksum(result.previous_crc)}", command)
 
     def revert(self) -> None:
         """Back to the bank before the last commit; only on the ground, disarmed."""
-        from gcs.gains import revert
+        from gcs.gains import checksum, revert
 
         session = self._on_ground()
         with self._working("reverting"):
@@ -503,7 +477,11 @@ class FlightEngine:
                 if result.crc
                 else "no LQR is active, as before the first push",
             )
-            self._did(f"tippath revert --connect {self._link_word()}")
+            command = f"tippath revert --connect {self._link_word()}"
+            self._did(command)
+            self._desk.audit(
+                f"reverted gains to {checksum(result.crc)}, before {checksum(result.reverted_crc)}", command
+            )
 
     def _on_ground(self) -> Session:
         reason = self.state().not_on_ground()
@@ -544,6 +522,8 @@ class FlightEngine:
                     return
         except TippathError as error:
             self._set(trouble=str(error))
+            return
+        if self._link is None:
             return
         while not self._ending.is_set() and self._session is None:
             self._connect()
@@ -598,6 +578,7 @@ class FlightEngine:
 
     def close(self) -> None:
         """End a run under way, then recording, the link and the simulated vehicle. Twice is no harm."""
+        self._desk.cancel()
         with self._pressed:
             self._ending.set()
             self._abort = self._abort or "the app was closed"
@@ -643,7 +624,7 @@ class FlightEngine:
             self._set(busy="")
 
     def _link_word(self) -> str:
-        return _word(self._link or "LINK")
+        return word(self._link or "LINK")
 
 
 def _views(card: TestCard) -> tuple[RunView, ...]:
@@ -659,31 +640,3 @@ def _view(run: CardRun) -> RunView:
         Mark.LOCKED if locked else Mark.WAITING,
         f"until {run.locked_by} is clean" if locked else "",
     )
-
-
-def _word(text: object) -> str:
-    """As a shell takes it."""
-    return shlex.quote(str(text))
-
-
-def _keep(document: Mapping[str, Any], path: Path) -> Path:
-    """Write a document beside the log; under the next free name where another one stands there already."""
-    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
-    number = 1
-    while True:
-        made = False
-        target = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
-        try:
-            with target.open("x", encoding="utf-8") as stream:
-                made = True
-                stream.write(text)
-            return target
-        except FileExistsError:
-            with contextlib.suppress(OSError, ValueError):
-                if target.read_text(encoding="utf-8") == text:
-                    return target
-            number += 1
-        except OSError as error:
-            if made:
-                target.unlink(missing_ok=True)  # half a file would be taken for one
-            raise TippathError(f"{target} cannot be written ({error.strerror or error})") from error

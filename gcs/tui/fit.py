@@ -1,63 +1,54 @@
-"""Fit: the recorded flight, fitted by the functions that the command line uses, beside the paper's numbers."""
+"""Fit: the flight's chosen runs, fitted by the functions that the command line uses, beside the paper's numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-from textual.containers import VerticalScroll
-from textual.widget import Widget
-
-from gcs.link.decode import sanitise
-from gcs.tui import words
-from gcs.tui.base import Page
+from gcs.tui import desk_words
+from gcs.tui.actions import Act
+from gcs.tui.base import READ, TALL, VIEW, Split
+from gcs.tui.draw_desk import run_strips
+from gcs.tui.plot import Style
 from gcs.tui.state import State
 from gcs.tui.widgets.lines import Lines
+from gcs.tui.widgets.traces import Traces
 
 
-class FitScreen(Page):
-    """TPP, CD and the CD that the TPP reduces to, on the flight's chirps."""
+class FitScreen(Split):
+    """TPP, CD and the CD that the TPP reduces to; strips of a run with the model over it."""
 
     NAME = "Fit"
-    KEYS = "F fit this flight  O open another flight  up/down scroll  F12/space abort"
-    BINDINGS = [
-        ("f,F", "app.work('fit')", "fit"),
-        ("o,O", "app.open_flight", "open"),
-        ("down", "scroll(1)", "down"),
-        ("up", "scroll(-1)", "up"),
-        ("pagedown", "scroll(10)", "down"),
-        ("pageup", "scroll(-10)", "up"),
-    ]
+    VIEWS = ("tables", "strips")
+    NO_PLOT = "the strips are those of the comparison: 5, then C"
+    ACTS = (
+        Act("f,F", "app.work('fit')", "fit", "fit the chosen runs"),
+        Act("m,M", "app.choose_base", "model", "choose the base model"),
+        VIEW,
+        Act("r,R", "run(1)", "run", "show the next run"),
+        Act("o,O", "app.open_flight", "", "open another flight"),
+        *READ,
+    )
 
-    def body(self) -> Iterable[Widget]:
-        yield Lines(self.style, "flight")
-        with VerticalScroll(id="tables", can_focus=False):
-            yield Lines(self.style, "text")
+    def __init__(self, style: Style) -> None:
+        super().__init__(style)
+        self.part = 0
 
-    def action_scroll(self, lines: int) -> None:
-        """Move the tables."""
-        self.query_one("#tables", VerticalScroll).scroll_relative(y=lines, animate=False)
+    @property
+    def keys(self) -> str:
+        drawn = self.query("#drawn")
+        return f"{super().keys}  {Traces.KEYS}" if drawn and drawn.first().display else super().keys
+
+    def action_run(self, step: int) -> None:
+        """Another run."""
+        self.part += step
 
     def show_body(self, state: State, width: int) -> None:
-        flight = "no flight yet" if state.flight is None else f"flight {sanitise(str(state.flight))}"
-        if state.fitted is not None and state.fitted.flight != state.flight:
-            flight += f" · shown is the fit of {sanitise(str(state.fitted.flight))}"
-        self.query_one("#flight", Lines).show([(words.fitted(f" {flight}", width), "bold")])
-        lines = self._lines(state, width)
-        text = self.query_one("#text", Lines)
-        text.styles.height = len(lines)
-        text.show(lines)
-
-    def _lines(self, state: State, width: int) -> list[str]:
-        found = state.fitted
-        if found is None:
-            return ["", " nothing is fitted yet"]
-        lines = [
-            f" fitted on {', '.join(map(sanitise, found.runs))}",
-            f" judged on {', '.join(map(sanitise, found.validation)) or 'the same runs: no doublet was flown'}",
-            "",
-            *(f" {line}" for line in found.tables.splitlines()),
-        ]
-        if found.warnings:
-            lines += ["", *(f" warning: {sanitise(text)}" for text in found.warnings)]
-        lines += ["", " the same in a shell:", *(f"   {command}" for command in found.commands)]
-        return [piece for line in lines for piece in words.wrapped(line, width - 2)]
+        rung = state.desk.current
+        self.lay_out(rung is not None and rung.comparison is not None)
+        title = self.query_one("#title", Lines)
+        title.show([desk_words.fit_title(state, width)])
+        height = self.size.height
+        if not self.changed(state.desk, state.fitted, self.part, width, height, self.text_width):
+            return
+        self.put_text(desk_words.fit_lines(state, self.text_width))
+        plot = None if rung is None else run_strips(rung, self.part, both=height >= TALL)
+        if plot is not None:
+            self.put_plot(plot, f"{self.part}")

@@ -9,6 +9,7 @@ from textual.widget import Widget
 
 from gcs.logs.live import LiveWindow
 from gcs.tui import words
+from gcs.tui.actions import Act
 from gcs.tui.base import Page
 from gcs.tui.state import State
 from gcs.tui.widgets.charts import Charts
@@ -19,16 +20,15 @@ SPAN_S = 20.0
 
 
 class FlyScreen(Page):
-    """The first screen."""
+    """The screen for the flight."""
 
     NAME = "Fly"
-    KEYS = "R ready  S start  F12/space abort  E end card  C choose card  1 2 3 screens"
-    BINDINGS = [
-        ("r,R", "app.engine('ready')", "ready"),
-        ("s,S", "app.engine('start')", "start"),
-        ("e,E", "app.engine('end_card')", "end the card"),
-        ("c,C", "app.choose_card", "choose a card"),
-    ]
+    ACTS = (
+        Act("r,R", "app.engine('ready')", "ready", "make the next run ready: nothing moves"),
+        Act("s,S", "app.engine('start')", "start", "start the run that is ready"),
+        Act("e,E", "app.engine('end_card')", "end card", "end the card between two runs"),
+        Act("c,C", "app.choose_card", "card", "choose a card"),
+    )
 
     def body(self) -> Iterable[Widget]:
         yield Lines(self.style, "card")

@@ -1,28 +1,41 @@
-"""Help: the keys, the order of the work, and what the lines mean."""
+"""Help: the order of the work, the keys of every screen, and what the lines mean."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from textual.containers import VerticalScroll
 from textual.widget import Widget
 
-from gcs.tui.base import Page
+from gcs.tui.actions import Act
+from gcs.tui.base import READ, Scrolled
 from gcs.tui.state import State
-from gcs.tui.widgets.lines import Lines
 from gcs.tui.words import wrapped
 
 _TEXT = """\
 the order of the work
-  1 Fly          the pilot hovers; R makes a run ready, S starts it
-  2 Fit          F fits TPP and CD to the flight, beside the paper's numbers
-  3 Controller   D designs the LQR; on the ground P pushes it, V goes back
+  1 Connect      where to, and what is heard there
+  2 Fly          the pilot hovers; R makes a run ready, S starts it
+  3 Runs         what each run is used for: fit, validate, leave out
+  4 Fit          TPP and CD, beside the paper's numbers
+  5 Compare      where the model fails, and how much of that is noise
+  6 Diagnose     which physical effect is missing; A adds it
+  7 Ladder       the error falling, effect by effect
+  8 Controller   D designs the LQR; on the ground P pushes it, R goes back
+  9 Report       a page to keep, and the commands that do the same
 
 keys everywhere
   F12            abort: back to the mode before the run; also while typing
   space          the same, where no text is being typed
-  1 2 3 ?        the screens; escape leaves help
+  1 ... 9  ?     the screens; escape leaves help
+  ctrl+p         every action of every screen, by name
+  K, escape      call off a fit, a diagnosis, whatever is worked on
+  F9             other colours: black on white for the sun, high contrast
   q              quit; during a run it asks, and aborts first
+
+plots
+  left, right    the cursor; with shift ten columns; home and end
+  + and -        zoom in and out around the cursor; [ and ] go along
+  0              all of it again, without cursor
 """
 
 _PILOT = """\
@@ -44,37 +57,33 @@ abort is repeated only while the heartbeat shows the excitation mode: any
 other mode means that the pilot has taken over, and nothing is commanded.
 
 percentages are the run's peaks against the card's limits; beyond 100 the run
-is aborted.
+is aborted. The bell rings at the start, halfway, at 3, 2, 1, at the end, at a
+limit, and when the link is lost.
 
 the strips show 20 s; each column holds the least and the largest sample of
 its time, so no peak is lost. Before R they show telemetry, from R on the log.
 """
 
 
-class HelpScreen(Page):
+class HelpScreen(Scrolled):
     """Says what the keys do."""
 
     NAME = "help"
-    KEYS = "escape back  up/down scroll"
-    BINDINGS = [
-        ("escape", "app.screen('fly')", "back"),
-        ("down", "scroll(1)", "down"),
-        ("up", "scroll(-1)", "up"),
-        ("pagedown", "scroll(10)", "down"),
-        ("pageup", "scroll(-10)", "up"),
-    ]
+    ACTS = (Act("escape", "app.screen('fly')", "back to Fly", "leave help", "escape"), *READ)
 
     def body(self) -> Iterable[Widget]:
-        with VerticalScroll(id="words", can_focus=False):
-            yield Lines(self.style, "text")
+        yield self.scrolled()
 
-    def action_scroll(self, lines: int) -> None:
-        """Move the text."""
-        self.query_one("#words", VerticalScroll).scroll_relative(y=lines, animate=False)
+    @property
+    def keys(self) -> str:
+        return f"up/down scroll  {super().keys}"
 
     def show_body(self, state: State, width: int) -> None:
-        text = _TEXT + (_PILOT if state.simulated else "") + _LINES
-        lines = [piece for line in text.splitlines() for piece in wrapped(f" {line}", width - 2, 0)]
-        box = self.query_one("#text", Lines)
-        box.styles.height = len(lines)
-        box.show(lines)
+        from gcs.tui.app import PAGES
+
+        if not self.changed(state.simulated, width, self.text_width):
+            return
+        lines = (_TEXT + (_PILOT if state.simulated else "") + _LINES).splitlines()
+        for page in PAGES:
+            lines += ["", f"on {page.NAME}", *(f"  {act.key:<13}  {act.name}" for act in page.ACTS)]
+        self.put_text([piece for line in lines for piece in wrapped(f" {line}", self.text_width, 0)])

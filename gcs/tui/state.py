@@ -6,10 +6,11 @@ away shows the same as one that was not, and a test shows any moment of a flight
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
+from gcs.desk.state import DeskState
 from gcs.envelope import Limits, Use
 from gcs.vehicle import VehicleSnapshot
 
@@ -133,6 +134,8 @@ class State:
     vehicle: VehicleSnapshot | None = None
     trouble: str | None = None
     """Why there is no vehicle."""
+    station: int | None = None
+    """Our own system id; None where there is no link."""
     stage: Stage = Stage.NO_VEHICLE
     card: str = ""
     runs: tuple[RunView, ...] = ()
@@ -162,6 +165,8 @@ class State:
     bank: Bank | None = None
     commands: tuple[str, ...] = ()
     """What was done, as a shell would do it; newest last."""
+    desk: DeskState = field(default_factory=DeskState)
+    """What is done with a flight after it was flown; `fitted`, `designed` and `busy` tell of it in brief."""
 
     @property
     def simulated(self) -> bool:
@@ -182,3 +187,15 @@ class State:
         if self.vehicle.armed:
             return "the vehicle is armed: gains are moved on the ground, disarmed; the pilot lands first"
         return None
+
+
+def joined(state: State, desk: DeskState) -> State:
+    """A moment with what lies on the desk in it."""
+    fitted, designed = state.fitted, state.designed
+    if desk.fitted is not None and desk.path is not None:
+        found = desk.fitted
+        fitted = Fitted(desk.path, found.runs, found.validation, found.tables, found.warnings, found.commands)
+    if desk.designed is not None and desk.designed.path is not None:
+        made = desk.designed
+        designed = Designed(made.text, desk.designed.path, made.crc, made.command)
+    return replace(state, desk=desk, fitted=fitted, designed=designed, busy=state.busy or desk.busy)

@@ -16,15 +16,17 @@ from textual.content import Content
 
 from gcs.envelope import Limits
 from gcs.link.decode import sanitise
+from gcs.tui.next_step import current
 from gcs.tui.plot import Style, bar
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
-from gcs.vehicle import SYSTEMID, VehicleSnapshot
+from gcs.vehicle import SYSTEMID
 
 ABORT = "F12 ABORT"
 
 _PLAIN = str.maketrans(
     {
         "δ": "d", "▶": ">", "✓": "+", "✗": "x", "●": "*", "○": "o", "·": "-", "°": " deg", "±": "+-", "─": "-",
+        "→": "->", "σ": "sigma", "█": "#", "▏": "", "▎": "", "▍": "", "▌": "", "▋": "", "▊": "", "▉": "#", "←": "<-",
         "…": "~", "│": "|", "²": "2", "–": "-", "−": "-", "▓": "#", "░": ".",
     }
 )  # fmt: skip
@@ -115,15 +117,47 @@ def _age(age_s: float) -> str:
     return "" if math.isinf(age_s) else f"{age_s:.1f} s" if age_s < 60 else f"{age_s / 60:.0f} min"
 
 
+SCREENS = ("Connect", "Fly", "Runs", "Fit", "Compare", "Diagnose", "Ladder", "Controller", "Report")
+"""In the order of the work; the first is on key 1."""
+
+
 def screens_line(state: State, here: str, width: int) -> Content:
-    """The screens, where we are, and what we are connected to."""
+    """The screens, where we are, and, where there is room, what we are connected to."""
+    gap = "  " if width >= 100 else " "
     parts: list[str | tuple[str, str]] = [" "]
-    for key, name in (("1", "Fly"), ("2", "Fit"), ("3", "Controller"), ("?", "help"), ("q", "quit")):
-        parts.append((f"[{key} {name}]", "bold reverse") if name == here else f" {key} {name} ")
+    for key, name in (*((str(i), name) for i, name in enumerate(SCREENS, 1)), ("?", "help" if width >= 90 else "")):
+        text = f"{key} {name}" if width >= 100 and name else f"{key}{name}"
+        is_here = name == here or (key == "?" and here == "help")
+        parts += [(f"[{text}]", "bold reverse") if is_here else text, gap]
     left = "".join(part if isinstance(part, str) else part[0] for part in parts)
-    place = f"SIMULATED {state.plant}" if state.simulated else state.link
-    right = fitted(sanitise(place), max(0, width - cell_len(left) - 2))
+    right = fitted(sanitise(place_words(state)), max(0, width - cell_len(left) - 1)) if width >= 120 else ""
     return Content.assemble(*parts, " " * (width - cell_len(left) - cell_len(right) - 1), right)
+
+
+def place_words(state: State) -> str:
+    """Where we are connected to."""
+    return f"SIMULATED {state.plant}" if state.simulated else state.link or "no link"
+
+
+GENERAL = ("F12/space abort", "? help", "^p all keys", "q quit")
+"""On the footer of every screen, as far as there is room."""
+
+
+def with_general(keys: str, width: int) -> str:
+    """The footer: a screen's keys, then those that work everywhere."""
+    text = f" {keys}"
+    for one in GENERAL:
+        if cell_len(text) + 2 + cell_len(one) <= width:
+            text += f"  {one}"
+    return text
+
+
+def pilot_line(state: State, width: int) -> str:
+    """The simulated pilot's keys; nothing on any other link."""
+    if not state.simulated:
+        return ""
+    keys = "its pilot: T take off  L land  B bank switch"
+    return fitted(f" SIMULATED {sanitise(str(state.plant))} · {keys}", width)
 
 
 def card_line(state: State, width: int) -> str:
@@ -138,16 +172,12 @@ def card_line(state: State, width: int) -> str:
     return full if cell_len(full) <= width else fitted(text + flown, width)
 
 
-def current(state: State) -> RunView | None:
-    """The run that is next, ready or flying."""
-    return next((run for run in state.runs if run.number == state.current), None)
-
-
 def progress_line(state: State, width: int, style: Style) -> str:
     """How far the run is."""
     match state.stage:
         case Stage.FLYING if state.progress is not None:
-            return fitted(f" ▶ {_progress(state.progress, style, 24 if width < 100 else 40)}", width)
+            run = current(state)
+            return fitted(f" ▶ {_progress(state.progress, amplitude(run), style, 20 if width < 100 else 40)}", width)
         case Stage.ABORTING if state.lost:
             return fitted(" LINK LOST IN THE RUN: nothing is sent until the vehicle is heard again", width)
         case Stage.ABORTING:
@@ -166,12 +196,20 @@ def progress_line(state: State, width: int, style: Style) -> str:
             return " no run under way"
 
 
-def _progress(progress: Progress, style: Style, width: int) -> str:
+def amplitude(run: RunView | None) -> str:
+    """`A 0.10`, as the run's numbers have it; empty where they have none."""
+    found = None if run is None else re.search(r"\bA [\d.]+", run.numbers)
+    return "" if found is None else found[0]
+
+
+def _progress(progress: Progress, size: str, style: Style, width: int) -> str:
     elapsed = min(max(progress.elapsed_s, 0.0), progress.duration_s)
     left = progress.duration_s - elapsed
     share = elapsed / progress.duration_s if progress.duration_s else 0.0
     text = f"{elapsed:4.1f} s of {progress.duration_s:g}  {bar(share, width, style)}  {left:.0f} s left"
-    return f"{text}  {progress.frequency_hz:.1f} Hz" if progress.frequency_hz else text
+    return "  ".join(
+        [text, *([f"{progress.frequency_hz:.1f} Hz"] if progress.frequency_hz else []), *filter(None, [size])]
+    )
 
 
 def limits_line(state: State, width: int, style: Style) -> str:
@@ -179,7 +217,7 @@ def limits_line(state: State, width: int, style: Style) -> str:
     limits: Limits = state.limits
     use = state.use
     names = (
-        ("rate", None if use is None else use.rate, f"{limits.rate:g} rad/s"),
+        ("p, q", None if use is None else use.rate, f"{limits.rate:g} rad/s"),
         ("attitude", None if use is None else use.attitude, f"{math.degrees(limits.attitude):.0f}°"),
         ("command", None if use is None else use.command, f"{100 * limits.command:.0f} %"),
     )
@@ -214,6 +252,19 @@ def recording_line(state: State, width: int) -> str:
     if state.link_loss:
         parts.append(state.link_loss)
     return fitted(" " + " · ".join(parts), width)
+
+
+OF_FLYING = ("Connect", "Fly", "help")
+"""Screens on which what was said of a recorded flight is out of place."""
+
+
+def notice(state: State, screen: str, width: int) -> str:
+    """What stands above the bottom lines: why there is no vehicle, what a lost link does, what was said last."""
+    if screen == "Fly" and state.vehicle is None and state.trouble:
+        return state.trouble
+    cautious = caution(state, width) if screen in ("Fly", "Connect") else ""
+    of_desk = state.said == state.desk.said and screen in OF_FLYING
+    return cautious or ("" if of_desk else state.said)
 
 
 def notice_lines(text: str, width: int, height: int) -> list[str]:
@@ -294,87 +345,10 @@ def said_lines(state: State, width: int, height: int) -> list[str]:
     return [*(fitted(f" vehicle: {text}", width) for text in (texts[-room:] if room > 0 else ())), *lines]
 
 
-def next_words(state: State, screen: str) -> str:
-    """What to do now."""
-    if state.busy:
-        return f"wait: {sanitise(state.busy)}"
-    if state.vehicle is None:
-        return "wait for the vehicle" + ("" if state.simulated else ", or q and connect to another link")
-    if state.lost:
-        if state.stage in (Stage.FLYING, Stage.ABORTING):
-            return "the PILOT ends it with the transmitter: no abort reaches the vehicle now"
-        return "nothing is heard; nothing restarts by itself. Check power, radio and cable"
-    if state.vehicle.link_problem:
-        return f"the link: {sanitise(state.vehicle.link_problem)}"
-    match screen:
-        case "Fit":
-            return _next_fit(state)
-        case "Controller":
-            return _next_controller(state)
-        case _:
-            return _next_fly(state, state.vehicle)
-
-
-def _next_fly(state: State, vehicle: VehicleSnapshot) -> str:
-    run = current(state)
-    match state.stage:
-        case Stage.CHECKING:
-            return "wait: the vehicle is looked at, nothing moves"
-        case Stage.READY:
-            return f"S starts {run.label if run else 'the run'}; F12 or space calls it off"
-        case Stage.FLYING:
-            return "the pilot holds position until the bell; F12 or space aborts"
-        case Stage.ABORTING:
-            return "wait: the vehicle goes back to the mode before"
-        case Stage.CLOSING:
-            return "wait: the rest of the log is fetched"
-        case Stage.HELD:
-            return f"R makes {run.label if run else 'the next run'} ready; E ends the card here"
-        case _:
-            pass
-    to_fit = any(run.mark is Mark.KEEP and "chirp" in run.label for run in state.runs)
-    if not vehicle.armed:
-        if to_fit:
-            return "2 fits what was flown"
-        return "T: the simulated pilot takes off" if state.simulated else "the pilot arms, takes off and hovers; then R"
-    if vehicle.mode == SYSTEMID:
-        return "an excitation runs that this app did not start; F12 ends it"
-    if to_fit:
-        return "2 fits what was flown; R flies the card again into a new folder"
-    if any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in state.runs):
-        return "R flies the card again into a new folder (nothing moves yet)"
-    return "R makes the first run ready (nothing moves yet)"
-
-
-def _next_fit(state: State) -> str:
-    if state.stage.under_way:
-        return "the card is still being flown (1); the fit comes after it"
-    if state.flight is None:
-        return "1 flies a card first; its flight is fitted here"
-    if state.fitted is None or state.fitted.flight != state.flight:
-        return f"F fits {sanitise(state.flight.name)}"
-    return "3 designs gains on this TPP"
-
-
-def _next_controller(state: State) -> str:
-    if state.designed is None:
-        return "2 fits a flight first; gains are designed on its TPP" if state.fitted is None else "D designs gains"
-    if state.bank is not None and state.bank.active == state.designed.crc:
-        if state.bank.switch_on:
-            return "the LQR flies; card lqr-doublet (1, C) shows how it follows"
-        switch = "B" if state.simulated else "the pilot's switch"
-        return f"in the air {switch} puts the LQR on; then card lqr-doublet (1, C)"
-    if state.vehicle is not None and state.vehicle.armed:
-        return (
-            "L: the simulated pilot lands; then P" if state.simulated else "the pilot lands and disarms; then P pushes"
-        )
-    return "P pushes them to the vehicle (asks first)"
-
-
 def bank_line(bank: Bank | None) -> str:
     """What the vehicle holds."""
     if bank is None:
-        return "vehicle's bank: not read yet (P or V reads it)"
+        return "vehicle's bank: not read yet (P or R reads it)"
     active = f"{bank.active:06x}" if bank.active else "none"
     before = "" if bank.previous is None else f" · before: {f'{bank.previous:06x}' if bank.previous else 'none'}"
     switch = {True: "the LQR", False: "the autopilot", None: "not told"}[bank.switch_on]

@@ -75,8 +75,18 @@ async def test_connect_see_samples_fly_and_abort(tmp_path):
             assert about["missing_blocks"] == 0
             await pilot.press("escape")
 
-            # Gains are the ground's matter; landing is the simulated pilot's.
-            await pilot.press("l")
-            await until(lambda: not engine.state().vehicle.armed, 15)
+            # Quitting in a chirp: it is aborted first, and the log is whole.
+            await pilot.press("r")
+            await until(lambda: engine.state().stage is Stage.READY)
+            await pilot.press("s")
+            await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 0.3)
+            await pilot.press("7", "q", "y")
+            await until(lambda: app._exit)
+        await asyncio.to_thread(engine.close)
+        again = engine.state()
+        assert again.flight != state.flight
+        about = json.loads((again.flight / "flight.json").read_text())
+        assert [run["ending"] for run in about["runs"]] == ["aborted"]
+        assert about["missing_blocks"] == 0
     finally:
         engine.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from textual.content import Content
+from textual.content import Content, Span
 from textual.widgets import Static
 
 from gcs.tui.plot import Style
@@ -19,12 +19,14 @@ class Lines(Static):
         self._style: Style = style
         self.shown = ""
         """What stands there, as plain text."""
+        self._spans: tuple[Span, ...] = ()
 
     def show(self, lines: Sequence[Content | str | tuple[str, str]]) -> None:
         """Show these lines: text, text with a style, or content."""
         content = Content("\n").join(self._content(line) for line in lines)
-        if content.plain != self.shown or any(not isinstance(line, str) for line in lines):
-            self.shown = content.plain
+        spans = tuple(content.spans)
+        if content.plain != self.shown or spans != self._spans:
+            self.shown, self._spans = content.plain, spans
             self.update(content, layout=False)
 
     def _content(self, line: Content | str | tuple[str, str]) -> Content:

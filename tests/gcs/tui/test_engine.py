@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from flown_folder import fly_folder
+from flying import CHIRP, PITCH, ROLL
 
+import gcs.gains
 import gcs.tui.engine
+from gcs.desk import Choice
 from gcs.envelope import Limits, Peaks, Use
 from gcs.errors import LinkError, TippathError
 from gcs.flightdir import FlightFolder
+from gcs.gains import PushResult
 from gcs.logs.live import LiveWindow
 from gcs.preflight import Check, LinkLoss
 from gcs.profile import Plan
+from gcs.recorder import RecordedLog, RecordingSummary
 from gcs.sweep import Briefing, Ending, NotReadyError, Phase, RunProgress, RunReady, RunResult, SweepResult
-from gcs.tui import words
-from gcs.tui.engine import FlightEngine, _keep
-from gcs.tui.state import Designed, Fitted, Mark, Stage
+from gcs.tui.engine import FlightEngine
+from gcs.tui.state import Mark, Stage
 from gcs.vehicle import SYSTEMID, VehicleSnapshot
 from gcs.verdict import Verdict
 
@@ -33,6 +37,8 @@ VEHICLE = VehicleSnapshot(
 
 class FakeSession:
     link = "udpin:127.0.0.1:1"
+
+    station = 254
 
     def __init__(self) -> None:
         self.now = VEHICLE
@@ -66,6 +72,8 @@ class FakeCard:
         self.flying = threading.Event()
         self.land = threading.Event()
         self.folder: Path | None = None
+        self.leave = None
+        """What flies a log into the folder, where there is to be one."""
 
     def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about):
         self.folder = folder.path
@@ -90,13 +98,17 @@ class FakeCard:
             if ending is not Ending.FINISHED:
                 break
         stopped = "" if results[-1].ending is Ending.FINISHED else results[-1].reason
+        recording = None
+        if self.leave is not None:
+            log = self.leave(folder.path).log
+            recording = RecordingSummary(folder.path, (RecordedLog(log, 1, 1, (), 0),), None, 0, "streamed", ())
         return SweepResult(
             card=card,
             profile=profile,
             runs=tuple(results),
             planned=2,
             folder=FlightFolder(folder.path),
-            recording=None,
+            recording=recording,
             stopped=stopped,
             link_loss=loss,
         )
@@ -306,15 +318,65 @@ def test_telemetry_is_shown_until_the_log_comes(engine):
     assert np.isnan(window.delta_x).all()
 
 
-def test_another_flight_keeps_fit_and_gains_that_name_theirs(engine, tmp_path):
-    fitted = Fitted(tmp_path / "flight-0001", (), (), "", (), ())
-    engine._set(fitted=fitted, designed=Designed("", tmp_path / "gains.json", 1, ""))
-    engine.open_flight(str(tmp_path))
+def test_what_was_flown_lies_on_the_desk_by_itself(engine, tmp_path):
+    """The card's log is read away from the card's thread; nobody has to open anything."""
+    engine.fake_card.leave = lambda folder: fly_folder(
+        folder, None, ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
+    )
+    engine.ready()
+    reach(engine, Stage.READY)
+    engine.start()
+    assert engine.fake_card.flying.wait(WITHIN_S)
+    with pytest.raises(TippathError, match="card is"):
+        engine.open_flight(str(tmp_path))
+    engine.fake_card.land.set()
+    reach(engine, Stage.HELD)
+    engine.end_card()
+    until(lambda: engine.state().desk.path == tmp_path / "flight-0001")
     state = engine.state()
-    assert (state.flight, state.fitted.flight, state.designed.crc) == (tmp_path, tmp_path / "flight-0001", 1)
-    assert words.next_words(state, "Fit") == f"F fits {tmp_path.name}"
+    assert [(run.axis, run.choice) for run in state.desk.runs] == [("roll", Choice.FIT), ("pitch", Choice.FIT)]
+    assert state.flight == state.desk.path
+    engine.fit()
+    state = engine.state()
+    assert state.fitted.flight == tmp_path / "flight-0001"
+    assert state.fitted.commands == state.commands[-2:] == state.desk.commands[-2:]
+    engine.design()
+    state = engine.state()
+    assert state.designed.crc == state.desk.designed.crc
+    assert state.said == "gains designed"
     with pytest.raises(TippathError, match="no such folder"):
         engine.open_flight(str(tmp_path / "nowhere"))
+    assert engine.state().fitted is not None, "what was there stays"
+
+
+def test_no_flight_is_no_fit(engine, tmp_path):
+    with pytest.raises(TippathError, match="no flight yet"):
+        engine.fit()
+    with pytest.raises(TippathError, match="no log"):
+        engine.open_flight(str(tmp_path))
+    with pytest.raises(TippathError, match="no flight yet"):
+        engine.design()
+
+
+def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
+    flight = fly_folder(tmp_path / "flight-0007", None, ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0)))
+    engine.open_flight(str(flight.path))
+    engine.fit()
+    engine.design()
+    crc = engine.state().desk.designed.crc
+    engine.fake_session.now = replace(VEHICLE, armed=False)
+
+    def push(session, gains, *, on_progress):
+        on_progress("the shadow bank")
+        assert gains.crc == crc
+        return PushResult(gains.crc, 0xABCDEF, True, gains.values, False)
+
+    monkeypatch.setattr(gcs.gains, "push", push)
+    engine.push()
+    last = flight.audited()[0][-1]
+    assert last.did == f"pushed gains {crc:06x}, before abcdef"
+    assert last.command == engine.state().commands[-1]
+    assert last.by == "app"
 
 
 def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):
@@ -342,25 +404,5 @@ def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):
         engine.close()
 
 
-def test_results_never_overwrite_others(tmp_path):
-    first = _keep({"K": 1}, tmp_path / "gains.json")
-    again = _keep({"K": 1}, tmp_path / "gains.json")
-    other = _keep({"K": 2}, tmp_path / "gains.json")
-    assert (first.name, again.name, other.name) == ("gains.json", "gains.json", "gains-2.json")
-    assert json.loads(first.read_text()) == {"K": 1}
-
-
 def test_the_card_brings_its_limits(engine):
     assert engine.state().limits == Limits()
-
-
-def test_a_full_disk_leaves_no_half_fit(tmp_path):
-    resource = pytest.importorskip("resource")
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))  # as good as full
-    try:
-        with pytest.raises(TippathError, match="cannot be written"):
-            _keep({"K": "x" * 5000}, tmp_path / "gains.json")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert list(tmp_path.iterdir()) == []

@@ -2,10 +2,42 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from rich.cells import cell_len
 
-from gcs.tui.plot import STYLES, bar, chart, dots_across, envelope, round_limit
+from gcs.tui.plot import (
+    STYLES,
+    Bar,
+    BarPlot,
+    FrequencyPlot,
+    Panel,
+    TimePlot,
+    View,
+    band_bars,
+    bar,
+    bars,
+    candidate_bars,
+    chart,
+    dots_across,
+    envelope,
+    ladder_bars,
+    picture,
+    prepared,
+    readings,
+    response_names,
+    response_plot,
+    round_limit,
+    spectra_plot,
+    time_plot,
+    worst_part,
+)
+from gcs.tui.plot.paint import dotted
+from gcs.tui.plot.ready import clamped, moved, zoomed
+from sysid.comparison import BandError, Densities, ResponseError, Trace
+from sysid.metrics import Mismatch
 
 
 def drawn(line: str) -> bool:
@@ -97,3 +129,337 @@ def test_a_bar_shows_a_little_as_something_and_too_much_as_full():
         "▓▓▓▓",
         "░░░░",
     ]
+
+
+# ------------------------------------------------------------------------------------------------ panels over an axis
+
+
+def rows_of(plot, width, height, style="braille", view=None, cursor=None):
+    ready = prepared(plot)
+    return picture(ready, ready.first if view is None else view, width, height, style, cursor)
+
+
+def texts(rows):
+    return ["".join(text for text, _ in row) for row in rows]
+
+
+STEPS = np.arange(28.0)
+"""One sample in each column of dots of a 20-cell braille row."""
+
+
+RAMPS = {
+    "braille": ([" p    ⢀⣀⣀⣀⡤⠤⠤⠤⠖⠒⠒⠒⠋⠉", " ±1   ⠉     ·     · "], [" p    ⢁⣁⣃⣂⡦⠦⠦⠤⠖⠖⡖⡒⡋⡉", " ±1   ⠉     ·     ·⠈"]),
+    "block": ([" p    ▄▄▄▄▄▄▄▄▄█▀▀▀▀", " ±1   ▀     ·     · "], [" p    ██████▄▄▄█████", " ±1   ▀     ·     ·¯"]),
+    "ascii": ([" p    .........|''''", " +-1  '     -     - "], [" p    ######ooo#####", " +-1  '     -     -^"]),
+}
+"""Up from 0 to 1, and with a model that goes down."""
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_a_ramp_is_drawn_exactly(style):
+    alone, crossed = RAMPS[style]
+    axis = "    s |0            " if style == "ascii" else "    s │0            "
+    assert texts(rows_of(TimePlot((Panel("p", STEPS, STEPS / 27, least=1.0),)), 20, 3, style)) == [*alone, axis]
+    panel = Panel("p", STEPS, STEPS / 27, 1 - STEPS / 27, least=1.0)
+    rows = rows_of(TimePlot((panel,)), 20, 3, style)
+    assert texts(rows) == [*crossed, axis]
+    assert [ink for _, ink in rows[1]] == ["text", "measured", "grid", "model"]
+
+
+@pytest.mark.parametrize(
+    ("style", "signs"), [("braille", ("⠉⠉⠉", "⠁⠁⠁")), ("block", ("▀▀▀", "¯¯¯")), ("ascii", ("'''", "^^^"))]
+)
+def test_model_and_measurement_are_told_apart_without_colour(style, signs):
+    x = np.arange(240.0)
+    top, bottom = np.full(x.size, 0.999), np.full(x.size, -0.999)
+    apart = Panel("p", x, top, bottom, least=1.0)
+    rows = rows_of(TimePlot((apart,), words=("measured", "model", "")), 60, 4, style)
+    measured, model = rows[1], rows[2]
+    assert {ink for text, ink in measured if signs[0] in text} == {"measured"}
+    lower = {"⠉⠉⠉": "⡀⡀⡀", "▀▀▀": "___", "'''": "___"}[signs[0]]
+    assert {ink for text, ink in model if lower in text} == {"model"}
+    same = Panel("p", x, top, top, least=1.0)
+    assert "both" in {ink for _, ink in rows_of(TimePlot((same,)), 60, 4, style)[0]}
+
+
+def test_the_dotted_model_keeps_its_peaks():
+    rng = np.random.default_rng(4)
+    dots = rng.random((12, 40)) < 0.3
+    thin = dotted(dots)
+    assert not (thin & ~dots).any()
+    lost = dots & ~thin
+    beside = np.zeros_like(dots)
+    beside[:, 1:] |= thin[:, :-1]
+    beside[:, :-1] |= thin[:, 1:]
+    assert (beside | ~lost).all(), "a dot that goes has another at its height beside it"
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("at", [0, 17, 5000, 9998, 9999])
+@pytest.mark.parametrize("which", ["line", "over"])
+def test_no_peak_is_lost_in_any_view_that_holds_it(style, at, which):
+    t = np.arange(10_000) / 500
+    quiet, spike = np.zeros(t.size), np.zeros(t.size)
+    spike[at] = 1.0
+    panel = Panel("p", t, spike, quiet) if which == "line" else Panel("p", t, quiet, spike)
+    ready = prepared(TimePlot((panel,)))
+    view = ready.whole
+    for _ in range(12):
+        upper = texts(picture(ready, view, 60, 5, style))[0]
+        assert drawn(upper[9:51]), view
+        view = zoomed(ready, view, 0.5, t[at])
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_a_gap_in_time_is_not_joined(style):
+    t = np.concatenate((np.arange(0, 4, 0.01), np.arange(6, 10, 0.01)))
+    rows = texts(rows_of(TimePlot((Panel("p", t, np.full(t.size, 0.5), least=1.0),)), 70, 5, style))
+    line = next(row for row in rows if drawn(row[9:55]))[9:55]
+    assert not line[20:26].strip(" ·-")
+    assert line[:16].strip(" ·-")
+    assert line[30:].strip(" ·-")
+
+
+HOSTILE = {
+    "nothing": (np.array([]), np.array([])),
+    "one": (np.array([3.0]), np.array([1.0])),
+    "one nan": (np.array([3.0]), np.array([np.nan])),
+    "constant": (np.arange(50.0), np.full(50, 7.0)),
+    "zero": (np.arange(50.0), np.zeros(50)),
+    "infinite": (np.arange(5.0), np.array([np.inf, -np.inf, np.nan, 1.0, 2.0])),
+    "huge": (np.arange(4.0), np.array([1e308, -1e308, 1.0, 0.0])),
+    "tiny": (np.arange(4.0) * 1e-9, np.array([1e-308, -1e-300, 0.0, 1e-200])),
+    "time stands still": (np.zeros(9), np.arange(9.0)),
+    "time goes back": (np.array([5.0, 1.0, 4.0, 0.0]), np.arange(4.0)),
+    "time is broken": (np.array([np.nan, np.inf, 1.0, -np.inf, 1e300, 2.0]), np.arange(6.0)),
+    "far from zero": (1e9 + np.arange(20) * 0.002, np.arange(20.0)),
+    "two": (np.array([0.0, 1.0]), np.array([-1.0, 1.0])),
+}
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("case", HOSTILE)
+def test_every_picture_is_as_large_as_asked(style, case):
+    x, y = HOSTILE[case]
+    panels = (
+        Panel("p", x, y, y[::-1], unit="rad/s"),
+        Panel("δx", x, y, reference=y, residual=True, scale_of=0),
+        Panel("dB", x, y, centred=False, least=1.0),
+        Panel("psd", x, y, y, y, centred=False, logarithmic=True, least=1.0, most=4.0),
+        Panel("phase", x, y, wraps=True, fixed=(-180.0, 180.0)),
+    )
+    for plot in (
+        TimePlot(panels, "title", ("measured", "model", "noise")),
+        TimePlot(panels, span_s=20.0, stale="no link"),
+        FrequencyPlot(panels, "title", ("a", "b", "c"), 0.5, 15.0, ((1.0, 3.0), (-1.0, np.nan))),
+        FrequencyPlot(panels),
+    ):
+        ready = prepared(plot)
+        for width, height in ((1, 1), (5, 2), (20, 3), (33, 7), (80, 24), (120, 40), (64, 1), (7, 60)):
+            view = ready.first
+            for factor, cursor in ((1.0, None), (0.3, moved(ready, view, None, 0.0)), (1e-9, ready.whole.low)):
+                view = zoomed(ready, view, factor, cursor)
+                rows = picture(ready, view, width, height, style, cursor)
+                assert [cell_len(line) for line in texts(rows)] == [width] * height
+                if style == "ascii":
+                    assert "".join(texts(rows)).replace("δ", "d").isascii()
+
+
+def test_scales_are_told_and_shared():
+    t = np.arange(100) / 10
+    wave = np.sin(t)
+    plot = TimePlot((Panel("p", t, 0.8 * wave), Panel("res", t, 0.1 * wave, scale_of=0), Panel("own", t, 0.1 * wave)))
+    told = [line[:9].strip() for line in texts(rows_of(plot, 80, 10))]
+    assert told == ["p", "", "±1", "res", "", "±1", "own", "", "±0.1", "s"]
+
+
+def test_the_axis_has_round_labels_at_their_places():
+    t = np.arange(0, 30.001, 0.01) + 512
+    ready = prepared(TimePlot((Panel("p", t, np.sin(t)),), origin_s=512.0))
+    line = texts(picture(ready, ready.first, 80, 4, "braille"))[-1]
+    assert line.split() == ["s", "│0", "│5", "│10", "│15", "│20", "│25", "│30"] or "│30" not in line
+    at = line.index("│15") - 9
+    assert abs(at - 56 / 2) <= 1
+    f = np.linspace(0.4, 15, 100)
+    axis = texts(rows_of(FrequencyPlot((Panel("dB", f, f),), low_hz=0.5, high_hz=15.0), 80, 4))[-1]
+    assert axis.split() == ["Hz", "│0.5", "│1", "│2", "│5", "│10"]
+
+
+def test_the_cursor_reads_every_strip_at_one_time():
+    t = np.arange(1000) / 100
+    plot = TimePlot((Panel("p", t, t / 10, -t / 10), Panel("q", t[::2], t[::2]), Panel("r", t[:10], t[:10])))
+    ready = prepared(plot)
+    found = readings(ready, 5.0)
+    assert [one.name for one in found] == ["p", "q", "r"]
+    assert (found[0].line, found[0].over, found[1].line) == (pytest.approx(0.5), pytest.approx(-0.5), 5.0)
+    assert np.isnan(found[2].line), "behind its end there is nothing"
+    assert readings(ready, None) == ()
+    rows = texts(picture(ready, ready.first, 80, 9, "braille", 5.0))
+    assert "+0.50" in rows[0]
+    assert "at 5.0" in rows[-1]
+
+
+def test_the_cursor_steps_by_columns_and_at_last_by_samples():
+    t = np.arange(1000) / 100
+    ready = prepared(TimePlot((Panel("p", t, t),)))
+    start = moved(ready, ready.first, None, 0.0)
+    assert start in t
+    assert moved(ready, ready.first, start, 0.5) == pytest.approx(start + 0.5)
+    assert moved(ready, ready.first, start, 1e-6) == pytest.approx(start + 0.01)
+    assert moved(ready, ready.first, start, -1e-6) == pytest.approx(start - 0.01)
+    assert moved(ready, ready.first, t[-1], 3.0) == t[-1]
+    assert moved(prepared(TimePlot((Panel("p", t[:0], t[:0]),))), ready.first, None, 1.0) is None
+
+
+def test_zoom_stays_inside_and_ends_at_single_samples():
+    t = 100 + np.arange(1000) / 100
+    ready = prepared(TimePlot((Panel("p", t, t),)))
+    view = ready.whole
+    for _ in range(40):
+        view = zoomed(ready, view, 0.5, 103.0)
+        assert view.low <= 103.0 <= view.high
+    assert view.span == pytest.approx(0.04)
+    for _ in range(40):
+        view = zoomed(ready, view, 2.0, 103.0)
+    assert (view.low, view.high) == pytest.approx((ready.whole.low, ready.whole.high))
+    assert clamped(ready, View(-5.0, 1.0)).low == ready.whole.low
+
+
+def test_bands_are_marked_where_they_lie():
+    f = np.linspace(0.5, 15, 200)
+    plot = FrequencyPlot((Panel("dB", f, f),), low_hz=1.0, high_hz=10.0, marked=((1.0, 2.0), (9.0, 10.0)))
+    line = next(row for row in texts(rows_of(plot, 79, 8, "ascii")) if "beyond" in row)[9:64]
+    assert (line.find("="), len(line.rstrip())) == (0, 55)
+    assert abs(line.index(" ") - 55 * np.log10(2)) <= 2
+
+
+def test_what_noise_allows_is_drawn_on_both_sides_and_not_at_the_edge():
+    f = np.linspace(1, 10, 300)
+    allowed = np.where(f < 5, 5.0, 400.0)
+    plot = FrequencyPlot((Panel("d dB", f, np.zeros(f.size), reference=allowed, least=10.0, most=20.0),))
+    rows = texts(rows_of(plot, 80, 10, "ascii"))
+    across = [i for i, row in enumerate(rows[:-1]) if "~" in row]
+    assert len(across) == 2
+    assert all(row[9:65].rindex("~") < 45 for row in rows if "~" in row)
+
+
+def test_a_phase_is_not_joined_over_its_turn():
+    f = np.linspace(1, 10, 300)
+    phase = (-60 * f + 180) % 360 - 180
+    plot = FrequencyPlot((Panel("phase", f, phase, fixed=(-180.0, 180.0), wraps=True),))
+    columns = ["".join(line) for line in zip(*[row[9:] for row in texts(rows_of(plot, 64, 9, "ascii"))], strict=True)]
+    assert max(column.count("|") for column in columns) <= 3
+
+
+# ------------------------------------------------------------------------------------------------ bars
+
+
+def test_bars_are_as_long_as_their_share():
+    plot = BarPlot((Bar("ab", (0.5,), "50 %"), Bar("c", (0.25, 0.25, 0.5), "x"), Bar("d", (), "not testable")))
+    assert texts(bars(plot, 37, 3, "ascii")) == [
+        " ab ##########           50 %        ",
+        " c  #####=====.......... x           ",
+        " d                       not testable",
+    ]
+
+
+def test_bars_have_marks_bounds_and_a_second_value():
+    plot = BarPlot((Bar("a", (50.0,), "50", 40.0, 60.0, beside=20.0, chosen=True),), "p", 100.0, ((90.0, "noise"),))
+    (row,) = texts(bars(plot, 26, 1, "ascii"))
+    assert row == " a ###o###<--->   |    50 "[:26] or "<" in row
+    assert row.index("o") < row.index("<") < row.index(">") < row.index("|")
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_bars_fit_any_box(style):
+    for lengths in ((), (np.nan,), (np.inf, 1.0), (-1.0, 0.0, 1e300), (0.2, 0.3, 0.4)):
+        one = Bar("a long label of a candidate " * 2, lengths, "not testable: no airspeed", -np.inf, np.inf, beside=0.5)
+        plot = BarPlot(
+            (one,) * 9, "title", lines=((0.8, "enough"), (np.nan, "")), words=("a", "b"), beside="validation"
+        )
+        for width, height in ((1, 1), (3, 2), (20, 3), (80, 24), (50, 9), (31, 60)):
+            rows = bars(plot, width, height, style)
+            assert [cell_len(line) for line in texts(rows)] == [width] * height
+            assert style != "ascii" or "".join(texts(rows)).isascii()
+    assert "7 more" in texts(bars(plot, 40, 3, style))[-1]
+
+
+def test_a_ladder_s_rungs():
+    plot = ladder_bars([("tpp", {"p": 64.1}, {"p": 61.7}), ("+ servo_lag", {"p": 81.0}, None)], {"p": 82.0}, "p")
+    assert [(one.parts, one.beside, one.chosen) for one in plot.bars] == [((64.1,), 61.7, False), ((81.0,), None, True)]
+    assert plot.lines == ((82.0, "noise 82"),)
+    assert [one.text for one in candidate_bars([("a", 0.941, ""), ("b", None, "no alpha")]).bars] == [
+        "94 %",
+        "not testable  no alpha",
+    ]
+
+
+# ------------------------------------------------------------------------------------------------ from a comparison
+
+
+@pytest.fixture
+def comparison():
+    t = 512 + np.arange(3000) / 100
+    f = np.linspace(0.2, 15, 60)
+    measured = np.stack([np.sin(t), np.cos(t)])
+    mismatch = Mismatch("q", "delta_y", f[5:40], f[5:40], f[5:40], np.full(35, 0.9), 12.0)
+    response = ResponseError(mismatch, f, 0.1 * f, -2 * f, 0.5 + 0 * f, 5 + 0 * f, ((4.0, 8.0),), np.exp(-1j * f))
+    densities = Densities(f, *(np.stack([1 / f, 2 / f], axis=1) * k for k in (1.0, 0.3, 0.1)))
+    bands = (
+        BandError("roll", 0.5, 3.0, 0.4, 0.25, {}, 0.5),
+        BandError("roll", 3.0, 15.0, 0.6, None, {}, 0.9),
+        BandError("pitch", 0.5, 15.0, 1.0, 0.5, {}, 0.0),
+    )
+    traces = (
+        Trace("a#1", t, measured, 0.1 * measured, {"delta_x": measured[0]}),
+        Trace("a#2", t, measured, 0.1 * measured[::-1] * [[1], [3]], {"delta_x": measured[0]}),
+    )
+    return SimpleNamespace(
+        outputs=("p", "q"),
+        commands=("delta_x", "delta_y"),
+        band_hz=(0.0, 15.0),
+        traces=traces,
+        responses=(response,),
+        densities=densities,
+        bands=bands,
+    )
+
+
+def test_a_run_of_a_comparison(comparison):
+    plot = time_plot(comparison, 1, commands={"δx": comparison.traces[0].measured[0]})
+    assert [(one.name, one.residual, one.over is not None) for one in plot.panels] == [
+        ("δx", False, False),
+        ("p", False, True),
+        ("p res", True, False),
+        ("q", False, True),
+        ("q res", True, False),
+    ]
+    assert (plot.title, plot.origin_s) == ("run a#2", 512.0)
+    np.testing.assert_allclose(plot.panels[1].line - plot.panels[1].over, plot.panels[2].line)
+    shared = time_plot(comparison, 0, outputs=[1], same_scale=True)
+    assert [one.scale_of for one in shared.panels] == [None, 0]
+    assert worst_part(comparison, 1) == 1
+
+
+def test_a_response_of_a_comparison(comparison):
+    whole = response_plot(comparison, 0)
+    assert [one.name for one in whole.panels] == ["dB", "phase", "Δ dB", "Δ deg", "coh"]
+    assert whole.marked == ((4.0, 8.0),)
+    assert (whole.low_hz, whole.high_hz) == (0.25, 15.0)
+    f = comparison.responses[0].frequency_hz
+    measured = comparison.responses[0].measured
+    modelled = measured * 10 ** (0.1 * f / 20) * np.exp(-1j * np.radians(2 * f))
+    np.testing.assert_allclose(whole.panels[0].over, 20 * np.log10(np.abs(modelled)))
+    np.testing.assert_allclose(whole.panels[1].over, np.degrees(np.angle(modelled)))
+    assert response_names(comparison) == ("q from delta_y",)
+
+
+def test_spectra_and_bands_of_a_comparison(comparison):
+    (panel,) = spectra_plot(comparison, 1).panels
+    np.testing.assert_allclose(panel.over, 0.3 * panel.line)
+    np.testing.assert_allclose(panel.reference, 0.1 * panel.line)
+    text = texts(rows_of(spectra_plot(comparison, 1), 80, 9))
+    assert "1e1" in text[1]
+    found = band_bars(comparison.bands, "roll")
+    assert [one.parts for one in found.bars] == [pytest.approx((0.2, 0.1, 0.1)), pytest.approx((0.54, 0.06, 0.0))]
+    assert found.full == 0.6

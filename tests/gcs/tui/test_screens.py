@@ -10,183 +10,34 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fake_app import (
+    ANALYSED,
+    DESIGNED,
+    FITTED,
+    FLYING,
+    IDLE,
+    MOMENTS,
+    RECORDING,
+    VEHICLE,
+    app_on,
+    screen_text,
+    settle,
+)
+from fake_desk import DESKS
+from rich.cells import cell_len
 from textual.geometry import Region
 from textual.widgets import Input
 
-from gcs.envelope import Use
-from gcs.errors import TippathError
+from gcs.desk import DeskState, TimedNote
 from gcs.logs.live import LiveWindow
 from gcs.tui.app import TippathApp
 from gcs.tui.base import Dialog
-from gcs.tui.state import Bank, Designed, Fitted, Mark, Progress, RunView, Stage, State
+from gcs.tui.widgets.canvas import Canvas
 from gcs.tui.widgets.lines import Lines
-from gcs.vehicle import Text, VehicleSnapshot
+from gcs.vehicle import Text
 
-SIZES = [(80, 24), (120, 40)]
-
-VEHICLE = VehicleSnapshot(
-    1,
-    1,
-    link_age_s=0.1,
-    lost=False,
-    mode=0,
-    mode_name="Stabilize",
-    armed=True,
-    heartbeats=3,
-    rpm=1648.0,
-    battery_v=22.1,
-    texts=(Text(1, 0.0, 6, "Frame: HELI"),),
-)
-RECORDING = replace(VEHICLE, recording=Path("flight-0007/flight.BIN"), blocks_received=900)
-RUNS = tuple(
-    RunView(i, f"{axis} {kind} {i % 2 + 1}/2", "0.5-10 Hz  30 s  A 0.10")
-    for i, (axis, kind) in enumerate(
-        itertools.product(("roll", "pitch", "roll", "pitch"), ("chirp", "doublet")), start=1
-    )
-)
-USE = Use(44.0, 24.0, 13.0, 3.0)
-LONG = "not ready: in the air: not armed: the pilot arms and takes off, then fly this again; mode: Land; " * 4
-
-IDLE = State("udpin:127.0.0.1:14550", "hover", VEHICLE, stage=Stage.IDLE, card="hover", runs=RUNS)
-FLYING = replace(
-    IDLE,
-    vehicle=replace(RECORDING, mode=25, mode_name="SystemID"),
-    stage=Stage.FLYING,
-    current=3,
-    runs=(
-        replace(RUNS[0], mark=Mark.KEEP, verdict="keep   coherence 0.5-9.6 Hz   gaps 0   44 % of the limits"),
-        replace(RUNS[1], mark=Mark.AGAIN, verdict="fly again: the rates did not answer (they vary by 0.0041 rad/s)"),
-        replace(RUNS[2], mark=Mark.FLYING),
-        replace(RUNS[3], mark=Mark.LOCKED, verdict="until 3 is clean"),
-        *RUNS[4:],
-    ),
-    progress=Progress(12.4, 30.0, 4.6, "Table 1"),
-    use=USE,
-    link_loss="link lost: RETURNS after 5 s",
-    rpm_reference=1650.0,
-    samples=9120,
-    disk_free=41_000_000_000,
-    flight=Path("flight-0007"),
-    checks=((True, "link: heard 0.0 s ago"), (True, "trim: delta_x +0.01, delta_y +0.01")),
-)
-FITTED = replace(
-    IDLE,
-    flight=Path("flight-0007"),
-    fitted=Fitted(
-        Path("flight-0007"),
-        ("flight.BIN#1",),
-        (),
-        "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60)),
-        ("look at this " * 12,),
-        ("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
-    ),
-)
-DESIGNED = replace(
-    FITTED,
-    vehicle=replace(VEHICLE, armed=False),
-    designed=Designed("K  1 2 3 4", Path("flight-0007/gains.json"), 0xABCDEF, "tippath design"),
-    bank=Bank(0x123456, None, True),
-)
-MOMENTS = {
-    "no vehicle": State("udpin:127.0.0.1:14550", card="hover", runs=RUNS, trouble="no vehicle at udpin: " + LONG),
-    "idle": IDLE,
-    "refused": replace(IDLE, said=LONG),
-    "checking": replace(FLYING, stage=Stage.CHECKING, progress=None),
-    "ready": replace(FLYING, stage=Stage.READY),
-    "flying": FLYING,
-    "over the limit": replace(FLYING, use=Use(144.0, None, 99.0)),
-    "aborting": replace(FLYING, stage=Stage.ABORTING),
-    "held": replace(FLYING, stage=Stage.HELD, said="roll chirp: keep"),
-    "closing": replace(FLYING, stage=Stage.CLOSING),
-    "lost": replace(FLYING, vehicle=replace(RECORDING, link_age_s=4.2, lost=True)),
-    "hardware": replace(FLYING, plant=None, link="/dev/serial/by-id/" + "x" * 70),
-    "fitting": replace(IDLE, busy="fitting flight-0007"),
-    "fitted": FITTED,
-    "designed": DESIGNED,
-}
-
-
-class FakeEngine:
-    """Shows what it is told to show and writes down what is asked of it."""
-
-    def __init__(self, state: State) -> None:
-        self.now = state
-        self.asked: list[str] = []
-        self.refusal: str | None = None
-        self.closed = threading.Event()
-        t = np.arange(10_000) / 500
-        quiet = np.zeros(t.size)
-        self.samples = LiveWindow(t, np.sin(9 * t), np.cos(5 * t), 0.1 * np.sin(9 * t), quiet, quiet, quiet)
-
-    def state(self) -> State:
-        return self.now
-
-    def window(self, last_s: float) -> LiveWindow:
-        return self.samples
-
-    def ask(self, what: str) -> None:
-        self.asked.append(what)
-        if self.refusal is not None:
-            raise TippathError(self.refusal)
-
-    def ready(self) -> None:
-        self.ask("ready")
-
-    def start(self) -> None:
-        self.ask("start")
-
-    def end_card(self) -> None:
-        self.ask("end card")
-
-    def abort(self) -> None:
-        self.ask("abort")
-
-    def choose_card(self, word: str) -> None:
-        self.ask(f"card {word}")
-
-    def open_flight(self, word: str) -> None:
-        self.ask(f"flight {word}")
-
-    def fit(self) -> None:
-        self.ask("fit")
-
-    def design(self) -> None:
-        self.ask("design")
-
-    def push(self) -> None:
-        self.ask("push")
-
-    def revert(self) -> None:
-        self.ask("revert")
-
-    def pilot(self, line: str) -> None:
-        self.ask(f"pilot {line}")
-
-    def close(self) -> None:
-        self.closed.set()
-
-
-def app_on(state: State, style="braille") -> tuple[TippathApp, FakeEngine]:
-    engine = FakeEngine(state)
-    return TippathApp(engine, style, bell=False), engine
-
-
-def screen_text(app: TippathApp) -> list[str]:
-    """What a terminal would show."""
-    return ["".join(segment.text for segment in strip) for strip in app.screen._compositor.render_strips()]
-
-
-async def settle(app: TippathApp) -> None:
-    """Until what the engine says now stands on the screen."""
-    for _ in range(2):  # heights that change with the text are known after the first
-        before = [box.region for box in app.screen.query(Lines)]
-        app.look()
-        drawn = asyncio.Event()
-        app.screen.call_after_refresh(drawn.set)
-        await drawn.wait()
-        if before == [box.region for box in app.screen.query(Lines)]:
-            break
-    app.look()
+SIZES = [(80, 24), (120, 40), (200, 50)]
+SCREENS = tuple("123456789")
 
 
 async def workers_done(app: TippathApp, pilot) -> None:
@@ -194,31 +45,82 @@ async def workers_done(app: TippathApp, pilot) -> None:
     await pilot.pause()
 
 
-@pytest.mark.parametrize("size", SIZES)
-async def test_every_screen_at_every_moment_fits_and_says_what_is_next(size):
-    app, engine = app_on(IDLE)
+def fits(app: TippathApp, where: str, size: tuple[int, int]) -> None:
+    """Nothing outside, nothing covered, the abort key and what is next are there."""
     width, height = size
+    lines = screen_text(app)
+    assert lines[0].rstrip().endswith("F12 ABORT"), where
+    assert any(line.startswith(" next: ") for line in lines), where
+    boxes = [box for box in app.screen.query(Lines) if shown(box) and box.id != "text" and box.region]
+    assert len(boxes) >= 4, where
+    for box in boxes:
+        assert Region(0, 0, width, height).contains_region(box.region), f"{where}: #{box.id} is outside"
+        wide = [line for line in box.shown.splitlines() if cell_len(line) > box.region.width]
+        assert not wide, f"{where}: #{box.id} is cut: {wide}"
+        assert len(box.shown.splitlines()) <= box.region.height, f"{where}: #{box.id} is cut below"
+    for text in app.screen.query("#text").results(Lines):
+        wide = [line for line in text.shown.splitlines() if cell_len(line) > text.parent.size.width]
+        assert not shown(text) or not wide, f"{where}: the text is cut: {wide}"
+    drawn = [box for box in app.screen.query(Canvas) if shown(box)]
+    for box in drawn:
+        assert Region(0, 0, width, height).contains_region(box.region), f"{where}: #{box.id} is outside"
+        assert box.region.height >= 4, f"{where}: #{box.id} is too low to be read"
+    for one, other in itertools.combinations([*boxes, *drawn], 2):
+        assert not one.region.intersection(other.region), f"{where}: #{one.id} covers #{other.id}"
+
+
+def shown(box) -> bool:
+    return all(one.display for one in box.ancestors_with_self if hasattr(one, "display"))
+
+
+@pytest.mark.parametrize("size", SIZES[:2])
+async def test_every_screen_at_every_moment_of_a_flight_fits_and_says_what_is_next(size):
+    app, engine = app_on(IDLE)
     async with app.run_test(size=size) as pilot:
-        for key in ("1", "2", "3", "question_mark"):
+        for key in ("2", "1", "3", "8", "question_mark"):
             await pilot.press(key)
             for name, state in MOMENTS.items():
-                if key == "question_mark" and name not in ("no vehicle", "refused", "flying", "hardware"):
-                    continue  # help hardly changes
+                if key != "2" and name not in ("no vehicle", "refused", "flying", "hardware", "lost", "designed"):
+                    continue  # the others hardly change
                 engine.now = state
                 await settle(app)
-                where = f"{name} on screen {key}"
-                lines = screen_text(app)
-                assert lines[0].rstrip().endswith("F12 ABORT"), where
-                assert any(line.startswith(" next: ") for line in lines), where
-                boxes = [box for box in app.screen.query(Lines) if box.display and box.id != "text" and box.region]
-                assert len(boxes) >= 4, where
-                for box in boxes:
-                    assert Region(0, 0, width, height).contains_region(box.region), f"{where}: #{box.id} is outside"
-                    wide = [line for line in box.shown.splitlines() if len(line) > width]
-                    assert not wide, f"{where}: #{box.id} is cut: {wide}"
-                    assert len(box.shown.splitlines()) <= box.region.height, f"{where}: #{box.id} is cut below"
-                for one, other in itertools.combinations(boxes, 2):
-                    assert not one.region.intersection(other.region), f"{where}: #{one.id} covers #{other.id}"
+                fits(app, f"{name} on screen {key}", size)
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_every_screen_at_every_moment_of_the_analysis_fits_and_says_what_is_next(size):
+    app, engine = app_on(IDLE)
+    async with app.run_test(size=size) as pilot:
+        for key in "3456789":
+            await pilot.press(key)
+            for name, state in ANALYSED.items():
+                if name in NOT_NEW.get(key, ()) or (size != SIZES[0] and name not in ("open", "compared", "designed")):
+                    continue
+                engine.now = state
+                await settle(app)
+                fits(app, f"{name} on screen {key}", size)
+                if (name, key) not in VIEWED:
+                    continue
+                for view in "vvvv" if key == "5" else "pw" if key == "7" else "v":
+                    await pilot.press(view)
+                    await settle(app)
+                    fits(app, f"{name} on screen {key}, view {view}", size)
+                if key == "7":
+                    await pilot.press("escape")
+
+
+VIEWED = (("compared", "4"), ("compared", "5"), ("complete", "6"), ("complete", "7"), ("designed", "8"))
+"""Where all views of a screen are looked at."""
+NOT_NEW = {
+    "3": ("fitted", "compared", "asking", "asked", "unexplained", "added", "complete", "designed", "reported"),
+    "4": ("asking", "asked", "unexplained", "complete", "reported"),
+    "5": ("fitting", "designed", "reported", "unkept"),
+    "6": ("designed", "reported", "unkept"),
+    "7": ("designed", "reported", "unkept"),
+    "8": ("asking", "asked", "unexplained", "added"),
+    "9": ("fitting", "compared", "asking", "asked", "unexplained", "added", "complete"),
+}
+"""Moments at which a screen shows what it showed before."""
 
 
 async def test_what_matters_can_be_read_at_80_by_24():
@@ -234,7 +136,7 @@ async def test_what_matters_can_be_read_at_80_by_24():
             ("over the limit", "144 %!"),
             ("ready", "nothing moves until S"),
             ("idle", "SIMULATED hover"),
-            ("idle", "simulated pilot: T take off"),
+            ("idle", "its pilot: T take off"),
         ):
             engine.now = MOMENTS[moment]
             await settle(app)
@@ -244,9 +146,9 @@ async def test_what_matters_can_be_read_at_80_by_24():
 async def test_a_terminal_too_small_keeps_the_abort_key_and_says_so():
     app, engine = app_on(FLYING)
     async with app.run_test(size=(80, 24)) as pilot:
-        for size in ((79, 24), (80, 23), (40, 10), (12, 4)):
+        for size, keys in (((79, 24), SCREENS), ((80, 23), "27"), ((40, 10), "2"), ((12, 4), "27")):
             await pilot.resize_terminal(*size)
-            for key in ("1", "2", "3", "question_mark"):
+            for key in (*keys, "question_mark"):
                 await pilot.press(key)
                 await settle(app)
                 lines = screen_text(app)
@@ -257,7 +159,7 @@ async def test_a_terminal_too_small_keeps_the_abort_key_and_says_so():
             assert engine.asked == ["abort"]
             engine.asked.clear()
         await pilot.resize_terminal(80, 24)
-        await pilot.press("1")
+        await pilot.press("2")
         await settle(app)
         text = "\n".join(screen_text(app))
         assert "too small" not in text
@@ -278,18 +180,21 @@ async def test_a_key_works_as_it_is_shown_and_as_it_is_typed(case):
             assert engine.asked.pop() == what
         await pilot.press(case("c"))
         assert isinstance(app.screen, Dialog)
-        await pilot.press("escape", "2", case("o"))
+        await pilot.press("escape", "3", case("o"))
         assert isinstance(app.screen, Dialog)
-        await pilot.press("escape", case("f"), "3", case("d"))
+        await pilot.press("escape", "4", case("f"))
         await workers_done(app, pilot)
-        assert sorted(engine.asked) == ["design", "fit"]
+        assert engine.asked == ["fit", "desk compare"]
+        await pilot.press("8", case("d"))
+        await workers_done(app, pilot)
+        assert engine.asked == ["fit", "desk compare", "design"]
         engine.asked.clear()
         engine.now = DESIGNED
         await pilot.press(case("p"), case("n"))
         assert not isinstance(app.screen, Dialog)
         await pilot.press(case("p"), case("y"))
         await workers_done(app, pilot)
-        await pilot.press(case("v"), case("y"))
+        await pilot.press(case("r"), case("y"))
         await workers_done(app, pilot)
         assert engine.asked == ["push", "revert"]
         await pilot.press(case("q"))
@@ -323,7 +228,7 @@ async def test_ready_and_start_are_two_keys():
 async def test_abort_from_every_screen():
     app, engine = app_on(FLYING)
     async with app.run_test() as pilot:
-        for key in ("1", "2", "3", "question_mark"):
+        for key in (*SCREENS, "question_mark"):
             engine.asked.clear()
             await pilot.press(key, "f12", "space")
             assert engine.asked == ["abort", "abort"], f"on screen {key}"
@@ -379,7 +284,7 @@ async def test_quitting_without_a_run_does_not_ask(key):
 async def test_push_asks_first_and_only_on_the_ground():
     app, engine = app_on(replace(DESIGNED, vehicle=VEHICLE))
     async with app.run_test() as pilot:
-        await pilot.press("3", "p")
+        await pilot.press("8", "p")
         assert not isinstance(app.screen, Dialog)
         await settle(app)
         assert "armed: gains are moved on the ground" in "\n".join(screen_text(app))
@@ -390,7 +295,7 @@ async def test_push_asks_first_and_only_on_the_ground():
         await pilot.press("y")
         await workers_done(app, pilot)
         assert engine.asked == ["push"]
-        await pilot.press("v", "y")
+        await pilot.press("r", "y")
         await workers_done(app, pilot)
         assert engine.asked == ["push", "revert"]
 
@@ -399,7 +304,7 @@ async def test_a_refusal_is_told_in_words():
     app, engine = app_on(FITTED)
     engine.refusal = "roll is not identifiable: fly a roll chirp"
     async with app.run_test() as pilot:
-        await pilot.press("2", "f")
+        await pilot.press("4", "f")
         await workers_done(app, pilot)
         await settle(app)
         assert engine.refusal in "\n".join(screen_text(app))
@@ -420,10 +325,23 @@ HOSTILE = [
 ]
 
 
+def hostile_desk(text: str) -> DeskState:
+    """A desk whose every word comes from a file that somebody made to do harm."""
+    desk = DESKS["added"]
+    row = replace(desk.runs[0], id=text, health=text, notes=(text,), reasons=(text,), verdict=text, maneuver=text)
+    rung = replace(desk.ladder[0], name=text, comparison_text=text, diagnosis_text=text)
+    path = Path(text.replace("/", "_").replace("\0", "_"))
+    return replace(
+        desk, path=path, name=text, vehicle=text, runs=(row,), unread=(text,),
+        notes=(TimedNote(text, text),), ladder=(rung, replace(desk.ladder[1], name=text, addition_text=text)),
+        commands=(text,), said=text,
+    )  # fmt: skip
+
+
 async def test_hostile_text_is_shown_as_text():
     app, engine = app_on(IDLE)
     async with app.run_test(size=(80, 24)) as pilot:
-        for key, text in itertools.product(("3", "2", "1"), HOSTILE):
+        for key, text in itertools.product("98765432", HOSTILE):
             engine.now = replace(
                 FLYING,
                 vehicle=replace(RECORDING, texts=(Text(1, 0.0, 2, text),), mode_name=text, recording_problem=text),
@@ -431,6 +349,7 @@ async def test_hostile_text_is_shown_as_text():
                 said=text,
                 link=text,
                 flight=Path(text.replace("/", "_").replace("\0", "_")),
+                desk=hostile_desk(text),
             )
             if text == HOSTILE[0]:
                 await pilot.press(key)
@@ -439,7 +358,7 @@ async def test_hostile_text_is_shown_as_text():
             seen = {c for line in lines for c in line}
             assert not [c for c in seen if ord(c) < 32 or 0x7F <= ord(c) < 0xA0 or c in "\u202e\u202c"], repr(text)
             assert lines[0].rstrip().endswith("F12 ABORT"), repr(text)
-            if key == "1" and text.startswith("[b"):
+            if key == "2" and text.startswith("[b"):
                 assert "vehicle: [bold red]RED[/bold red]" in "\n".join(lines)
         assert engine.asked == []
 
@@ -450,12 +369,12 @@ async def test_any_size_is_survived_and_the_layout_comes_back():
         await settle(app)
         for size in ((12, 4), (1, 1), (200, 60)):
             await pilot.resize_terminal(*size)
-            for key in ("2", "3", "1"):
+            for key in "4752":
                 await pilot.press(key)
                 app.look()
                 await pilot.pause()
         await pilot.resize_terminal(80, 24)
-        await pilot.press("1")
+        await pilot.press("2")
         await settle(app)
         lines = screen_text(app)
         assert lines[0].rstrip().endswith("F12 ABORT")
@@ -468,9 +387,9 @@ async def test_no_vehicle_no_samples():
     none = np.empty(0)
     engine.samples = LiveWindow(none, none, none, none, none, none, none)
     async with app.run_test() as pilot:
-        for key in ("r", "s", "e", "f12", "2", "f", "3", "d", "p", "v"):
+        for key in ("r", "s", "e", "f12", "4", "f", "8", "d", "p", "r"):
             await pilot.press(key)
-        await pilot.press("1")
+        await pilot.press("2")
         await settle(app)
         assert "no vehicle at udpin" in "\n".join(screen_text(app))
 
@@ -478,13 +397,13 @@ async def test_no_vehicle_no_samples():
 async def test_ascii_means_ascii():
     app, engine = app_on(IDLE, "ascii")
     async with app.run_test() as pilot:
-        for key in ("1", "c", "escape", "2", "3", "question_mark"):
+        for key in ("2", "c", "escape", "ctrl+p", "escape", "1", *"3456789", "question_mark"):
             await pilot.press(key)
-            for moment in ("flying", "designed"):
-                engine.now = MOMENTS[moment]
+            for state in (MOMENTS["flying"], ANALYSED["designed"]):
+                engine.now = state
                 await settle(app)
                 strange = {c for line in screen_text(app) for c in line if ord(c) > 126}
-                assert not strange, f"{strange} after {key}, {moment}"
+                assert not strange, f"{strange} after {key}"
 
 
 async def test_without_colour_nothing_is_lost(monkeypatch):
@@ -503,7 +422,7 @@ async def test_a_slow_engine_does_not_hold_the_keys():
     going = threading.Event()
     engine.fit = lambda: going.wait(10) and None
     async with app.run_test() as pilot:
-        await pilot.press("2", "f")
+        await pilot.press("4", "f")
         await asyncio.wait_for(pilot.press("f12"), 2)
         assert engine.asked == ["abort"]
         going.set()

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fake_desk import DESKS
 from rich.cells import cell_len
 
+from gcs.desk import DeskState
 from gcs.envelope import Use
-from gcs.tui import words
-from gcs.tui.state import Mark, Progress, RunView, Stage, State
+from gcs.tui import next_step, words
+from gcs.tui.state import Mark, Progress, RunView, Stage, State, joined
 from gcs.vehicle import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
@@ -73,18 +76,18 @@ def test_the_current_run_is_in_sight(height, current):
 
 def test_every_moment_has_something_to_do_next():
     vehicles = [None, VEHICLE, replace(VEHICLE, armed=False), replace(VEHICLE, mode=25), replace(VEHICLE, lost=True)]
-    for stage in Stage:
-        for vehicle in vehicles:
-            for plant in (None, "hover"):
-                for screen in ("Fly", "Fit", "Controller", "help"):
-                    state = replace(STATE, stage=stage, vehicle=vehicle, plant=plant)
-                    assert len(words.next_words(state, screen)) > 5
+    moments = itertools.product(Stage, vehicles, (None, "hover"), ("", STATE.link), (DeskState(), *DESKS.values()))
+    for stage, vehicle, plant, link, desk in moments:
+        state = joined(replace(STATE, stage=stage, vehicle=vehicle, plant=plant, link=link), desk)
+        for screen in (*words.SCREENS, "help"):
+            said = next_step.next_words(state, screen)
+            assert 5 < len(said) <= 90, said
 
 
 def test_on_hardware_the_tool_never_says_that_it_takes_off():
     grounded = replace(STATE, vehicle=replace(VEHICLE, armed=False))
-    assert words.next_words(grounded, "Fly").startswith("the pilot arms")
-    assert words.next_words(replace(grounded, plant="hover"), "Fly").startswith("T: the simulated pilot")
+    assert next_step.next_words(grounded, "Fly").startswith("the pilot arms")
+    assert next_step.next_words(replace(grounded, plant="hover"), "Fly").startswith("T: the simulated pilot")
 
 
 def flying(elapsed_s: float, percent: float = 10.0) -> State:
@@ -147,7 +150,7 @@ def test_what_a_lost_link_does_is_told_in_full_before_a_start():
 def test_in_a_lost_link_the_tool_does_not_claim_to_abort():
     lost = replace(STATE, stage=Stage.ABORTING, vehicle=replace(VEHICLE, lost=True))
     assert "nothing is sent" in words.progress_line(lost, 80, "braille")
-    assert words.next_words(lost, "Fly").startswith("the PILOT ends it")
+    assert next_step.next_words(lost, "Fly").startswith("the PILOT ends it")
 
 
 CHECKS = tuple(

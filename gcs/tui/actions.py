@@ -1,0 +1,51 @@
+"""What keys do on each screen, once: bindings, the footer and the palette are all made from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from textual.binding import Binding, BindingType
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """One thing that a key does."""
+
+    keys: str
+    """As Textual names them, `f,F`."""
+    action: str
+    """`app.work('fit')`, or a method of the screen."""
+    word: str
+    """On the footer, behind the key; empty where there is no room for it."""
+    name: str
+    """In the palette and in help."""
+    shown: str = ""
+    """The key as people call it, where that is not the first of `keys` in capitals."""
+
+    @property
+    def key(self) -> str:
+        return self.shown or self.keys.partition(",")[0].upper()
+
+
+def both(letter: str) -> str:
+    """A letter as it is shown and as it is typed."""
+    return f"{letter.lower()},{letter.upper()}"
+
+
+def bindings(acts: Iterable[Act]) -> list[BindingType]:
+    """For Textual."""
+    return [Binding(act.keys, act.action, act.word or act.name, show=False) for act in acts]
+
+
+def footer(acts: Iterable[Act]) -> str:
+    """The keys, and what they do."""
+    return "  ".join(f"{act.key} {act.word}" for act in acts if act.word)
+
+
+SCROLL = (
+    Act("down", "scroll(1)", "", "scroll down", "down"),
+    Act("up", "scroll(-1)", "", "scroll up", "up"),
+    Act("pagedown", "scroll(10)", "", "scroll down by a page", "page down"),
+    Act("pageup", "scroll(-10)", "", "scroll up by a page", "page up"),
+)

@@ -1,0 +1,113 @@
+"""Connect: where to, what is heard, what to check, as lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gcs.link.decode import sanitise
+from gcs.tui.desk_words import Line, broken
+from gcs.tui.places import Place
+from gcs.tui.state import Stage, State
+from gcs.tui.words import fitted, justified, place_words
+from gcs.vehicle import VehicleSnapshot
+
+AUTOPILOTS = {3: "ArduPilot", 12: "PX4", 0: "a generic autopilot", 9: "Paparazzi"}
+PRIMARY = 255
+"""The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
+KINDS = {1: "aeroplane", 2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter", 13: "hexarotor", 14: "octorotor"}
+
+
+def place_lines(offered: Sequence[Place], at: int, here: str, width: int, height: int) -> list[Line]:
+    """The list, the marked line in sight."""
+    if not offered:
+        return [" this app was started on one link; q, then `tippath fly` chooses another"]
+    first = max(0, min(at - height // 2, len(offered) - height))
+    wide = min(36, max(len(one.name) for one in offered) + 1)
+    lines: list[Line] = []
+    for number, one in enumerate(offered[first : first + height], first):
+        mark = "▶" if number == at else " "
+        now = "(here) " if one.name == here else ""
+        text = f" {mark} {fitted(sanitise(one.name), wide):<{wide}} {now}{sanitise(one.about)}"
+        lines.append((fitted(text, width), "reverse") if number == at else fitted(text, width))
+    hidden = len(offered) - len(lines)
+    if hidden:
+        place = -1 if first == 0 else 0
+        one_line = lines[place]
+        text, style = (one_line, "") if isinstance(one_line, str) else one_line
+        lines[place] = (justified(text, f"({hidden} more)", width), style)
+    return lines
+
+
+def heard_lines(state: State, width: int) -> list[Line]:
+    """What is heard; or what to check, where nothing is."""
+    vehicle = state.vehicle
+    lines: list[Line] = [(f" link: {place_words(state)}", "bold")]
+    if vehicle is None:
+        if not state.link:
+            lines.append(" no vehicle is looked for; recorded flights can be worked on (3)")
+        else:
+            lines += [f" heard: {state.trouble or 'nothing yet'}", *_checks(state)]
+        return broken(lines, width)
+    lines.append(f" vehicle: {_who(vehicle)}")
+    lines.append(_heard(vehicle))
+    lines.append(_stations(state, vehicle))
+    if vehicle.lost:
+        lines += _checks(state)
+    if vehicle.link_problem:
+        lines.append((f" the link: {vehicle.link_problem}", "bold"))
+    if state.link_loss:
+        lines.append(f" {state.link_loss}")
+    if state.stage.under_way and state.stage is not Stage.NO_VEHICLE:
+        lines.append((" a card is being flown: the link stays until it is over", "bold"))
+    return broken(lines, width)
+
+
+def _who(vehicle: VehicleSnapshot) -> str:
+    autopilot = AUTOPILOTS.get(vehicle.autopilot, f"autopilot {vehicle.autopilot}")
+    kind = KINDS.get(vehicle.vehicle_type, f"vehicle of type {vehicle.vehicle_type}")
+    version = f" {vehicle.version}" if vehicle.version else ""
+    return f"system {vehicle.system}, {autopilot}{version}, {kind}, {vehicle.mode_name}"
+
+
+def _heard(vehicle: VehicleSnapshot) -> str:
+    text = f" heard: {vehicle.frames:,} messages, {vehicle.bad_bytes:,} bytes that were none"
+    if vehicle.strangers:
+        text += f", {vehicle.strangers:,} packets of other addresses dropped"
+    return text
+
+
+def _stations(state: State, vehicle: VehicleSnapshot) -> str:
+    others = []
+    if vehicle.other_stations:
+        others.append(f"{vehicle.other_stations} other ground station{'s' if vehicle.other_stations > 1 else ''}")
+    if vehicle.other_vehicles:
+        others.append(f"{vehicle.other_vehicles} other vehicle{'s' if vehicle.other_vehicles > 1 else ''}")
+    with_us = ", ".join(others) or "no other station or vehicle"
+    if state.station is None:
+        return f" on this link: {with_us}"
+    holds = "whose heartbeat holds the failsafe" if state.station == PRIMARY else "which holds no failsafe"
+    return f" we are station {state.station}, {holds}; {with_us}"
+
+
+def _checks(state: State) -> list[Line]:
+    """What to look at, for the kind of link."""
+    if state.simulated:
+        return ["   the simulated vehicle takes some seconds to start"]
+    link = state.link
+    said: tuple[str, ...]
+    if link.startswith("udpin"):
+        port = link.rpartition(":")[2]
+        said = (
+            f"is the vehicle (or MAVProxy, mavlink-router) told to send to this computer's address, port {port}?",
+            "same network? does a firewall let UDP in? is another ground station on that port?",
+        )
+    elif link.startswith("udpout"):
+        said = ("is that the vehicle's address and port?", "does a firewall let the answer back in?")
+    elif link.startswith("tcp"):
+        said = ("does something listen there? `tcp:` connects, it does not wait",)
+    else:
+        said = (
+            "is the radio's other end powered, and both on one net id?",
+            "is the baud rate that of SERIALn_BAUD, and SERIALn_PROTOCOL 2 (MAVLink 2)?",
+        )
+    return ["   check:", *(f"   - {text}" for text in said)]

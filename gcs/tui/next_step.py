@@ -1,0 +1,241 @@
+"""What to do now, on each screen, in one line."""
+
+from __future__ import annotations
+
+from gcs.desk.state import Choice, DeskState, Rung
+from gcs.link.decode import sanitise
+from gcs.tui.state import Mark, RunView, Stage, State
+from gcs.vehicle import SYSTEMID, VehicleSnapshot
+
+ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
+"""Screens on which a vehicle that is not there matters; the others work on what was recorded."""
+
+
+def next_words(state: State, screen: str) -> str:
+    """What to do now."""
+    if state.lost and state.stage in (Stage.FLYING, Stage.ABORTING):
+        return "the PILOT ends it with the transmitter: no abort reaches the vehicle now"
+    if state.stage is Stage.FLYING and screen != "Fly":
+        return _flying(state)
+    if state.busy:
+        return _wait(state)
+    if screen in ON_VEHICLE:
+        said = _of_vehicle(state, screen)
+        if said:
+            return said
+    match screen:
+        case "Connect":
+            return _next_connect(state)
+        case "Runs":
+            return _next_runs(state)
+        case "Fit":
+            return _next_fit(state)
+        case "Compare":
+            return _next_compare(state.desk)
+        case "Diagnose":
+            return _next_diagnose(state.desk)
+        case "Ladder":
+            return _next_ladder(state.desk)
+        case "Controller":
+            return _next_controller(state)
+        case "Report":
+            return _next_report(state.desk)
+        case _:
+            return _next_fly(state, state.vehicle)
+
+
+def _wait(state: State) -> str:
+    share = "" if state.desk.progress is None else f" {100 * state.desk.progress:.0f} %"
+    off = "; K calls it off" if state.desk.busy and not state.desk.busy.startswith("calling off") else ""
+    return f"wait: {sanitise(state.busy)}{share}{off}"
+
+
+def _flying(state: State) -> str:
+    """A run flies while another screen is looked at."""
+    run, progress = current(state), state.progress
+    left = "" if progress is None else f", {max(0.0, progress.duration_s - progress.elapsed_s):.0f} s left"
+    used = "" if state.use is None else f", {state.use.largest:.0f} % of the limits"
+    return f"{run.label if run else 'a run'} is FLYING{left}{used}; 2 shows it, F12 aborts"
+
+
+def _of_vehicle(state: State, screen: str) -> str:
+    """What is the matter with the vehicle or the link; empty where nothing is."""
+    if state.vehicle is None:
+        if screen == "Controller" and (state.desk.designed is None or not state.link):
+            return ""  # gains are designed without a vehicle
+        if not state.link:
+            return "up/down and enter choose where to connect; A types a link" if screen == "Connect" else "1 connects"
+        return "wait for the vehicle" + ("" if state.simulated or screen == "Connect" else ", or 1 for another link")
+    if state.lost:
+        return "nothing is heard; nothing restarts by itself. Check power, radio and cable"
+    if state.vehicle.link_problem:
+        return f"the link: {sanitise(state.vehicle.link_problem)}"
+    return ""
+
+
+def current(state: State) -> RunView | None:
+    """The run that is next, ready or flying."""
+    return next((run for run in state.runs if run.number == state.current), None)
+
+
+def _next_connect(state: State) -> str:
+    if state.stage.under_way:
+        return "a card is being flown (2); the link stays until it is over"
+    return "2 flies a card; 3 works on recorded flights"
+
+
+def _next_fly(state: State, vehicle: VehicleSnapshot | None) -> str:
+    run = current(state)
+    match state.stage:
+        case Stage.CHECKING:
+            return "wait: the vehicle is looked at, nothing moves"
+        case Stage.READY:
+            return f"S starts {run.label if run else 'the run'}; F12 or space calls it off"
+        case Stage.FLYING:
+            return "the pilot holds position until the bell; F12 or space aborts"
+        case Stage.ABORTING:
+            return "wait: the vehicle goes back to the mode before"
+        case Stage.CLOSING:
+            return "wait: the rest of the log is fetched"
+        case Stage.HELD:
+            return f"R makes {run.label if run else 'the next run'} ready; E ends the card here"
+        case _:
+            pass
+    to_fit = any(run.mark is Mark.KEEP and "chirp" in run.label for run in state.runs)
+    if vehicle is None or not vehicle.armed:
+        if to_fit:
+            return "3 shows the runs that were flown, 4 fits them"
+        return "T: the simulated pilot takes off" if state.simulated else "the pilot arms, takes off and hovers; then R"
+    if vehicle.mode == SYSTEMID:
+        return "an excitation runs that this app did not start; F12 ends it"
+    if to_fit:
+        return "3 shows the runs, 4 fits them; R flies the card again into a new folder"
+    if any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in state.runs):
+        return "R flies the card again into a new folder (nothing moves yet)"
+    return "R makes the first run ready (nothing moves yet)"
+
+
+def _next_runs(state: State) -> str:
+    desk = state.desk
+    if desk.path is None:
+        return _no_flight(state)
+    if desk.unkept:
+        return "D keeps the results in another folder: this one did not take them"
+    fitted, judged = desk.chosen(Choice.FIT), desk.chosen(Choice.VALIDATE)
+    if not fitted:
+        return "F uses a run to fit: at least a roll and a pitch chirp"
+    with_judges = (
+        f", judged on {len(judged)} other{'s' if len(judged) > 1 else ''}" if judged else "; V on a run lets it judge"
+    )
+    return f"4 fits {len(fitted)} run{'s' if len(fitted) > 1 else ''}{with_judges}"
+
+
+def _no_flight(state: State) -> str:
+    if state.stage.under_way:
+        return "the card is still being flown (2); its runs come after it"
+    return "O opens a flight folder or a log; 2 flies a card"
+
+
+def _next_fit(state: State) -> str:
+    desk = state.desk
+    if state.stage.under_way:
+        return "the card is still being flown (2); the fit comes after it"
+    if desk.path is None and state.flight is None:
+        return _no_flight(state)
+    if desk.path is not None and not desk.chosen(Choice.FIT):
+        return "3 chooses runs to fit: at least a roll and a pitch chirp"
+    if not desk.ladder:
+        return "F fits TPP and CD to the chosen runs"
+    if chosen_anew(desk):
+        return "F fits again: runs or base were chosen anew"
+    return "5 shows where the fit fails"
+
+
+def chosen_anew(desk: DeskState) -> bool:
+    """Whether the runs or the base are other ones than the fit's."""
+    if desk.fitted is None or not desk.ladder:
+        return False
+    structure = desk.ladder[0].fit.model.structure
+    based = structure.base != desk.base.model
+    chosen = {run.id for run in desk.chosen(Choice.FIT)}, {run.id for run in desk.chosen(Choice.VALIDATE)}
+    return based or chosen != (set(desk.fitted.runs), set(desk.fitted.validation))
+
+
+def _next_compare(desk: DeskState) -> str:
+    rung = desk.current
+    if rung is None:
+        return "4 fits a flight first"
+    if rung.comparison is None:
+        return f"C compares {full_name(desk)} with its runs"
+    return "6 asks which effect is missing"
+
+
+def _next_diagnose(desk: DeskState) -> str:
+    rung = desk.current
+    if rung is None:
+        return "4 fits a flight first"
+    if rung.diagnosis is None:
+        return f"D asks what {full_name(desk)} lacks (some seconds)"
+    return _after_verdict(desk, rung)
+
+
+def _after_verdict(desk: DeskState, rung: Rung) -> str:
+    assert rung.diagnosis is not None
+    last = rung.diagnosis.last
+    if last.verdict == "complete":
+        return "8 designs gains on it"
+    if last.verdict == "missing" and winner(rung):
+        return f"A adds {sanitise(winner(rung))}; U takes it back"
+    if rung.diagnosis.next is not None and rung.diagnosis.next.card is not None:
+        if desk.card is not None:
+            return f"2, then C: fly {sanitise(desk.card.name)}, the card that would tell"
+        return "W writes the card that would tell more; I tries an effect of your own"
+    return "I tries an effect of your own; E says why nothing known does"
+
+
+def winner(rung: Rung) -> str:
+    """The effect to add; empty where there is none."""
+    found = rung.diagnosis
+    return "" if found is None or found.last.verdict != "missing" else found.last.effect or ""
+
+
+def full_name(desk: DeskState) -> str:
+    """`TPP + servo_lag`."""
+    return sanitise(" ".join(one.name for one in desk.ladder))
+
+
+def _next_ladder(desk: DeskState) -> str:
+    rung = desk.current
+    if rung is None:
+        return "4 fits a flight first: the fit is the lowest rung"
+    if rung.diagnosis is None:
+        return f"D asks what {full_name(desk)} lacks (some seconds)"
+    return _after_verdict(desk, rung)
+
+
+def _next_controller(state: State) -> str:
+    designed, desk = state.designed, state.desk
+    if designed is None:
+        return "D designs gains" if desk.ladder or state.fitted is not None else "4 fits a flight first"
+    if state.vehicle is None:
+        return "1 connects, to push them; 9 writes the report"
+    if state.bank is not None and state.bank.active == designed.crc:
+        if state.bank.switch_on:
+            return "the LQR flies; card lqr-doublet (2, C) shows how it follows"
+        switch = "B" if state.simulated else "the pilot's switch"
+        return f"in the air {switch} puts the LQR on; then card lqr-doublet (2, C)"
+    if state.vehicle.armed:
+        return (
+            "L: the simulated pilot lands; then P" if state.simulated else "the pilot lands and disarms; then P pushes"
+        )
+    return "P pushes them to the vehicle (asks first)"
+
+
+def _next_report(desk: DeskState) -> str:
+    if desk.path is None:
+        return "3 opens a flight first"
+    if not desk.ladder:
+        return "4 fits the flight first; the report is made of fits"
+    if desk.report is None:
+        return "W writes the report page"
+    return "open the page in a browser; W writes it anew"

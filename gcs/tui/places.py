@@ -1,0 +1,123 @@
+"""Where to connect to: what this computer and earlier flights offer, as values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gcs.errors import TippathError
+from gcs.flightdir import FlightFolder
+from gcs.link.decode import sanitise
+from gcs.link.ports import SerialPort, serial_ports
+from gcs.link.transport import LinkWordError, parse_link
+
+ANY_UDP = "udpin:0.0.0.0:14550"
+PLANTS = ("hover", "hover-ideal", "forward")
+SECRET = "hover-ideal"
+"""What flies where something is hidden."""
+MOST_RECENT = 3
+MOST_FOLDERS = 30
+"""Newest flights that are looked into for links."""
+MOST_PORTS = 6
+EPHEMERAL = 32768
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One line of the list."""
+
+    name: str
+    about: str = ""
+    link: str | None = None
+    """The LINK word; None for a simulated vehicle, and for none at all."""
+    plant: str | None = None
+    """Of the simulated vehicle."""
+    hidden: bool = False
+    """Something may be hidden in it."""
+    seed: int | None = None
+    on_ground: bool = False
+
+    @property
+    def flies(self) -> str | None:
+        """What State.plant shall say."""
+        return f"{self.plant} + secret" if self.hidden else self.plant
+
+
+NOWHERE = Place("no vehicle", "work on flights that were recorded")
+SIMULATED = (
+    Place("simulated hover", "with physics that the models lack", plant="hover"),
+    Place("simulated hover-ideal", "the paper's Table 4 exactly", plant="hover-ideal"),
+    Place("simulated forward", "Table 5 in forward flight, with an elevator", plant="forward"),
+    Place("simulated, hidden", "hover-ideal with a secret: --hidden random", plant=SECRET, hidden=True),
+)
+UDP = Place(ANY_UDP, "whatever vehicle sends to this computer", ANY_UDP)
+
+
+def places(folder: Path) -> tuple[Place, ...]:
+    """All that is offered now, likeliest first. Looks at ports and at the flights in `folder`: milliseconds."""
+    recent = tuple(Place(word, "flown with before", word) for word in recent_links(folder))
+    ports = tuple(of_port(one) for one in serial_ports()[:MOST_PORTS])
+    first = (UDP, *recent, *ports)
+    seen: dict[str | None, Place] = {}
+    for one in first:
+        seen.setdefault(one.link, one)
+    return (*seen.values(), *SIMULATED, NOWHERE)
+
+
+def of_port(port: SerialPort) -> Place:
+    """A serial port as a place."""
+    return Place(sanitise(port.link), port.about or "serial port", port.link)
+
+
+def typed(text: str) -> Place:
+    """A place from what somebody typed: a LINK. Raises UsageError, with the words there are."""
+    word = text.strip()
+    parse_link(word)
+    return Place(word, "", word)
+
+
+def simulated(plant: str, *, seed: int | None = None, on_ground: bool = False) -> Place:
+    """The simulated vehicle with a plant by name."""
+    return Place(f"simulated {plant}", plant=plant, seed=seed, on_ground=on_ground)
+
+
+def recent_links(folder: Path) -> list[str]:
+    """Links of the newest flights, newest first, less those of simulated vehicles that are gone."""
+    found: list[str] = []
+    try:
+        flights = sorted((one for one in folder.glob("flight-*") if one.is_dir()), reverse=True)
+    except OSError:
+        return []
+    for path in flights[:MOST_FOLDERS]:
+        try:
+            about = FlightFolder(path).read()
+        except TippathError:
+            continue
+        link = about.get("link")
+        if isinstance(link, str) and link not in found and _may_be_there_again(link):
+            found.append(link)
+    return found[:MOST_RECENT]
+
+
+def _may_be_there_again(word: str) -> bool:
+    """A simulated vehicle of the app has another port every time."""
+    try:
+        link = parse_link(word)
+    except LinkWordError:
+        return False
+    return link.kind == "serial" or link.host not in ("127.0.0.1", "::1") or link.port < EPHEMERAL
+
+
+def vehicle_logs(folder: Path, hidden: bool) -> Path:
+    """Where a simulated vehicle keeps its logs; a secret has a folder of its own, with its sealed answer."""
+    if not hidden:
+        return folder / "vehicle-logs"
+    numbers = [int(m[1]) for one in folder.glob("vehicle-*") if (m := re.fullmatch(r"vehicle-(\d{4,})", one.name))]
+    return folder / f"vehicle-{max(numbers, default=0) + 1:04d}"
+
+
+def index_of(offered: Sequence[Place], name: str) -> int:
+    """Where a place of that name stands; 0 where it does not."""
+    return next((i for i, one in enumerate(offered) if one.name == name), 0)

@@ -1,0 +1,57 @@
+"""Signals as characters: what a plot shows (`model`, `found`), how it becomes rows of characters (`draw`, `paint`)."""
+
+from gcs.tui.plot.bars import bars
+from gcs.tui.plot.draw import STYLES, Style, bar, chart, dots_across, envelope, raster, round_limit
+from gcs.tui.plot.found import (
+    band_bars,
+    candidate_bars,
+    compared,
+    densities_plot,
+    ladder_bars,
+    response_names,
+    response_plot,
+    spectra_plot,
+    strip,
+    time_plot,
+    worst_part,
+)
+from gcs.tui.plot.model import Bar, BarPlot, FrequencyPlot, Ink, Panel, Plot, Reading, Row, TimePlot, View
+from gcs.tui.plot.paint import picture
+from gcs.tui.plot.ready import Prepared, prepared, readings
+
+__all__ = [
+    "STYLES",
+    "Bar",
+    "BarPlot",
+    "FrequencyPlot",
+    "Ink",
+    "Panel",
+    "Plot",
+    "Prepared",
+    "Reading",
+    "Row",
+    "Style",
+    "TimePlot",
+    "View",
+    "band_bars",
+    "bar",
+    "bars",
+    "candidate_bars",
+    "chart",
+    "compared",
+    "densities_plot",
+    "dots_across",
+    "envelope",
+    "ladder_bars",
+    "picture",
+    "prepared",
+    "raster",
+    "readings",
+    "response_names",
+    "response_plot",
+    "round_limit",
+    "spectra_plot",
+    "strip",
+    "time_plot",
+    "worst_part",
+]

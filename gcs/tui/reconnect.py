@@ -1,0 +1,157 @@
+"""An engine whose link can be changed: each link gets an engine of its own, the desk with its flight stays.
+
+A link is left only while no card is under way; the vehicle is left as it is.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from gcs.desk import Desk
+from gcs.errors import TippathError
+from gcs.logs.live import LiveWindow
+from gcs.pilot import SimulatedVehicle
+from gcs.tui.engine import FlightEngine
+from gcs.tui.places import NOWHERE, Place, places, vehicle_logs
+from gcs.tui.state import State
+
+
+class Reconnecting:
+    """What the app asks (`Engine`), and beside it where to connect to.
+
+    primary: be the station whose heartbeat holds a real vehicle's failsafe; of a simulated one it always does.
+    """
+
+    def __init__(
+        self,
+        place: Place = NOWHERE,
+        *,
+        folder: Path = Path(),
+        primary: bool = False,
+        card: str = "hover",
+        make: Callable[..., FlightEngine] = FlightEngine,
+        make_vehicle: Callable[..., SimulatedVehicle] = SimulatedVehicle,
+    ) -> None:
+        self._folder = folder
+        self._primary = primary
+        self._card = card
+        self._make = make
+        self._make_vehicle = make_vehicle
+        self._changing = threading.Lock()
+        self._before: tuple[str, ...] = ()
+        """Commands done on links that were left."""
+        self._on_command: Callable[[str], None] = lambda _: None
+        self._on_said: Callable[[str], None] = lambda _: None
+        self._desk = Desk(on_command=lambda text: self._on_command(text), on_said=lambda text: self._on_said(text))
+        self._place = place
+        self._now = self._engine(place)
+
+    # Where to.
+
+    @property
+    def place(self) -> Place:
+        """Where we are, or try to be."""
+        return self._place
+
+    def places(self) -> tuple[Place, ...]:
+        """What there is to connect to; looks at ports and folders."""
+        return places(self._folder)
+
+    def connect(self, place: Place) -> None:
+        """Leave this link for another; waits until the old one is gone. Raises TippathError during a card."""
+        if not self._changing.acquire(blocking=False):
+            raise TippathError("wait: another link is being opened")
+        try:
+            if self._now.state().stage.under_way:
+                raise TippathError("a card is being flown: end it first (2, then E)")
+            # Two links to one port cannot be; so the old one goes first. What it says until then is still true.
+            self._now.close()
+            self._before = self.state().commands
+            self._place = place
+            self._now = self._engine(place)
+        finally:
+            self._changing.release()
+
+    def _engine(self, place: Place) -> FlightEngine:
+        start: Callable[[], SimulatedVehicle] | None = None
+        if place.plant is not None:
+
+            def start() -> SimulatedVehicle:
+                seed = secrets.randbelow(10_000) if place.hidden and place.seed is None else place.seed
+                return self._make_vehicle(
+                    place.plant,
+                    vehicle_logs(self._folder, place.hidden),
+                    seed=seed,
+                    on_ground=place.on_ground,
+                    more=("--hidden", "random") if place.hidden else (),
+                )
+
+        return self._make(
+            place.link,
+            plant=place.flies,
+            start_vehicle=start,
+            folder=self._folder,
+            primary=self._primary or place.plant is not None,
+            card=self._card,
+            make_desk=self._taken_over,
+        )
+
+    def _taken_over(self, *, on_command: Callable[[str], None], on_said: Callable[[str], None]) -> Desk:
+        self._on_command, self._on_said = on_command, on_said
+        return self._desk
+
+    # The engine of the link that is there.
+
+    @property
+    def desk(self) -> Desk:
+        return self._desk
+
+    def state(self) -> State:
+        """This moment."""
+        state = self._now.state()
+        return replace(state, commands=(*self._before, *state.commands)) if self._before else state
+
+    def window(self, last_s: float) -> LiveWindow:
+        return self._now.window(last_s)
+
+    def ready(self) -> None:
+        self._now.ready()
+
+    def start(self) -> None:
+        self._now.start()
+
+    def end_card(self) -> None:
+        self._now.end_card()
+
+    def abort(self) -> None:
+        self._now.abort()
+
+    def choose_card(self, word: str) -> None:
+        self._now.choose_card(word)
+        self._card = word
+
+    def open_flight(self, path: str) -> None:
+        self._now.open_flight(path)
+
+    def fit(self) -> None:
+        self._now.fit()
+
+    def design(self) -> None:
+        self._now.design()
+
+    def push(self) -> None:
+        self._now.push()
+
+    def revert(self) -> None:
+        self._now.revert()
+
+    def pilot(self, line: str) -> None:
+        self._now.pilot(line)
+
+    def close(self) -> None:
+        """End what is there. Twice is no harm."""
+        self._now.close()

@@ -1,0 +1,111 @@
+"""A hidden effect found on the screens: runs, fit, comparison, diagnosis, ladder, gains, their push, the commands."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from fake_app import screen_text, settle
+from flown_folder import fly_folder
+from flying import CHIRP, DOUBLET, PITCH, ROLL
+from textual.widgets import Input
+
+from gcs.tui.app import TippathApp
+from gcs.tui.base import Dialog
+from gcs.tui.places import simulated
+from gcs.tui.reconnect import Reconnecting
+from gcs.tui.state import Stage
+from gcs.tui.widgets.lines import Lines
+
+CARD = (
+    *((CHIRP, axis, size, 10.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
+    *((DOUBLET, axis, size, 4.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
+)
+
+
+async def until(condition: Callable[[], object], within_s: float = 30.0) -> None:
+    async with asyncio.timeout(within_s):
+        while not condition():
+            await asyncio.sleep(0.02)
+
+
+@pytest.mark.realtime
+async def test_a_lag_is_found_added_and_its_gains_are_pushed(tmp_path: Path) -> None:
+    flight = fly_folder(tmp_path / "flight-0001", "servo_lag", CARD).path
+    engine = Reconnecting(folder=tmp_path)
+    desk = engine.desk
+    app = TippathApp(engine, bell=False, harbour=engine, first="connect")
+    try:
+        async with app.run_test(size=(120, 40)) as pilot:
+
+            async def shown() -> str:
+                await settle(app)
+                return "\n".join(screen_text(app))
+
+            assert "up/down and enter choose where to connect" in await shown()
+            await pilot.press("3", "o")
+            app.screen.query_one(Input).value = str(flight)
+            await pilot.press("enter")
+            await until(lambda: len(desk.state().runs) == 4)
+            assert "4 fits 2 runs, judged on 2 others" in await shown()
+
+            await pilot.press("4", "f")
+            await until(lambda: desk.state().comparison is not None)
+            text = await shown()
+            assert "natural modes" in text
+            assert "measured" in text, "strips beside the tables"
+            await pilot.press("5")
+            assert "% of the error sits in" in await shown()
+
+            await pilot.press("6")
+            app.simulate_key("d")  # the pilot's own press waits until nothing is worked on
+            await until(lambda: desk.state().busy.startswith("asking"))
+            app.simulate_key("f12")
+            await until(lambda: "excited" in engine.state().said, 2)
+            app.simulate_key("k")
+            await until(lambda: not desk.state().busy)
+            assert desk.state().diagnosis is None
+            assert "called off" in await shown()
+            await pilot.press("d")
+            await until(lambda: desk.state().diagnosis is not None and not desk.state().busy)
+            text = await shown()
+            assert "missing: servo_lag" in text or "missing: gyro_lag" in text, "the two cannot be told apart here"
+            assert "next: A adds" in text
+            await pilot.press("e")
+            assert "what it is" in await shown()
+
+            await pilot.press("7", "a")
+            await until(lambda: len(desk.state().ladder) == 2 and desk.state().comparison is not None)
+            text = await shown()
+            assert "explained" in text
+            assert "_lag" in text
+            bottom, top = desk.state().ladder
+            assert top.nrmse_percent["q"] > bottom.nrmse_percent["q"] + 5
+            await pilot.press("p")
+            assert "error falls on runs that were not fitted" in await shown()
+            await pilot.press("escape", "u")
+            assert len(desk.state().ladder) == 1
+            await pilot.press("a")
+            await until(lambda: len(desk.state().ladder) == 2 and not desk.state().busy)
+
+            await pilot.press("8", "d")
+            await until(lambda: desk.state().designed is not None and not desk.state().busy)
+            assert "gain margin" in await shown()
+
+            # A vehicle on the ground comes; the gains are still on the desk.
+            app.connect_to(simulated("hover-ideal", seed=3, on_ground=True))
+            await until(lambda: engine.state().stage is Stage.IDLE and engine.state().vehicle is not None, 20)
+            await pilot.press("p")
+            assert isinstance(app.screen, Dialog)
+            await pilot.press("y")
+            designed = desk.state().designed
+            await until(lambda: engine.state().bank is not None and engine.state().bank.active == designed.crc, 20)
+            await pilot.press("9")
+            await until(lambda: "pushed gains" in app.screen.query_one("#text", Lines).shown, 10)
+            commands = engine.state().commands
+            for word in ("ingest", "fit", "compare", "diagnose", "add", "design", "push"):
+                assert any(f"tippath {word} " in one for one in commands), word
+    finally:
+        engine.close()

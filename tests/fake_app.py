@@ -1,0 +1,190 @@
+"""The app before an engine that shows what it is told to show: moments of a flight, and a fake of everything behind."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from fake_desk import DESKS, FakeDesk
+
+from gcs.envelope import Use
+from gcs.errors import TippathError
+from gcs.logs.live import LiveWindow
+from gcs.tui.app import TippathApp
+from gcs.tui.state import Bank, Designed, Fitted, Mark, Progress, RunView, Stage, State, joined
+from gcs.tui.widgets.lines import Lines
+from gcs.vehicle import Text, VehicleSnapshot
+
+VEHICLE = VehicleSnapshot(
+    1,
+    1,
+    link_age_s=0.1,
+    lost=False,
+    mode=0,
+    mode_name="Stabilize",
+    armed=True,
+    heartbeats=3,
+    rpm=1648.0,
+    battery_v=22.1,
+    texts=(Text(1, 0.0, 6, "Frame: HELI"),),
+)
+RECORDING = replace(VEHICLE, recording=Path("flight-0007/flight.BIN"), blocks_received=900)
+RUNS = tuple(
+    RunView(i, f"{axis} {kind} {i % 2 + 1}/2", "0.5-10 Hz  30 s  A 0.10")
+    for i, (axis, kind) in enumerate(
+        itertools.product(("roll", "pitch", "roll", "pitch"), ("chirp", "doublet")), start=1
+    )
+)
+USE = Use(44.0, 24.0, 13.0, 3.0)
+LONG = "not ready: in the air: not armed: the pilot arms and takes off, then fly this again; mode: Land; " * 4
+
+IDLE = State("udpin:127.0.0.1:14550", "hover", VEHICLE, stage=Stage.IDLE, card="hover", runs=RUNS)
+FLYING = replace(
+    IDLE,
+    vehicle=replace(RECORDING, mode=25, mode_name="SystemID"),
+    stage=Stage.FLYING,
+    current=3,
+    runs=(
+        replace(RUNS[0], mark=Mark.KEEP, verdict="keep   coherence 0.5-9.6 Hz   gaps 0   44 % of the limits"),
+        replace(RUNS[1], mark=Mark.AGAIN, verdict="fly again: the rates did not answer (they vary by 0.0041 rad/s)"),
+        replace(RUNS[2], mark=Mark.FLYING),
+        replace(RUNS[3], mark=Mark.LOCKED, verdict="until 3 is clean"),
+        *RUNS[4:],
+    ),
+    progress=Progress(12.4, 30.0, 4.6, "Table 1"),
+    use=USE,
+    link_loss="link lost: RETURNS after 5 s",
+    rpm_reference=1650.0,
+    samples=9120,
+    disk_free=41_000_000_000,
+    flight=Path("flight-0007"),
+    checks=((True, "link: heard 0.0 s ago"), (True, "trim: delta_x +0.01, delta_y +0.01")),
+)
+FITTED = replace(
+    IDLE,
+    flight=Path("flight-0007"),
+    fitted=Fitted(
+        Path("flight-0007"),
+        ("flight.BIN#1",),
+        (),
+        "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60)),
+        ("look at this " * 12,),
+        ("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
+    ),
+)
+DESIGNED = replace(
+    FITTED,
+    vehicle=replace(VEHICLE, armed=False),
+    designed=Designed("K  1 2 3 4", Path("flight-0007/gains.json"), 0xABCDEF, "tippath design"),
+    bank=Bank(0x123456, None, True),
+)
+MOMENTS = {
+    "no vehicle": State("udpin:127.0.0.1:14550", card="hover", runs=RUNS, trouble="no vehicle at udpin: " + LONG),
+    "idle": IDLE,
+    "refused": replace(IDLE, said=LONG),
+    "checking": replace(FLYING, stage=Stage.CHECKING, progress=None),
+    "ready": replace(FLYING, stage=Stage.READY),
+    "flying": FLYING,
+    "over the limit": replace(FLYING, use=Use(144.0, None, 99.0)),
+    "aborting": replace(FLYING, stage=Stage.ABORTING),
+    "held": replace(FLYING, stage=Stage.HELD, said="roll chirp: keep"),
+    "closing": replace(FLYING, stage=Stage.CLOSING),
+    "lost": replace(FLYING, vehicle=replace(RECORDING, link_age_s=4.2, lost=True)),
+    "hardware": replace(FLYING, plant=None, link="/dev/serial/by-id/" + "x" * 70),
+    "fitting": replace(IDLE, busy="fitting flight-0007"),
+    "fitted": FITTED,
+    "designed": DESIGNED,
+}
+ANALYSED = {name: joined(replace(IDLE, flight=Path("flight-0007")), desk) for name, desk in DESKS.items()}
+"""The moments of the work after the flight."""
+NOWHERE = State("", card="hover", runs=RUNS)
+
+
+class FakeEngine:
+    """Shows what it is told to show and writes down what is asked of it."""
+
+    def __init__(self, state: State) -> None:
+        self.now = state
+        self.asked: list[str] = []
+        self.refusal: str | None = None
+        self.closed = threading.Event()
+        self.desk = FakeDesk(self.asked)
+        self.desk.now = state.desk
+        t = np.arange(10_000) / 500
+        quiet = np.zeros(t.size)
+        self.samples = LiveWindow(t, np.sin(9 * t), np.cos(5 * t), 0.1 * np.sin(9 * t), quiet, quiet, quiet)
+
+    def state(self) -> State:
+        self.desk.now = self.now.desk
+        return self.now
+
+    def window(self, last_s: float) -> LiveWindow:
+        return self.samples
+
+    def ask(self, what: str) -> None:
+        self.asked.append(what)
+        if self.refusal is not None:
+            raise TippathError(self.refusal)
+
+    def ready(self) -> None:
+        self.ask("ready")
+
+    def start(self) -> None:
+        self.ask("start")
+
+    def end_card(self) -> None:
+        self.ask("end card")
+
+    def abort(self) -> None:
+        self.ask("abort")
+
+    def choose_card(self, word: str) -> None:
+        self.ask(f"card {word}")
+
+    def open_flight(self, word: str) -> None:
+        self.ask(f"flight {word}")
+
+    def fit(self) -> None:
+        self.ask("fit")
+
+    def design(self) -> None:
+        self.ask("design")
+
+    def push(self) -> None:
+        self.ask("push")
+
+    def revert(self) -> None:
+        self.ask("revert")
+
+    def pilot(self, line: str) -> None:
+        self.ask(f"pilot {line}")
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def app_on(state: State, style="braille") -> tuple[TippathApp, FakeEngine]:
+    engine = FakeEngine(state)
+    return TippathApp(engine, style, bell=False), engine
+
+
+def screen_text(app: TippathApp) -> list[str]:
+    """What a terminal would show."""
+    return ["".join(segment.text for segment in strip) for strip in app.screen._compositor.render_strips()]
+
+
+async def settle(app: TippathApp) -> None:
+    """Until what the engine says now stands on the screen."""
+    for _ in range(2):  # heights that change with the text are known after the first
+        before = [box.region for box in app.screen.query(Lines)]
+        app.look()
+        drawn = asyncio.Event()
+        app.screen.call_after_refresh(drawn.set)
+        await asyncio.wait_for(drawn.wait(), 5)  # an app that ended does not draw
+        if before == [box.region for box in app.screen.query(Lines)]:
+            break
+    app.look()

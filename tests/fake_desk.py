@@ -1,0 +1,191 @@
+"""Moments of the desk without mathematics: what screens and lines need of a fit, a comparison, a diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from sysid.comparison import BandError, Densities, Trace
+
+HOME = Path("flight-0007")
+
+
+def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "roll", **more: Any) -> RunRow:
+    row = RunRow(
+        f"flight.BIN#{number}", f"flight-0007/flight.BIN#{number}", maneuver, axis, 30.0, 500.0, 0.07,
+        "500 Hz, no gaps, 0.5-10 Hz", True, (), (), "keep", choice, choice,
+    )  # fmt: skip
+    return replace(row, **more)
+
+
+RUNS = (
+    run_row(1, Choice.FIT, notes=("Tischler's law, C1 4, noise 0.2",)),
+    run_row(2, Choice.OUT, verdict="fly again: gust", health="gust"),
+    run_row(3, Choice.FIT, axis="pitch"),
+    run_row(4, Choice.VALIDATE, "doublet"),
+    run_row(5, Choice.OUT, usable=False, reasons=("the gyro clips at 34.9 rad/s: fly it smaller",), health="clipped"),
+    run_row(6, Choice.NOISE, "quiet", axis=None, size=None),
+)
+
+
+def fit(*effects: str, p: float, q: float, base: str = "tpp") -> Any:
+    structure = SimpleNamespace(base=base, effects=effects, composed=())
+    return SimpleNamespace(
+        model=SimpleNamespace(structure=structure),
+        nrmse_percent={"p": p, "q": q},
+        validation_nrmse_percent={"p": p - 0.7, "q": q - 1.2},
+    )
+
+
+def comparison() -> Any:
+    t = np.arange(0.0, 12.0, 0.01)
+    p, q = np.sin(4 * t) * t / 12, 0.5 * np.cos(7 * t)
+    residual = np.stack([0.05 * np.sin(30 * t), 0.1 * np.cos(20 * t)])
+    commands = {"delta_x": 0.1 * np.sin(4 * t), "delta_y": 0.05 * np.cos(7 * t)}
+    traces = tuple(Trace(f"flight.BIN#{n}", t, np.stack([p, q]), residual, commands) for n in (1, 3))
+    f = np.geomspace(0.5, 10.0, 60)
+
+    def response(output: str, command: str) -> Any:
+        return SimpleNamespace(
+            mismatch=SimpleNamespace(output=output, command=command, frequency_hz=f, coherence=np.exp(-f / 20)),
+            frequency_hz=f, decibels=-f / 3, degrees=-6 * f, allowed_db=np.ones(60), allowed_deg=np.full(60, 6.0),
+            noticed=((3.0, 9.0),), measured=3.0 / (1.0 + 0.3j * f),
+        )  # fmt: skip
+
+    levels = np.stack([1 / f, 1 / f], axis=1)
+    bands = tuple(
+        BandError(axis, low, high, share, 0.2, {"delta_x": 0.9}, 0.93)
+        for axis in ("roll", "pitch")
+        for low, high, share in ((0.5, 2.0, 0.2), (2.0, 10.0, 0.8))
+    )
+    return SimpleNamespace(
+        outputs=("p", "q"), band_hz=(0.0, 15.0), traces=traces, bands=bands,
+        responses=tuple(response(o, c) for o in "pq" for c in ("delta_x", "delta_y")),
+        densities=Densities(f, levels, 0.1 * levels, 0.01 * levels),
+        findings=("pitch: 58 % of the error sits in 3.4-7.1 Hz, coherent with delta_x (0.93): linear dynamics are "
+                  "missing there. Noise explains 12 % (measured from quiet hover).",),
+        suspicions=(SimpleNamespace(text="p and q may be swapped [bold]"),),
+    )  # fmt: skip
+
+
+def candidate(effect: str, share: float | None, why: str | None = None, implausible: tuple[str, ...] = ()) -> Any:
+    return SimpleNamespace(
+        effects=(effect,), effect=effect, explained_share=share, not_testable=why, implausible=implausible,
+        fit=None if share is None else object(), delta_bic=-(share or 0.0),
+    )  # fmt: skip
+
+
+def diagnosis(verdict: str = "missing") -> Any:
+    best = candidate("servo_lag", 0.94)
+    rest = (candidate("quadratic_damping", 0.04), candidate("dynamic_inflow", 0.9, implausible=("k_l",)))
+    untold = (candidate("airspeed_scaling", None, "it needs airspeed"), candidate("rotor_speed", None, "omega rests"))
+    last = SimpleNamespace(
+        verdict=verdict, effect="servo_lag" if verdict == "missing" else None, confidence=0.97,
+        winner=None if verdict == "complete" else best, candidates=(best, *rest, *untold), pairs=(),
+    )  # fmt: skip
+    return SimpleNamespace(
+        last=last,
+        next=SimpleNamespace(
+            maneuver="a roll chirp at half the amplitude", why="2.1 sigma apart", separates=("servo_lag", "gyro_lag"),
+            card={"name": "next"},
+        ),
+        hiding=SimpleNamespace(sentences=("quadratic damping up to 3 1/rad; M_a would change by less than 1 %",)),
+    )  # fmt: skip
+
+
+MISSING = """\
+missing: servo_lag  (not to be told from gyro_lag)             confidence 0.97
+  which is: first-order lag of the servos
+  explains 94 % of what can be explained  p  64.1 →  81.0   q  70.9 →  87.6 %
+  tau_s = 31.2 ± 0.4 ms                   plausible: 20 to 50 ms
+  why: phase falls linearly up to 8 Hz on both axes while the gain falls too
+
+ to tell servo_lag from gyro_lag: move the elevator; --card CARD.toml writes that as a test card
+
+ next: tippath add flight-0007/tpp.json servo_lag -o \\
+   flight-0007/tpp-2.json
+ in full: the same with --explain"""
+COMPARED = "TPP against flight.BIN#1, #3\n\n  NRMSE fit, %  64.1  70.9\n\n findings\n\nerror by band, %\n  0.5-2 Hz  20"
+
+BOTTOM = Rung("TPP", None, fit(p=64.1, q=70.9), HOME / "tpp.json")
+COMPARED_RUNG = replace(
+    BOTTOM, comparison=comparison(), comparison_text=COMPARED, noise_floor_percent={"p": 82.0, "q": 88.3}
+)
+ASKED = replace(COMPARED_RUNG, diagnosis=diagnosis(), diagnosis_text=MISSING)
+ADDED = replace(
+    COMPARED_RUNG,
+    name="+ servo_lag",
+    effect="servo_lag",
+    fit=fit("servo_lag", p=81.0, q=87.6),
+    addition_text="servo_lag: the error falls\n\nladder\n placebo 64.3 71.0\n\n next: tippath diagnose x.json",
+)
+COMPLETE = replace(ADDED, diagnosis=diagnosis("complete"), diagnosis_text="complete: what is left is noise")
+
+TABLES = "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60))
+FITTED: Any = Fitted(
+    SimpleNamespace(), TABLES, ("flight.BIN#1", "flight.BIN#3"), ("flight.BIN#4",), ("look at this " * 12,),  # type: ignore[arg-type]
+    HOME / "tpp.json", HOME / "cd.json", ("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
+)  # fmt: skip
+
+
+def doublet(axis: str) -> Any:
+    t = np.arange(-0.2, 2.0, 0.01)
+    asked = np.where((t > 0) & (t < 0.5), 0.3, 0.0)
+    return SimpleNamespace(
+        axis=axis, asked=asked, p=0.9 * asked, q=0.1 * asked, delta_x=asked, delta_y=-asked, rise_s=0.074,
+        overshoot=0.29, coupling=0.2,
+    )  # fmt: skip
+
+
+GAINS: Any = Designed(
+    "LQR on TPP\n  K  1 2 3 4", HOME / "gains.json", 0xABCDEF, "tippath design", "TPP + servo_lag",
+    SimpleNamespace(margins=SimpleNamespace(gain_db=10.4, phase_deg=107.0, delay_ms=142.0)),  # type: ignore[arg-type]
+    SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
+)  # fmt: skip
+
+OPEN = DeskState(
+    HOME, HOME, "first day", (TimedNote("2026-05-04T12:30:00.000+00:00", "gusty [/] after noon"),), "simulated 4.5.7",
+    RUNS, ("other.BIN: not read: it is cut short",), Base(), commands=("tippath ingest flight-0007",),
+)  # fmt: skip
+DESKS = {
+    "open": OPEN,
+    "fitting": replace(OPEN, busy="fitting: TPP and CD", progress=0.5),
+    "fitted": replace(OPEN, fitted=FITTED, ladder=(BOTTOM,)),
+    "compared": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,)),
+    "asking": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,), busy="asking: dynamic_inflow"),
+    "asked": replace(OPEN, fitted=FITTED, ladder=(ASKED,)),
+    "unexplained": replace(
+        OPEN, fitted=FITTED, ladder=(replace(ASKED, diagnosis=diagnosis("unexplained")),), card=HOME / "next.toml"
+    ),
+    "added": replace(OPEN, fitted=FITTED, ladder=(ASKED, ADDED)),
+    "complete": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE)),
+    "designed": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS),
+    "reported": replace(
+        OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS, report=HOME / "report.html",
+        commands=tuple(f"tippath step-{i} flight-0007/flight.BIN#{i}" for i in range(30)),
+    ),
+    "unkept": replace(OPEN, fitted=FITTED, ladder=(ASKED,), unkept=("TPP", "a note")),
+}  # fmt: skip
+
+
+class FakeDesk:
+    """Shows what it is told to show and writes down what is asked of it."""
+
+    def __init__(self, asked: list[str]) -> None:
+        self.now = DeskState()
+        self.asked = asked
+
+    def state(self) -> DeskState:
+        return self.now
+
+    def __getattr__(self, name: str) -> Any:
+        def ask(*words: object) -> None:
+            said = [one.name if isinstance(one, Choice) else str(one) for one in words]
+            self.asked.append(" ".join(["desk", name, *said]))
+
+        return ask
