@@ -51,7 +51,7 @@ LEAST_LEFT = 1e-4
 """Share of a term that the parent's own parameters must leave of it; less needs absurd coefficients."""
 LEAST_APART = 1e-4
 """1 - correlation^2 of the two terms of a pair."""
-FARTHEST = 1e60
+LARGEST_BIN = 1e60
 """Of what a term may be in any bin: its square, and that by another, must stay a number."""
 RANK = 1e-9
 LOOKED_AT = 120
@@ -345,7 +345,7 @@ def _within_reach(
     flown: list[ComplexArray], imposed: list[ComplexArray]
 ) -> tuple[list[ComplexArray], list[ComplexArray]]:
     """Terms of shape (terms, bins); one that runs away, a power of a state that a model does not hold, is nothing."""
-    far = ~np.all([np.abs(Z).max(axis=1, initial=0.0) < FARTHEST for Z in (*flown, *imposed)], axis=0)
+    far = ~np.all([np.abs(Z).max(axis=1, initial=0.0) < LARGEST_BIN for Z in (*flown, *imposed)], axis=0)
     if not far.any():
         return flown, imposed
     return [np.where(far[:, None], 0.0, Z) for Z in flown], [np.where(far[:, None], 0.0, Z) for Z in imposed]

@@ -136,18 +136,27 @@ def damaged(path: Path, source: Path, edit: Callable[[list[str]], list[str]]) ->
     return path
 
 
+@pytest.mark.parametrize("torn", ["1oops", "", "100.0,nan,0.1,0.1,0.1", "100.09,3"], ids=str)
+def test_a_torn_line_is_left_out_and_said(torn: str, foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
+    bad = damaged(tmp_path / "bad.csv", foreign_csv, lambda lines: [*lines[:50], torn, *lines[51:]])
+    status, out, err = tippath("fit", bad, "--model", "tpp", "--json")
+    assert status == 0
+    assert no_constants(out)["records"][0]["samples"] == 15999
+    assert not torn or "left out" in err
+
+
 @pytest.mark.parametrize(
     ("edit", "says"),
     [
         (lambda lines: [line.rpartition(",")[0] for line in lines], "delta_y"),
-        (lambda lines: [*lines[:50], lines[50].replace("100.", "oops."), *lines[51:]], "oops"),
-        (lambda lines: [*lines[:50], lines[50].rpartition(",")[0] + ",nan", *lines[51:]], "delta_y"),
-        (lambda lines: [*lines[:50], lines[50].rpartition(",")[0], *lines[51:]], "51"),
+        (lambda lines: [*lines[:50], *(line.replace(".", "oops") for line in lines[50:9000]), *lines[9000:]], "oops"),
+        (lambda lines: [lines[0], *(line.rpartition(",")[0] + ",nan" for line in lines[1:])], "delta_y"),
+        (lambda lines: [*lines[:50], *(line.rpartition(",")[0] for line in lines[50:9000]), *lines[9000:]], "51"),
         (lambda lines: lines[:1], ""),
         (lambda lines: [], ""),
-        (lambda lines: lines[:400], "2 s"),
+        (lambda lines: lines[:400], "at least 5 s"),
     ],
-    ids=["missing column", "text", "nan", "short line", "header only", "empty", "too short"],
+    ids=["missing column", "text", "nan", "short lines", "header only", "empty", "too short"],
 )
 def test_bad_csv_is_said_and_nothing_is_written(
     edit: Callable[[list[str]], list[str]], says: str, foreign_csv: Path, tippath: Tippath, tmp_path: Path

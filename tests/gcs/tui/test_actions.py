@@ -135,7 +135,7 @@ def test_every_action_is_in_the_palette_with_a_name_of_its_own():
 async def test_colours_change_and_nothing_else_does():
     app, engine = app_on(FLYING)
     async with app.run_test() as pilot:
-        await settle(app)
+        await pilot.pause(0.3)  # layouts wait for the next frame
         await settle(app)
         before = screen_text(app)
         for name in ("sun", "contrast", "light", "dark"):
