@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -130,6 +131,8 @@ def run(args: argparse.Namespace) -> int:
             first=first,
             flight=args.flight,
         )
+        gc.collect()
+        gc.freeze()  # a full collection over all that was imported stops the keys for a tenth of a second
         app.run()
     commands = engine.state().commands
     if commands and not _served():
