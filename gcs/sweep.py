@@ -414,6 +414,8 @@ class _Flight:
     stopped: str = ""
     ending: Ending | None = None
     started: str = ""
+    unrestored: Mapping[str, float] | None = None
+    """The vehicle's own settings, where they could not be put back because it was not heard."""
 
     def __enter__(self) -> Self:
         self.started = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -429,6 +431,11 @@ class _Flight:
             self.recording = self.session.stop_recording()
         except TippathError as problem:
             self.stopped = self.stopped or str(problem)
+        if self.unrestored is not None:  # the rest of the log took its time: the vehicle may be heard again
+            with contextlib.suppress(TippathError):
+                self._restore(self.unrestored)
+        if self.unrestored is not None:
+            self.on_progress(Note("the maneuver's parameters stay in the vehicle: it could not be told otherwise"))
         if error is None:
             self.write()
         else:
@@ -548,8 +555,8 @@ class _Flight:
     def _restore(self, parameters: Mapping[str, float]) -> None:
         """The vehicle's own settings again, the axis last: with it 0 no switch of the pilot's can start a sweep."""
         snapshot = self.session.snapshot()
+        self.unrestored = parameters
         if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
-            self.on_progress(Note("the maneuver's parameters stay in the vehicle: it could not be told otherwise"))
             return
         names = [name for name in self.profile.settings if name in parameters]
         for name in [*names[1:], *names[:1]]:
@@ -557,7 +564,8 @@ class _Flight:
                 self.session.call(WriteParameter(name, parameters[name]))
             except ProcedureError as error:
                 self.on_progress(Note(f"{name} is not as it was before: {error}"))
-                return
+                break
+        self.unrestored = None
 
     def write(self) -> None:
         snapshot = self.session.snapshot()

@@ -136,14 +136,16 @@ def run(args: argparse.Namespace) -> int:
         app.run()
     commands = engine.state().commands
     if commands and not _served():
-        print("\n".join(["what was done, as a shell does it:", *commands]))
+        with contextlib.suppress(OSError):
+            print("\n".join(["what was done, as a shell does it:", *commands]))
     return app.return_code or 0
 
 
 def _close(engine: Reconnecting) -> None:
     """However the app ends: a run under way is ended before the link is let go, also past an impatient Ctrl-C."""
     if engine.state().stage.under_way:
-        print("ending the run: waiting until the vehicle is out of it", file=sys.stderr)
+        with contextlib.suppress(OSError):  # a terminal that was closed cannot be told; the vehicle must be
+            print("ending the run: waiting until the vehicle is out of it", file=sys.stderr)
     try:
         engine.close()
     except KeyboardInterrupt:

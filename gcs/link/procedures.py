@@ -575,6 +575,8 @@ class LogBlocks:
     def on_event(self, event: Event, now: float) -> list[Send]:
         if not self._started or self.outcome is not None:
             return []
+        if self._stopping and now - self._last_heard > 1.0:
+            self._last_new = now  # found again, it may have more
         self._last_heard = now
         if isinstance(event, LogBlock):
             return self._on_block(event.number, event.data, now)
@@ -668,9 +670,9 @@ class LogBlocks:
         return [BlockStatus(number, False) for number in due]
 
     def _is_over(self, now: float) -> bool:
-        if not self._stream.want:
-            return now - self._last_new > self.SETTLED_S
         heard = now - self._last_heard < 1.0
+        if not self._stream.want and heard:
+            return now - self._last_new > self.SETTLED_S
         return now - self._last_new > (self.GIVEN_UP_S if heard else self.SILENCE_S)
 
 

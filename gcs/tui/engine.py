@@ -54,6 +54,7 @@ WATCH_S = 0.05
 CLOSE_S = 20.0
 """How long leaving may take while a run is brought to its end."""
 KEPT_TELEMETRY = 1200
+TOO_EARLY = "not yet: a run is under way"
 
 
 class Engine(Protocol):
@@ -129,6 +130,8 @@ class FlightEngine:
         self._limits_of_card()
         self._abort: str | None = None
         self._started = False
+        self._notes: list[str] = []
+        """Told while a card is flown, and once more when it is over."""
         self._mode_before = STABILIZE
         self._telemetry: deque[tuple[float, float, float]] = deque(maxlen=KEPT_TELEMETRY)
         self._desk = make_desk(on_command=self._did, on_said=lambda text: self._set(said=text))
@@ -184,7 +187,7 @@ class FlightEngine:
             elif stage is Stage.NO_VEHICLE:
                 self._set(said="there is no vehicle")
             elif stage is not Stage.READY:
-                self._set(said="a run is under way")
+                self._set(said=TOO_EARLY)
 
     def start(self) -> None:
         """Start the run that is ready."""
@@ -264,6 +267,7 @@ class FlightEngine:
         session = self._session
         assert session is not None
         self._abort, self._started = None, False
+        self._notes.clear()
         self._set(stage=Stage.CHECKING, runs=_views(self._card), current=1, progress=None, use=None, checks=(), said="")
         self._flying = threading.Thread(target=self._fly, args=(session, self._card), name="tippath card", daemon=True)
         self._flying.start()
@@ -319,7 +323,7 @@ class FlightEngine:
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
         text = f"recorded {where}: {kept} of {result.planned} runs kept, {missing} blocks missing"
         problems = () if result.recording is None else result.recording.problems
-        return "; ".join([text, *([result.stopped] if result.stopped else []), *problems])
+        return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *problems])
 
     def _briefed(self, briefing: Briefing) -> bool:
         checks = tuple((check.ok, f"{check.name}: {check.words}") for check in briefing.checks)
@@ -335,6 +339,7 @@ class FlightEngine:
             case RunResult():
                 self._judged(progress)
             case Note():
+                self._notes.append(progress.words)
                 self._set(said=progress.words)
 
     def _wait_for_start(self, ready: RunReady) -> None:
@@ -353,6 +358,8 @@ class FlightEngine:
                 disk_free=None if self._state.flight is None else free_bytes(self._state.flight),
             )
             self._mark(number, Mark.NEXT if flown else Mark.READY)
+            if self._state.said == TOO_EARLY:
+                self._set(said="")
             mode = session.snapshot().mode
             while not self._started and self._abort is None:
                 self._pressed.wait(0.1)

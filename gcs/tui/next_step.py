@@ -10,6 +10,9 @@ from gcs.vehicle import SYSTEMID, VehicleSnapshot
 ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
 """Screens on which a vehicle that is not there matters; the others work on what was recorded."""
 
+BY_ITSELF = {3, 5, 6, 9, 11, 17, 20, 21, 26, 27}
+"""Modes in which the autopilot flies where it will: Auto, RTL, Land and the like."""
+
 
 def next_words(state: State, screen: str) -> str:
     """What to do now."""
@@ -67,7 +70,7 @@ def _of_vehicle(state: State, screen: str) -> str:
             return "up/down and enter choose where to connect; A types a link" if screen == "Connect" else "1 connects"
         return "wait for the vehicle" + ("" if state.simulated or screen == "Connect" else ", or 1 for another link")
     if state.lost:
-        return "nothing is heard; nothing restarts by itself. Check power, radio and cable"
+        return "nothing is heard: check power, radio, cable; nothing restarts by itself"
     if state.vehicle.link_problem:
         return f"the link: {sanitise(state.vehicle.link_problem)}"
     return ""
@@ -108,6 +111,9 @@ def _next_fly(state: State, vehicle: VehicleSnapshot | None) -> str:
         return "T: the simulated pilot takes off" if state.simulated else "the pilot arms, takes off and hovers; then R"
     if vehicle.mode == SYSTEMID:
         return "an excitation runs that this app did not start; F12 ends it"
+    if vehicle.mode in BY_ITSELF:
+        flies = f"{sanitise(vehicle.mode_name)} flies it"
+        return f"{flies}; 3 shows the runs, 4 fits them" if to_fit else f"{flies}; R once the pilot has it again"
     if to_fit:
         return "3 shows the runs, 4 fits them; R flies the card again into a new folder"
     if any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in state.runs):

@@ -16,7 +16,7 @@ from textual.content import Content
 
 from gcs.envelope import Limits
 from gcs.link.decode import sanitise
-from gcs.tui.next_step import current
+from gcs.tui.next_step import BY_ITSELF, current
 from gcs.tui.plot import Style, bar
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
 from gcs.vehicle import SYSTEMID
@@ -30,8 +30,6 @@ _PLAIN = str.maketrans(
         "…": "~", "│": "|", "²": "2", "–": "-", "−": "-", "▓": "#", "░": ".",
     }
 )  # fmt: skip
-_BY_THEMSELVES = {3, 5, 6, 9, 11, 17, 20, 21, 26, 27}
-"""Modes in which the autopilot flies where it will: Auto, RTL, Land and the like."""
 
 
 def plain(text: str, style: Style) -> str:
@@ -68,7 +66,7 @@ def who(state: State) -> str:
         return "last heard"
     if vehicle.mode == SYSTEMID:
         return "tippath" if state.stage in (Stage.FLYING, Stage.ABORTING) else "excitation"
-    return "autopilot" if vehicle.mode in _BY_THEMSELVES else "pilot"
+    return "autopilot" if vehicle.mode in BY_ITSELF else "pilot"
 
 
 def too_small(size: tuple[int, int], smallest: tuple[int, int]) -> str:

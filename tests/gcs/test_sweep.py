@@ -17,9 +17,11 @@ from gcs.flightdir import FlightFolder, create
 from gcs.link.procedures import ProcedureError
 from gcs.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
 from gcs.profile import CannotFlyError
+from gcs.recorder import RecordingSummary
 from gcs.sweep import (
     Briefing,
     Ending,
+    Note,
     NotReadyError,
     Phase,
     Progress,
@@ -325,6 +327,36 @@ def test_a_failsafe_during_a_lost_link_is_not_talked_over(
     assert modes(vehicle) == [SYSTEMID]
     assert vehicle.mode == RTL
     assert "RTL" in result.runs[0].mode_after
+
+
+@pytest.mark.parametrize("found_again", [True, False])
+def test_settings_are_put_back_if_a_link_lost_before_a_start_is_found(
+    found_again: bool,
+    vehicle: FakeVehicle,
+    session: FakeSession,
+    folder: FlightFolder,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    notes: list[str] = []
+    stop = session.stop_recording
+
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunReady):
+            session.deaf_from = vehicle.now
+            session.deaf_until = vehicle.now + (20.0 if found_again else 1000.0)
+            session.sleep(5.0)
+        elif isinstance(progress, Note):
+            notes.append(progress.words)
+
+    def waited_for() -> RecordingSummary:
+        session.sleep(25.0)
+        return stop()
+
+    monkeypatch.setattr(session, "stop_recording", waited_for)
+    fly(session, folder, CHIRP, on_progress=on_progress, aborted=lambda: "lost" if session.snapshot().lost else None)
+    assert modes(vehicle) == []
+    assert as_found(vehicle) is found_again
+    assert any("stay in the vehicle" in note for note in notes) is not found_again
 
 
 def test_a_link_that_stays_lost_ends_without_a_command(

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -78,7 +77,7 @@ def flight(folder: Path, seed: int) -> dict[str, Any]:
     except (RuntimeError, subprocess.TimeoutExpired, OSError, KeyError) as error:
         answer["failed"] = f"{type(error).__name__}: {error}"
     finally:
-        vehicle.send_signal(signal.SIGINT)
+        vehicle.terminate()  # a shell in the background leaves SIGINT unheard
         try:
             vehicle.wait(20.0)
         except subprocess.TimeoutExpired:
