@@ -152,7 +152,7 @@ def bench_app_under_load(tmp_path: Path) -> None:
     for what in ("app", "app at 30"):
         found = run(what, tmp_path / f"{what}.json", keys=b"r")
         print(said(f"{what}, R pressed", found))
-    found = run("app at 30", tmp_path / "screens.json", keys=b"r321")
+    found = run("app at 30", tmp_path / "screens.json", keys=b"3452")
     print(said("app at 30, screens changed", found))
 
 
