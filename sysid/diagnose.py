@@ -50,7 +50,7 @@ from sysid.structures import adapted, compose, not_testable
 
 FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8
-"""Of what can be explained, on the fitted runs and on these and the validation runs together;"""
+"""Of what can be explained, on the fitted runs;"""
 VALIDATED = 0.5
 """and on validation runs alone: another amplitude shows a nonlinear effect that is only nearly the right one."""
 UNHELD = 0.16
@@ -126,8 +126,6 @@ class Judged:
     validation_share: float | None = None
     validation_slack: float = 0.0
     """By which chance alone may make that share too small."""
-    validation_weight: float = 0.0
-    """Validation samples among all."""
     implausible: tuple[str, ...] = ()
     """Parameters outside what physics allows that were not so in the parent."""
     resolved: tuple[str, ...] = ()
@@ -763,8 +761,7 @@ def _enough(one: Judged, E0: float, N: float) -> bool:
     if one.validation_share is None:
         return share >= EXPLAINED
     judged = min(1.0, one.validation_share + one.validation_slack)
-    pooled = share + one.validation_weight * (judged - share)
-    return min(share, pooled) >= EXPLAINED and judged >= VALIDATED
+    return share >= EXPLAINED and judged >= VALIDATED
 
 
 def _winner(singles: Sequence[Judged], pairs: Sequence[Judged]) -> Judged | None:

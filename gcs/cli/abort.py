@@ -29,7 +29,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0 where no excitation is left, else 1. Raises LinkError where there is no vehicle."""
-    from gcs.cli.progress import printable
+    from gcs.logs.words import printable
     from gcs.session import Session
     from gcs.sweep import abort
 

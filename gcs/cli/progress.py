@@ -10,17 +10,13 @@ from typing import TextIO
 from gcs.envelope import Limits
 from gcs.excitation import LOST_PATIENCE_S
 from gcs.logs.reading import Progress as Reading
+from gcs.logs.words import printable
 from gcs.sweep import Briefing, Ending, Note, Phase, Progress, RunProgress, RunReady, RunResult
 from gcs.vehicle import LOST_AFTER_S
 
 EVERY_S = 5.0
 """Between two lines of progress where the output is no terminal."""
 REDRAW_S = 0.2
-
-
-def printable(text: str) -> str:
-    """What a vehicle said, without anything that a terminal obeys."""
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 class ProgressLines:

@@ -93,8 +93,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
     from gcs.cli.interrupts import interrupts
     from gcs.cli.options import print_json
-    from gcs.cli.progress import ProgressLines, printable
+    from gcs.cli.progress import ProgressLines
     from gcs.errors import UsageError
+    from gcs.logs.words import printable
     from gcs.maneuver import Maneuver, load_card, single_card
     from gcs.session import Session
     from gcs.sweep import Briefing, Ending, fly_card, require_flyable

@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.logs.coherence import coherence
 from gcs.logs.latency import Latency
 from sysid.record import CHANNELS, Record
 
@@ -295,8 +296,6 @@ def _spectra(
     record: Record, excitation: Mapping[str, tuple[float, float]], edges: NDArray[np.int64], f_high_hz: float
 ) -> tuple[dict[str, tuple[float, float]], dict[str, Coherent], float | None]:
     """Where commands have power, where rates follow them, and how alike the two commands are, in the longest piece."""
-    from gcs.verdict import coherence  # it stands above this room, and reads live logs from it
-
     t = record.t
     first, stop = max(pairwise(edges.tolist()), key=lambda piece: t[piece[1] - 1] - t[piece[0]])
     rate_hz = 4 * f_high_hz

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from gcs.envelope import Limits, Peaks
+from gcs.logs.coherence import coherence
 from gcs.logs.live import LiveWindow
 from gcs.maneuver import Maneuver
 from gcs.profile import Plan, bundled_profiles
-from gcs.verdict import coherence, cut, judge
+from gcs.verdict import cut, judge
 
 RATE_HZ = 500.0
 PROFILE = bundled_profiles()[0]
