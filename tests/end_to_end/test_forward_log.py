@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flying import CHIRP, fly_maneuver, log_of
 
 from gcs.logs import ingest, resolve_runs
 from gcs.logs.runs import Run
@@ -16,7 +17,7 @@ from gcs.pilot import SimulatedVehicle
 from sitl.plants.forward import AIRSPEED, ROTOR_RPM, ForwardPlant
 from sitl.plants.hover import Gusts
 from sitl.plants.table5 import TABLE_5, TABLE_5_FUSELAGE
-from sitl.vehicle import Mode, Reason, Vehicle, make_vehicle
+from sitl.vehicle import Vehicle, make_vehicle
 from sysid.identify import identify
 from sysid.structures import TPP
 
@@ -26,19 +27,9 @@ TRUTH = {**TABLE_5._asdict(), **TABLE_5_FUSELAGE._asdict()}
 
 def fly(vehicle: Vehicle, duration_s: float) -> Path:
     for axis, magnitude, _ in CHIRPS:
-        settings = {"SID_AXIS": axis, "SID_MAGNITUDE": magnitude, "SID_T_REC": duration_s, "SIDX_LAW": 1}
-        for name, value in {**settings, "SID_T_FADE_IN": 0, "SID_T_FADE_OUT": 0}.items():
-            assert vehicle.write_parameter(name, value) is not None
-        assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
-        while vehicle.sweeping:
-            vehicle.step()
-        assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
-        for _ in range(500):
-            vehicle.step()
-    vehicle.close()
+        fly_maneuver(vehicle, CHIRP, axis, magnitude, duration_s)
     assert vehicle.directory is not None
-    (log,) = vehicle.directory.glob("*.BIN")
-    return log
+    return log_of(vehicle, vehicle.directory)
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from injuries import injure
 from pymavlink import DFReader
 
 from gcs.errors import TippathError
@@ -353,28 +354,12 @@ def test_flipped_bits_cost_only_the_lines_they_hit(spoken: bytes) -> None:
     assert different < 100
 
 
+WORDS = (b"\n", b"\r\n", b",", b", ", b"FMT, ", b"RATE, 1, ", b"nan", b"\xff")
+
+
 def mutated(data: bytes, chance: random.Random) -> bytes:
-    """A few random injuries to text."""
-    out = bytearray(data)
-    for _ in range(chance.randrange(1, 12)):
-        at = chance.randrange(len(out))
-        size = min(chance.choice((1, 3, 40, 200, 4096)), len(out) - 1)
-        match chance.randrange(7):
-            case 0:
-                out[at] = chance.randrange(256)
-            case 1:
-                del out[at : at + size]
-            case 2:
-                out[at:at] = chance.randbytes(size)
-            case 3:
-                out[at : at + size] = bytes(len(out[at : at + size]))
-            case 4:
-                out[at:at] = out[at : at + size]
-            case 5:
-                out[at:at] = chance.choice((b"\n", b"\r\n", b",", b", ", b"FMT, ", b"RATE, 1, ", b"nan", b"\xff"))
-            case 6:
-                out = out[: max(at, 10)]
-    return bytes(out)
+    """With words of the format anywhere, and cut."""
+    return injure(data, chance, lambda chance: chance.choice(WORDS), cut=True)
 
 
 def test_no_injury_makes_the_reader_fail_and_whole_lines_stay_what_they_were(spoken: bytes) -> None:

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flying import CHIRP, PITCH, ROLL, fly_maneuver, log_of
 
 from gcs.logs import excited, ingest, runs, told
 from gcs.logs.profiles import ChannelSource, Profile
 from gcs.logs.runs import Run
 from gcs.logs.tables import Log, Series
-from sitl.vehicle import Mode, Reason, make_vehicle
+from sitl.vehicle import make_vehicle
 
 Saved = Callable[[bytes, str], Path]
 Array = np.ndarray
@@ -338,19 +339,10 @@ def test_a_real_sweep_is_found_without_its_settings(
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Run]]:
     """A log of the simulated vehicle with a roll and a pitch chirp of Table 1 in gusts, and its runs as SIDS tells."""
     vehicle = make_vehicle("hover", seed=3, directory=tmp_path_factory.mktemp("hover"))
-    for axis, magnitude in ((10, 0.10), (11, 0.15)):
-        settings = {"SID_AXIS": axis, "SID_MAGNITUDE": magnitude, "SID_T_REC": 20.0, "SIDX_LAW": 1}
-        for name, value in {**settings, "SID_T_FADE_IN": 0, "SID_T_FADE_OUT": 0}.items():
-            assert vehicle.write_parameter(name, value) is not None
-        assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
-        while vehicle.sweeping:
-            vehicle.step()
-        assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
-        for _ in range(1500):
-            vehicle.step()
-    vehicle.close()
+    for axis, magnitude in ((ROLL, 0.10), (PITCH, 0.15)):
+        fly_maneuver(vehicle, CHIRP, axis, magnitude, 20.0, rest_steps=1500)
     assert vehicle.directory is not None
-    (log,) = vehicle.directory.glob("*.BIN")
+    log = log_of(vehicle, vehicle.directory)
     return log.read_bytes(), list(ingest([log]).runs)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from injuries import injure
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -405,27 +406,13 @@ def test_a_frame_that_another_carries_is_not_taken_for_one() -> None:
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
-    """A few random injuries."""
-    out = bytearray(data)
-    for _ in range(chance.randrange(1, 12)):
-        at = chance.randrange(len(out))
-        size = min(chance.choice((1, 3, 8, 40, 200, 4096)), len(out) - 1)
-        match chance.randrange(6):
-            case 0:
-                out[at] = chance.randrange(256)
-            case 1:
-                del out[at : at + size]
-            case 2:
-                out[at:at] = chance.randbytes(size)
-            case 3:
-                out[at : at + size] = bytes(len(out[at : at + size]))
-            case 4:
-                out[at:at] = out[at : at + size]
-            case 5:
-                out[at:at] = bytes([chance.choice((0xFD, 0xFE)), chance.randrange(256), 0])
-        if len(out) < 10:
-            break
-    return bytes(out)
+    """With beginnings of frames anywhere."""
+    return injure(
+        data,
+        chance,
+        lambda chance: bytes([chance.choice((0xFD, 0xFE)), chance.randrange(256), 0]),
+        (1, 3, 8, 40, 200, 4096),
+    )
 
 
 def test_no_injury_makes_the_reader_fail_and_none_invents_a_frame() -> None:

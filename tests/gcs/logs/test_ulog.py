@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import planted
 import pytest
+from injuries import injure
 from pyulog import ULog
 
 from gcs.errors import TippathError
@@ -539,29 +540,15 @@ def test_hostile_sizes_cost_neither_memory_nor_time() -> None:
         tracemalloc.stop()
 
 
+def header(chance: random.Random) -> bytes:
+    """Of a message that may be one."""
+    head = struct.pack("<HB", chance.choice((0, 8, 42, 0xFFFF)), chance.choice(b"ABCDFILMOPQRSZ"))
+    return head + chance.choice((b"", SYNC, struct.pack("<H", chance.choice((3, 4, 500)))))
+
+
 def mutated(data: bytes, chance: random.Random) -> bytes:
-    """A few random injuries: flips, deletions, insertions, zeroed and repeated stretches, headers anywhere."""
-    out = bytearray(data)
-    for _ in range(chance.randrange(1, 12)):
-        at = chance.randrange(len(out))
-        size = min(chance.choice((1, 3, 40, 200, 4096)), len(out) - 1)
-        match chance.randrange(6):
-            case 0:
-                out[at] = chance.randrange(256)
-            case 1:
-                del out[at : at + size]
-            case 2:
-                out[at:at] = chance.randbytes(size)
-            case 3:
-                out[at : at + size] = bytes(len(out[at : at + size]))
-            case 4:
-                out[at:at] = out[at : at + size]
-            case 5:
-                head = struct.pack("<HB", chance.choice((0, 8, 42, 0xFFFF)), chance.choice(b"ABCDFILMOPQRSZ"))
-                out[at:at] = head + chance.choice((b"", SYNC, struct.pack("<H", chance.choice((3, 4, 500)))))
-        if len(out) < 10:
-            break
-    return bytes(out)
+    """With headers anywhere."""
+    return injure(data, chance, header)
 
 
 def test_no_injury_makes_the_reader_fail(whole: bytes) -> None:
