@@ -1,19 +1,30 @@
 """One excitation, from its start to the vehicle being out of it: a pure step that decides, and a context that acts.
 
-The rules that `step` keeps, whatever happens around it:
+The rules that `step` keeps, whatever the link does (late by any time, deaf one way, lossy, repeating; see
+`gcs.link.clock` for what is taken for granted). `tests/excitation_rules.py` checks them over histories of messages.
 
-- The excitation mode is asked for only from the mode the pilot left the vehicle in, and not again once it was seen.
-- The way back is the mode before the run, sent again and again, but only while the vehicle's last word is that it is
-  in the excitation mode. Any other mode means that the pilot, or a failsafe, has taken over: that ends the run, and
-  no mode is commanded after it.
-- After a lost link nothing starts again, and after a minute, or when somebody says so, it is no longer waited for.
-  What the vehicle does then is decided by a heartbeat heard a second after the link came back: neither by one from
-  before nor by one that waited in a buffer, also while this program was stopped.
-- After an ordinary end the way back waits for a heartbeat later than the end: it costs a second, and does not talk
-  over a pilot who used that second.
+1. The excitation mode is asked for only from the mode the pilot left the vehicle in, on a link whose lag is known and
+   short, after everything written before has landed, and not again once the vehicle said that it starts.
+2. The only other mode ever asked for is the one before the run, and only while the vehicle's last word is that it is in
+   the excitation mode. One heartbeat with another mode stops every order at once; a second in a row says that the
+   vehicle has left, by the pilot's hand, a failsafe's, or ours, and no mode is asked for after it.
+3. A heartbeat with the excitation mode after one with another mode is of two vehicles with one id, or an old message:
+   that is counted and told, and the way back goes on.
+4. A start that was asked for may be under way until the vehicle says something *knowing of it* (a heartbeat stamped, on
+   the vehicle's clock, after a ping that was sent after the start). Until then, and while the excitation mode shows,
+   the vehicle counts as excited: `cleared` is false, and nothing that scales or moves a maneuver is written.
+5. An excitation that shows although the run had ended is ours, come late, until rule 4 has cleared it: it is brought
+   back like any other.
+6. After silence, the link's or our own, nothing starts again. The first heartbeat that is not older than the silence
+   decides: the excitation mode is answered with the way back, any other is left alone. Time without a link does not
+   count against a vehicle that does not leave.
+7. A run ends where its log has stopped, the link is late for a second, the vehicle no longer answers, a limit is
+   broken, or it flies other settings than planned.
+8. Every run ends with the mode that the vehicle showed after it, or with the words that it is not known.
 
-`Excitation` is the context that starts a run and cannot be left before the vehicle is out of the excitation mode, or
-its pilot has it, or the link is given up.
+After an ordinary end the way back waits for a heartbeat later than the end: it costs a second, and does not talk over a
+pilot who used that second. `Excitation` is the context that starts a run and cannot be left before the vehicle is out
+of the excitation mode, or its pilot has it, or the link is given up; then it is watched until it is cleared.
 """
 
 from __future__ import annotations
@@ -28,12 +39,14 @@ from types import TracebackType
 from typing import Protocol, Self, TypeVar
 
 from gcs.envelope import Limits, Peaks, violations
+from gcs.link.clock import SWAP_S, UNKNOWN
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError, RefusedError, SetMode
 from gcs.logs.live import LiveWindow
 from gcs.maneuver import Maneuver
+from gcs.preflight import LAG_LIMIT_S
 from gcs.profile import FINISHED, PARAMETER_ERROR, STARTING, STOPPED, Plan
 from gcs.recorder import RecordingSummary
-from gcs.vehicle import STABILIZE, SYSTEMID, Text, VehicleSnapshot
+from gcs.vehicle import LOST_AFTER_S, STABILIZE, SYSTEMID, Beat, Text, VehicleSnapshot
 
 T = TypeVar("T")
 
@@ -42,17 +55,25 @@ ASK_EVERY_S = 0.3
 """Between two sends of the mode before the run."""
 START_EVERY_S = 0.5
 START_TRIES = 6
-OTHER_HEARTBEATS = 2
-"""So many heartbeats in another mode, after an accepted start that was never seen: one may have been under way."""
 LATE_S = 2.0
 """So long after its time a run without the word "Finished" is taken for finished."""
 STALL_S = 1.5
 """Between two ticks: longer, and this program was stopped, and what it hears now may be old."""
 SETTLE_S = 1.0
-"""After a silence of the link or of ourselves, until what is heard is new."""
+"""After a silence of the link or of ourselves, until what is heard is as new as this link lets it be."""
+FRESH_S = 1.0
+"""A heartbeat younger than this by the vehicle's clock is new, also right after a silence."""
+LAG_PATIENCE_S = 1.0
+"""How long it may be later in a run."""
+LOG_SILENCE_S = 1.5
+"""A run ends when no new block of its log came for so long, while the link was heard."""
 LOST_PATIENCE_S = 60.0
 STUCK_S = 30.0
 """The vehicle answers and stays in the excitation mode for so long: say so, loudly, and leave it to the pilot."""
+UNKNOWN_S = 30.0
+"""It is heard for so long, and does not show whether a start that was asked for came about."""
+LOOK_S = 4.0
+"""How long a vehicle that left by somebody else's order, or while heartbeats contradicted each other, is looked at."""
 
 
 class Connection(Protocol):
@@ -71,6 +92,7 @@ class Connection(Protocol):
     def texts_since(self, cursor: int) -> tuple[int, list[Text]]: ...
     def samples(self, last_s: float) -> LiveWindow: ...
     def start_recording(self, directory: Path) -> None: ...
+    def shed_log(self) -> None: ...
     def stop_recording(self) -> RecordingSummary: ...
 
 
@@ -100,6 +122,8 @@ class Phase(Enum):
     STARTING = "starting"
     FLYING = "flying"
     RETURNING = "returning"
+    WATCHING = "watching"
+    """Out of the excitation mode; an order of ours that came late might bring it back."""
     ENDED = "ended"
 
 
@@ -112,6 +136,9 @@ class Ending(Enum):
     PILOT = "taken over"
     LIMIT = "limit exceeded"
     LINK = "link lost"
+    LATE = "link too late"
+    LOG = "log stopped"
+    SETTINGS = "other settings"
     ABORTED = "aborted"
     STUCK = "stuck"
 
@@ -125,24 +152,37 @@ class Answer:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """All that the step is told, once a tick."""
+    """All that the step is told, once a tick. Times are those of the session's clock, s."""
 
     now: float
     mode: int
     mode_name: str
     heartbeats: int
     """Heard so far; the mode is the last one's."""
+    beats: tuple[Beat, ...] = ()
+    """New since the last tick."""
     armed: bool = True
     lost: bool = False
+    link_age_s: float = 0.0
+    lag_s: float | None = None
+    """None: not known."""
+    answer_age_s: float = 0.0
+    """Since the newest question was sent that the vehicle answered."""
+    landed: bool = True
+    """Everything written before the start has reached the vehicle, or was lost."""
+    log_age_s: float | None = None
+    """Since the last new block of the log; None where none is recorded."""
     texts: tuple[str, ...] = ()
     """New since the last tick."""
     answer: Answer | None = None
     """To the order of the last tick."""
     sweep_s: float | None = None
-    """The vehicle's own time in the maneuver, from its log."""
+    """The vehicle's own time in this maneuver, from its log."""
     violations: tuple[str, ...] = ()
+    other_settings: str = ""
+    """How what the vehicle flies differs from what was planned; empty where it does not, or is not known."""
     abort: str | None = None
     """Why somebody wants the end."""
     given_up: bool = False
@@ -156,7 +196,7 @@ class Order:
     mode: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunState:
     """One run, between two ticks."""
 
@@ -165,38 +205,58 @@ class RunState:
     phase: Phase = Phase.STARTING
     asks: int = 0
     """Times the excitation mode was asked for."""
-    asked_at: float = -math.inf
-    heartbeats_at_word: int = 0
-    """Heartbeats heard when the vehicle accepted the start, or it was last asked for."""
-    accepted: bool = False
-    """The vehicle said that it starts."""
-    confirmed: bool = False
-    """A heartbeat showed the excitation mode."""
+    asked_at: float = UNKNOWN
+    accepted_after: int | None = None
+    """Heartbeats heard when the vehicle said that it starts; None while it did not."""
     flying_since: float | None = None
     ending: Ending | None = None
     reason: str = ""
+
+    excited: bool = False
+    """The vehicle's last word: the last heartbeat that can be believed showed the excitation mode."""
+    excited_number: int = -1
+    """That heartbeat's."""
+    confirmed: bool = False
+    """A heartbeat showed the excitation mode."""
+    others: int = 0
+    """Heartbeats in a row with another mode that do not date from before the start."""
+    known_s: float = UNKNOWN
+    """Of the last one of them: what was sent up to then had reached the vehicle."""
+    mode_shown: str = ""
+    """By the last heartbeat that can be believed."""
+    contradictions: int = 0
+    """Times the excitation mode showed again after another mode."""
+
+    ticked_at: float = math.inf
+    settled_at: float = UNKNOWN
+    """Until then a heartbeat counts only if the vehicle's clock says that it is new."""
+    lost_since: float | None = None
+    heard_since: float = UNKNOWN
+    """The link was not lost since then."""
+    late_since: float | None = None
+    """The link's lag is beyond the limit since then."""
+    log_silent_since: float | None = None
+    """The link is heard and its log is not, since then."""
+    failsafe: str = ""
+    """What the vehicle said about one; its heartbeat follows up to a second later."""
+
     returning_since: float = 0.0
     fresh_after: int = 0
     """Returning: only a heartbeat after this many decides."""
     held: int = -1
     """Heartbeats heard when the way back was accepted; -1 while it was not."""
-    returned_at: float = -math.inf
+    returned_at: float = UNKNOWN
     """When the way back was last asked for."""
+    left_at: float = 0.0
+    cleared: bool = False
+    """The vehicle is known to be out of the excitation mode, and no start of ours is under way any more."""
     mode_after: str = ""
-    """What the heartbeat that ended the run showed."""
-    failsafe: str = ""
-    """What the vehicle said about one; its heartbeat follows up to a second later."""
-    ticked_at: float = math.inf
-    """The last step."""
-    settled_at: float = -math.inf
-    """Until then a heartbeat may be an old one, and decides nothing on the way back."""
+    """What the heartbeat that ended the run showed; `unknown` where none did."""
 
 
 def step(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     """What follows from what was seen; the order, if any, is to be sent once."""
-    if seen.lost or seen.now - state.ticked_at > STALL_S:
-        state = replace(state, settled_at=seen.now + SETTLE_S)
-    state = replace(state, ticked_at=seen.now)
+    state = _listen(state, seen, plan)
     match state.phase:
         case Phase.STARTING:
             return _starting(state, seen, plan)
@@ -204,118 +264,211 @@ def step(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Non
             return _flying(state, seen, plan)
         case Phase.RETURNING:
             return _returning(state, seen, plan)
+        case Phase.WATCHING:
+            return _watching(state, seen, plan)
         case Phase.ENDED:
             return state, None
 
 
-def _starting(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
-    answer = seen.answer
-    if seen.mode == plan.mode and state.asks == 0:
-        reason = f"the mode is {seen.mode_name} already: somebody else started it"
-        return _ended(_end(state, seen, Ending.PILOT, reason), seen), None
-    said = any(text.startswith(STARTING) for text in seen.texts)
-    if seen.mode == plan.mode or said or (answer is not None and answer.accepted):
-        state = replace(
-            state,
-            phase=Phase.FLYING,
-            accepted=True,
-            confirmed=seen.mode == plan.mode,
-            flying_since=seen.now,
-            heartbeats_at_word=seen.heartbeats,
-        )
-        return _flying(state, replace(seen, answer=None), plan)
-    wanted = _wants_end(seen)
-    if wanted is not None and state.asks == 0:
-        return replace(state, phase=Phase.ENDED, ending=wanted[0], reason=wanted[1], mode_after=seen.mode_name), None
-    if wanted is not None:
-        return _returning(_end(state, seen, *wanted), seen, plan)
-    if answer is not None and answer.accepted is False:
-        return replace(
-            state, phase=Phase.ENDED, ending=Ending.REFUSED, reason=answer.reason, mode_after=seen.mode_name
-        ), None
-    if seen.mode != state.mode_before:
-        # Asked for already, it may still come about: only heartbeats will tell.
-        ended = _end(state, seen, Ending.PILOT, f"the mode is {seen.mode_name}: the pilot has it")
-        return (_returning(ended, seen, plan)) if state.asks else (_ended(ended, seen), None)
-    if seen.now - state.asked_at < START_EVERY_S or seen.now < state.settled_at:
-        return state, None
-    if state.asks >= START_TRIES:
-        reason = "the vehicle does not answer to the start"
-        return _returning(_end(state, seen, Ending.REFUSED, reason), seen, plan)
-    state = replace(state, asks=state.asks + 1, asked_at=seen.now, heartbeats_at_word=seen.heartbeats)
-    return state, Order(plan.mode)
+# What is heard.
 
 
-def _flying(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+def _listen(state: RunState, seen: Seen, plan: Plan) -> RunState:
+    if seen.lost or seen.now - state.ticked_at > STALL_S:
+        # What was heard before the silence is too old to act on.
+        state = replace(state, settled_at=seen.now + SETTLE_S, excited=False)
+    if state.heard_since == UNKNOWN or seen.lost:
+        state = replace(state, heard_since=seen.now)
+    silent_log = seen.log_age_s is not None and seen.log_age_s > LAG_LIMIT_S and seen.link_age_s < LAG_LIMIT_S
+    late = seen.lag_s is not None and seen.lag_s > LAG_LIMIT_S
+    state = replace(
+        state,
+        ticked_at=seen.now,
+        lost_since=_since(seen.lost, state.lost_since, seen.now),
+        late_since=_since(late and not seen.lost, state.late_since, seen.now),
+        log_silent_since=_since(silent_log, state.log_silent_since, seen.now),
+    )
     for text in seen.texts:
         if "failsafe" in text.lower():
             state = replace(state, failsafe=text)
-    if seen.mode == plan.mode:
-        state = replace(state, confirmed=True)
-    elif state.confirmed or seen.heartbeats >= state.heartbeats_at_word + OTHER_HEARTBEATS:
-        return _ended(_end(state, seen, *_taken(seen, state)), seen), None
-    wanted = _wants_end(seen)
+    for beat in seen.beats:
+        if seen.now >= state.settled_at or (beat.late_s is not None and beat.late_s <= FRESH_S):
+            state = _hear(state, beat, plan)
+    return state
+
+
+def _since(condition: bool, since: float | None, now: float) -> float | None:
+    return None if not condition else now if since is None else since
+
+
+def _hear(state: RunState, beat: Beat, plan: Plan) -> RunState:
+    if beat.mode == plan.mode:
+        return replace(
+            state,
+            excited=True,
+            excited_number=beat.number,
+            confirmed=True,
+            contradictions=state.contradictions + (state.others > 0 and state.confirmed),
+            others=0,
+            mode_shown=beat.mode_name,
+        )
+    if state.asks and not state.confirmed and beat.mode == state.mode_before and beat.known_s < state.asked_at:
+        return state  # it may date from before the start
+    return replace(state, excited=False, others=state.others + 1, known_s=beat.known_s, mode_shown=beat.mode_name)
+
+
+# What is done.
+
+
+def _starting(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+    if not state.asks:
+        return _not_asked_yet(state, seen, plan)
+    started = any(text.startswith(STARTING) for text in seen.texts)
+    if state.excited or started or (seen.answer is not None and seen.answer.accepted):
+        state = replace(state, phase=Phase.FLYING, accepted_after=seen.heartbeats, flying_since=seen.now, others=0)
+        return _flying(state, replace(seen, answer=None), plan)
+    wanted = _wants_end(state, seen)
+    if wanted is None and seen.answer is not None and seen.answer.accepted is False:
+        wanted = Ending.REFUSED, seen.answer.reason
+    if wanted is None and seen.mode not in (state.mode_before, plan.mode):
+        wanted = Ending.PILOT, f"the mode is {seen.mode_name}: the pilot has it"
+    if wanted is None and state.asks >= START_TRIES and seen.now - state.asked_at >= START_EVERY_S:
+        wanted = Ending.REFUSED, "the vehicle does not answer to the start"
     if wanted is not None:
+        # Asked for already, it may still come about: only heartbeats will tell.
         return _returning(_end(state, seen, *wanted), seen, plan)
+    if seen.now - state.asked_at < START_EVERY_S or seen.now < state.settled_at:
+        return state, None
+    return _ask(state, seen, plan)
+
+
+def _not_asked_yet(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+    """Nothing of ours is under way: whatever forbids the start ends the run at once."""
+    wanted = _wants_end(state, seen)
+    if seen.mode == plan.mode:
+        wanted = Ending.PILOT, f"the mode is {seen.mode_name} already: somebody else started it"
+    elif wanted is None and seen.mode != state.mode_before:
+        wanted = Ending.PILOT, f"the mode is {seen.mode_name}: the pilot has it"
+    elif wanted is None and seen.lag_s is None:
+        wanted = Ending.REFUSED, "how late the link is, is not known: the vehicle answers no TIMESYNC"
+    elif wanted is None and seen.lag_s is not None and seen.lag_s > LAG_LIMIT_S:
+        wanted = Ending.LATE, f"the link is {seen.lag_s:.1f} s late: nothing was started"
+    if wanted is not None:
+        state = replace(state, phase=Phase.ENDED, ending=wanted[0], reason=wanted[1], mode_after=seen.mode_name)
+        return replace(state, cleared=seen.mode != plan.mode), None
+    if seen.now < state.settled_at or not seen.landed:
+        return state, None
+    return _ask(state, seen, plan)
+
+
+def _ask(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+    return replace(state, asks=state.asks + 1, asked_at=seen.now, others=0), Order(plan.mode)
+
+
+def _flying(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+    if state.others > 1:
+        return _leave(_end(state, seen, *_taken(state)), seen)
+    wanted = _wants_end(state, seen) or _said(seen, plan)
+    if wanted is None and not seen.armed:
+        wanted = Ending.STOPPED, "the vehicle was disarmed"
+    since = 0.0 if state.flying_since is None else seen.now - state.flying_since
+    overdue = since > plan.finished_s + LATE_S
+    if wanted is None and (overdue or (seen.sweep_s is not None and seen.sweep_s > plan.finished_s + 0.5)):
+        wanted = Ending.FINISHED, "without the vehicle's word"
+    return (state, None) if wanted is None else _returning(_end(state, seen, *wanted), seen, plan)
+
+
+def _said(seen: Seen, plan: Plan) -> tuple[Ending, str] | None:
+    """What the vehicle's texts say about the run's end."""
     for text in seen.texts:
         if text.startswith(STARTING) and not _axis_is(text, plan.axis_number):
-            reason = f"the vehicle started another axis than {plan.axis_number}: {text}"
-            return _returning(_end(state, seen, Ending.ABORTED, reason), seen, plan)
+            return Ending.SETTINGS, f"the vehicle started another axis than {plan.axis_number}: {text}"
         if text.startswith((STOPPED, PARAMETER_ERROR)):
-            return _returning(_end(state, seen, Ending.STOPPED, text), seen, plan)
+            return Ending.STOPPED, text
         if text.startswith(FINISHED):
-            return _returning(_end(state, seen, Ending.FINISHED, ""), seen, plan)
-    if not seen.armed:
-        return _returning(_end(state, seen, Ending.STOPPED, "the vehicle was disarmed"), seen, plan)
-    since = 0.0 if state.flying_since is None else seen.now - state.flying_since
-    if since > plan.finished_s + LATE_S or (seen.sweep_s is not None and seen.sweep_s > plan.finished_s + 0.5):
-        return _returning(_end(state, seen, Ending.FINISHED, "without the vehicle's word"), seen, plan)
-    return state, None
+            return Ending.FINISHED, ""
+    return None
 
 
 def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     if seen.answer is not None and seen.answer.accepted:
         state = replace(state, held=seen.heartbeats)
-    if state.ending is not Ending.STUCK and seen.answer is not None and seen.answer.accepted is False:
+    if seen.answer is not None and seen.answer.accepted is False:
         state = replace(state, reason=joined(state.reason, seen.answer.reason))
-    waited = seen.now - state.returning_since
-    if seen.lost and (waited > LOST_PATIENCE_S or seen.given_up):
-        reason = joined(state.reason, f"no link for {waited:.0f} s: what the vehicle does is not known")
-        return replace(state, phase=Phase.ENDED, ending=Ending.LINK, reason=reason, mode_after="unknown"), None
-    if seen.now < state.settled_at:
-        # What was heard last is too old to act on.
-        return replace(state, fresh_after=max(state.fresh_after, seen.heartbeats)), None
-    fresh = seen.heartbeats > state.fresh_after
-    if seen.mode != plan.mode and fresh:
-        settled = state.confirmed or seen.heartbeats >= state.heartbeats_at_word + OTHER_HEARTBEATS
-        if settled:
-            return _ended(state, seen), None
-    if seen.mode == plan.mode and fresh:
-        state = replace(state, confirmed=True)
-    # Its last word is the heartbeat's, or the acceptance of a start that no heartbeat has followed yet.
-    newly_started = state.accepted and not state.confirmed and seen.heartbeats == state.heartbeats_at_word
-    excited = (seen.mode == plan.mode and fresh) or newly_started
-    if waited > STUCK_S and excited:
-        reason = joined(state.reason, f"the vehicle stays in {seen.mode_name}: the pilot must take it")
-        return replace(state, phase=Phase.ENDED, ending=Ending.STUCK, reason=reason, mode_after=seen.mode_name), None
-    if excited and seen.heartbeats > state.held and seen.now - state.returned_at >= ASK_EVERY_S:
+    lost = _given_up(state, seen)
+    if lost is not None:
+        return lost, None
+    if state.others > 1 and seen.heartbeats > state.fresh_after:
+        return _leave(state, seen)
+    waited = seen.now - max(state.returning_since, state.heard_since)
+    if state.excited and waited > STUCK_S:
+        reason = joined(state.reason, f"the vehicle stays in {state.mode_shown}: the pilot must take it")
+        return _unknown(state, Ending.STUCK, reason, state.mode_shown), None
+    if waited > UNKNOWN_S:
+        reason = joined(state.reason, "the vehicle does not tell whether it is out of the excitation: pilot, look")
+        return _unknown(state, state.ending or Ending.LINK, reason), None
+    # A vehicle that said that it starts is excited also before a heartbeat shows it.
+    newly_started = not state.confirmed and state.accepted_after == seen.heartbeats and seen.now >= state.settled_at
+    fresh = state.excited and state.excited_number > max(state.fresh_after, state.held)
+    if (fresh or (newly_started and state.held < 0)) and seen.now - state.returned_at >= ASK_EVERY_S:
         return replace(state, returned_at=seen.now), Order(state.mode_before)
     return state, None
 
 
-def _wants_end(seen: Seen) -> tuple[Ending, str] | None:
+def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+    """Out of the excitation mode: until nothing of ours can bring it back, and nobody contradicts."""
+    if state.excited:
+        again = replace(state, reason=joined(state.reason, "the excitation mode showed again and was ended"))
+        assert again.ending is not None
+        return _returning(_end(again, seen, again.ending, again.reason, at_once=True), seen, plan)
+    lost = _given_up(state, seen)
+    if lost is not None:
+        return lost, None
+    ours = state.held >= 0 and not state.contradictions
+    looked = seen.now - state.left_at > (0.0 if ours or not state.asks else LOOK_S)
+    if looked and state.known_s >= state.asked_at:
+        return replace(state, phase=Phase.ENDED, cleared=True), None
+    if seen.now - max(state.left_at, state.heard_since) > UNKNOWN_S:
+        reason = joined(state.reason, "whether a late start of ours still arrives is not known")
+        return replace(state, phase=Phase.ENDED, reason=reason), None
+    return state, None
+
+
+def _given_up(state: RunState, seen: Seen) -> RunState | None:
+    if state.lost_since is None:
+        return None
+    waited = seen.now - state.lost_since
+    if waited <= LOST_PATIENCE_S and not seen.given_up:
+        return None
+    reason = joined(state.reason, f"no link for {seen.link_age_s:.0f} s: what the vehicle does is not known")
+    return _unknown(state, Ending.LINK, reason)
+
+
+def _unknown(state: RunState, ending: Ending, reason: str, mode_after: str = "unknown") -> RunState:
+    return replace(state, phase=Phase.ENDED, ending=ending, reason=reason, mode_after=mode_after)
+
+
+def _wants_end(state: RunState, seen: Seen) -> tuple[Ending, str] | None:
     if seen.lost:
         return Ending.LINK, "the link was lost"
     if seen.abort is not None:
         return Ending.ABORTED, seen.abort
     if seen.violations:
         return Ending.LIMIT, "; ".join(seen.violations)
+    if seen.other_settings:
+        return Ending.SETTINGS, seen.other_settings
+    if state.log_silent_since is not None and seen.now - state.log_silent_since > LOG_SILENCE_S - LAG_LIMIT_S:
+        return Ending.LOG, f"no new block of the vehicle's log for {seen.log_age_s:.1f} s"
+    if seen.answer_age_s > LOST_AFTER_S:
+        return Ending.LINK, f"the vehicle is heard, but has answered nothing for {seen.answer_age_s:.1f} s"
+    if state.late_since is not None and seen.now - state.late_since > LAG_PATIENCE_S:
+        return Ending.LATE, f"the link is {seen.lag_s or 0.0:.1f} s late"
     return None
 
 
-def _end(state: RunState, seen: Seen, ending: Ending, reason: str) -> RunState:
+def _end(state: RunState, seen: Seen, ending: Ending, reason: str, *, at_once: bool = False) -> RunState:
     """On the way back. An ordinary end waits for the next heartbeat, and so does a lost link; others act at once."""
-    patient = ending in (Ending.FINISHED, Ending.LINK)
+    patient = ending in (Ending.FINISHED, Ending.LINK) and not at_once
     return replace(
         state,
         phase=Phase.RETURNING,
@@ -323,20 +476,18 @@ def _end(state: RunState, seen: Seen, ending: Ending, reason: str) -> RunState:
         reason=reason,
         returning_since=seen.now,
         fresh_after=seen.heartbeats if patient else seen.heartbeats - 1,
+        held=-1,
     )
 
 
-def _ended(state: RunState, seen: Seen) -> RunState:
-    return replace(state, phase=Phase.ENDED, mode_after=seen.mode_name)
+def _leave(state: RunState, seen: Seen) -> tuple[RunState, Order | None]:
+    return replace(state, phase=Phase.WATCHING, left_at=seen.now, mode_after=state.mode_shown), None
 
 
-def _taken(seen: Seen, state: RunState) -> tuple[Ending, str]:
+def _taken(state: RunState) -> tuple[Ending, str]:
     """Another mode in mid-run: whose, we cannot know."""
-    # The vehicle's own end and a mode change by somebody else may fall into one tick.
-    if any(text.startswith(FINISHED) for text in seen.texts):
-        return Ending.FINISHED, ""
     who = f"the vehicle says {state.failsafe!r}" if state.failsafe else "the pilot, or another station, has taken over"
-    return Ending.PILOT, f"the mode is {seen.mode_name}: {who}"
+    return Ending.PILOT, f"the mode is {state.mode_shown}: {who}"
 
 
 def _axis_is(text: str, number: int) -> bool:
@@ -354,12 +505,23 @@ def joined(first: str, second: str) -> str:
 class Excitation:
     """One run as a context: inside it the vehicle may be excited, and however it is left the excitation ends first.
 
-    `tick` is called until it says false. Leaving the context earlier, by an exception or Ctrl-C, brings the vehicle
-    back before the exception goes on; only the third Ctrl-C in a row leaves it as it is.
+    `tick` is called until it says false: then the vehicle has left the excitation mode, or nobody knows. `watch` is
+    called after it, until it says false: then the run is over, and `state.cleared` says whether the vehicle may be
+    written to. Leaving the context earlier, by an exception or Ctrl-C, brings the vehicle back before the exception
+    goes on; only the third Ctrl-C in a row leaves it as it is.
     """
 
-    def __init__(self, session: Connection, plan: Plan, limits: Limits, clock: Clock, mode_before: int) -> None:
-        self.state = RunState(mode_before)
+    def __init__(
+        self,
+        session: Connection,
+        plan: Plan,
+        limits: Limits,
+        clock: Clock,
+        mode_before: int,
+        written_at: float = UNKNOWN,
+    ) -> None:
+        """`clock` is the session's; `written_at` is when something was written to the vehicle last."""
+        self.state = RunState(mode_before=mode_before)
         self.peaks = Peaks()
         self.log_start_s: float | None = None
         self.frequency_hz: float | None = None
@@ -367,17 +529,24 @@ class Excitation:
         self.orders = 0
         self.snapshot = session.snapshot()
         self._session = session
-        self._plan = plan
-        self._limits = limits
+        self.plan = plan
+        self.limits = limits
         self._clock = clock
+        self._written_at = written_at
         self._answer: Answer | None = None
         self._cursor, _ = session.texts_since(0)
-        self._looked_at_log_s = math.inf
+        self._beats = self.snapshot.heartbeats
+        self._blocks = self.snapshot.blocks_received
+        self._block_at = clock.now()
+        self._shed = False
+        self._log_before_s = UNKNOWN
+        """The log's newest time when the run began: what is older belongs to an earlier run."""
+        self._looked_at_log_s = UNKNOWN
 
     def __enter__(self) -> Self:
         window = self._session.samples(0.5)
         if window.t.size:
-            self._looked_at_log_s = float(window.t[-1])
+            self._log_before_s = self._looked_at_log_s = float(window.t[-1])
         return self
 
     def __exit__(
@@ -385,7 +554,7 @@ class Excitation:
     ) -> None:
         why = "interrupted" if isinstance(error, KeyboardInterrupt) else f"{error}" if error is not None else "ended"
         interruptions, failures = 0, 0
-        while self.state.phase is not Phase.ENDED:
+        while self.out_of_hand:
             try:
                 self.tick(why, look_at_log=False)
                 self._clock.sleep(TICK_S)
@@ -398,42 +567,64 @@ class Excitation:
                 # The way back is tried again whatever went wrong with it; a closed link ends it.
                 failures += 1
                 if failures >= 20:
-                    self.state = replace(
-                        self.state, phase=Phase.ENDED, ending=Ending.LINK, reason=joined(self.state.reason, why)
-                    )
+                    self.state = _unknown(self.state, Ending.LINK, joined(self.state.reason, why))
                 self._clock.sleep(TICK_S)
 
+    @property
+    def out_of_hand(self) -> bool:
+        """The vehicle may be in the excitation mode, and something can still be done about it."""
+        return self.state.phase not in (Phase.WATCHING, Phase.ENDED)
+
+    def watch(self, *, given_up: bool = False) -> bool:
+        """As `tick`, after the vehicle has left the mode; false once nothing of ours can bring it back any more."""
+        self.tick("the run is over", look_at_log=False, given_up=given_up)
+        return self.state.phase is not Phase.ENDED
+
     def tick(self, abort: str | None = None, *, look_at_log: bool = True, given_up: bool = False) -> bool:
-        """Look, decide, and send what was decided. False once the run has ended."""
+        """Look, decide, and send what was decided. False once the vehicle has left the excitation mode."""
         snapshot = self.snapshot = self._session.snapshot()
         self._cursor, texts = self._session.texts_since(self._cursor)
-        sweep_s = self._look(snapshot) if look_at_log else None
+        now = self._clock.now()
         seen = Seen(
-            now=self._clock.now(),
+            now=now,
             mode=snapshot.mode,
             mode_name=snapshot.mode_name,
             heartbeats=snapshot.heartbeats,
+            beats=tuple(beat for beat in snapshot.beats if beat.number > self._beats),
             armed=snapshot.armed,
             lost=snapshot.lost,
+            link_age_s=snapshot.link_age_s,
+            lag_s=snapshot.lag_s,
+            answer_age_s=snapshot.answer_age_s,
+            landed=now - self._written_at >= snapshot.answer_age_s + SWAP_S,
+            log_age_s=self._log_age_s(snapshot, now),
             texts=tuple(text.text for text in texts),
             answer=self._answer,
-            sweep_s=sweep_s,
-            violations=violations(self._limits, self.peaks),
+            sweep_s=self._look(snapshot) if look_at_log else None,
+            violations=violations(self.limits, self.peaks),
             abort=abort,
             given_up=given_up,
         )
-        self._answer = None
+        self._answer, self._beats = None, snapshot.heartbeats
         if self.state.flying_since is not None and self.state.phase is Phase.FLYING:
             self.elapsed_s = seen.now - self.state.flying_since
-        self.state, order = step(self.state, seen, self._plan)
+        self.state, order = step(self.state, seen, self.plan)
+        if self.state.ending is Ending.LATE and not self._shed:
+            self._shed = True
+            self._session.shed_log()  # what is left of the link is for the way back
         if order is not None:
             self.orders += 1
             self._answer = self._ask(order)
-        return self.state.phase is not Phase.ENDED
+        return self.out_of_hand
+
+    def _log_age_s(self, snapshot: VehicleSnapshot, now: float) -> float | None:
+        if snapshot.blocks_received != self._blocks:
+            self._blocks, self._block_at = snapshot.blocks_received, now
+        return None if snapshot.recording is None else now - self._block_at
 
     def _ask(self, order: Order) -> Answer:
         # One send each: repeating is the step's business, which looks at the mode in between.
-        patience_s = None if order.mode == self._plan.mode else ASK_EVERY_S
+        patience_s = None if order.mode == self.plan.mode else ASK_EVERY_S
         try:
             self._session.call(SetMode(order.mode, tries=1), patience_s)
         except RefusedError as error:
@@ -445,7 +636,7 @@ class Excitation:
         return Answer(True)
 
     def _look(self, snapshot: VehicleSnapshot) -> float | None:
-        """Update the peaks from what is new; the vehicle's time in the maneuver, where its log tells."""
+        """Update the peaks from what is new; the vehicle's time in this maneuver, where its log tells."""
         if self.state.phase is Phase.FLYING:
             self.peaks = self.peaks.with_telemetry(snapshot.p, snapshot.q, snapshot.roll, snapshot.pitch)
         window = self._session.samples(1.0)
@@ -453,12 +644,14 @@ class Excitation:
             return None
         newest = float(window.t[-1])
         if newest < self._looked_at_log_s - 1.0:
-            self._looked_at_log_s = newest  # another log: its clock began anew
+            self._looked_at_log_s = self._log_before_s = newest  # another log: its clock began anew
         new = window.t > self._looked_at_log_s
         if self.state.phase is Phase.FLYING and new.any():
             self.peaks = self.peaks.with_samples(window.p[new], window.q[new], window.delta_x[new], window.delta_y[new])
         self._looked_at_log_s = newest
-        if window.sweep_s is not None and self.state.phase is Phase.FLYING:
+        if window.sweep_s is None or newest - window.sweep_s < self._log_before_s:
+            return None  # of no maneuver, or of an earlier one
+        if self.state.phase is Phase.FLYING:
             self.log_start_s = newest - window.sweep_s
             self.frequency_hz = window.sweep_hz
         return window.sweep_s
@@ -499,20 +692,21 @@ def abort(
         return AbortResult(False, True, first.mode_name, first.mode_name, 0, "")
     silent = Maneuver("quiet")
     plan = Plan(silent, (), "", 0, excitation_mode, 0.0, silent.duration_s, silent.duration_s)
-    state = RunState(
-        mode,
+    returning = Excitation(session, plan, Limits(), clock, mode)
+    returning.state = RunState(
+        mode_before=mode,
         phase=Phase.RETURNING,
-        accepted=True,
+        excited=True,
+        excited_number=first.heartbeats,
         confirmed=True,
+        mode_shown=first.mode_name,
         ending=Ending.ABORTED,
         returning_since=clock.now(),
         fresh_after=first.heartbeats - 1,
     )
-    returning = Excitation(session, plan, Limits(), clock, mode)
-    returning.state = state
     while returning.tick(look_at_log=False):
         clock.sleep(TICK_S)
     state = returning.state
     return AbortResult(
-        True, state.ending is Ending.ABORTED, first.mode_name, state.mode_after, returning.orders, state.reason
+        True, state.phase is Phase.WATCHING, first.mode_name, state.mode_after, returning.orders, state.reason
     )

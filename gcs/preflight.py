@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from gcs.envelope import Limits
 from gcs.logs.live import LiveWindow
 from gcs.profile import Plan, VehicleProfile
-from gcs.vehicle import VehicleSnapshot, mode_name
+from gcs.vehicle import LOST_AFTER_S, VehicleSnapshot, mode_name
 
+LAG_LIMIT_S = 0.5
+"""A link that is later is not started on, and ends a run."""
 LOG_RATE = 300_000
 """Bytes a second of ArduPilot's whole fast log; a vehicle that logs less needs less."""
 SPARE_BYTES = 200_000_000
@@ -104,6 +106,35 @@ def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, .
     if snapshot.other_stations:
         checks.append(Check("stations", f"{snapshot.other_stations} other ground station(s) on this link"))
     return tuple(checks)
+
+
+def lag(snapshot: VehicleSnapshot) -> tuple[Check, ...]:
+    """Whether orders reach the vehicle, and what is seen of it is not old. Both must be known."""
+    if snapshot.lag_s is None:
+        words = (
+            "the vehicle is heard but answers nothing (no TIMESYNC): a link that carries one way only, or a vehicle "
+            "that accepts signed messages only"
+        )
+        return (Check("lag", words, False),)
+    if snapshot.answer_age_s > LOST_AFTER_S:
+        return (
+            Check("lag", f"the vehicle is heard, but has answered nothing for {snapshot.answer_age_s:.0f} s", False),
+        )
+    late = snapshot.lag_s > LAG_LIMIT_S
+    words = f"{snapshot.lag_s:.2f} s"
+    if late:
+        words += f": an abort would come too late (at most {LAG_LIMIT_S:g} s); use a faster link, or stream less"
+    return (Check("lag", words, not late),)
+
+
+def lean_stop(parameters: Mapping[str, float]) -> Check:
+    """Beyond which lean the vehicle ends a sweep by itself, whatever becomes of the link."""
+    degrees = parameters.get("ATC_ANGLE_MAX")
+    if degrees is None and "ANGLE_MAX" in parameters:
+        degrees = parameters["ANGLE_MAX"] / 100
+    if degrees is None:
+        return Check("lean stop", "the vehicle does not tell at which lean it ends a sweep by itself (no ANGLE_MAX)")
+    return Check("lean stop", f"the vehicle ends a sweep by itself beyond {degrees:.0f}° (ANGLE_MAX)")
 
 
 def controller(lqr_switch: float | None) -> tuple[Check, ...]:

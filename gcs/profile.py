@@ -74,8 +74,15 @@ class VehicleProfile:
     parameters: Mapping[str, str]
     """Our word -> the vehicle's parameter, in the order of writing."""
     constants: Mapping[str, float]
+    largest_magnitude: Mapping[int, float]
+    """Axis number -> magnitude, in the axis' own unit, beyond which a maneuver on it would be dangerous."""
     lead_s: float
     tail_s: float
+
+    def dangerous(self, axis: float, magnitude: float) -> bool:
+        """Whether a maneuver with this magnitude must not be left ready on this axis, however it came there."""
+        largest = self.largest_magnitude.get(int(axis))
+        return largest is not None and not abs(magnitude) <= largest
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -175,6 +182,7 @@ def parse_profile(text: str, source: str) -> VehicleProfile:
             kinds={str(k): int(v) for k, v in table.get("kinds", {}).items()},
             parameters={str(k): str(v) for k, v in table["parameters"].items()},
             constants={str(k): float(v) for k, v in table.get("constants", {}).items()},
+            largest_magnitude={int(k): float(v) for k, v in table.get("largest_magnitude", {}).items()},
             lead_s=float(timing["lead_s"]),
             tail_s=float(timing["tail_s"]),
         )

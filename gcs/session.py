@@ -22,6 +22,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from gcs.errors import LinkError, TippathError
+from gcs.link.clock import LinkClock
 from gcs.link.decode import TextAssembly, decode
 from gcs.link.encode import (
     SET_MESSAGE_INTERVAL,
@@ -122,6 +123,7 @@ class Session:
         self._crash: BaseException | None = None
         self._calls: list[_Call] = []
         self._version: AutopilotVersion | None = None
+        self._link_clock = LinkClock()
         self._assembly = TextAssembly()
         self._texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
         self._others: dict[tuple[bool, int, int], float] = {}
@@ -201,9 +203,18 @@ class Session:
         snapshot = self._snapshot
         if snapshot is None:
             raise LinkError(f"no vehicle at {self.link} yet")
-        age = max(0.0, self._clock() - self._last_heard)
+        now, clock = self._clock(), self._link_clock
+        age = max(0.0, now - self._last_heard)
         problem = self._transport.problem if self._crash is None else f"the engine stopped: {self._crash}"
-        return replace(snapshot, link_age_s=age, lost=age > LOST_AFTER_S, link_problem=problem)
+        return replace(
+            snapshot,
+            link_age_s=age,
+            lost=age > LOST_AFTER_S,
+            lag_s=clock.lag_s,
+            answer_age_s=now - clock.answered_s,
+            known_age_s=now - clock.known_s,
+            link_problem=problem,
+        )
 
     def call(
         self,
@@ -302,6 +313,12 @@ class Session:
         self._live.feed(number, data)
         return self._recording.recorder.store(file, number, data)
 
+    def shed_log(self) -> None:
+        """Ask the vehicle to send no more of its log: the link is too late to carry it. The recording ends as usual."""
+        with self._lock:
+            if self._recording is not None:
+                self._say(self._recording.blocks.stop(self._clock()))
+
     def stop_recording(self, within_s: float = STOP_WITHIN_S) -> RecordingSummary:
         """End the log and say what is on disk; waits until the vehicle has sent the rest, or has nothing more.
 
@@ -395,12 +412,15 @@ class Session:
             return
         if isinstance(event, CommandAck) and event.target_component not in (0, STATION_COMPONENT):
             return
-        self._snapshot = reduce(self._snapshot, event, now)
+        own = event.component == self._snapshot.component
+        if own:
+            self._link_clock.on_event(event, now)
+        known_s, late_s = self._link_clock.known_s, self._link_clock.stamp_age_s(now)
+        self._snapshot = reduce(self._snapshot, event, now, known_s=known_s, late_s=late_s)
         if isinstance(event, StatusText):
             self._texts.append(self._snapshot.texts[-1])
         if isinstance(event, Heartbeat) and self._snapshot.heartbeats:
             self._found.set()
-        own = event.component == self._snapshot.component
         if isinstance(event, AutopilotVersion) and own:
             self._version = event
         if self._recording is not None and (own or isinstance(event, LogBlock)):
@@ -432,6 +452,7 @@ class Session:
             if self._recording.blocks.outcome is not None:
                 self._recording.over.set()
             self._log_sent()
+        self._say(self._link_clock.poll(now))
         self._ask_for_telemetry(now)
         self._refresh(now)
 

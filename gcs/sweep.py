@@ -1,8 +1,10 @@
 """Flying a card: what is looked at first, run after run, the recording, and the file that tells what was flown.
 
 The vehicle is left as it was found: in the mode before the run (see `gcs.excitation`), and with its own values in every
-parameter that a maneuver wrote. Parameters are never written in the excitation mode, because the vehicle reads some of
-them in every loop. Recording goes on during the whole card, and `flight.json` is replaced after each run.
+parameter that a maneuver wrote (see `gcs.settings`). Nothing is written while it may be excited, because the vehicle
+reads some parameters in every loop: only after the last run is cleared, and a run is started only after all that was
+written has landed and was read back. Recording goes on during the whole card, and `flight.json` is replaced after each
+run; a run is not started, and does not go on, without fresh blocks of the log.
 """
 
 from __future__ import annotations
@@ -11,16 +13,18 @@ import contextlib
 import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from statistics import median
 from types import TracebackType
 from typing import Any, Self
 
 from gcs import preflight
 from gcs.envelope import Limits, Peaks, Use, use
-from gcs.errors import LinkError, TippathError
+from gcs.errors import TippathError
 from gcs.excitation import (
+    LOG_SILENCE_S,
     TICK_S,
     AbortResult,
     Clock,
@@ -33,18 +37,22 @@ from gcs.excitation import (
     joined,
 )
 from gcs.flightdir import FlightFolder
-from gcs.link.procedures import NoAnswerError, ProcedureError, ReadParameter, RefusedError, WriteParameter
+from gcs.link.clock import UNKNOWN
+from gcs.link.procedures import ProcedureError
 from gcs.maneuver import CardRun, TestCard
 from gcs.preflight import Check, LinkLoss
-from gcs.profile import Plan, VehicleProfile, choose_profile, wanted_parameters
+from gcs.profile import Plan, VehicleProfile
 from gcs.recorder import RecordingSummary
+from gcs.settings import ask_all, changed_since, give_back, read_settings, recognise, write_plan
 from gcs.vehicle import VehicleSnapshot
 from gcs.verdict import Verdict, cut, judge
 
 LOG_WAIT_S = 8.0
 HOVER_LOOK_S = 2.0
-SILENCES = 4
-"""So many unanswered questions, each with a witness, until a vehicle is believed not to have a parameter."""
+LAG_WAIT_S = 4.0
+"""How long a vehicle's first answer, which tells how late the link is, is waited for."""
+TELL_AFTER_S = 2.0
+"""A run that takes longer to clear is told of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,10 +144,8 @@ Progress = Note | RunReady | RunProgress | RunResult
 def fly_run(
     session: Connection,
     run: CardRun,
-    plan: Plan,
-    limits: Limits,
+    flown: Excitation,
     *,
-    mode_before: int,
     clock: Clock,
     on_progress: Callable[[Progress], None],
     aborted: Callable[[], str | None],
@@ -149,45 +155,31 @@ def fly_run(
     """Fly one run whose parameters are in the vehicle, from the mode that the pilot left it in.
 
     `interruptions` counts how often somebody pressed Ctrl-C: once more while the link is lost, and it is not waited for
-    any longer. Raises what `on_progress` raises, after the excitation ended.
+    any longer. Afterwards `flown` is to be watched until it is cleared, before anything is written. Raises what
+    `on_progress` raises, after the excitation ended.
     """
     started = datetime.now(UTC).isoformat(timespec="milliseconds")
-    with Excitation(session, plan, limits, clock, mode_before) as flown:
+    contradicted = False
+    with flown:
         pressed_before: int | None = None  # the link was lost
         while flown.tick(aborted(), given_up=pressed_before is not None and interruptions() > pressed_before):
             if not flown.snapshot.lost:
                 pressed_before = None
             elif pressed_before is None:
                 pressed_before = interruptions()
-            elapsed = flown.elapsed_s - plan.lead_s
-            on_progress(
-                RunProgress(
-                    run,
-                    plan,
-                    flown.state.phase,
-                    elapsed,
-                    flown.frequency_hz,
-                    flown.peaks,
-                    use(limits, flown.peaks, flown.snapshot.link_age_s),
-                    flown.snapshot,
-                )
-            )
+            if flown.state.contradictions and not contradicted:
+                contradicted = True
+                on_progress(Note(contradiction(flown)))
+            on_progress(_progress(run, flown))
             clock.sleep(TICK_S)
     state = flown.state
     assert state.ending is not None
-    verdict = None
-    if state.flying_since is not None:
-        window = session.samples(flown.elapsed_s + 5.0)
-        start = flown.log_start_s
-        first = math.inf if start is None else start + plan.lead_s
-        interruption = None if state.ending is Ending.FINISHED else f"{state.ending.value}: {state.reason}"
-        samples = cut(window, first, first + plan.maneuver.duration_s)
-        verdict = judge(plan, limits, flown.peaks, samples, rate_hz, interruption)
+    verdict = None if state.flying_since is None else _verdict(session, flown, rate_hz)
     return RunResult(
         run,
-        plan,
+        flown.plan,
         state.ending,
-        state.reason,
+        joined(state.reason, contradiction(flown)),
         state.mode_after,
         started,
         flown.elapsed_s,
@@ -195,6 +187,37 @@ def fly_run(
         flown.peaks,
         verdict,
     )
+
+
+def _progress(run: CardRun, flown: Excitation) -> RunProgress:
+    return RunProgress(
+        run,
+        flown.plan,
+        flown.state.phase,
+        flown.elapsed_s - flown.plan.lead_s,
+        flown.frequency_hz,
+        flown.peaks,
+        use(flown.limits, flown.peaks, flown.snapshot.link_age_s),
+        flown.snapshot,
+    )
+
+
+def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> Verdict:
+    state, plan, start = flown.state, flown.plan, flown.log_start_s
+    window = session.samples(flown.elapsed_s + 5.0)
+    first = math.inf if start is None else start + plan.lead_s
+    finished = state.ending is None or state.ending is Ending.FINISHED
+    interruption = None if finished or state.ending is None else f"{state.ending.value}: {state.reason}"
+    samples = cut(window, first, first + plan.maneuver.duration_s)
+    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption)
+
+
+def contradiction(flown: Excitation) -> str:
+    """What heartbeats that contradict each other may mean; empty where they do not."""
+    count = flown.state.contradictions
+    if not count:
+        return ""
+    return f"heartbeats contradicted each other {count} time(s): two vehicles with id {flown.snapshot.system}?"
 
 
 # ------------------------------------------------------------------------------------------------ a whole card
@@ -253,88 +276,33 @@ class NotReadyError(TippathError):
     """A check before the start failed; the message lists what and why."""
 
 
-def require_flyable(session: Connection, card: TestCard) -> VehicleProfile:
+def require_flyable(session: Connection, card: TestCard, clock: Clock | None = None) -> VehicleProfile:
     """Before a folder is made: whether this vehicle, as it is now, can fly the card at all, and what it is.
 
-    Raises CannotFlyError, NotReadyError or LinkError; `fly_card` looks again.
+    Raises CannotFlyError, NotReadyError, LinkError or ProcedureError; `fly_card` looks again.
     """
-    profile = recognise(session)
+    clock = clock or WallClock()
+    _wait_for_lag(session, clock)
+    _require(preflight.lag(session.snapshot()))
+    profile = recognise(session, clock)
     for run in card.runs():
         profile.plan(run.maneuver)
-    _require((*preflight.flying(session.snapshot(), profile), *_controller(session, card)))
+    _require((*preflight.flying(session.snapshot(), profile), *_controller(session, clock, card)))
     return profile
 
 
-def _controller(session: Connection, card: TestCard) -> tuple[Check, ...]:
+def _wait_for_lag(session: Connection, clock: Clock) -> None:
+    """Until it is known how late the link is, or that the vehicle does not answer."""
+    end = clock.now() + LAG_WAIT_S
+    while session.snapshot().lag_s is None and clock.now() < end:
+        clock.sleep(TICK_S)
+
+
+def _controller(session: Connection, clock: Clock, card: TestCard) -> tuple[Check, ...]:
     """Which controller follows the rates that a card commands; nothing where it commands none."""
     if all(maneuver.target != "rate" for maneuver in card.maneuvers):
         return ()
-    return preflight.controller(read_parameters(session, ["LQR_SW"]).get("LQR_SW"))
-
-
-def read_parameters(session: Connection, names: Sequence[str]) -> dict[str, float]:
-    """Those of `names` that the vehicle has. Raises LinkError where the link is lost meanwhile."""
-    found: dict[str, float] = {}
-    for name in names:
-        if session.snapshot().lost:
-            raise LinkError("the link was lost while the parameters were read; nothing was flown")
-        with contextlib.suppress(ProcedureError):
-            found[name] = session.call(ReadParameter(name, tries=3)).value
-    return found
-
-
-def recognise(session: Connection) -> VehicleProfile:
-    """What kind of vehicle this is. Raises CannotFlyError, LinkError.
-
-    A vehicle does not say that it lacks a parameter, it is silent; so is a link that lost the answer. Taking the one
-    for the other would fly ArduPilot's law where Table 1 was asked for, so a silence counts only where another
-    parameter, asked right after it, is answered, several times in a row.
-    """
-    found: dict[str, float] = {}
-    absent: set[str] = set()
-    for names in wanted_parameters():
-        for name in names:
-            if name not in found and not absent.intersection(names):
-                value = _look_for(session, name, witness=next(iter(found), None))
-                if value is None:
-                    absent.add(name)
-                else:
-                    found[name] = value
-    return choose_profile(found, session.snapshot().autopilot)
-
-
-def _look_for(session: Connection, name: str, witness: str | None) -> float | None:
-    for _ in range(SILENCES):
-        with contextlib.suppress(NoAnswerError):
-            try:
-                return session.call(ReadParameter(name, tries=2)).value
-            except RefusedError:
-                return None  # newer firmware says so
-        if witness is not None:
-            session.call(ReadParameter(witness))
-    return None
-
-
-def read_settings(session: Connection, profile: VehicleProfile) -> dict[str, float]:
-    """The vehicle's present values of all that a maneuver writes, and of what decides about a lost link.
-
-    Raises ProcedureError where a maneuver's parameter is not answered: what is not known cannot be put back.
-    """
-    parameters = {name: session.call(ReadParameter(name)).value for name in profile.settings}
-    # ArduPilot renamed the last: only one of the two is there.
-    parameters |= read_parameters(session, ["FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "SCHED_LOOP_RATE"])
-    return parameters | (read_parameters(session, ["SYSID_MYGCS"]) or read_parameters(session, ["MAV_GCS_SYSID"]))
-
-
-def write_plan(session: Connection, plan: Plan, profile: VehicleProfile) -> None:
-    """Write a maneuver's parameters, each until the vehicle echoes its very bits.
-
-    Raises ProcedureError where one is refused, TippathError in the excitation mode, which reads them at once.
-    """
-    for name, value in plan.writes:
-        if session.snapshot().mode == profile.excitation_mode:
-            raise TippathError("the vehicle is in its excitation mode: no parameter is written now")
-        session.call(WriteParameter(name, value))
+    return preflight.controller(ask_all(session, clock, ["LQR_SW"]).get("LQR_SW"))
 
 
 def fly_card(
@@ -362,11 +330,14 @@ def fly_card(
     clock = clock or WallClock()
     limits = limits or card.limits
     disk_free = disk_free or free_bytes
-    profile = profile or recognise(session)
+    _wait_for_lag(session, clock)
+    _require(preflight.lag(session.snapshot()))
+    profile = profile or recognise(session, clock)
     planned = tuple((run, profile.plan(run.maneuver)) for run in card.runs())
-    controller = _controller(session, card)
+    controller = _controller(session, clock, card)
     _require((*preflight.flying(session.snapshot(), profile), *controller))
-    parameters = read_settings(session, profile)
+    parameters = read_settings(session, clock, profile)
+    controller = (*controller, preflight.lean_stop(parameters))
     loss = preflight.link_loss(parameters, session.station)
     flight = _Flight(session, card, profile, limits, planned, folder, loss, dict(about or {}), clock, on_progress)
     folder.write_card(card.text)
@@ -414,8 +385,13 @@ class _Flight:
     stopped: str = ""
     ending: Ending | None = None
     started: str = ""
+    settings: dict[str, float] = field(default_factory=dict)
+    """What is in the vehicle now, of what a maneuver writes."""
+    written_at: float = UNKNOWN
+    flown: Excitation | None = None
+    """The last run, which is watched until it is cleared before anything is written."""
     unrestored: Mapping[str, float] | None = None
-    """The vehicle's own settings, where they could not be put back because it was not heard."""
+    """The vehicle's own settings, where they could not be put back."""
 
     def __enter__(self) -> Self:
         self.started = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -431,11 +407,7 @@ class _Flight:
             self.recording = self.session.stop_recording()
         except TippathError as problem:
             self.stopped = self.stopped or str(problem)
-        if self.unrestored is not None:  # the rest of the log took its time: the vehicle may be heard again
-            with contextlib.suppress(TippathError):
-                self._restore(self.unrestored)
-        if self.unrestored is not None:
-            self.on_progress(Note("the maneuver's parameters stay in the vehicle: it could not be told otherwise"))
+        self._last_look()
         if error is None:
             self.write()
         else:
@@ -447,16 +419,21 @@ class _Flight:
         self.clock.sleep(4 * TICK_S)  # until the count of blocks is this recording's
         before = self.session.snapshot()
         deadline = self.clock.now() + LOG_WAIT_S
+        lags = []
         while self.clock.now() < deadline:
-            snapshot = self.session.snapshot()
+            lags.append(self.session.snapshot().lag_s)
             window = self.session.samples(HOVER_LOOK_S)
             if window.t.size and float(window.t[-1] - window.t[0]) > 0.9 * HOVER_LOOK_S:
                 break
             self.clock.sleep(TICK_S)
         snapshot = self.session.snapshot()
+        known = [lag_s for lag_s in lags if lag_s is not None]
+        if known and snapshot.lag_s is not None:
+            snapshot = replace(snapshot, lag_s=median(known))
         window = self.session.samples(HOVER_LOOK_S)
         plans = [plan for _, plan in self.planned]
         self.checks = (
+            *preflight.lag(snapshot),
             *preflight.flying(snapshot, self.profile),
             *before_it,
             *preflight.recording(before, snapshot, disk_free(self.folder.path), self.card.duration_s),
@@ -471,46 +448,102 @@ class _Flight:
         interruptions: Callable[[], int] = lambda: 0,
     ) -> None:
         """Run after run, until one of them says stop; then the parameters as they were."""
-        rate_hz = parameters.get("SCHED_LOOP_RATE")
         mode_before = self.session.snapshot().mode
+        self.settings = dict(parameters)
         try:
             for run, plan in self.planned:
-                self.stopped = self._unfit(mode_before, aborted) or self._locked(run)
+                self.stopped = self._unfit(mode_before, aborted) or self._log_dead() or self._locked(run)
                 if self.stopped:
                     return
-                try:
-                    write_plan(self.session, plan, self.profile)
-                except TippathError as error:
-                    # Between two runs nothing is excited; what was flown stays.
-                    self.stopped, self.ending = str(error), Ending.REFUSED
+                result = self._fly_next(run, plan, mode_before, aborted, interruptions)
+                if result is None:
                     return
-                self.on_progress(RunReady(run, plan))
-                if aborted() is None:
-                    self._audit(f"starting {run.label}: {run.maneuver.numbers}, {plan.words}")
-                result = fly_run(
-                    self.session,
-                    run,
-                    plan,
-                    self.limits,
-                    mode_before=mode_before,
-                    clock=self.clock,
-                    on_progress=self.on_progress,
-                    aborted=aborted,
-                    rate_hz=rate_hz,
-                    interruptions=interruptions,
-                )
-                self.runs.append(result)
-                self.write()
-                said = "" if result.verdict is None else result.verdict.words
-                self._audit(joined(f"{run.label} {result.ending.value}", result.reason or said))
-                self.on_progress(result)
                 if result.ending is not Ending.FINISHED:
                     self.ending = result.ending
                     self.stopped = joined(f"{run.label} {result.ending.value}", result.reason)
                     return
+                if not self._clear(interruptions):
+                    self.stopped = joined(f"after {run.label} nothing more is written", self._uncleared)
+                    return
                 self._rest(mode_before, aborted)
         finally:
-            self._restore(parameters)
+            self._restore(parameters, interruptions)
+
+    def _fly_next(
+        self,
+        run: CardRun,
+        plan: Plan,
+        mode_before: int,
+        aborted: Callable[[], str | None],
+        interruptions: Callable[[], int],
+    ) -> RunResult | None:
+        """Write, wait until somebody starts it, read back, fly; None where it was not started."""
+        try:
+            self.written_at = self.clock.now()
+            write_plan(self.session, plan, self.profile, self.settings)
+            self.written_at = self.clock.now()
+        except TippathError as error:
+            # Between two runs nothing is excited; what was flown stays.
+            self.stopped, self.ending = str(error), Ending.REFUSED
+            return None
+        self.on_progress(RunReady(run, plan))
+        if aborted() is None:  # minutes may have passed
+            self.stopped = self._changed(plan) or self._log_dead()
+            if self.stopped:
+                return None
+            self._audit(f"starting {run.label}: {run.maneuver.numbers}, {plan.words}")
+        self.flown = Excitation(self.session, plan, self.limits, self.clock, mode_before, self.written_at)
+        result = fly_run(
+            self.session,
+            run,
+            self.flown,
+            clock=self.clock,
+            on_progress=self.on_progress,
+            aborted=aborted,
+            rate_hz=self.settings.get("SCHED_LOOP_RATE"),
+            interruptions=interruptions,
+        )
+        self.runs.append(result)
+        self.write()
+        words = "" if result.verdict is None else result.verdict.words
+        self._audit(joined(f"{run.label} {result.ending.value}", result.reason or words))
+        self.on_progress(result)
+        return result
+
+    def _changed(self, plan: Plan) -> str:
+        """What flies is what was shown: why not, empty where the vehicle holds it bit for bit."""
+        try:
+            changed = changed_since(self.session, plan)
+        except ProcedureError as error:
+            changed = str(error)
+        self.ending = Ending.SETTINGS if changed else None
+        return changed
+
+    def _log_dead(self) -> str:
+        """Why no run may start as far as the log goes: a new block must come now. Empty where one does."""
+        before, end = self.session.snapshot().blocks_received, self.clock.now() + LOG_SILENCE_S
+        while self.session.snapshot().blocks_received == before:
+            if self.clock.now() >= end:
+                self.ending = Ending.LOG
+                return f"the vehicle's log no longer arrives (no new block in {LOG_SILENCE_S:g} s); nothing was started"
+            self.clock.sleep(TICK_S)
+        return ""
+
+    def _clear(self, interruptions: Callable[[], int] = lambda: 0) -> bool:
+        """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known."""
+        flown, began, told, pressed = self.flown, self.clock.now(), False, interruptions()
+        if flown is None:
+            return True
+        while flown.watch(given_up=interruptions() > pressed):
+            if not told and self.clock.now() - began > TELL_AFTER_S:
+                told = True
+                self.on_progress(Note("watching the mode until no order of ours can be under way any more"))
+            self.clock.sleep(TICK_S)
+        return flown.state.cleared
+
+    @property
+    def _uncleared(self) -> str:
+        return "" if self.flown is None else self.flown.state.reason or "whether the vehicle is excited is not known"
 
     def _audit(self, did: str) -> None:
         """A disk that does not take it is told by what else is written, and is no reason to stop in flight."""
@@ -552,20 +585,50 @@ class _Flight:
             self.clock.sleep(TICK_S)
         self.ending = None  # told again, and acted on, before the next run
 
-    def _restore(self, parameters: Mapping[str, float]) -> None:
-        """The vehicle's own settings again, the axis last: with it 0 no switch of the pilot's can start a sweep."""
-        snapshot = self.session.snapshot()
+    def _restore(self, parameters: Mapping[str, float], interruptions: Callable[[], int] = lambda: 0) -> None:
+        """The vehicle's own settings again, once it is certainly not excited."""
         self.unrestored = parameters
-        if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
-            return
-        names = [name for name in self.profile.settings if name in parameters]
-        for name in [*names[1:], *names[:1]]:
-            try:
-                self.session.call(WriteParameter(name, parameters[name]))
-            except ProcedureError as error:
-                self.on_progress(Note(f"{name} is not as it was before: {error}"))
-                break
+        cleared = self._clear(interruptions)
+        snapshot = self.session.snapshot()
+        if cleared and not snapshot.lost and snapshot.mode != self.profile.excitation_mode:
+            self._give_back(parameters)
+
+    def _give_back(self, parameters: Mapping[str, float]) -> None:
+        for words in give_back(self.session, self.profile, self.settings, parameters):
+            self.on_progress(Note(words))
         self.unrestored = None
+
+    def _last_look(self) -> None:
+        """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
+        with contextlib.suppress(TippathError):
+            snapshot, flown = self.session.snapshot(), self.flown
+            ours = flown is not None and flown.state.asks > 0 and not flown.state.cleared
+            if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
+                if ours and flown is not None and flown.state.ending is not Ending.STUCK:
+                    ended = abort(
+                        self.session, flown.state.mode_before, excitation_mode=snapshot.mode, clock=self.clock
+                    )
+                    self.on_progress(
+                        Note(f"it was still excited: {ended.reason or f'brought back to {ended.mode_after}'}")
+                    )
+                else:
+                    self.on_progress(Note(f"the mode is {snapshot.mode_name} again: `tippath abort` ends it"))
+            if self.unrestored is not None and self._out(ours):
+                self._give_back(self.unrestored)
+        if self.unrestored is not None:
+            self.on_progress(Note("the maneuver's parameters stay in the vehicle: it could not be told otherwise"))
+
+    def _out(self, ours: bool) -> bool:
+        """Whether the vehicle shows another mode, and where a start is `ours`, said so knowing of it, twice."""
+        snapshot, flown = self.session.snapshot(), self.flown
+        if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
+            return False
+        if not ours or flown is None:
+            return True
+        last = snapshot.beats[-2:]
+        return len(last) == 2 and all(
+            beat.mode != self.profile.excitation_mode and beat.known_s >= flown.state.asked_at for beat in last
+        )
 
     def write(self) -> None:
         snapshot = self.session.snapshot()
@@ -648,9 +711,5 @@ __all__ = [
     "fly_card",
     "fly_run",
     "free_bytes",
-    "read_parameters",
-    "read_settings",
-    "recognise",
     "require_flyable",
-    "write_plan",
 ]

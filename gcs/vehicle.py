@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gcs.link.clock import REBOOT_STEP_S
 from gcs.link.events import (
     Attitude,
     AutopilotVersion,
@@ -29,9 +30,7 @@ LOST_AFTER_S = 3.5
 """A link on which nothing was heard for this long is shown as lost: one heartbeat a second, three missed."""
 
 KEPT_TEXTS = 50
-
-REBOOT_STEP_S = 1.0
-"""A vehicle's clock that goes back by more than this has started again; less is packets out of order."""
+KEPT_BEATS = 20
 
 STABILIZE, ALT_HOLD, RTL, LAND, SYSTEMID = 0, 2, 6, 9, 25
 
@@ -79,6 +78,25 @@ class Text:
     text: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beat:
+    """One heartbeat of the autopilot, and what it can be believed for."""
+
+    number: int
+    """From 1, in the order heard."""
+    at_s: float
+    """When it was heard, on the session's clock."""
+    mode: int
+    mode_name: str
+    armed: bool
+    status: int
+    known_s: float = -math.inf
+    """It was said after all that this station had sent up to this moment (session's clock) had reached the vehicle or
+    was lost; -inf where nothing proves it. See `gcs.link.clock`."""
+    late_s: float | None = None
+    """How old it was when heard, at most; None where the clocks' offset is not known."""
+
+
 @dataclass(frozen=True, slots=True)
 class VehicleSnapshot:
     """One moment's knowledge of the vehicle and of the link to it."""
@@ -90,6 +108,12 @@ class VehicleSnapshot:
     """Since anything was heard of the vehicle."""
     lost: bool = True
     """Nothing heard for `LOST_AFTER_S`."""
+    lag_s: float | None = None
+    """How late what is heard or said arrives, the worse way; None while the vehicle answered no ping."""
+    answer_age_s: float = math.inf
+    """Since the newest ping that was answered was sent: grows where the vehicle is heard and does not hear."""
+    known_age_s: float = math.inf
+    """What the vehicle says now, it says knowing of all that was sent longer ago than this, if it arrived at all."""
 
     mode: int = -1
     """The autopilot's number; -1 before its first heartbeat."""
@@ -99,6 +123,8 @@ class VehicleSnapshot:
     autopilot: int = 0
     status: int = 0
     heartbeats: int = 0
+    beats: tuple[Beat, ...] = ()
+    """The last `KEPT_BEATS`."""
 
     roll: float | None = None
     """rad, as pitch and yaw."""
@@ -169,8 +195,18 @@ def mode_name(mode: int, vehicle_type: int, autopilot: int) -> str:
     return f"mode {mode}"
 
 
-def reduce(snapshot: VehicleSnapshot, event: Event, now: float) -> VehicleSnapshot:
-    """The snapshot after one more event; events of others change nothing. `now` is the session's clock, s."""
+def reduce(
+    snapshot: VehicleSnapshot,
+    event: Event,
+    now: float,
+    *,
+    known_s: float = -math.inf,
+    late_s: float | None = None,
+) -> VehicleSnapshot:
+    """The snapshot after one more event; events of others change nothing.
+
+    `now` is the session's clock, s; `known_s` and `late_s` are what `Beat` keeps of them.
+    """
     if event.system != snapshot.system:
         return snapshot
     if isinstance(event, StatusText):
@@ -181,15 +217,26 @@ def reduce(snapshot: VehicleSnapshot, event: Event, now: float) -> VehicleSnapsh
         return snapshot
     match event:
         case Heartbeat():
-            return replace(
-                snapshot,
+            beat = Beat(
+                number=snapshot.heartbeats + 1,
+                at_s=now,
                 mode=event.mode,
                 mode_name=mode_name(event.mode, event.vehicle_type, event.autopilot),
+                armed=event.armed,
+                status=event.status,
+                known_s=known_s,
+                late_s=late_s,
+            )
+            return replace(
+                snapshot,
+                mode=beat.mode,
+                mode_name=beat.mode_name,
                 armed=event.armed,
                 vehicle_type=event.vehicle_type,
                 autopilot=event.autopilot,
                 status=event.status,
-                heartbeats=snapshot.heartbeats + 1,
+                heartbeats=beat.number,
+                beats=(*snapshot.beats, beat)[-KEPT_BEATS:],
             )
         case Attitude():
             return replace(

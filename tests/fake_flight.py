@@ -20,7 +20,7 @@ from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
 from gcs.logs.live import LiveWindow
 from gcs.recorder import RecordedLog, RecordingSummary
-from gcs.vehicle import Text, VehicleSnapshot, mode_name
+from gcs.vehicle import Beat, Text, VehicleSnapshot, mode_name
 
 T = TypeVar("T")
 
@@ -47,6 +47,7 @@ PARAMETERS = {
     "FS_GCS_TIMEOUT": 5.0,
     "SYSID_MYGCS": 255.0,
     "SCHED_LOOP_RATE": RATE_HZ,
+    "ANGLE_MAX": 3000.0,
 }
 PARAMETERS = {name: float(np.float32(value)) for name, value in PARAMETERS.items()}
 
@@ -192,6 +193,10 @@ class FakeSession:
         self.ended_recordings = 0
         self.ticks: list[Callable[[], None]] = []
         """Called at every sleep."""
+        self.lag_s: float | None = 0.02
+        """How late the link claims to be."""
+        self.shed = 0
+        """Times the log was shed."""
         self._texts: list[Text] = []
 
     # the clock
@@ -218,6 +223,19 @@ class FakeSession:
         vehicle = self.vehicle
         heard = [beat for beat in vehicle.heartbeats if self._heard(beat[0])]
         _, mode, armed, status = heard[-1]
+        beats = tuple(
+            Beat(
+                number=number,
+                at_s=at,
+                mode=shown,
+                mode_name=mode_name(shown, 4, 3),
+                armed=is_armed,
+                status=state,
+                known_s=self._known(at),
+                late_s=self.lag_s,
+            )
+            for number, (at, shown, is_armed, state) in enumerate(heard, start=1)
+        )
         newest = vehicle.now if not self._deaf else self.deaf_from
         age = max(0.0, vehicle.now - newest)
         blocks = len(vehicle.samples) // 5 if self.recordings else 0
@@ -233,6 +251,9 @@ class FakeSession:
             autopilot=3,
             status=status,
             heartbeats=len(heard),
+            beats=beats[-20:],
+            lag_s=self.lag_s,
+            answer_age_s=vehicle.now - min(newest, vehicle.now - 0.1),
             roll=vehicle.lean,
             pitch=0.0,
             p=0.0,
@@ -242,6 +263,14 @@ class FakeSession:
             recording=self.recordings[-1] / "flight.BIN" if self.recordings else None,
             blocks_received=blocks,
         )
+
+    def _known(self, at: float) -> float:
+        """A ping every 0.2 s, answered at once unless the link is deaf; see `gcs.link.clock`."""
+        known = at - 1.2
+        return min(known, self.deaf_from - 1.2) if known < self.deaf_until and at >= self.deaf_from else known
+
+    def shed_log(self) -> None:
+        self.shed += 1
 
     def texts_since(self, cursor: int) -> tuple[int, list[Text]]:
         for said in self.vehicle.said[len(self._texts) :]:

@@ -29,6 +29,7 @@ from gcs.link.events import (
     StatusText,
     StatusTextPart,
     SystemTime,
+    TimeReply,
 )
 
 BLOCK_SIZE = 200
@@ -122,6 +123,11 @@ def _system_time(m: Any, system: int, component: int) -> Event:
     return SystemTime(system, component, m.time_boot_ms * 1e-3)
 
 
+def _timesync(m: Any, system: int, component: int) -> Event | None:
+    # With tc1 0 it is a question of the vehicle's own, or another station's: nothing for us.
+    return TimeReply(system, component, m.ts1, m.tc1 * 1e-9) if m.tc1 > 0 else None
+
+
 def _rpm(m: Any, system: int, component: int) -> Event:
     return RotorSpeed(system, component, m.rpm1 * (2.0 * math.pi / 60.0))
 
@@ -147,7 +153,7 @@ def _autopilot_version(m: Any, system: int, component: int) -> Event:
     )
 
 
-_READERS: dict[int, Callable[[Any, int, int], Event]] = {
+_READERS: dict[int, Callable[[Any, int, int], Event | None]] = {
     0: _heartbeat,
     1: _sys_status,
     2: _system_time,
@@ -155,6 +161,7 @@ _READERS: dict[int, Callable[[Any, int, int], Event]] = {
     30: _attitude,
     32: _local_position,
     77: _command_ack,
+    111: _timesync,
     148: _autopilot_version,
     184: _log_block,
     226: _rpm,

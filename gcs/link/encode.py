@@ -64,7 +64,14 @@ class BlockStatus:
     kept: bool
 
 
-Send = StationHeartbeat | ParamRead | ParamList | ParamWrite | Command | BlockStatus
+@dataclass(frozen=True, slots=True)
+class Ping:
+    """A TIMESYNC question, which the vehicle answers at once with its own clock and this nonce (above 0)."""
+
+    nonce: int
+
+
+Send = StationHeartbeat | Ping | ParamRead | ParamList | ParamWrite | Command | BlockStatus
 
 
 class Encoder:
@@ -89,6 +96,8 @@ class Encoder:
         match send:
             case StationHeartbeat():
                 message = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+            case Ping(nonce):
+                message = dialect.MAVLink_timesync_message(0, nonce)
             case ParamRead(name, index):
                 message = dialect.MAVLink_param_request_read_message(system, component, _name(name), index)
             case ParamList():

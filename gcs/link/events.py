@@ -184,6 +184,16 @@ class SystemTime(Event):
 
 
 @dataclass(frozen=True, slots=True)
+class TimeReply(Event):
+    """The answer to a `Ping`: proof that all that was sent before it has reached the vehicle, or was lost."""
+
+    nonce: int
+    """The ping's own, echoed."""
+    boot_s: float
+    """The vehicle's own clock when the ping arrived."""
+
+
+@dataclass(frozen=True, slots=True)
 class RotorSpeed(Event):
     omega: float
     """rad/s."""

@@ -79,8 +79,7 @@ def test_a_card_is_flown_to_its_end_and_leaves_the_vehicle_as_found(
     assert vehicle.mode == STABILIZE
     assert as_found(vehicle)
     assert not any(mode == SYSTEMID for *_, mode in vehicle.written), "never written in the excitation mode"
-    assert vehicle.written[0][1] == "SID_AXIS"
-    assert vehicle.written[-1][1:3] == ("SID_AXIS", 0.0)
+    assert vehicle.written[26][1:3] == ("SID_AXIS", 0.0), "given back first: with it 0 no switch starts a sweep"
     assert session.ended_recordings == 1
     kinds = [type(one) for one in said]
     assert kinds.count(RunReady) == kinds.count(RunResult) == 2
@@ -405,7 +404,7 @@ def test_a_rate_to_follow_needs_the_lqr_where_the_vehicle_tells(
         assert checks["controller"].startswith("the pilot's switch selects" if switch else "the vehicle does not tell")
         return
     for attempt in (
-        lambda: require_flyable(session, single_card(rate)),
+        lambda: require_flyable(session, single_card(rate), session),
         lambda: fly(session, folder, rate),
     ):
         with pytest.raises(NotReadyError, match=r"controller: the LQR is not selected \(LQR_SW is 0\)"):
@@ -551,7 +550,7 @@ def test_a_maneuver_the_vehicle_cannot_fly_is_said_before_anything_is_written(
     with pytest.raises(CannotFlyError, match="no doublet"):
         fly(session, folder, CHIRP, DOUBLET)
     with pytest.raises(CannotFlyError, match="no doublet"):
-        require_flyable(session, TestCard("x", (CHIRP, DOUBLET)))
+        require_flyable(session, TestCard("x", (CHIRP, DOUBLET)), session)
     assert (vehicle.asked, vehicle.written, session.recordings) == ([], [], [])
 
 
