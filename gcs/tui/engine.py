@@ -26,7 +26,7 @@ from gcs.desk import Desk
 from gcs.desk.shell import word
 from gcs.errors import LinkError, TippathError
 from gcs.flightdir import create
-from gcs.link.procedures import ProcedureError, ReadParameter, SetMode
+from gcs.link.procedures import ProcedureError, ReadParameter
 from gcs.logs.live import LiveWindow
 from gcs.maneuver import CardRun, TestCard, load_card
 from gcs.session import Session
@@ -40,6 +40,7 @@ from gcs.sweep import (
     RunReady,
     RunResult,
     SweepResult,
+    abort,
     fly_card,
     free_bytes,
     require_flyable,
@@ -235,15 +236,11 @@ class FlightEngine:
 
     def _end_excitation(self) -> None:
         session = self._session
-        while session is not None and not self._ending.is_set():
-            vehicle = session.snapshot()
-            if vehicle.lost or vehicle.mode != SYSTEMID:
-                break
-            with contextlib.suppress(ProcedureError):
-                session.call(SetMode(self._mode_before, tries=1), 0.5)
-        vehicle_now = self._snapshot()
-        if vehicle_now is not None:
-            self._set(said=f"the mode is {vehicle_now.mode_name}")
+        if session is None:
+            return
+        with contextlib.suppress(TippathError):
+            result = abort(session, self._mode_before)
+            self._set(said=f"the mode is {result.mode_after}" if result.ended else result.reason)
 
     # The card.
 

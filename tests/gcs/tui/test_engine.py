@@ -55,9 +55,15 @@ class FakeSession:
     def call(self, procedure, timeout_s=None, *, cancelled=None):
         self.called.append(type(procedure).__name__)
         if type(procedure).__name__ == "SetMode":
-            self.now = replace(self.now, mode=0, mode_name="Stabilize")
+            beats = tuple(
+                Beat(number=n, at_s=n, mode=0, mode_name="Stabilize", armed=True, status=4, known_s=n) for n in (1, 2)
+            )
+            self.now = replace(self.now, mode=0, mode_name="Stabilize", beats=beats, heartbeats=2)
             return None
         return type("Value", (), {"value": 0.0})()
+
+    def texts_since(self, cursor):
+        return 0, []
 
     def close(self) -> None:
         self.closed.set()
