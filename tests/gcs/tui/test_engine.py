@@ -25,7 +25,7 @@ from gcs.recorder import RecordedLog, RecordingSummary
 from gcs.sweep import Briefing, Ending, NotReadyError, Phase, RunProgress, RunReady, RunResult, SweepResult
 from gcs.tui.engine import FlightEngine
 from gcs.tui.state import Mark, Stage
-from gcs.vehicle import SYSTEMID, VehicleSnapshot
+from gcs.vehicle import SYSTEMID, Beat, VehicleSnapshot
 from gcs.verdict import Verdict
 
 WITHIN_S = 5.0
