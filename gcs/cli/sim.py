@@ -24,7 +24,7 @@ FAULTS = {
     "lag-up": ("S", "the same, only to the vehicle"),
     "lag-down": ("S", "the same, only to the ground"),
     "jitter": ("S", "everything comes up to S seconds later, each way, and may swap"),
-    "bandwidth": ("BYTES_PER_S", "what the link carries, each way; a 57,600 baud radio 5760"),
+    "bandwidth": ("RATE", "bytes a second that the link carries, each way; a 57,600 baud radio 5760"),
     "queue": ("BYTES", "wait for the bandwidth before packets are dropped (16384)"),
     "duplicate": ("SHARE", "of packets that come twice"),
     "duplicate-within": ("S", "the second one comes up to S seconds later (0)"),

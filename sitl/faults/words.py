@@ -45,7 +45,7 @@ MANY = {
 """Options that can be given several times: what follows them, and the line of help."""
 ONE = {
     "jitter": ("S", "everything comes up to S seconds later, each way, and may swap"),
-    "bandwidth": ("BYTES_PER_S", "what the link carries, each way; a 57,600 baud radio 5760"),
+    "bandwidth": ("RATE", "bytes a second that the link carries, each way; a 57,600 baud radio 5760"),
     "queue": ("BYTES", f"wait for the bandwidth before packets are dropped ({QUEUE_BYTES})"),
     "duplicate": ("SHARE", "of packets that come twice"),
     "duplicate-within": ("S", "the second one comes up to S seconds later (0)"),
