@@ -43,6 +43,7 @@ def _frame(mav: mavlink.MAVLink, message: Message) -> bytes:
 
 def _heartbeat(mode: int, armed: bool) -> Message:
     flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+    flags |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
     state = mavlink.MAV_STATE_ACTIVE if armed else mavlink.MAV_STATE_STANDBY
     return mavlink.MAVLink_heartbeat_message(
@@ -80,7 +81,11 @@ class SecondVehicle:
 
 
 class StrayHeartbeat:
-    """One heartbeat with the vehicle's id and another mode, when `at` begins."""
+    """One heartbeat with the vehicle's id and another mode, when `at` begins.
+
+    The vehicle tells a change of mode at once and then every second: at a whole second after the start of a sweep its
+    own heartbeat follows this one at once.
+    """
 
     def __init__(self, mode: int, at: Window, *, armed: bool = True) -> None:
         self._frame = _frame(mavlink.MAVLink(None, SYSTEM, AUTOPILOT), _heartbeat(mode, armed))

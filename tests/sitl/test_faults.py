@@ -336,7 +336,8 @@ def test_a_log_that_stops_says_so_or_not_and_stays_stopped(
     station = radio(vehicle, faults=Faults(on_board=(LogStop(Window(3.0), reason=reason),)))
     begin(station)
     assert len(stream(station, 1.9)) > 200
-    stream(station, 0.2)
+    station.fly(0.2)  # blocks that nobody has acknowledged are under way
+    station.take("REMOTE_LOG_DATA_BLOCK")
     size = sum(path.stat().st_size for path in tmp_path.iterdir())
     begin(station)
     assert stream(station, 2.0) == []
