@@ -38,8 +38,8 @@ FAULTS = {
 """What the vehicle's link and log can be made to suffer: handed on as given, and judged by the vehicle."""
 FAULT_TIMES = (
     "Most take @WHEN behind the value (--lag 3.5@20:40): FROM:UNTIL in seconds of the vehicle's own time, which begins "
-    "at 1; either end may be left out. With sweep+ before it (@sweep+3:8) it counts from the start of the first sweep. "
-    "Drawn from --seed."
+    "at 1; either end may be left out. With sweep+ before it (@sweep+3:8) it counts from the start of the first sweep, "
+    "with order+ from the ground's first order to start one. Drawn from --seed."
 )
 GRACE_S = 2.0
 """A Ctrl-C in the terminal reaches the vehicle by itself; after so long it is told once more."""

@@ -29,7 +29,15 @@ from sitl.faults.air import (
     Voice,
 )
 from sitl.faults.on_board import LogStop
-from sitl.faults.others import Order, OtherStation, SecondVehicle, StrayHeartbeat, parameter_write, start_of_log
+from sitl.faults.others import (
+    Order,
+    OtherStation,
+    SecondVehicle,
+    StartWatch,
+    StrayHeartbeat,
+    parameter_write,
+    start_of_log,
+)
 from sitl.faults.windows import ALWAYS, Once, Outage, Way, Window
 
 __all__ = [
@@ -51,6 +59,7 @@ __all__ = [
     "Reordering",
     "SecondVehicle",
     "Stage",
+    "StartWatch",
     "StrayHeartbeat",
     "Trouble",
     "Voice",

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.faults.air import Packet
 from sitl.faults.windows import ALWAYS, Once, Window
 from sitl.parameters import Kind
 from sitl.server import AUTOPILOT, SYSTEM
 from sitl.telemetry import Message
+from sitl.vehicle import Mode
 
 _UPTIME_S = 4321.0
 """The second vehicle has been up for longer: its boot stamps are of another clock."""
@@ -93,6 +95,32 @@ class StrayHeartbeat:
 
     def __call__(self, now_s: float) -> list[bytes]:
         return [self._frame] if self._once.comes(now_s) else []
+
+
+class StartWatch:
+    """A stage that holds nothing up: it notes when the ground first ordered an excitation, for windows to count from.
+
+    Before other stages of the uplink, so that a lag can catch that very order. It reads one frame a packet, as on UDP.
+    """
+
+    def __init__(self) -> None:
+        self.first_s = math.inf
+
+    def __call__(self, packets: Sequence[Packet], now_s: float) -> list[Packet]:
+        if self.first_s == math.inf and any(_orders_excitation(data) for _, data in packets):
+            self.first_s = now_s
+        return list(packets)
+
+
+def _orders_excitation(data: bytes) -> bool:
+    if mavlink.MAVLINK_MSG_ID_COMMAND_LONG not in data[5:8]:
+        return False
+    try:
+        message = mavlink.MAVLink(None).decode(bytearray(data))
+    except mavlink.MAVError:
+        return False
+    order = (getattr(message, "command", None), getattr(message, "param2", None))
+    return order == (mavlink.MAV_CMD_DO_SET_MODE, Mode.SYSTEMID)
 
 
 @dataclass(frozen=True, slots=True)

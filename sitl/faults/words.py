@@ -1,7 +1,8 @@
 """The faults as options of a command line, and what they mean.
 
 Times are the vehicle's own seconds, which begin at 1; with `sweep+` before them they count from when the first sweep
-began. FROM:UNTIL is a window, either end may be left out; a single number is a moment.
+began, with `order+` from when the ground first ordered one. FROM:UNTIL is a window, either end may be left out; a
+single number is a moment.
 """
 
 from __future__ import annotations
@@ -25,14 +26,22 @@ from sitl.faults.air import (
     Voice,
 )
 from sitl.faults.on_board import LogStop
-from sitl.faults.others import Order, OtherStation, SecondVehicle, StrayHeartbeat, parameter_write, start_of_log
+from sitl.faults.others import (
+    Order,
+    OtherStation,
+    SecondVehicle,
+    StartWatch,
+    StrayHeartbeat,
+    parameter_write,
+    start_of_log,
+)
 from sitl.faults.windows import ALWAYS, Outage, Way, Window
 from sitl.vehicle import Mode
 
 TIMES = (
     "Most take @WHEN behind the value (--lag 3.5@20:40): FROM:UNTIL in seconds of the vehicle's own time, which begins "
-    "at 1; either end may be left out. With sweep+ before it (@sweep+3:8) it counts from the start of the first sweep. "
-    "Drawn from --seed."
+    "at 1; either end may be left out. With sweep+ before it (@sweep+3:8) it counts from the start of the first sweep, "
+    "with order+ from the ground's first order to start one. Drawn from --seed."
 )
 MANY = {
     "outage": ("WAY", "nothing passes up (to the vehicle), down or both ways; without @WHEN always; repeatable"),
@@ -87,7 +96,7 @@ def read(arguments: argparse.Namespace, sweep_s: _Clock) -> Faults:
     """
     reader = _Reader(arguments, sweep_s)
     return Faults(
-        up=reader.stages(Way.UP),
+        up=(reader.watch, *reader.stages(Way.UP)),
         down=reader.stages(Way.DOWN),
         vehicles=reader.vehicles(),
         stations=reader.stations(),
@@ -100,7 +109,8 @@ class _Reader:
 
     def __init__(self, arguments: argparse.Namespace, sweep_s: _Clock) -> None:
         self._arguments = arguments
-        self._sweep_s = sweep_s
+        self.watch = StartWatch()
+        self._zeros = {"sweep": sweep_s, "order": lambda: self.watch.first_s}
         outages = self._all("outage", self._outage)
         self._loss = _named("--loss", arguments.loss, lambda share: Loss(share, arguments.seed, outages))
 
@@ -186,13 +196,15 @@ class _Reader:
 
     def _window(self, when: str) -> Window:
         """FROM:UNTIL, or a moment, which is a window without an end."""
-        counted = when.removeprefix("sweep+")
+        origin, plus, counted = when.rpartition("+")
+        if plus and origin not in self._zeros:
+            raise ValueError(f"times count from {' or '.join(self._zeros)}, such as sweep+3")
         start, _, stop = counted.partition(":")
         start_s = _number(start) if start or ":" not in counted else -math.inf
         window = (start_s, _number(stop) if stop else math.inf)
         if not window[0] < window[1]:
             raise ValueError("it ends before it begins")
-        return Window(*window) if counted == when else Window(*window, self._sweep_s)
+        return Window(*window, self._zeros[origin]) if plus else Window(*window)
 
 
 def _named(option: str, word: _Word, make: Callable[[_Word], _Value]) -> _Value:

@@ -28,6 +28,7 @@ from sitl.faults import (
     Reordering,
     SecondVehicle,
     Stage,
+    StartWatch,
     StrayHeartbeat,
     Way,
     Window,
@@ -447,6 +448,35 @@ def test_a_start_that_comes_late_starts_again_after_the_mode_was_left(radio: Any
     assert vehicle.mode is Mode.SYSTEMID
 
 
+def test_a_lag_can_begin_with_the_first_order_and_catches_it(radio: Any) -> None:
+    """The order and all after it come late: the vehicle begins when the ground has long taken it for refused."""
+    faults = read(arguments("--lag", "3.5@order+0:"), lambda: math.inf)
+    vehicle = make_vehicle("hover-ideal", 1, parameters={**SWEEP, "SID_AXIS": 0})
+    station = radio(vehicle, faults=faults)
+    station.ask(station.heartbeat())
+    assert station.set("SID_AXIS", 10) == 10
+    assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 2) == mavlink.MAV_RESULT_ACCEPTED
+    assert station.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 0) == mavlink.MAV_RESULT_ACCEPTED
+    station.send(order(25))
+    station.fly(1.0)
+    station.send(mavlink.MAVLink_param_set_message(1, 1, b"SID_MAGNITUDE", 0.25, 9))
+    station.fly(2.4)
+    assert vehicle.mode is Mode.STABILIZE
+    assert peak(lambda: station.fly(0.002), vehicle, 1.0) < 0.04
+    assert vehicle.mode is Mode.SYSTEMID
+    assert station.take("COMMAND_ACK") == []
+    assert peak(lambda: station.fly(0.002), vehicle, 1.0) > 0.2
+    station.fly(3.0)
+    assert [m.command for m in station.take("COMMAND_ACK")] == [mavlink.MAV_CMD_DO_SET_MODE]
+
+
+def test_noise_is_no_order() -> None:
+    watch = StartWatch()
+    for data in (b"", b"\xfd", b"\xfd" + b"\x4c" * 40, bytes(300)):
+        assert watch([(PEER, data)], 1.0) == [(PEER, data)]
+    assert watch.first_s == math.inf
+
+
 def test_lag_is_measurable_from_the_vehicles_answers(radio: Any, hovering: Vehicle) -> None:
     station = radio(hovering, faults=Faults(up=(Lag(1.0),), down=(Lag(0.5),)))
     station.send(station.heartbeat())
@@ -502,7 +532,7 @@ def test_every_option_can_be_read() -> None:
         "--second-attitude",
     ]
     faults = read(arguments(*words), lambda: math.inf)
-    assert [len(part) for part in (faults.up, faults.down, faults.vehicles, faults.stations)] == [8, 8, 1, 1]
+    assert [len(part) for part in (faults.up, faults.down, faults.vehicles, faults.stations)] == [9, 8, 1, 1]
     assert len(faults.on_board) == 1
     assert set(words[:-1:2]) == {f"--{name}" for name in (*MANY, *ONE)}
 
@@ -514,6 +544,7 @@ def test_every_option_can_be_read() -> None:
         (["--lag", "3@20"], "FROM:UNTIL"),
         (["--lag", "3@20:10"], "ends before it begins"),
         (["--lag-up", "-1"], "0 or more"),
+        (["--lag-up", "1@noon+3:"], "count from sweep or order"),
         (["--outage", "sideways"], "up, down or both"),
         (["--bandwidth", "0"], "positive number of bytes"),
         (["--bandwidth", "5760", "--queue", "10"], "at least one frame"),
