@@ -13,11 +13,13 @@ import math
 import os
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from sitl.clock import FreeClock, WallClock
 from sitl.conditions import CONDITIONS
-from sitl.faults import Loss, LossyLink
+from sitl.faults import Faults, FaultyLink
+from sitl.faults import words as fault_words
 from sitl.hidden import HOVER, Hidden, draw, plant_one
 from sitl.links import Link, LinkError, UdpLink, open_link
 from sitl.pilot import PilotLines, obey
@@ -57,10 +59,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--set", dest="settings", action="append", default=[], metavar="NAME=VALUE", help="a parameter; repeatable"
     )
-    parser.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="of UDP packets, e.g. 0.02")
     parser.add_argument("--speed", metavar="N", help="N times real time, or max; without a link")
     parser.add_argument("--duration", type=float, metavar="S", help="end after S seconds of the vehicle's time")
     parser.add_argument("--until-input-ends", action="store_true", help="end when standard input is closed")
+    fault_words.add_options(parser)
     return parser
 
 
@@ -111,30 +113,32 @@ def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
         raise _Refused(f"--set: this vehicle has no parameter {error.args[0]}, or not with that value", 2) from error
 
 
-def _air(arguments: argparse.Namespace) -> tuple[Link, Loss] | None:
-    """The link, and what it loses; None where the vehicle flies alone."""
+def _air(arguments: argparse.Namespace, sweep_s: Callable[[], float]) -> tuple[Link, Faults] | None:
+    """The link, and what goes wrong on it; None where the vehicle flies alone."""
+    given = fault_words.given(arguments)
     if arguments.speed is not None:
         if arguments.listen is not None:
             raise _Refused("--speed flies without a link: a ground station cannot follow; leave out --listen", 2)
+        if given:
+            raise _Refused(f"--speed flies without a link, so nothing can go wrong on it; leave out {given[0]}", 2)
         return None
     try:
-        loss = Loss(arguments.loss, arguments.seed)
+        faults = fault_words.read(arguments, sweep_s)
         link = open_link(arguments.listen or DEFAULT_LINK)
-    except ValueError as error:
-        raise _Refused(f"--loss {arguments.loss}: {error}", 2) from error
-    except LinkError as error:
+    except (ValueError, LinkError) as error:
         raise _Refused(str(error), 2) from error
-    if arguments.loss > 0 and not isinstance(link, UdpLink):
+    of_datagrams = (["--loss"] if arguments.loss > 0 else []) + fault_words.given(arguments, fault_words.DATAGRAMS)
+    if of_datagrams and not isinstance(link, UdpLink):
         link.close()
-        raise _Refused("--loss drops datagrams: use a udpout or udpin link with it", 2)
-    return link, loss
+        raise _Refused(f"{of_datagrams[0]} is a fault of datagrams: use a udpout or udpin link with it", 2)
+    return link, faults
 
 
-def _server(vehicle: Vehicle, air: tuple[Link, Loss] | None) -> Server | None:
+def _server(vehicle: Vehicle, air: tuple[Link, Faults] | None) -> Server | None:
     if air is None:
         return None
-    link, loss = air
-    return Server(vehicle, LossyLink(link, loss, lambda: vehicle.time_s))
+    link, faults = air
+    return Server(vehicle, FaultyLink(link, faults, lambda: vehicle.time_s), faults.on_board)
 
 
 def _seal(hidden: Hidden, arguments: argparse.Namespace) -> dict[str, str]:
@@ -165,7 +169,7 @@ def _fly(arguments: argparse.Namespace) -> None:
     if arguments.plant is None:
         arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
     hidden = _hidden(arguments)
-    air = _air(arguments)
+    air = _air(arguments, lambda: vehicle.first_sweep_s)  # asked in flight
     try:
         vehicle = _vehicle(arguments, hidden)  # after the link: a taken port must not leave a log behind
         sealed = None if hidden is None else _seal(hidden, arguments)

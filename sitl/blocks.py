@@ -48,6 +48,12 @@ class BlockStream:
         """Nothing more will come; what is under way still gets there."""
         self._ended = True
 
+    def abandon(self) -> None:
+        """Nothing more is sent, not even what is under way."""
+        self._ended = True
+        for waiting in (self._rest, self._fresh, self._refused, self._data, self._sent_s):
+            waiting.clear()
+
     @property
     def open_blocks(self) -> int:
         """Not yet acknowledged."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 KINDS = ("chirp", "doublet", "quiet")
 AXES = ("roll", "pitch", "elevator", "rate_roll", "rate_pitch")
@@ -83,15 +83,24 @@ class Excitation:
         self.settings = settings
         self._random = random.Random(f"excitation {seed}")
         self._sample = 0
+        self._end_s = settings.duration_s
         self._noise = [0.0, 0.0, 0.0]
         corner = 2 * math.pi * settings.f_stop_hz * settings.dt
         self._alpha = corner / (1 + corner)
+
+    def change(self, settings: ExcitationSettings) -> None:
+        """What an autopilot reads in every loop: magnitude, axis, noise, and an end that is now earlier.
+
+        The law keeps what it was begun with: frequencies, fades, its own duration.
+        """
+        self.settings = replace(self.settings, magnitude=settings.magnitude, axis=settings.axis, noise=settings.noise)
+        self._end_s = min(self.settings.duration_s, settings.duration_s)
 
     def step(self) -> ExcitationSample:
         s = self.settings
         t = self._sample * s.dt
         self._sample += 1
-        if t >= s.duration_s - 0.5 * s.dt:
+        if t >= self._end_s - 0.5 * s.dt:
             return ExcitationSample(0.0, 0.0, 0.0, 0.0, s.f_stop_hz if s.kind == "chirp" else 0.0, True)
         target, frequency_hz = 0.0, 0.0
         x = y = e = 0.0

@@ -159,6 +159,8 @@ class Parameters:
         for name, value in (defaults or {}).items():
             self.table[name] = replace(self.table[name], default=cast(self.table[name].kind, value))
         self._values = {parameter.name: float32(parameter.default) for parameter in self.table.values()}
+        self.writes = 0
+        """Counts every write that may have changed something, for whoever holds values derived from them."""
         self._previous: tuple[float, ...] | None = None
         self._just_reverted = False
 
@@ -201,6 +203,7 @@ class Parameters:
         if name == "LQR_COMMIT":
             return self._commit(value, armed)
         if not parameter.read_only:
+            self.writes += 1
             self._values[_ALIASES.get(name, name)] = cast(parameter.kind, value)
         return Answer(name, self[name], parameter.kind)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -115,9 +115,11 @@ class _Delivery:
 class Server:
     """The vehicle's end of one link."""
 
-    def __init__(self, vehicle: Vehicle, link: Link) -> None:
+    def __init__(self, vehicle: Vehicle, link: Link, troubles: Sequence[Callable[[Vehicle], None]] = ()) -> None:
+        """`troubles` are called with the vehicle at every poll: what goes wrong on board, see `sitl.faults`."""
         self.vehicle = vehicle
         self.link = link
+        self._troubles = tuple(troubles)
         self._peers = {address: _Peer(link, address, vehicle.time_s) for address in link.known}
         self._delivery: _Delivery | None = None
         self._text_id = 0
@@ -140,6 +142,8 @@ class Server:
     def poll(self) -> None:
         """Take in what came, send what is due. Never waits."""
         now_s = self.vehicle.time_s
+        for trouble in self._troubles:
+            trouble(self.vehicle)
         for address, data in self.link.receive():
             self._take(address, data, now_s)
         for address in self.link.gone():

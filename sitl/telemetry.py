@@ -155,6 +155,7 @@ MESSAGES: dict[int, Callable[[Vehicle], Message]] = {
 DEFAULT_INTERVALS_S = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 0.1,
     mavlink.MAVLINK_MSG_ID_RPM: 0.2,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,

@@ -114,6 +114,7 @@ class _Event(IntEnum):
 
 # ArduPilot ends at 19; 20 is this vehicle's own.
 _AXES = {10: "roll", 11: "pitch", 7: "rate_roll", 8: "rate_pitch", 20: "elevator"}
+_RATE_AXES = (7, 8)
 _KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
 _LAWS = {0: "ardupilot", 1: "tischler"}
 
@@ -128,6 +129,8 @@ class _Sweep:
     """Added to the rate command, not to the mixer."""
     frequency_hz: float
     start_us: int
+    writes: int
+    """`Parameters.writes` when its settings were read."""
     sample: int = 0
     lead_out: int = 0
     """Samples since the maneuver's end."""
@@ -177,6 +180,10 @@ class Vehicle:
         """Sent to the servos in this sample: delta_x, delta_y, delta_e, delta_c."""
         self.log: DataFlashLog | None = None
         self.stream: BlockStream | None = None
+        self.offers_stream = True
+        """Whether a START is answered with a stream of the log."""
+        self.first_sweep_s = math.inf
+        """When the first sweep began; infinite before."""
         self.yaw_command = 0.0
         """delta_r, to the tip propellers."""
         self._gyro = Gyro(seed, mounts)
@@ -340,8 +347,8 @@ class Vehicle:
     # Logs
 
     def start_stream(self) -> BlockStream | None:
-        """A new log that also goes out as blocks; a stream under way ends. None where LOG_BACKEND_TYPE forbids it."""
-        if not int(self.parameters["LOG_BACKEND_TYPE"]) & 2:
+        """A new log that also goes out as blocks; a stream under way ends. None where there is none to be had."""
+        if not self.offers_stream or not int(self.parameters["LOG_BACKEND_TYPE"]) & 2:
             return None
         self._close_log()
         self.stream = BlockStream(int(self.parameters["LOG_MAV_BUFSIZE"]) * 1024, self.time_s)
@@ -356,14 +363,16 @@ class Vehicle:
         self._close_log()
         self._keep_logging()
 
-    def drop_stream(self, reason: str) -> None:
-        """The stream cannot go on; its log does, in the file."""
+    def drop_stream(self, reason: str | None) -> None:
+        """The stream cannot go on; its log does, in the file. None says nothing to anybody."""
         if self.stream is None:
             return
         if self.log is not None:
             self.log.detach(self.stream)
+        self.stream.abandon()
         self.stream = None
-        self.say(Severity.WARNING, f"Log stream stopped: {reason}")
+        if reason is not None:
+            self.say(Severity.WARNING, f"Log stream stopped: {reason}")
         self._keep_logging()
 
     def close(self) -> None:
@@ -427,16 +436,16 @@ class Vehicle:
             return "Axis requires manual throttle"
         return None
 
-    def _begin_sweep(self) -> None:
+    def _sweep_settings(self, axis: int) -> tuple[ExcitationSettings, str | None]:
+        """What the parameters ask for on an axis that there is, and why it cannot be flown, or None."""
         get = self.parameters.__getitem__
-        axis, kind, law = int(get("SID_AXIS")), int(get("SIDX_KIND")), int(get("SIDX_LAW"))
-        on_rate = axis in (7, 8)
+        kind, law = int(get("SIDX_KIND")), int(get("SIDX_LAW"))
         settings = ExcitationSettings(
             kind=_KINDS.get(kind, f"SIDX_KIND {kind}"),
             law=_LAWS.get(law, f"SIDX_LAW {law}"),
             axis=_AXES[axis],
             # ArduPilot counts the rate axes in deg/s.
-            magnitude=get("SID_MAGNITUDE") / _DEG if on_rate else get("SID_MAGNITUDE"),
+            magnitude=get("SID_MAGNITUDE") / _DEG if axis in _RATE_AXES else get("SID_MAGNITUDE"),
             f_start_hz=get("SID_F_START_HZ"),
             f_stop_hz=get("SID_F_STOP_HZ"),
             fade_in_s=get("SID_T_FADE_IN"),
@@ -447,33 +456,63 @@ class Vehicle:
             pulse_s=get("SIDX_PULSE_S"),
             dt=DT,
         )
-        self._runs += 1
-        seed = int(get("SIDX_SEED")) or random.Random(f"{self.seed} {self._runs}").getrandbits(31)
-        self.say(Severity.INFO, f"SystemID Starting: axis={axis}")
-        problem = settings.problem()
         if max(abs(settings.magnitude), settings.noise) > _LARGEST_SETTING:
-            problem = "magnitude or noise is absurd"
+            return settings, "magnitude or noise is absurd"
+        return settings, settings.problem()
+
+    def _begin_sweep(self) -> None:
+        axis = int(self.parameters["SID_AXIS"])
+        settings, problem = self._sweep_settings(axis)
+        self._runs += 1
+        self.first_sweep_s = min(self.first_sweep_s, self.time_s)
+        drawn = random.Random(f"{self.seed} {self._runs}").getrandbits(31)
+        seed = int(self.parameters["SIDX_SEED"]) or drawn
+        self.say(Severity.INFO, f"SystemID Starting: axis={axis}")
         self._sweep = _Sweep(
             excitation=None if problem is not None else Excitation(settings, seed),
-            on_rate=on_rate,
+            on_rate=axis in _RATE_AXES,
             frequency_hz=settings.f_start_hz if settings.kind == "chirp" else 0.0,
             start_us=self.time_us,
+            writes=self.parameters.writes,
         )
-        constant_s = 2 / settings.f_start_hz if law == 0 and settings.f_start_hz > 0 else 0.0
-        if self.log is not None:
-            self.log.write(
-                "SIDS",
-                self.time_us,
-                axis,
-                *(get("SID_" + name) for name in ("MAGNITUDE", "F_START_HZ", "F_STOP_HZ", "T_FADE_IN")),
-                min(constant_s, 1e9),
-                *(get("SID_" + name) for name in ("T_REC", "T_FADE_OUT")),
-            )
-            self.log.write("SIDY", self.time_us, kind & 0xFF, law & 0xFF, settings.c1, settings.noise, settings.pulse_s)
+        self._log_sweep(axis, settings)
         if problem is not None:
-            self._sweep.running = False
-            self.say(Severity.INFO, "SystemID Parameter Error")
-            self.say(Severity.INFO, f"SystemID: {problem}")
+            self._refuse_sweep(self._sweep, problem)
+
+    def _log_sweep(self, axis: int, settings: ExcitationSettings) -> None:
+        if self.log is None:
+            return
+        get = self.parameters.__getitem__
+        kind, law = int(get("SIDX_KIND")), int(get("SIDX_LAW"))
+        constant_s = 2 / settings.f_start_hz if law == 0 and settings.f_start_hz > 0 else 0.0
+        self.log.write(
+            "SIDS",
+            self.time_us,
+            axis,
+            *(get("SID_" + name) for name in ("MAGNITUDE", "F_START_HZ", "F_STOP_HZ", "T_FADE_IN")),
+            min(constant_s, 1e9),
+            *(get("SID_" + name) for name in ("T_REC", "T_FADE_OUT")),
+        )
+        self.log.write("SIDY", self.time_us, kind & 0xFF, law & 0xFF, settings.c1, settings.noise, settings.pulse_s)
+
+    def _change_sweep(self, sweep: _Sweep) -> None:
+        """A write into a running sweep acts at once: ArduPilot reads magnitude, axis and end in every loop."""
+        sweep.writes = self.parameters.writes
+        axis = int(self.parameters["SID_AXIS"])
+        if axis not in _AXES:
+            self._end_sweep(sweep, f"SystemID Stopped: axis = {axis}")
+            return
+        settings, problem = self._sweep_settings(axis)
+        if problem is not None:
+            self._refuse_sweep(sweep, problem)
+            return
+        sweep.on_rate = axis in _RATE_AXES
+        if sweep.excitation is not None:
+            sweep.excitation.change(settings)
+
+    def _refuse_sweep(self, sweep: _Sweep, problem: str) -> None:
+        self._end_sweep(sweep, "SystemID Parameter Error")
+        self.say(Severity.INFO, f"SystemID: {problem}")
 
     def _end_sweep(self, sweep: _Sweep, text: str) -> None:
         sweep.excitation = None
@@ -484,6 +523,8 @@ class Vehicle:
         """x, y, e and the target of this sample, and the bookkeeping of the stay in SYSTEMID."""
         n = sweep.sample
         sweep.sample += 1
+        if sweep.running and sweep.writes != self.parameters.writes:
+            self._change_sweep(sweep)
         if not sweep.running:
             return 0.0, 0.0, 0.0, 0.0
         phi, theta = self.attitude

@@ -17,6 +17,30 @@ PILOT_LINES = ("takeoff", "land", "lqr on", "lqr off", *(f"mode {name}" for name
 """What the simulated pilot hears, as the vehicle's own refusal of an unknown line lists it."""
 CONDITIONS = ("calm", "rpm", "airspeed", "yaw", "collective", "stirring", "lively")
 """As the vehicle knows them."""
+FAULTS = {
+    "loss": ("SHARE", "of packets lost, such as 0.02"),
+    "outage": ("WAY", "nothing passes up (to the vehicle), down or both ways; without @WHEN always; repeatable"),
+    "lag": ("S", "everything comes S seconds later, each way, in order; repeatable"),
+    "lag-up": ("S", "the same, only to the vehicle"),
+    "lag-down": ("S", "the same, only to the ground"),
+    "jitter": ("S", "everything comes up to S seconds later, each way, and may swap"),
+    "bandwidth": ("RATE", "bytes a second that the link carries, each way; a 57,600 baud radio 5760"),
+    "queue": ("BYTES", "wait for the bandwidth before packets are dropped (16384)"),
+    "duplicate": ("SHARE", "of packets that come twice"),
+    "duplicate-within": ("S", "the second one comes up to S seconds later (0)"),
+    "reorder": ("SHARE", "of packets that others overtake"),
+    "corrupt": ("SHARE", "of packets with a wrong byte"),
+    "second-vehicle": ("MODE", "heartbeats of another vehicle with this id (stabilize); at a moment, @S, a single one"),
+    "second-attitude": (None, "the second vehicle sends its attitude, too"),
+    "other-station": ("ORDER", "another station writes NAME=VALUE@S, or takes the log: log@S; repeatable"),
+    "log-stops": ("S", "no log blocks from S on; S,silent does not say so; S,resumes takes a new START"),
+}
+"""What the vehicle's link and log can be made to suffer: handed on as given, and judged by the vehicle."""
+FAULT_TIMES = (
+    "Most take @WHEN behind the value (--lag 3.5@20:40): FROM:UNTIL in seconds of the vehicle's own time, which begins "
+    "at 1; either end may be left out. With sweep+ before it (@sweep+3:8) it counts from the start of the first sweep, "
+    "with order+ from the ground's first order to start one. Drawn from --seed."
+)
 GRACE_S = 2.0
 """A Ctrl-C in the terminal reaches the vehicle by itself; after so long it is told once more."""
 
@@ -67,9 +91,26 @@ def add_parser(subparsers: Any) -> None:
         "-o", "--output", type=Path, metavar="DIR", help="its own logs (default: the next vehicle-NNNN)"
     )
     parser.add_argument("--on-ground", action="store_true", help="start disarmed, waiting for takeoff")
-    parser.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="of packets lost, such as 0.02")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
+    _add_faults(parser)
     parser.set_defaults(run=run)
+
+
+def _add_faults(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("faults", FAULT_TIMES)
+    for name, (word, text) in FAULTS.items():
+        options: dict[str, Any] = {"action": "append_const", "const": ""}
+        if word is not None:
+            options = {"action": "append", "metavar": word}
+        if name == "second-vehicle":
+            options |= {"nargs": "?", "const": ""}
+        group.add_argument(f"--{name}", default=[], help=text, **options)
+
+
+def _faults(args: argparse.Namespace) -> list[str]:
+    """As the vehicle is told them: a word after an equals sign cannot be taken for an option."""
+    given = [(name, word) for name in FAULTS for word in getattr(args, name.replace("-", "_"))]
+    return [f"--{name}={word}" if word else f"--{name}" for name, word in given]
 
 
 def run(args: argparse.Namespace) -> int:
@@ -79,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
     if seed is None:
         seed = 1 if args.hidden is None else secrets.randbelow(10_000)
     command = [sys.executable, "-m", "sitl", "--listen", args.listen]
-    command += ["--seed", str(seed), "-o", str(directory), "--loss", str(args.loss)]
+    command += ["--seed", str(seed), "-o", str(directory), *_faults(args)]
     for option in ("plant", "hidden", "condition"):
         given = getattr(args, option)
         command += [] if given is None else [f"--{option}", given]

@@ -11,6 +11,7 @@ import pytest
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.faults import Faults, FaultyLink
 from sitl.server import Server
 from sitl.vehicle import Vehicle, make_vehicle
 
@@ -62,10 +63,13 @@ class MemoryLink:
 class Radio:
     """A ground station in a test."""
 
-    def __init__(self, vehicle: Vehicle, *, address: Any = GROUND, system: int = 255) -> None:
+    def __init__(
+        self, vehicle: Vehicle, *, address: Any = GROUND, system: int = 255, faults: Faults | None = None
+    ) -> None:
         self.vehicle = vehicle
         self.link = MemoryLink()
-        self.server = Server(vehicle, self.link)
+        faults = Faults() if faults is None else faults
+        self.server = Server(vehicle, FaultyLink(self.link, faults, lambda: vehicle.time_s), faults.on_board)
         self.address = address
         self.mav = mavlink.MAVLink(None, system, 190)
         self.heard: list[Any] = []
@@ -175,3 +179,9 @@ def fly() -> Callable[[Vehicle, float], list[str]]:
         return said
 
     return advance
+
+
+@pytest.fixture
+def memory_link() -> Callable[..., MemoryLink]:
+    """Makes a link in memory that speaks to these from the start."""
+    return MemoryLink

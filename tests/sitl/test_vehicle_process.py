@@ -89,6 +89,26 @@ def test_it_says_where_it_is_and_speaks_there_in_real_time(start: Start, tmp_pat
 
 
 @pytest.mark.realtime
+def test_the_command_hands_its_faults_on(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "gcs.cli", "sim", "--listen", "udpin:127.0.0.1:0", "-o", str(tmp_path / "v")]
+    faults = ["--lag", "0.1", "--outage=down@0:1.2", "--second-vehicle=land@1.5:", "--second-attitude"]
+    with subprocess.Popen(
+        [*command, "--json", *faults], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as sim:
+        _, host, port = json.loads(line_from(sim.stdout))["ground_link"].split(":")
+        decoder, ours = mavlink.MAVLink(None), mavlink.MAVLink(None, 255, 190)
+        modes: set[int] = set()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.settimeout(5)
+            sock.sendto(bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(ours)), (host, int(port)))
+            while modes != {0, 9}:
+                message = decoder.decode(bytearray(sock.recv(2048)))
+                modes |= {message.custom_mode} if message.get_type() == "HEARTBEAT" else set()
+        sim.terminate()
+        sim.communicate(timeout=10)
+
+
+@pytest.mark.realtime
 def test_sigterm_leaves_a_whole_log(start: Start, tmp_path: Path, read_log: Reader) -> None:
     process = start("--listen", "udpout:127.0.0.1:0")
     ready = json.loads(line_from(process.stdout))
@@ -142,6 +162,9 @@ def test_it_can_end_with_the_program_that_started_it(start: Start) -> None:
         (["--listen", "tcp:127.0.0.1:1"], 2, "is no link"),
         (["--listen", "tcpin:127.0.0.1:0", "--loss", "0.1"], 2, "udpout or udpin"),
         (["--listen", "udpout:127.0.0.1:0", "--loss", "2"], 2, "between 0 and 1"),
+        (["--listen", "tcpin:127.0.0.1:0", "--outage", "up"], 2, "--outage is a fault of datagrams"),
+        (["--lag", "soon"], 2, "--lag soon: 'soon' is no number"),
+        (["--speed", "max", "--lag", "1"], 2, "leave out --lag"),
         (["--speed", "0"], 2, "positive number"),
         (["--speed", "10", "--listen", "udpout:127.0.0.1:0"], 2, "without a link"),
         (["--set", "SID_AXIS"], 2, "NAME=VALUE"),
