@@ -17,6 +17,7 @@ import numpy as np
 
 from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
 from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
+from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
 from gcs.logs.live import LiveWindow
 from gcs.recorder import RecordedLog, RecordingSummary
@@ -332,5 +333,6 @@ class FakeSession:
     def stop_recording(self) -> RecordingSummary:
         self.ended_recordings += 1
         directory = self.recordings[-1]
-        log = RecordedLog(directory / "flight.BIN", 100, 100, (), 0)
+        end = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=self.now(), clock_s=self.now())
+        log = RecordedLog(directory / "flight.BIN", 100, 100, (), 0, end)
         return RecordingSummary(directory, (log,), directory / "flight.tlog", 10, "log blocks", ())

@@ -18,6 +18,7 @@ from gcs.envelope import Limits, Peaks, Use
 from gcs.errors import LinkError, TippathError
 from gcs.flightdir import FlightFolder
 from gcs.gains import PushResult
+from gcs.link.log_end import EndState, LogEnd
 from gcs.logs.live import LiveWindow
 from gcs.preflight import Check, LinkLoss
 from gcs.profile import Plan
@@ -29,6 +30,7 @@ from gcs.vehicle import SYSTEMID, VehicleSnapshot
 from gcs.verdict import Verdict
 
 WITHIN_S = 5.0
+REACHED = LogEnd(state=EndState.REACHED)
 VEHICLE = VehicleSnapshot(
     1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1650.0, p=0.1, q=0.2,
     attitude_at_s=1.0,
@@ -101,7 +103,9 @@ class FakeCard:
         recording = None
         if self.leave is not None:
             log = self.leave(folder.path).log
-            recording = RecordingSummary(folder.path, (RecordedLog(log, 1, 1, (), 0),), None, 0, "streamed", ())
+            recording = RecordingSummary(
+                folder.path, (RecordedLog(log, 1, 1, (), 0, REACHED),), None, 0, "streamed", ()
+            )
         return SweepResult(
             card=card,
             profile=profile,
