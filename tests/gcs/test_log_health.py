@@ -34,9 +34,9 @@ def shown(tallies: list[Tally]) -> Capacity:
 def test_a_link_that_keeps_up_carries_what_is_needed() -> None:
     seen = shown(steady(300, 300, 1.0))
     assert seen.over_s == pytest.approx(5.0, abs=0.25)
-    assert seen.carried == pytest.approx(60_000, rel=0.05)
-    assert seen.needed == pytest.approx(60_000, rel=0.05)
-    assert seen.advance == pytest.approx(1.0, abs=0.05)
+    assert seen.carried == pytest.approx(60_000, rel=0.001)
+    assert seen.needed == pytest.approx(60_000, rel=0.001)
+    assert seen.advance == pytest.approx(1.0, abs=0.001)
     assert seen.enough
 
 
@@ -84,6 +84,11 @@ def test_less_than_a_second_tells_nothing(stop_s: float) -> None:
 def test_before_the_first_stamp_there_is_no_rate_of_the_clock() -> None:
     seen = shown([Tally(at_s=t, kept=round(10 * t), numbered=0, read=0, log_s=None) for t in (0.0, 1.0, 2.0)])
     assert (seen.advance, seen.per_log_s, seen.carried) == (None, None, 2000.0)
+
+
+def test_the_clock_is_counted_from_its_first_stamp() -> None:
+    silent = [Tally(at_s=t, kept=0, numbered=0, read=0, log_s=None) for t in (-2.0, -1.0)]
+    assert shown([*silent, *steady(300, 300, 1.0, stop_s=2.0)]).advance == pytest.approx(1.0)
 
 
 def test_how_far_the_log_is_behind_the_vehicle() -> None:
