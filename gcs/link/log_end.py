@@ -5,8 +5,8 @@ message of a log carries the vehicle's clock, and so does its telemetry. A log h
 is where the vehicle's own clock stood as the recording was ended. That clock must have been heard after the end was
 asked for: one from before may be of a vehicle that has gone.
 
-What this cannot see: telemetry comes late by the link's lag, so the clock at the stop is known too low by that much, and
-a log cut within the lag and the tolerance before the stop passes for whole, unless the vehicle says that it stopped.
+What this cannot see: telemetry comes late by the link's lag, so the clock at the stop is known too low by that much,
+and a log cut within lag and tolerance before the stop passes for whole, unless the vehicle says that it stopped.
 
 A log that another one followed has no such moment. The vehicle stopped sending it, so it is cut, by however little;
 only where the vehicle restarted can it have ended by itself, and then its stamps must reach the restart.

@@ -290,6 +290,16 @@ def test_a_stream_that_the_vehicle_gave_up_just_before_the_end_is_cut_by_its_own
     assert "Log stream stopped: buffer full" in summary.problems[0]
 
 
+def test_the_word_that_a_stream_stopped_counts_only_while_nothing_more_comes(tmp_path: Path) -> None:
+    flight = Flight(tmp_path)
+    flight.go(3.0).vehicle.said.append("Log stream stopped: says another")
+    flight.go(3.5)
+    assert flight.blocks.reported == "Log stream stopped: says another"
+    flight.go(6.0)
+    assert flight.blocks.reported == ""
+    assert flight.end().complete
+
+
 # ------------------------------------------------------------------------------------------------ restarts, not known
 
 
