@@ -211,13 +211,18 @@ def fly_demo(
 
 
 def require_flown(result: SweepResult, aborted: Callable[[], str | None]) -> None:
-    """Every run flown, every sample there. Raises DemoError, or KeyboardInterrupt where somebody wanted the end."""
+    """Every run flown, every sample there to the log's end.
+
+    Raises DemoError, or KeyboardInterrupt where somebody wanted the end.
+    """
     if aborted() is not None:
         raise KeyboardInterrupt
     if not result.complete:
         raise DemoError(f"the card {result.card.name} was not flown to its end: {result.stopped}")
     if result.missing_blocks or result.recording is None or not result.recording.logs:
         raise DemoError(f"{result.missing_blocks} blocks of the log are missing in {result.folder.log}")
+    if not result.recording.complete:
+        raise DemoError(f"the log in {result.folder.log} is not complete: {'; '.join(result.recording.problems)}")
 
 
 def require_same_bytes(log: Path, directory: Path) -> Path:

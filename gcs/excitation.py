@@ -41,11 +41,13 @@ from typing import Protocol, Self, TypeVar
 from gcs.envelope import Limits, Peaks, violations
 from gcs.link.clock import SWAP_S, UNKNOWN
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError, RefusedError, SetMode
+from gcs.log_health import LogHealth
 from gcs.logs.live import LiveWindow
 from gcs.maneuver import Maneuver
 from gcs.preflight import LAG_LIMIT_S
 from gcs.profile import FINISHED, PARAMETER_ERROR, STARTING, STOPPED, Plan
 from gcs.recorder import RecordingSummary
+from gcs.settings import flown_otherwise
 from gcs.vehicle import LOST_AFTER_S, STABILIZE, SYSTEMID, Beat, Text, VehicleSnapshot
 
 T = TypeVar("T")
@@ -67,6 +69,8 @@ LAG_PATIENCE_S = 1.0
 """How long it may be later in a run."""
 LOG_SILENCE_S = 1.5
 """A run ends when no new block of its log came for so long, while the link was heard."""
+SAME_RECORD_S = 0.1
+"""The vehicle's record of a maneuver and its first sample are no farther apart; else the record is another's."""
 LOST_PATIENCE_S = 60.0
 STUCK_S = 30.0
 """The vehicle answers and stays in the excitation mode for so long: say so, loudly, and leave it to the pilot."""
@@ -91,6 +95,7 @@ class Connection(Protocol):
     ) -> T: ...
     def texts_since(self, cursor: int) -> tuple[int, list[Text]]: ...
     def samples(self, last_s: float) -> LiveWindow: ...
+    def log_health(self) -> LogHealth | None: ...
     def start_recording(self, directory: Path) -> None: ...
     def shed_log(self) -> None: ...
     def stop_recording(self) -> RecordingSummary: ...
@@ -174,6 +179,8 @@ class Seen:
     """Everything written before the start has reached the vehicle, or was lost."""
     log_age_s: float | None = None
     """Since the last new block of the log; None where none is recorded."""
+    log_stopped: str = ""
+    """The vehicle's own words about having stopped its log."""
     texts: tuple[str, ...] = ()
     """New since the last tick."""
     answer: Answer | None = None
@@ -457,6 +464,8 @@ def _wants_end(state: RunState, seen: Seen) -> tuple[Ending, str] | None:
         return Ending.LIMIT, "; ".join(seen.violations)
     if seen.other_settings:
         return Ending.SETTINGS, seen.other_settings
+    if seen.log_stopped:
+        return Ending.LOG, f"the vehicle says {seen.log_stopped!r}"
     if state.log_silent_since is not None and seen.now - state.log_silent_since > LOG_SILENCE_S - LAG_LIMIT_S:
         return Ending.LOG, f"no new block of the vehicle's log for {seen.log_age_s:.1f} s"
     if seen.answer_age_s > LOST_AFTER_S:
@@ -536,17 +545,18 @@ class Excitation:
         self._answer: Answer | None = None
         self._cursor, _ = session.texts_since(0)
         self._beats = self.snapshot.heartbeats
-        self._blocks = self.snapshot.blocks_received
-        self._block_at = clock.now()
         self._shed = False
         self._log_before_s = UNKNOWN
         """The log's newest time when the run began: what is older belongs to an earlier run."""
         self._looked_at_log_s = UNKNOWN
+        self._other_settings = ""
 
     def __enter__(self) -> Self:
         window = self._session.samples(0.5)
+        if window.log_s is not None:
+            self._log_before_s = window.log_s
         if window.t.size:
-            self._log_before_s = self._looked_at_log_s = float(window.t[-1])
+            self._looked_at_log_s = float(window.t[-1])
         return self
 
     def __exit__(
@@ -585,6 +595,8 @@ class Excitation:
         snapshot = self.snapshot = self._session.snapshot()
         self._cursor, texts = self._session.texts_since(self._cursor)
         now = self._clock.now()
+        sweep_s = self._look(snapshot) if look_at_log else None
+        log = self._session.log_health()
         seen = Seen(
             now=now,
             mode=snapshot.mode,
@@ -597,11 +609,13 @@ class Excitation:
             lag_s=snapshot.lag_s,
             answer_age_s=snapshot.answer_age_s,
             landed=now - self._written_at >= snapshot.answer_age_s + SWAP_S,
-            log_age_s=self._log_age_s(snapshot, now),
+            log_age_s=None if log is None else log.silent_s,
+            log_stopped="" if log is None else log.reported,
             texts=tuple(text.text for text in texts),
             answer=self._answer,
-            sweep_s=self._look(snapshot) if look_at_log else None,
+            sweep_s=sweep_s,
             violations=violations(self.limits, self.peaks),
+            other_settings=self._other_settings,
             abort=abort,
             given_up=given_up,
         )
@@ -616,11 +630,6 @@ class Excitation:
             self.orders += 1
             self._answer = self._ask(order)
         return self.out_of_hand
-
-    def _log_age_s(self, snapshot: VehicleSnapshot, now: float) -> float | None:
-        if snapshot.blocks_received != self._blocks:
-            self._blocks, self._block_at = snapshot.blocks_received, now
-        return None if snapshot.recording is None else now - self._block_at
 
     def _ask(self, order: Order) -> Answer:
         # One send each: repeating is the step's business, which looks at the mode in between.
@@ -644,13 +653,16 @@ class Excitation:
             return None
         newest = float(window.t[-1])
         if newest < self._looked_at_log_s - 1.0:
-            self._looked_at_log_s = self._log_before_s = newest  # another log: its clock began anew
+            self._looked_at_log_s = self._log_before_s = newest  # the vehicle's clock began anew
         new = window.t > self._looked_at_log_s
         if self.state.phase is Phase.FLYING and new.any():
             self.peaks = self.peaks.with_samples(window.p[new], window.q[new], window.delta_x[new], window.delta_y[new])
         self._looked_at_log_s = newest
-        if window.sweep_s is None or newest - window.sweep_s < self._log_before_s:
+        if window.sweep_s is None or window.sweep_entered_s is None or window.sweep_entered_s <= self._log_before_s:
             return None  # of no maneuver, or of an earlier one
+        settings = window.sweep_settings
+        if settings is not None and abs(settings.at_s - window.sweep_entered_s) < SAME_RECORD_S:
+            self._other_settings = flown_otherwise(self.plan, settings)
         if self.state.phase is Phase.FLYING:
             self.log_start_s = newest - window.sweep_s
             self.frequency_hz = window.sweep_hz
@@ -691,7 +703,7 @@ def abort(
     if first.mode != excitation_mode:
         return AbortResult(False, True, first.mode_name, first.mode_name, 0, "")
     silent = Maneuver("quiet")
-    plan = Plan(silent, (), "", 0, excitation_mode, 0.0, silent.duration_s, silent.duration_s)
+    plan = Plan(silent, (), {}, "", 0, excitation_mode, 0.0, silent.duration_s, silent.duration_s)
     returning = Excitation(session, plan, Limits(), clock, mode)
     returning.state = RunState(
         mode_before=mode,

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gcs.envelope import Limits
+from gcs.log_health import SWEEP_RECORD_BYTES, LogHealth
 from gcs.logs.live import LiveWindow
 from gcs.profile import Plan, VehicleProfile
 from gcs.vehicle import LOST_AFTER_S, VehicleSnapshot, mode_name
@@ -173,6 +174,22 @@ def recording(
         words = f"{_size(disk_free)} free"
         checks.append(Check("disk", words if enough else f"{words}, {_size(needed)} needed: make room", enough))
     return tuple(checks)
+
+
+def carried(health: LogHealth | None, loop_hz: float | None) -> tuple[Check, ...]:
+    """Whether the link carries what the vehicle logs: what does not arrive now is missing later."""
+    counted = None if health is None else health.capacity
+    if counted is None:
+        return (Check("log rate", "not known: too little of the log came to count it", False),)
+    needed, sweep = counted.needed / 1e3, SWEEP_RECORD_BYTES * (loop_hz or 0.0) / 1e3
+    more = f" (a sweep adds {sweep:.0f})" if sweep else ""
+    if counted.enough:
+        return (Check("log rate", f"{counted.carried / 1e3:.0f} kB/s arrive of the {needed:.0f} that it needs{more}"),)
+    words = (
+        f"the link carries {counted.carried / 1e3:.1f} kB/s and the log needs {needed:.0f}{more}: "
+        "use a faster link (921,600 baud, USB, UDP), or let the vehicle log less (LOG_BITMASK)"
+    )
+    return (Check("log rate", words, False),)
 
 
 def hover(snapshot: VehicleSnapshot, window: LiveWindow, plans: Sequence[Plan], limits: Limits) -> tuple[Check, ...]:

@@ -40,6 +40,8 @@ class Plan:
     maneuver: Maneuver
     writes: tuple[tuple[str, float], ...]
     """Parameters and values, in the order to write them."""
+    asked: Mapping[str, float]
+    """Our word for each of them and its value, in the vehicle's unit."""
     words: str
     """What is really flown: `Table 1`, or `ArduPilot's law, no noise`."""
     axis_number: int
@@ -110,7 +112,8 @@ class VehicleProfile:
                 f"not {maneuver.axis}; choose another axis"
             )
         values = self._values(maneuver, axes[maneuver.axis])
-        writes = tuple((name, values[word]) for word, name in self.parameters.items() if word in values)
+        asked = {word: values[word] for word in self.parameters if word in values}
+        writes = tuple((self.parameters[word], value) for word, value in asked.items())
         over_s = self.lead_s + maneuver.duration_s
         finished_s = over_s + self.tail_s
         if self.chirp_law == "ardupilot":
@@ -118,6 +121,7 @@ class VehicleProfile:
         return Plan(
             maneuver,
             writes,
+            asked,
             self._words(maneuver),
             axes[maneuver.axis],
             self.excitation_mode,

@@ -22,6 +22,7 @@ from typing import Any
 
 from gcs.errors import TippathError
 from gcs.link.decode import BLOCK_SIZE
+from gcs.link.log_end import NOT_JUDGED, EndState, LogEnd
 from gcs.link.procedures import StreamResult
 
 HOW = "log blocks streamed by the vehicle (REMOTE_LOG_DATA_BLOCK), acknowledged one by one"
@@ -37,6 +38,20 @@ class RecordedLog:
     missing: tuple[tuple[int, int], ...]
     """First and last block of each stretch that never came; its bytes are zero."""
     duplicates: int
+    end: LogEnd = NOT_JUDGED
+    """Whether more should have followed its last block. Not known unless it was shown."""
+
+    @property
+    def complete(self) -> bool:
+        """Every block is there, and the log goes to the end of the recording."""
+        return not self.missing and self.end.state is EndState.REACHED
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What of it is missing, in words."""
+        gaps = [f"{self.path.name}: {self.missing_blocks} of {self.expected} blocks missing"] if self.missing else []
+        end = self.end.words(self.path.name)
+        return (*gaps, end) if end else tuple(gaps)
 
     @property
     def missing_blocks(self) -> int:
@@ -68,7 +83,14 @@ class RecordingSummary:
         return self.logs[-1].path if self.logs else None
 
     @property
+    def complete(self) -> bool:
+        """Whether it is shown that everything was kept: a log came, no block is missing, every log goes to its end,
+        and there is nothing to tell."""
+        return bool(self.logs) and all(log.complete for log in self.logs) and not self.problems
+
+    @property
     def missing_blocks(self) -> int:
+        """Below the highest that came. 0 says nothing about the ends: see `complete`."""
         return sum(log.missing_blocks for log in self.logs)
 
     def to_json(self) -> dict[str, Any]:
@@ -80,12 +102,19 @@ class RecordingSummary:
                     "bytes": log.size,
                     "missing": [list(stretch) for stretch in log.missing],
                     "duplicates": log.duplicates,
+                    "end": log.end.state.value,
+                    "end_cause": log.end.cause.value,
+                    "log_s": log.end.log_s,
+                    "vehicle_clock_s": log.end.clock_s,
+                    "short_s": log.end.short_s,
+                    "complete": log.complete,
                 }
                 for log in self.logs
             ],
             "tlog": None if self.tlog is None else str(self.tlog),
             "tlog_frames": self.tlog_frames,
             "how": self.how,
+            "complete": self.complete,
             "problems": list(self.problems),
         }
 
@@ -170,7 +199,9 @@ class Recorder:
         known = {stream.file: stream for stream in streams}
         for file, (path, _) in sorted(self._logs.items()):
             stream = known.get(file, StreamResult(file, 0, 0, (), 0))
-            logs.append(RecordedLog(path, stream.blocks, stream.expected, stream.missing, stream.duplicates))
+            logs.append(
+                RecordedLog(path, stream.blocks, stream.expected, stream.missing, stream.duplicates, stream.end)
+            )
         for path, opened in [*self._logs.values(), *([self._tlog] if self._tlog else [])]:
             try:
                 os.fsync(opened.fileno())
@@ -183,9 +214,7 @@ class Recorder:
             problems.append(
                 "no block of the log came: the vehicle must log to MAVLink (LOG_BACKEND_TYPE with bit 2, then reboot)"
             )
-        problems += [
-            f"{log.path.name}: {log.missing_blocks} of {log.expected} blocks missing" for log in logs if log.missing
-        ]
+        problems += [problem for log in logs for problem in log.problems]
         if len(logs) > 1:
             problems.append(f"the vehicle began a new log {len(logs) - 1} time(s) while it was recorded")
         tlog = self._tlog[0] if self._tlog else None

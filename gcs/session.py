@@ -52,6 +52,7 @@ from gcs.link.procedures import (
     RequestAutopilotVersion,
 )
 from gcs.link.transport import Frame, Transport, open_transport
+from gcs.log_health import LogHealth, Tally, capacity
 from gcs.logs.live import LiveLog, LiveWindow
 from gcs.recorder import Recorder, RecordingSummary
 from gcs.vehicle import LOST_AFTER_S, Text, VehicleSnapshot, reduce
@@ -67,6 +68,9 @@ RECEIVE_S = 0.01
 OTHERS_FOR_S = 10.0
 """How long a second station or vehicle counts as being there after it was heard."""
 KEPT_TEXTS = 1000
+TALLY_EVERY_S = 0.2
+KEPT_TALLIES = 64
+"""More than two times what a rate is counted over."""
 STOP_WITHIN_S = 15.0
 """The longest that the end of a recording may take: the sender drops a stream after 10 s."""
 
@@ -90,6 +94,7 @@ class _Recording:
     recorder: Recorder
     blocks: LogBlocks
     over: threading.Event
+    tallies: deque[Tally]
 
 
 class Session:
@@ -275,6 +280,26 @@ class Session:
         """The last seconds of the log being recorded; empty arrays while there is none."""
         return self._live.window(last_s)
 
+    def log_health(self) -> LogHealth | None:
+        """How the log being recorded arrives, at this moment; None while nothing is recorded. Cheap: ask every tick."""
+        with self._lock:
+            recording = self._recording
+            if recording is None:
+                return None
+            now, blocks = self._clock(), recording.blocks
+            present = self._tally(recording, now)
+            return LogHealth(
+                file=blocks.file,
+                blocks=blocks.received,
+                open=blocks.open,
+                silent_s=None if blocks.kept_at is None else max(0.0, now - blocks.kept_at),
+                log_s=present.log_s,
+                clock_s=blocks.vehicle_clock_s(now),
+                capacity=capacity([*recording.tallies, present]),
+                reported=blocks.reported,
+                problem=recording.recorder.problem,
+            )
+
     @property
     def receive_buffer(self) -> int | None:
         """What the system gave for receiving, bytes."""
@@ -298,8 +323,10 @@ class Session:
             self._live.restart()
             self._live_file = 0
             self._sent.clear()
-            self._recording = _Recording(recorder, LogBlocks(self._store), threading.Event())
-            self._say(self._recording.blocks.start(self._clock()))
+            blocks = LogBlocks(self._store, self._live.end_s)
+            self._recording = _Recording(recorder, blocks, threading.Event(), deque(maxlen=KEPT_TALLIES))
+            self._recording.tallies.append(self._tally(self._recording, self._clock()))
+            self._say(blocks.start(self._clock()))
 
     def _refuse_second(self) -> None:
         if self._recording is not None:
@@ -310,7 +337,11 @@ class Session:
         if file != self._live_file:
             self._live.restart()
             self._live_file = file
+            self._recording.tallies.clear()
         self._live.feed(number, data)
+        tallies, now = self._recording.tallies, self._clock()
+        if not tallies or now - tallies[-1].at_s >= TALLY_EVERY_S:
+            tallies.append(self._tally(self._recording, now))
         return self._recording.recorder.store(file, number, data)
 
     def shed_log(self) -> None:
@@ -318,6 +349,11 @@ class Session:
         with self._lock:
             if self._recording is not None:
                 self._say(self._recording.blocks.stop(self._clock()))
+
+    def _tally(self, recording: _Recording, now: float) -> Tally:
+        log_s, read = self._live.progress()
+        blocks = recording.blocks
+        return Tally(at_s=now, kept=blocks.received, numbered=blocks.numbered, read=read, log_s=log_s)
 
     def stop_recording(self, within_s: float = STOP_WITHIN_S) -> RecordingSummary:
         """End the log and say what is on disk; waits until the vehicle has sent the rest, or has nothing more.
@@ -337,7 +373,7 @@ class Session:
             self._log_sent()
             self._recording = None
             self._update(recording=None)
-            return recording.recorder.finish(recording.blocks.so_far)
+            return recording.recorder.finish(recording.blocks.results(self._clock()))
 
     def close(self) -> None:
         """End the stream of blocks, both threads and the link; what is recorded stays. Twice is no harm."""

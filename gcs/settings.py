@@ -11,6 +11,7 @@ magnitude that would be dangerous on the axis that stays in the vehicle is not p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
@@ -18,6 +19,7 @@ from typing import Protocol, TypeVar
 from gcs.errors import LinkError, TippathError
 from gcs.link.events import bits_of_float
 from gcs.link.procedures import NoAnswerError, Procedure, ReadParameter, RefusedError, WriteParameter
+from gcs.logs.live import SweepSettings
 from gcs.profile import Plan, VehicleProfile, choose_profile, wanted_parameters
 from gcs.vehicle import VehicleSnapshot
 
@@ -160,6 +162,36 @@ def changed_since(session: Asking, plan: Plan) -> str:
     return ""
 
 
+_RECORDED = {
+    "axis": "axis",
+    "amplitude": "magnitude",
+    "f_start_hz": "f_start_hz",
+    "f_stop_hz": "f_stop_hz",
+    "fade_in_s": "fade_in_s",
+    "duration_s": "duration_s",
+    "fade_out_s": "fade_out_s",
+    "kind": "kind",
+    "law": "law",
+    "c1": "c1",
+    "noise_fraction": "noise",
+    "pulse_s": "pulse_s",
+}
+"""Our word for a setting -> where the vehicle's own record of the maneuver has it."""
+
+
+def flown_otherwise(plan: Plan, recorded: SweepSettings) -> str:
+    """What the vehicle's own record of the maneuver says otherwise than planned; empty where it does not.
+
+    What it does not record is not compared.
+    """
+    differing = []
+    for word, value in plan.asked.items():
+        held = getattr(recorded, _RECORDED[word]) if word in _RECORDED else None
+        if held is not None and not math.isclose(held, value, rel_tol=1e-5, abs_tol=1e-6):
+            differing.append(f"{word} {held:g}, not {value:g}")
+    return f"the vehicle flies {', '.join(differing)}" if differing else ""
+
+
 def give_back(
     session: Asking, profile: VehicleProfile, now: Mapping[str, float], before: Mapping[str, float]
 ) -> list[str]:
@@ -182,7 +214,10 @@ def give_back(
         try:
             session.call(WriteParameter(name, value))
         except (NoAnswerError, RefusedError) as error:
-            words.append(f"{name} is not as it was before: {error}")
+            refused = isinstance(error, RefusedError)
+            words.append(
+                f"{name} is not as it was before: {error}" if refused else f"{name} may not be as before: {error}"
+            )
             if name == axis:
                 words.append(f"{magnitude} stays {settings.get(magnitude, 0.0):g} with it")
             break

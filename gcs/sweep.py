@@ -209,7 +209,7 @@ def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> V
     finished = state.ending is None or state.ending is Ending.FINISHED
     interruption = None if finished or state.ending is None else f"{state.ending.value}: {state.reason}"
     samples = cut(window, first, first + plan.maneuver.duration_s)
-    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption)
+    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption, start_s=first)
 
 
 def contradiction(flown: Excitation) -> str:
@@ -253,7 +253,9 @@ class SweepResult:
 
     @property
     def complete(self) -> bool:
-        return not self.stopped and len(self.runs) == self.planned
+        """Every run was flown to its end, and all of it is on disk, as far as the log's own stamps show."""
+        recorded = self.recording is not None and self.recording.complete
+        return not self.stopped and len(self.runs) == self.planned and recorded
 
     @property
     def missing_blocks(self) -> int:
@@ -261,12 +263,15 @@ class SweepResult:
 
     @property
     def missing_words(self) -> str:
-        """`0 samples missing`, or what is: blocks of the log, or samples that were to be flown and did not come."""
+        """`0 samples missing`, or what is: blocks of the log, samples that were to be flown and did not come, an end
+        of the log that is not there."""
         verdicts = [run.verdict for run in self.runs if run.verdict is not None]
         samples, planned = sum(v.missing for v in verdicts), sum(v.expected for v in verdicts)
         parts = [f"{self.missing_blocks} blocks of the log missing"] if self.missing_blocks else []
         if any(not v.keep and v.missing for v in verdicts):
             parts.append(f"{samples:,} of {planned:,} planned samples not flown or not received")
+        if not parts and (self.recording is None or not self.recording.complete):
+            parts.append("that nothing is missing is not shown")
         if not parts and samples:
             parts.append("0 blocks of the log missing")  # a sample more or less at the ends of a run
         return ", ".join(parts) or "0 samples missing"
@@ -342,7 +347,7 @@ def fly_card(
     flight = _Flight(session, card, profile, limits, planned, folder, loss, dict(about or {}), clock, on_progress)
     folder.write_card(card.text)
     with flight:
-        checks = flight.look(disk_free, controller)
+        checks = flight.look(disk_free, controller, parameters.get("SCHED_LOOP_RATE"))
         _require(checks)
         if not confirm(Briefing(card, tuple(planned), checks, loss, profile)):
             raise NotReadyError("not confirmed: nothing was flown")
@@ -414,7 +419,9 @@ class _Flight:
             with contextlib.suppress(TippathError):  # the first error is the one to tell
                 self.write()
 
-    def look(self, disk_free: Callable[[Path], int | None], before_it: Sequence[Check] = ()) -> tuple[Check, ...]:
+    def look(
+        self, disk_free: Callable[[Path], int | None], before_it: Sequence[Check] = (), loop_hz: float | None = None
+    ) -> tuple[Check, ...]:
         """Wait for the log to arrive and for some seconds of hover, and check both; with what was looked at before."""
         self.clock.sleep(4 * TICK_S)  # until the count of blocks is this recording's
         before = self.session.snapshot()
@@ -422,8 +429,10 @@ class _Flight:
         lags = []
         while self.clock.now() < deadline:
             lags.append(self.session.snapshot().lag_s)
-            window = self.session.samples(HOVER_LOOK_S)
-            if window.t.size and float(window.t[-1] - window.t[0]) > 0.9 * HOVER_LOOK_S:
+            window, health = self.session.samples(HOVER_LOOK_S), self.session.log_health()
+            counted = None if health is None else health.capacity
+            hovered = window.t.size and float(window.t[-1] - window.t[0]) > 0.9 * HOVER_LOOK_S
+            if hovered and counted is not None and counted.enough:
                 break
             self.clock.sleep(TICK_S)
         snapshot = self.session.snapshot()
@@ -437,6 +446,7 @@ class _Flight:
             *preflight.flying(snapshot, self.profile),
             *before_it,
             *preflight.recording(before, snapshot, disk_free(self.folder.path), self.card.duration_s),
+            *preflight.carried(self.session.log_health(), loop_hz),
             *preflight.hover(snapshot, window, plans, self.limits),
         )
         return self.checks

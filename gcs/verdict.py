@@ -25,7 +25,10 @@ COHERENT = 0.6
 """Above this the rates follow the excitation: what is left is noise or something nonlinear."""
 ENOUGH_BAND = 0.6
 """Part of the swept band that must be coherent."""
+NO_SAMPLES = "no samples came"
 FEW_MISSING = 0.01
+FEW_AT_END_S = 0.25
+"""Missing at a run's end: a chirp is fastest there."""
 SEGMENT_S = 4.0
 """Length of a piece of the averaged spectra: 0.25 Hz resolution."""
 RATE_SPREAD = 0.008
@@ -50,6 +53,16 @@ class Verdict:
     """Where a chirp's coherence is above `COHERENT`: lowest and highest frequency."""
     coherent_share: float | None
     """Part of the swept band where it is."""
+    ends_early_s: float | None = None
+    """By how much the last sample comes before the run's end, at least a few samples; None where that is not known."""
+
+    @property
+    def gaps_words(self) -> str:
+        """`gaps 0`, only where there are samples between which they could be."""
+        if self.samples < 2:
+            return "no samples"
+        at_end = f", {self.ends_early_s:.1f} s missing at the end" if (self.ends_early_s or 0.0) >= 0.05 else ""
+        return f"gaps {self.gaps}{at_end}"
 
     @property
     def words(self) -> str:
@@ -57,7 +70,8 @@ class Verdict:
         parts = ["keep" if self.keep else "fly again: " + "; ".join(self.reasons)]
         if self.coherent_hz is not None:
             parts.append(f"coherence {self.coherent_hz[0]:.1f}-{self.coherent_hz[1]:.1f} Hz")
-        parts.append(f"gaps {self.gaps}")
+        if NO_SAMPLES not in self.reasons:
+            parts.append(self.gaps_words)
         parts.append(f"{self.use.largest:.0f} % of the limits")
         return "   ".join(parts)
 
@@ -69,6 +83,7 @@ class Verdict:
             "expected": self.expected,
             "missing": self.missing,
             "gaps": self.gaps,
+            "ends_early_s": None if self.ends_early_s is None else round(self.ends_early_s, 3),
             "percent_of_limits": self.use.to_json(),
             "coherent_hz": None if self.coherent_hz is None else [round(f, 2) for f in self.coherent_hz],
             "coherent_share": None if self.coherent_share is None else round(self.coherent_share, 3),
@@ -82,12 +97,14 @@ def judge(
     samples: Mapping[str, FloatArray],
     rate_hz: float | None,
     interruption: str | None = None,
+    start_s: float | None = None,
 ) -> Verdict:
     """The verdict on one run.
 
     `samples` has arrays of shape (n,) under t, p, q, delta_x, delta_y, excitation_x, excitation_y, cut to the maneuver,
     and under delta_e, excitation_e where they are known;
     `rate_hz` is the log's nominal rate, None where it is not known; `interruption` says why the run ended early.
+    `start_s` is the log's time of the maneuver's begin: with it a log that ends before the run did is told from gaps.
     """
     t = samples["t"]
     reasons = [interruption] if interruption is not None else []
@@ -97,9 +114,13 @@ def judge(
     expected = round(plan.maneuver.duration_s * rate_hz) if rate_hz else 0
     gaps, lost_inside = _gaps(t, spacing)
     missing = max(0, expected - int(t.size))
+    early_s = _ends_early(t, spacing, start_s, plan.maneuver.duration_s)
     if interruption is None:
         if not expected or t.size < 3:
-            reasons.append("no samples came")
+            reasons.append(NO_SAMPLES)
+        elif early_s is not None and early_s > min(FEW_AT_END_S, FEW_MISSING * plan.maneuver.duration_s):
+            lost = f" ({missing} of {expected} samples are missing)" if missing else ""
+            reasons.append(f"the log ends {early_s:.1f} s before the run did{lost}")
         elif missing > FEW_MISSING * expected:
             reasons.append(f"{missing} of {expected} samples are missing")
         elif gaps and lost_inside > max(3.0, 0.25 / plan.maneuver.f_stop_hz * (rate_hz or 0.0)):
@@ -115,7 +136,16 @@ def judge(
                 reasons.append(f"the rates follow the excitation in only {100 * part:.0f} % of the band")
         elif plan.maneuver.kind == "doublet":
             reasons += _unanswered(plan, samples)
-    return Verdict(not reasons, tuple(reasons), int(t.size), expected, missing, gaps, share, band, part)
+    ends_early_s = early_s if interruption is None else None
+    return Verdict(not reasons, tuple(reasons), int(t.size), expected, missing, gaps, share, band, part, ends_early_s)
+
+
+def _ends_early(t: FloatArray, spacing: float | None, start_s: float | None, duration_s: float) -> float | None:
+    """Time without samples before the run's end; up to three samples more or less are none."""
+    if spacing is None or start_s is None:
+        return None
+    early_s = start_s + duration_s - spacing - float(t[-1])
+    return early_s if early_s > 3 * spacing else 0.0
 
 
 def _gaps(t: FloatArray, spacing: float | None) -> tuple[int, float]:

@@ -17,7 +17,9 @@ import numpy as np
 
 from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
 from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
+from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
+from gcs.log_health import Capacity, LogHealth
 from gcs.logs.live import LiveWindow
 from gcs.recorder import RecordedLog, RecordingSummary
 from gcs.vehicle import Beat, Text, VehicleSnapshot, mode_name
@@ -269,6 +271,27 @@ class FakeSession:
         known = at - 1.2
         return min(known, self.deaf_from - 1.2) if known < self.deaf_until and at >= self.deaf_from else known
 
+    def log_health(self) -> LogHealth | None:
+        rows = [row for row in self.vehicle.samples if self._heard(row[0])] if self.recordings else []
+        if not rows:
+            return None
+        now, last = self.vehicle.now, rows[-1][0]
+        rate = 4000.0
+        seconds = min(5.0, now - rows[0][0])
+        return LogHealth(
+            file=0,
+            blocks=len(rows) // 5,
+            open=0,
+            silent_s=now - last,
+            log_s=last,
+            clock_s=now,
+            capacity=None
+            if seconds < 1.0
+            else Capacity(over_s=seconds, carried=rate, numbered=rate, per_log_s=rate, advance=1.0),
+            reported="",
+            problem=None,
+        )
+
     def shed_log(self) -> None:
         self.shed += 1
 
@@ -289,7 +312,13 @@ class FakeSession:
         table = np.array(rows).reshape(-1, 7)
         entered = self.vehicle.entered
         sweep = None if entered is None or not rows else float(table[-1, 0] - entered)
-        return LiveWindow(*table.T, sweep_s=sweep, sweep_hz=None if sweep is None else 1.0)
+        return LiveWindow(
+            *table.T,
+            sweep_s=sweep,
+            sweep_hz=None if sweep is None else 1.0,
+            sweep_entered_s=entered,
+            log_s=float(table[-1, 0]) if rows else None,
+        )
 
     def call(
         self,
@@ -361,5 +390,6 @@ class FakeSession:
     def stop_recording(self) -> RecordingSummary:
         self.ended_recordings += 1
         directory = self.recordings[-1]
-        log = RecordedLog(directory / "flight.BIN", 100, 100, (), 0)
+        end = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=self.now(), clock_s=self.now())
+        log = RecordedLog(directory / "flight.BIN", 100, 100, (), 0, end)
         return RecordingSummary(directory, (log,), directory / "flight.tlog", 10, "log blocks", ())

@@ -61,8 +61,9 @@ A card is a TOML file. What is left out is the paper's Table 1:
 "card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "runs": [{"label", "purpose", "maneuver",
 "flew", "parameters", "ending", "reason", "mode_after", "started", "duration_s", "log_start_s", "peaks", "verdict":
 {"keep", "reasons", "samples", "expected", "missing", "gaps", "percent_of_limits", "coherent_hz"}}], "recording",
-"missing_blocks", and "following": [{"axis", "correlation", "lag_s", "steady_share", "follows"}] of runs with target
-"rate"}. Exit status: 0 flown to the end, whatever the verdicts; 1 not; 130 ended by Ctrl-C.
+"missing_blocks" (below the last that came; "recording": {"complete", "problems", "logs": [{"end"}]} says whether the
+log goes to its end), and "following": [{"axis", "correlation", "lag_s", "steady_share", "follows"}] of runs with target
+"rate"}. Exit status: 0 flown to the end and recorded whole, whatever the verdicts; 1 not; 130 ended by Ctrl-C.
 """
 
 
@@ -141,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
             print(f" the vehicle is still in the air and {words} once this program has ended", file=sys.stderr)
     args.flown = folder.path
     followed, unknown = rates_followed(result)
-    ended = "" if result.complete else f"   stopped: {printable(result.stopped)}"
+    ended = f"   stopped: {printable(result.stopped)}" if result.stopped else ""
     if args.json:
         about = folder.read()
         head = {"format": "tippath.sweep/1", "folder": str(folder.path), "complete": result.complete}
@@ -163,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
     if result.complete:
         return EXIT_DONE
     if args.json:
-        print(f"stopped: {printable(result.stopped)}", file=sys.stderr)
+        print(f"stopped: {printable(result.stopped or 'the recording is not complete')}", file=sys.stderr)
     return EXIT_INTERRUPTED if wishes() is not None and result.ending is Ending.ABORTED else EXIT_NO
 
 

@@ -47,6 +47,7 @@ from gcs.link.events import (
     parameter_bits,
     parameter_value,
 )
+from gcs.link.log_end import NOT_JUDGED, LogEnd, end_of_asked, end_of_followed, end_of_restarted
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -446,8 +447,10 @@ class StreamResult:
     expected: int
     """One more than the highest number seen."""
     missing: tuple[tuple[int, int], ...]
-    """First and last block of each stretch that never came."""
+    """First and last block of each stretch below `expected` that never came."""
     duplicates: int
+    end: LogEnd = NOT_JUDGED
+    """Whether anything should have followed the highest block seen."""
 
 
 @dataclass
@@ -464,6 +467,11 @@ class _Stream:
     duplicates: int = 0
     want: dict[int, tuple[float, float]] = field(default_factory=dict)
     """Missing block -> (when to ask next, how long to wait after that)."""
+    reported: str = ""
+    """The vehicle's words about having stopped this stream."""
+    reported_at: float = 0.0
+    restarted: tuple[float, float] | None = None
+    """The vehicle's clock as it was last heard before it began anew, and what it may have shown by then."""
 
     def check(self, number: int) -> int | None:
         return self.checks[number] if number < len(self.kept) and self.kept[number] else None
@@ -479,10 +487,38 @@ class _Stream:
         self.want.pop(number, None)
         self.highest = max(self.highest, number)
 
-    def result(self) -> StreamResult:
-        return StreamResult(
-            self.file, self.blocks, self.highest + 1, tuple(_stretches(sorted(self.want))), self.duplicates
-        )
+    def result(self, end: LogEnd) -> StreamResult:
+        missing = tuple(_stretches(sorted(self.want)))
+        return StreamResult(self.file, self.blocks, self.highest + 1, missing, self.duplicates, end)
+
+
+@dataclass
+class _VehicleClock:
+    """The vehicle's clock by its telemetry, against ours."""
+
+    boot_s: float | None = None
+    heard_at: float = 0.0
+    stopped_at: float | None = None
+    """When, on our clock, the recording was ended."""
+    at_stop_s: float | None = None
+    """The vehicle's at that moment, by what was heard since; the least delayed word counts."""
+
+    def at(self, now: float) -> float | None:
+        return None if self.boot_s is None else self.boot_s + now - self.heard_at
+
+    def hear(self, boot_s: float, now: float) -> tuple[float, float] | None:
+        """Where it went back: what it was, and what it may have been as it began anew."""
+        before = None
+        if self.boot_s is not None and boot_s < self.boot_s - 1.0:
+            silent_s = max(0.0, now - boot_s - self.heard_at)
+            before = (self.boot_s, self.boot_s + silent_s)
+            self.at_stop_s = None
+        if before is not None or self.boot_s is None or boot_s > self.boot_s:
+            self.boot_s, self.heard_at = boot_s, now
+        if self.stopped_at is not None and before is None:
+            at_stop_s = boot_s - (now - self.stopped_at)
+            self.at_stop_s = at_stop_s if self.at_stop_s is None else max(self.at_stop_s, at_stop_s)
+        return before
 
 
 class LogBlocks:
@@ -495,6 +531,10 @@ class LogBlocks:
     nothing is ever written over. It is recognised by our own START having been sent again, or by a block that
     differs from the one kept under its number. Formats at a log's beginning are the same in every log of a vehicle,
     so blocks that came twice since the last new one are remembered and go along into the new file.
+
+    `log_end_s()` gives the newest time stamp of the log as it is stored, on the vehicle's clock; it is asked when a log
+    has ended, and compared with the vehicle's clock in its telemetry: see `gcs.link.log_end`. The vehicle's own text
+    that it stopped the stream is kept for the user; what follows from silence follows without it.
 
     The outcome, one result per log, comes after `stop`.
     """
@@ -519,10 +559,19 @@ class LogBlocks:
     """A block below this, after START was sent again, begins a new log."""
     LATE_START = 1024
     """Blocks that may be lost before the first one heard."""
+    STOPPED = "Log stream stopped"
+    """How the vehicle's text begins when it gives up a stream."""
+    STRAY_S = 1.0
+    """Blocks of a stopped stream that were under way come so long after that text at most."""
 
-    def __init__(self, store: Callable[[int, int, bytes], bool]) -> None:
+    def __init__(
+        self, store: Callable[[int, int, bytes], bool], log_end_s: Callable[[], float | None] = lambda: None
+    ) -> None:
         self.outcome: Done[tuple[StreamResult, ...]] | Failed | None = None
         self._store = store
+        self._log_end_s = log_end_s
+        self._clock = _VehicleClock()
+        self._kept_at: float | None = None
         self._stream = _Stream(0)
         self._finished: list[StreamResult] = []
         self._doubles: dict[int, bytes] = {}
@@ -532,7 +581,6 @@ class LogBlocks:
         self._last_block = 0.0
         self._last_new = 0.0
         self._last_heard = 0.0
-        self._boot_s: float | None = None
         self._next_start = 0.0
         self._next_nacks = 0.0
         self._next_stop = 0.0
@@ -555,9 +603,27 @@ class LogBlocks:
         return self._stream.duplicates
 
     @property
-    def so_far(self) -> tuple[StreamResult, ...]:
-        """One result per log, as it stands now."""
-        return (*self._finished, self._stream.result())
+    def numbered(self) -> int:
+        """One more than the highest number seen: the vehicle has written at least so many blocks."""
+        return self._stream.highest + 1
+
+    @property
+    def kept_at(self) -> float | None:
+        """When the last new block was kept, None before the first."""
+        return self._kept_at
+
+    @property
+    def reported(self) -> str:
+        """The vehicle's words about having stopped the stream, empty while it goes on."""
+        return self._stream.reported
+
+    def vehicle_clock_s(self, now: float) -> float | None:
+        """What the vehicle's clock must show now, None while it was not heard."""
+        return self._clock.at(now)
+
+    def results(self, now: float) -> tuple[StreamResult, ...]:
+        """One result per log, as it stands now; the last one's end is judged once `stop` was called."""
+        return (*self._finished, self._stream.result(self._end_of_last(now)))
 
     def start(self, now: float) -> list[Send]:
         self._started = True
@@ -568,6 +634,8 @@ class LogBlocks:
     def stop(self, now: float) -> list[Send]:
         """Ask the vehicle to end its log; the outcome follows when the rest has come."""
         self._stopping = True
+        self._clock.stopped_at = now
+        self._clock.at_stop_s = None
         self._last_new = max(self._last_new, now)
         self._next_stop = now + self.STOP_EVERY_S
         return [BlockStatus(STOP_BLOCKS, True)]
@@ -582,13 +650,16 @@ class LogBlocks:
             return self._on_block(event.number, event.data, now)
         if isinstance(event, Attitude | SystemTime):
             return self._on_clock(event.boot_s, now)
+        if isinstance(event, StatusText) and event.text.startswith(self.STOPPED):
+            self._stream.reported, self._stream.reported_at = event.text, now
         return []
 
     def _on_clock(self, boot_s: float, now: float) -> list[Send]:
-        rebooted = self._boot_s is not None and boot_s < self._boot_s - 1.0
-        if rebooted or self._boot_s is None or boot_s > self._boot_s:
-            self._boot_s = boot_s
-        return self._ask_anew(now) if rebooted and self._stream.blocks and not self._stopping else []
+        before = self._clock.hear(boot_s, now)
+        if before is None or not self._stream.blocks:
+            return []
+        self._stream.restarted = self._stream.restarted or before
+        return [] if self._stopping else self._ask_anew(now)
 
     def _ask_anew(self, now: float) -> list[Send]:
         self._renewed = True
@@ -616,7 +687,7 @@ class LogBlocks:
         return self._keep(number, data, check, now)
 
     def _begin_next_log(self, number: int, now: float) -> None:
-        self._finished.append(self._stream.result())
+        self._finished.append(self._stream.result(self._end_of_followed(now)))
         self._stream = _Stream(self._stream.file + 1)
         self._renewed = False
         doubles, self._doubles = self._doubles, {}
@@ -628,9 +699,11 @@ class LogBlocks:
         if not self._store(self._stream.file, number, data):
             self._note_gaps(number + 1, now)
             return []
-        self._last_new = now
+        self._last_new = self._kept_at = now
         self._note_gaps(number, now)
         self._stream.keep(number, check)
+        if self._stream.reported and now > self._stream.reported_at + self.STRAY_S:
+            self._stream.reported = ""  # it goes on after all
         return [BlockStatus(number, True)]
 
     def _note_gaps(self, end: int, now: float) -> None:
@@ -645,7 +718,7 @@ class LogBlocks:
         sends: list[Send] = []
         if self._stopping:
             if self._is_over(now):
-                self.outcome = Done(self.so_far)
+                self.outcome = Done(self.results(now))
                 return []
             if now >= self._next_stop:
                 self._next_stop = now + self.STOP_EVERY_S
@@ -671,9 +744,27 @@ class LogBlocks:
 
     def _is_over(self, now: float) -> bool:
         heard = now - self._last_heard < 1.0
-        if not self._stream.want and heard:
+        # Without the vehicle's clock since the stop nobody could say whether the log goes to its end.
+        clocked = self._clock.boot_s is None or self._clock.at_stop_s is not None
+        if not self._stream.want and heard and clocked:
             return now - self._last_new > self.SETTLED_S
         return now - self._last_new > (self.GIVEN_UP_S if heard else self.SILENCE_S)
+
+    def _end_of_followed(self, now: float) -> LogEnd:
+        stream = self._stream
+        if stream.restarted is not None:
+            return end_of_restarted(self._log_end_s(), *stream.restarted)
+        return end_of_followed(self._log_end_s(), self._clock.at(now), stream.reported)
+
+    def _end_of_last(self, now: float) -> LogEnd:
+        stream, clock = self._stream, self._clock
+        if clock.stopped_at is None or not stream.blocks:
+            return NOT_JUDGED
+        if stream.restarted is not None:
+            return end_of_restarted(self._log_end_s(), *stream.restarted)
+        heard = clock.at_stop_s is not None
+        at_stop_s = clock.at_stop_s if heard else clock.at(clock.stopped_at)
+        return end_of_asked(self._log_end_s(), at_stop_s, clock.at(now), heard, stream.reported)
 
 
 def _stretches(numbers: Iterable[int]) -> list[tuple[int, int]]:
@@ -691,6 +782,7 @@ __all__ = [
     "Done",
     "Failed",
     "LogBlocks",
+    "LogEnd",
     "NoAnswerError",
     "Outcome",
     "Parameter",

@@ -1,16 +1,18 @@
-"""A DataFlash log read while it grows, for the strip charts: only the last samples, only what they show.
+"""A DataFlash log read while it grows: the last samples, what the vehicle says of its sweep and mode, and its clock.
 
 Blocks come as numbers and bytes. They are read in order; a block that is missing is waited for until two seconds of
 later ones are there, then what it held is left out and reading begins again at the next message that can be told for
-one. The fit reads the finished file, by other code; nothing here is truth.
+one. The fit reads the finished file, by other code; nothing here is truth. What a lost block may have changed is then
+not known: the mode, until the log tells it again.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 import threading
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +31,41 @@ WANTED = {
     "RATE": ("TimeUS", "R", "P", "ROut", "POut"),
     "SIDD": ("TimeUS", "Time", "F"),
     "TPEX": ("TimeUS", "EX", "EY"),
+    "MODE": ("TimeUS", "Mode"),
+    "SIDS": ("TimeUS", "Ax", "Mag", "FSt", "FSp", "TFin", "TC", "TR", "TFout"),
+    "SIDY": ("TimeUS", "Kind", "Law", "C1", "Noise", "Pulse"),
 }
-_WHERE_LOGGED = {"TPEX": ("EE", "Elev")}
+_TEXT = "anNZ"
+_WHERE_LOGGED = {"TPEX": ("EE", "Elev"), "MODE": ("ModeNum",)}
+STALE_S = 0.5
+"""Of the log's time without a sample of the maneuver: it is over."""
 _COLUMNS = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y", "excitation_e", "delta_e")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepSettings:
+    """The vehicle's own record of the maneuver it entered last (SIDS), in its units, as float32 rounds them."""
+
+    at_s: float
+    """When it entered, on the log's clock."""
+    axis: int
+    """SID_AXIS."""
+    magnitude: float
+    """Of full command, or deg/s where the axis is a rate."""
+    f_start_hz: float
+    f_stop_hz: float
+    fade_in_s: float
+    constant_s: float
+    """How long the first frequency is held."""
+    duration_s: float
+    """SID_T_REC."""
+    fade_out_s: float
+    kind: int | None = None
+    """What SIDS leaves out (SIDY), None on a vehicle that has no such record: SIDX_KIND, SIDX_LAW."""
+    law: int | None = None
+    c1: float | None = None
+    noise: float | None = None
+    pulse_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,7 +84,8 @@ class LiveWindow:
     """What was added to the command; NaN where the vehicle does not log it."""
     excitation_y: FloatArray
     sweep_s: float | None = None
-    """The running maneuver's own time (SIDD.Time), None where the newest samples are of none."""
+    """The running maneuver's own time (SIDD.Time), None where the newest samples are of none, or of one that was left
+    or entered again since. A log that no longer grows cannot tell: compare `sweep_entered_s` with your own start."""
     sweep_hz: float | None = None
     """Its frequency now."""
     received: int = 0
@@ -58,6 +93,16 @@ class LiveWindow:
     excitation_e: FloatArray | None = None
     """What was added to the elevator, and its command; None or NaN where the vehicle does not log them."""
     delta_e: FloatArray | None = None
+    sweep_entered_s: float | None = None
+    """When the maneuver of `sweep_s` was entered, on the log's clock; None with it."""
+    sweep_settings: SweepSettings | None = None
+    """The vehicle's record of the maneuver it entered last, also after its end; None before the first."""
+    mode: int | None = None
+    """The newest mode in the log; None before the first, and after a lost block that may have held another."""
+    mode_at_s: float | None = None
+    """When it was entered, on the log's clock."""
+    log_s: float | None = None
+    """The newest time stamp of any message, on the log's clock, which is the vehicle's since it booted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +139,10 @@ class LiveLog:
             self._in_step = True
             self._excitation: tuple[float, ...] = (np.nan,) * 5
             self._sweep: tuple[float, float, float] | None = None
+            self._settings: SweepSettings | None = None
+            self._mode: tuple[float, int] | None = None
+            self._stamped: set[int] = set()  # kinds whose first column is the time
+            self._log_s: float | None = None
             self._rows: list[tuple[float, ...]] = []
 
     def feed(self, number: int, data: bytes) -> None:
@@ -105,13 +154,35 @@ class LiveLog:
             if self._next_block not in self._waiting:
                 if len(self._waiting) <= self.PATIENCE_BLOCKS:
                     return
-                self._next_block = min(self._waiting)
-                self._buffer.clear()
-                self._in_step = False
-            while self._next_block in self._waiting:
-                self._buffer += self._waiting.pop(self._next_block)
-                self._next_block += 1
-            self._read()
+                self._pass_over()
+            self._take()
+
+    def progress(self) -> tuple[float | None, int]:
+        """The newest time stamp read, and how many blocks were read or passed over up to it."""
+        with self._lock:
+            return self._log_s, self._next_block
+
+    def end_s(self) -> float | None:
+        """The newest time stamp of a log that has ended: what is missing of it is no longer waited for."""
+        with self._lock:
+            while self._waiting:
+                if self._next_block not in self._waiting:
+                    self._pass_over()
+                self._take()
+            return self._log_s
+
+    def _pass_over(self) -> None:
+        """Go on behind what is missing."""
+        self._next_block = min(self._waiting)
+        self._buffer.clear()
+        self._in_step = False
+        self._mode = None
+
+    def _take(self) -> None:
+        while self._next_block in self._waiting:
+            self._buffer += self._waiting.pop(self._next_block)
+            self._next_block += 1
+        self._read()
 
     def window(self, last_s: float) -> LiveWindow:
         """The samples of the last `last_s` seconds of the log's own time, empty before the first."""
@@ -122,19 +193,37 @@ class LiveLog:
                 first = int(np.searchsorted(used[:, 0], used[-1, 0] - last_s))
                 used = used[first:]
             columns: Mapping[str, FloatArray] = {name: used[:, i].copy() for i, name in enumerate(_COLUMNS)}
-            sweep = self._sweep
-            if sweep is not None and (not len(used) or used[-1, 0] - sweep[0] > 0.5):
-                sweep = None
+            sweep, entered_s = self._current_sweep(float(used[-1, 0])) if len(used) else (None, None)
+            mode_at_s, mode = (None, None) if self._mode is None else self._mode
             return LiveWindow(
                 **columns,
                 sweep_s=None if sweep is None else sweep[1],
                 sweep_hz=None if sweep is None else sweep[2],
                 received=self._received,
+                sweep_entered_s=entered_s,
+                sweep_settings=self._settings,
+                mode=mode,
+                mode_at_s=mode_at_s,
+                log_s=self._log_s,
             )
+
+    def _current_sweep(self, newest_s: float) -> tuple[tuple[float, float, float] | None, float | None]:
+        """The newest sample of the maneuver that goes on, and when that was entered."""
+        sweep, settings, mode = self._sweep, self._settings, self._mode
+        if sweep is None or newest_s - sweep[0] > STALE_S:
+            return None, None
+        at_s, since_s, _ = sweep
+        entered_again = settings is not None and settings.at_s > at_s
+        if entered_again or (mode is not None and mode[0] > at_s):
+            return None, None
+        # SIDD.Time may count loops of nominal length: the record at the entry is the better stamp, where it is its own.
+        if settings is not None and abs(at_s - since_s - settings.at_s) < 0.2 + 0.05 * since_s:
+            return sweep, settings.at_s
+        return sweep, at_s - since_s
 
     def _read(self) -> None:
         buffer = self._buffer
-        at = 0
+        at, stamped_at = 0, -1
         while True:
             if not self._in_step:
                 at = self._resynchronise(at)
@@ -145,6 +234,7 @@ class LiveLog:
             size = self._sizes.get(buffer[at + 2]) if buffer[at] == 0xA3 and buffer[at + 1] == 0x95 else None
             if size is None:
                 self._in_step = False
+                self._mode = None
                 at += 1
                 continue
             if len(buffer) - at < size:
@@ -154,7 +244,11 @@ class LiveLog:
                 self._format(bytes(buffer[at + 3 : at + FMT_SIZE]))
             elif kind in self._readers:
                 self._sample(self._readers[kind], buffer, at + 3)
+            if kind in self._stamped:
+                stamped_at = at + 3
             at += size
+        if stamped_at >= 0:
+            self._log_s = int.from_bytes(buffer[stamped_at : stamped_at + 8], "little") * 1e-6
         del buffer[:at]
         self._append()
 
@@ -188,7 +282,13 @@ class LiveLog:
         self._readers.pop(kind, None)
         wanted = WANTED.get(name)
         columns = labels.split(",")
+        if columns[0] == "TimeUS" and codes[:1] == "Q" and size >= 11:
+            self._stamped.add(kind)
+        else:
+            self._stamped.discard(kind)
         if wanted is None or not set(wanted) <= set(columns) or not set(codes) <= set(_CODES):
+            return
+        if any(code in _TEXT and column in wanted for code, column in zip(codes, columns, strict=False)):
             return
         unpack = struct.Struct("<" + "".join(_CODES[code] for code in codes))
         if unpack.size == size - 3 and len(codes) == len(columns):
@@ -207,6 +307,14 @@ class LiveLog:
                 self._rows.append((t, p * _DEGREE, q * _DEGREE, delta_x, delta_y, *added))
             case "SIDD":
                 self._sweep = (t, values[1], values[2])
+            case "MODE":
+                # ArduPilot logs the number twice; what calls itself a number is one.
+                self._mode = (t, _whole(values[2] if reader.at[2] >= 0 else values[1]))
+            case "SIDS":
+                self._settings = _settings(t, values)
+            case "SIDY":
+                if self._settings is not None and self._settings.at_s == t:
+                    self._settings = _more_settings(self._settings, values)
             case _:
                 self._excitation = (t, *values[1:])
                 # Whichever of the two is logged first, they belong together where their stamps are equal.
@@ -227,3 +335,28 @@ class LiveLog:
             self._end = self._capacity
         self._ring[self._end : self._end + len(rows)] = rows
         self._end += len(rows)
+
+
+def _settings(at_s: float, values: Sequence[float]) -> SweepSettings:
+    _, axis, magnitude, f_start_hz, f_stop_hz, fade_in_s, constant_s, duration_s, fade_out_s = values
+    return SweepSettings(
+        at_s=at_s,
+        axis=_whole(axis),
+        magnitude=magnitude,
+        f_start_hz=f_start_hz,
+        f_stop_hz=f_stop_hz,
+        fade_in_s=fade_in_s,
+        constant_s=constant_s,
+        duration_s=duration_s,
+        fade_out_s=fade_out_s,
+    )
+
+
+def _more_settings(settings: SweepSettings, values: Sequence[float]) -> SweepSettings:
+    _, kind, law, c1, noise, pulse_s = values
+    return replace(settings, kind=_whole(kind), law=_whole(law), c1=c1, noise=noise, pulse_s=pulse_s)
+
+
+def _whole(value: float) -> int:
+    """A whole number in whatever type a log has it; -1 for none."""
+    return int(value) if math.isfinite(value) else -1

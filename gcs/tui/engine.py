@@ -312,13 +312,12 @@ class FlightEngine:
 
     def _landed(self, result: SweepResult) -> str:
         kept = sum(run.clean for run in result.runs)
-        missing = result.missing_blocks
         where = word(result.folder.path)
         command = f"tippath sweep --connect {self._link_word()} --card {word(self._card_word)} -o {where}"
         self._did(command)
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
-        text = f"recorded {where}: {kept} of {result.planned} runs kept, {missing} blocks missing"
+        text = f"recorded {where}: {kept} of {result.planned} runs kept, {result.missing_words}"
         problems = () if result.recording is None else result.recording.problems
         return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *problems])
 

@@ -11,8 +11,11 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import TippathError
+from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import StreamResult
 from gcs.recorder import Recorder
+
+REACHED = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=60.1, clock_s=60.0)
 
 
 def test_blocks_lie_at_their_place_whatever_the_order(tmp_path: Path) -> None:
@@ -23,10 +26,11 @@ def test_blocks_lie_at_their_place_whatever_the_order(tmp_path: Path) -> None:
     path = tmp_path / "a" / "b" / "flight.BIN"
     assert path.stat().st_size == 800  # it grows on disk, not in a buffer
     assert recorder.store(0, 2, bytes([2]) * 200)
-    summary = recorder.finish((StreamResult(0, 4, 4, (), 0),))
+    summary = recorder.finish((StreamResult(0, 4, 4, (), 0, REACHED),))
     assert path.read_bytes() == b"".join(bytes([n]) * 200 for n in range(4))
     assert summary.log == path
     assert summary.problems == ()
+    assert summary.complete
     assert "REMOTE_LOG_DATA_BLOCK" in summary.how
 
 
@@ -34,10 +38,32 @@ def test_missing_blocks_are_counted_and_named(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, lambda: 0.0)
     recorder.store(0, 0, bytes(200))
     recorder.store(0, 9, bytes(200))
-    summary = recorder.finish((StreamResult(0, 2, 10, ((1, 8),), 3),))
+    summary = recorder.finish((StreamResult(0, 2, 10, ((1, 8),), 3, REACHED),))
     assert summary.missing_blocks == 8
     assert summary.problems == ("flight.BIN: 8 of 10 blocks missing",)
+    assert not summary.complete
     assert summary.to_json()["logs"][0]["missing"] == [[1, 8]]
+
+
+def test_a_log_of_which_nobody_showed_the_end_is_not_complete(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, lambda: 0.0)
+    recorder.store(0, 0, bytes(200))
+    summary = recorder.finish((StreamResult(0, 1, 1, (), 0),))
+    assert (summary.missing_blocks, summary.complete) == (0, False)
+    assert "whether it is whole at its end is not known" in summary.problems[0]
+
+
+def test_a_cut_log_is_told_in_seconds_with_the_vehicles_reason(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, lambda: 0.0)
+    recorder.store(0, 0, bytes(200))
+    end = LogEnd(state=EndState.CUT, cause=Cause.ASKED, log_s=50.31, clock_s=60.0, reported="Log stream stopped: tired")
+    summary = recorder.finish((StreamResult(0, 1, 1, (), 0, end),))
+    assert summary.problems == (
+        "flight.BIN ends 9.7 s before the recording did (the vehicle: Log stream stopped: tired)",
+    )
+    log = summary.to_json()["logs"][0]
+    assert (log["end"], log["log_s"], log["vehicle_clock_s"], log["complete"]) == ("cut", 50.31, 60.0, False)
+    assert log["short_s"] == pytest.approx(9.69)
 
 
 def test_a_name_that_exists_is_never_written(tmp_path: Path) -> None:
@@ -46,7 +72,7 @@ def test_a_name_that_exists_is_never_written(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, lambda: 0.0)
     recorder.store(0, 0, bytes(200))
     recorder.store(1, 0, bytes([1]) * 200)
-    summary = recorder.finish((StreamResult(0, 1, 1, (), 0), StreamResult(1, 1, 1, (), 0)))
+    summary = recorder.finish((StreamResult(0, 1, 1, (), 0, REACHED), StreamResult(1, 1, 1, (), 0, REACHED)))
     assert [log.path.name for log in summary.logs] == ["flight-2.BIN", "flight-3.BIN"]
     assert (tmp_path / "flight.BIN").read_bytes() == b"an earlier flight"
     assert (tmp_path / "flight.tlog").read_bytes() == b"its telemetry"
@@ -73,6 +99,7 @@ def test_telemetry_is_read_by_pymavlink(tmp_path: Path) -> None:
 def test_no_block_leaves_no_empty_log(tmp_path: Path) -> None:
     summary = Recorder(tmp_path, lambda: 0.0).finish(())
     assert summary.log is None
+    assert not summary.complete
     assert not (tmp_path / "flight.BIN").exists()
     assert "LOG_BACKEND_TYPE" in summary.problems[0]
 
@@ -104,7 +131,7 @@ def test_a_disk_that_takes_no_more_is_a_condition_that_may_pass(tmp_path: Path) 
         signal.signal(signal.SIGXFSZ, ignored)
     assert recorder.store(0, 1, b"\x01" * 200)
     assert recorder.problem is None
-    summary = recorder.finish((StreamResult(0, 2, 2, (), 0),))
+    summary = recorder.finish((StreamResult(0, 2, 2, (), 0, REACHED),))
     assert (tmp_path / "flight.BIN").read_bytes() == bytes(200) + b"\x01" * 200
     assert summary.tlog is not None
     assert summary.tlog.stat().st_size == 38 * summary.tlog_frames

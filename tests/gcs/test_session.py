@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -38,6 +40,25 @@ class Clock:
 
     def __call__(self) -> float:
         return time.monotonic() + self.ahead
+
+
+@contextlib.contextmanager
+def telling_its_clock(vehicle: Any, boot_ms: int) -> Iterator[None]:
+    """Inside, the vehicle says its attitude thirty times a second, with its clock starting from `boot_ms`."""
+    began, over = time.monotonic(), threading.Event()
+
+    def tell() -> None:
+        while not over.wait(0.03):
+            now_ms = boot_ms + round(1000 * (time.monotonic() - began))
+            vehicle.say(mavlink.MAVLink_attitude_message(now_ms, 0, 0, 0, 0, 0, 0))
+
+    thread = threading.Thread(target=tell, name="vehicle's clock", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join(2.0)
 
 
 @pytest.fixture
@@ -237,6 +258,7 @@ def test_a_log_is_recorded_byte_for_byte_and_shown_live(
 ) -> None:
     data = dataflash(1500)
     vehicle.blocks = [data[at : at + 200] for at in range(0, len(data), 200)]
+    assert session.log_health() is None
     session.start_recording(tmp_path)
     with pytest.raises(TippathError, match="already recording"):
         session.start_recording(tmp_path)
@@ -247,10 +269,21 @@ def test_a_log_is_recorded_byte_for_byte_and_shown_live(
     window = session.samples(1.0)
     assert window.t.size == pytest.approx(500, abs=1)
     assert np.array_equal(np.round(window.p), np.arange(1500 - window.t.size, 1500))
-    summary = session.stop_recording()
+    assert (window.log_s, window.sweep_entered_s) == (pytest.approx(3.998), pytest.approx(1.0))
+    with telling_its_clock(vehicle, boot_ms=3990):
+        until(lambda: (health := session.log_health()) and health.clock_s)
+        health = session.log_health()
+        assert health is not None
+        assert (health.file, health.blocks, health.open, health.problem) == (0, len(vehicle.blocks), 0, None)
+        assert (health.log_s, health.reported) == (pytest.approx(3.998), "")
+        assert health.silent_s is not None
+        assert health.behind_s is not None
+        vehicle.text("Log stream stopped: tired")
+        until(lambda: (health := session.log_health()) and health.reported == "Log stream stopped: tired")
+        summary = session.stop_recording()
     assert (tmp_path / "flight.BIN").read_bytes() == data
-    assert summary.problems == ()
-    assert summary.missing_blocks == 0
+    assert (summary.missing_blocks, summary.complete) == (0, False)
+    assert "(the vehicle: Log stream stopped: tired)" in summary.problems[0]
     assert session.snapshot().recording is None
     with pytest.raises(TippathError, match="nothing is being recorded"):
         session.stop_recording()
@@ -264,6 +297,27 @@ def test_a_log_is_recorded_byte_for_byte_and_shown_live(
     assert ("HEARTBEAT", 1) in kinds
     assert ("REMOTE_LOG_BLOCK_STATUS", 254) in kinds
     assert "REMOTE_LOG_DATA_BLOCK" not in {kind for kind, _ in kinds}
+
+
+@pytest.mark.parametrize(("boot_ms", "end"), [(3600, "reached"), (9000, "cut"), (1000, "not known")])
+def test_a_log_is_complete_where_it_reaches_the_vehicles_clock(
+    session: Session,
+    vehicle: Any,
+    tmp_path: Path,
+    dataflash: Callable[..., bytes],
+    until: Any,
+    boot_ms: int,
+    end: str,
+) -> None:
+    data = dataflash(1500)  # to 3.998 s
+    vehicle.blocks = [data[at : at + 200] for at in range(0, len(data), 200)]
+    session.start_recording(tmp_path)
+    until(lambda: session.snapshot().blocks_received == len(vehicle.blocks))
+    with telling_its_clock(vehicle, boot_ms):
+        summary = session.stop_recording()
+    assert summary.logs[0].end.state.value == end
+    assert summary.complete == (end == "reached")
+    assert bool(summary.problems) != summary.complete
 
 
 def test_a_second_recording_is_a_second_file(
@@ -291,8 +345,6 @@ def test_a_folder_that_cannot_be_leaves_the_link_alone(session: Session, vehicle
 def test_closing_stops_the_stream_gives_intervals_back_and_ends_threads(
     vehicle: Any, tmp_path: Path, hasty: Any, until: Any
 ) -> None:
-    import threading
-
     before = set(threading.enumerate())
     with Session.open(vehicle.link, clock=hasty) as session:
         asked = set(threading.enumerate()) - before

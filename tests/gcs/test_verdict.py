@@ -135,3 +135,46 @@ def test_an_elevator_chirp_is_judged_by_the_elevator() -> None:
     assert judge(plan, Limits(), Peaks(), answered, RATE_HZ).keep
     unknown = {name: values for name, values in answered.items() if not name.endswith("_e")}
     assert not judge(plan, Limits(), Peaks(), unknown, RATE_HZ).keep
+
+
+@pytest.mark.parametrize("plan", [CHIRP, DOUBLET])
+def test_a_log_that_ends_before_the_run_did_is_said_and_flown_again(plan: Plan) -> None:
+    samples = flown(plan)
+    short = without(samples, samples["t"].size - 1600, samples["t"].size)
+    verdict = judge(plan, Limits(), Peaks(), short, RATE_HZ, start_s=0.0)
+    assert not verdict.keep
+    assert verdict.ends_early_s == pytest.approx(3.2)
+    assert verdict.reasons[0] == (
+        f"the log ends 3.2 s before the run did (1600 of {samples['t'].size} samples are missing)"
+    )
+    assert "gaps 0, 3.2 s missing at the end" in verdict.words
+    assert verdict.to_json()["ends_early_s"] == pytest.approx(3.2)
+
+
+def test_a_long_runs_last_half_second_counts_though_it_is_under_a_hundredth() -> None:
+    plan = PROFILE.plan(Maneuver("chirp", "pitch", 0.15, 60.0))
+    samples = flown(plan)
+    verdict = judge(plan, Limits(), Peaks(), without(samples, samples["t"].size - 250, 30_000), RATE_HZ, start_s=0.0)
+    assert verdict.reasons == ("the log ends 0.5 s before the run did (250 of 30000 samples are missing)",)
+
+
+@pytest.mark.parametrize("late", [-2, 0, 2])
+def test_a_sample_more_or_less_at_the_end_is_no_early_end(late: int) -> None:
+    verdict = judge(CHIRP, Limits(), Peaks(), flown(CHIRP), RATE_HZ, start_s=late / RATE_HZ)
+    assert verdict.keep
+    assert verdict.ends_early_s == 0.0
+    assert "gaps 0 " in verdict.words
+
+
+def test_samples_missing_at_the_beginning_are_not_called_an_early_end() -> None:
+    verdict = judge(CHIRP, Limits(), Peaks(), without(flown(CHIRP), 0, 1600), RATE_HZ, start_s=0.0)
+    assert verdict.reasons == ("1600 of 15000 samples are missing",)
+    assert verdict.ends_early_s == 0.0
+
+
+def test_where_no_sample_came_no_gaps_are_counted() -> None:
+    nothing = {name: values[:0] for name, values in flown(CHIRP).items()}
+    for interruption in (None, "link lost: the link was lost"):
+        words = judge(CHIRP, Limits(), Peaks(), nothing, RATE_HZ, interruption, start_s=0.0).words
+        assert "gaps" not in words
+        assert "no samples" in words

@@ -18,6 +18,7 @@ from gcs.envelope import Limits, Peaks, Use
 from gcs.errors import LinkError, TippathError
 from gcs.flightdir import FlightFolder
 from gcs.gains import PushResult
+from gcs.link.log_end import EndState, LogEnd
 from gcs.logs.live import LiveWindow
 from gcs.preflight import Check, LinkLoss
 from gcs.profile import Plan
@@ -29,6 +30,7 @@ from gcs.vehicle import SYSTEMID, Beat, VehicleSnapshot
 from gcs.verdict import Verdict
 
 WITHIN_S = 5.0
+REACHED = LogEnd(state=EndState.REACHED)
 VEHICLE = VehicleSnapshot(
     1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1650.0, p=0.1, q=0.2,
     attitude_at_s=1.0,
@@ -61,6 +63,9 @@ class FakeSession:
             self.now = replace(self.now, mode=0, mode_name="Stabilize", beats=beats, heartbeats=2)
             return None
         return type("Value", (), {"value": 0.0})()
+
+    def log_health(self):
+        return None
 
     def texts_since(self, cursor):
         return 0, []
@@ -107,7 +112,9 @@ class FakeCard:
         recording = None
         if self.leave is not None:
             log = self.leave(folder.path).log
-            recording = RecordingSummary(folder.path, (RecordedLog(log, 1, 1, (), 0),), None, 0, "streamed", ())
+            recording = RecordingSummary(
+                folder.path, (RecordedLog(log, 1, 1, (), 0, REACHED),), None, 0, "streamed", ()
+            )
         return SweepResult(
             card=card,
             profile=profile,
@@ -121,7 +128,7 @@ class FakeCard:
 
 
 def _plan(run) -> Plan:
-    return Plan(run.maneuver, (), "Table 1", 10, SYSTEMID, 1.0, 16.0, 17.0)
+    return Plan(run.maneuver, (), {}, "Table 1", 10, SYSTEMID, 1.0, 16.0, 17.0)
 
 
 def _result(run, plan, ending, reason) -> RunResult:
