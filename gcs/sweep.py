@@ -68,6 +68,9 @@ class RunProgress:
     peaks: Peaks
     use: Use
     snapshot: VehicleSnapshot
+    ending: Ending | None = None
+    """Why it is being ended, once it is."""
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +202,8 @@ def _progress(run: CardRun, flown: Excitation) -> RunProgress:
         flown.peaks,
         use(flown.limits, flown.peaks, flown.snapshot.link_age_s),
         flown.snapshot,
+        flown.state.ending,
+        flown.state.reason,
     )
 
 

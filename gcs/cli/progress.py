@@ -31,6 +31,7 @@ class ProgressLines:
         self._open = False
         self._link_loss = "the vehicle's own answer to a lost link is not known"
         self._lost = False
+        self._told_end = False
 
     def __call__(self, progress: Progress) -> None:
         match progress:
@@ -72,6 +73,10 @@ class ProgressLines:
             )
             self._next = now + (REDRAW_S if self._terminal else EVERY_S)
         self._lost = snapshot.lost
+        ended = progress.ending is not None and progress.ending is not Ending.FINISHED and not snapshot.lost
+        if ended and progress.ending is not None and not self._told_end:
+            self._line(f" ✗ {progress.ending.value}: {printable(progress.reason)}" + ("\a" if self._bell else ""))
+        self._told_end = ended
         if now < self._next:
             return
         self._next = now + (REDRAW_S if self._terminal else EVERY_S)
@@ -89,6 +94,7 @@ class ProgressLines:
                 f"   p {peaks.p or 0:.2f}  q {peaks.q or 0:.2f} rad/s"
                 f"   attitude {attitude} of {math.degrees(self._limits.attitude):.0f}°"
                 f"   blocks {snapshot.blocks_received:,} open {snapshot.blocks_open}"
+                f"   lag {'?' if snapshot.lag_s is None else f'{snapshot.lag_s:.2f} s'}"
             )
         if self._terminal:
             self._stream.write("\r\x1b[K" + text)

@@ -73,6 +73,8 @@ def _heard(vehicle: VehicleSnapshot) -> str:
     text = f" heard: {vehicle.frames:,} messages, {vehicle.bad_bytes:,} bytes that were none"
     if vehicle.strangers:
         text += f", {vehicle.strangers:,} packets of other addresses dropped"
+    if vehicle.lag_s is not None:
+        text += f"; {vehicle.lag_s:.2f} s late"
     return text
 
 

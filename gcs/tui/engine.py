@@ -382,6 +382,8 @@ class FlightEngine:
             stage = self._state.stage
             if early and stage is Stage.FLYING:
                 stage = Stage.ABORTING
+                if progress.ending is not None:
+                    self._set(said=f"{progress.ending.value}: {progress.reason}")
             self._set(
                 stage=stage,
                 progress=view.Progress(progress.elapsed_s, duration, progress.frequency_hz, progress.plan.words),

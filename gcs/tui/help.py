@@ -49,6 +49,9 @@ _LINES = """\
 the line at the top
   LINK           since anything was heard; LINK LOST after 3.5 s, and then
                  nothing restarts by itself
+  lag            how late the link is, the worse way; above 0.5 s nothing is
+                 started, and for a second of it a run is ended. NO ANSWER: the
+                 vehicle is heard, and does not answer
   (pilot)        who commands the mode: pilot, autopilot, tippath (a run of
                  this app), excitation (somebody else's run)
   RPM +0.1 %     rotor speed, and its deviation since the run was made ready
@@ -58,7 +61,7 @@ other mode means that the pilot has taken over, and nothing is commanded.
 
 percentages are the run's peaks against the card's limits; beyond 100 the run
 is aborted. The bell rings at the start, halfway, at 3, 2, 1, at the end, at a
-limit, and when the link is lost.
+limit, when the vehicle's log stops, and when the link is lost or too late.
 
 the strips show 20 s; each column holds the least and the largest sample of
 its time, so no peak is lost. Before R they show telemetry, from R on the log.

@@ -16,10 +16,11 @@ from textual.content import Content
 
 from gcs.envelope import Limits
 from gcs.link.decode import sanitise
+from gcs.preflight import LAG_LIMIT_S
 from gcs.tui.next_step import BY_ITSELF, current
 from gcs.tui.plot import Style, bar
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
-from gcs.vehicle import SYSTEMID
+from gcs.vehicle import LOST_AFTER_S, SYSTEMID, VehicleSnapshot
 
 ABORT = "F12 ABORT"
 
@@ -89,7 +90,7 @@ def top_line(state: State, width: int) -> Content:
         if cell_len(text) <= room:
             break
     line = justified(text, ABORT + " ", width)
-    alarm = state.vehicle is None or state.lost
+    alarm = state.vehicle is None or state.lost or _late(state.vehicle)
     style = "bold reverse" if alarm else "bold"
     return Content.assemble((line[: -len(ABORT) - 1], style), (ABORT, "bold reverse"), (" ", style))
 
@@ -101,7 +102,7 @@ def _top_parts(state: State, level: int) -> list[str]:
     if vehicle.lost:
         link = f"LINK LOST {_age(vehicle.link_age_s)}"
     else:
-        link = f"LINK {vehicle.link_age_s:.1f} s"
+        link = f"LINK {vehicle.link_age_s:.1f} s{_lag(vehicle, level)}"
     mode = f"{sanitise(vehicle.mode_name)} ({who(state)})"
     rpm = "RPM ?" if vehicle.rpm is None else f"RPM {vehicle.rpm:.0f}"
     if vehicle.rpm is not None and state.rpm_reference and level < 2:
@@ -109,6 +110,26 @@ def _top_parts(state: State, level: int) -> list[str]:
     battery = "BAT ?" if vehicle.battery_v is None else f"BAT {vehicle.battery_v:.1f} V"
     parts = [link, mode if level >= 1 else f"MODE {mode}", "ARMED" if vehicle.armed else "disarmed", rpm, battery]
     return parts if level < 3 else parts[:3]
+
+
+def _lag(vehicle: VehicleSnapshot, level: int) -> str:
+    """How late the link is; where it is too late to fly on, always."""
+    if deaf(vehicle):
+        return " NO ANSWER"
+    if vehicle.lag_s is None:
+        return ""
+    if vehicle.lag_s > LAG_LIMIT_S:
+        return f" LATE {vehicle.lag_s:.1f} s"
+    return f" lag {vehicle.lag_s:.2f}" if level < 1 else ""
+
+
+def deaf(vehicle: VehicleSnapshot) -> bool:
+    """Whether it is heard, has answered before, and does so no more."""
+    return not vehicle.lost and vehicle.lag_s is not None and vehicle.answer_age_s > LOST_AFTER_S
+
+
+def _late(vehicle: VehicleSnapshot) -> bool:
+    return deaf(vehicle) or (vehicle.lag_s is not None and vehicle.lag_s > LAG_LIMIT_S)
 
 
 def _age(age_s: float) -> str:
@@ -354,8 +375,11 @@ def bank_line(bank: Bank | None) -> str:
 
 
 def rings(before: State, after: State) -> bool:
-    """Whether the bell rings between two moments: last three seconds, halfway, the end, a limit, a lost link."""
+    """Whether the bell rings between two moments: last three seconds, halfway, the end, a limit, a lost
+    or a late link."""
     if after.lost and not before.lost:
+        return True
+    if after.vehicle is not None and _late(after.vehicle) and before.vehicle is not None and not _late(before.vehicle):
         return True
     if before.stage is Stage.FLYING and after.stage is not Stage.FLYING:
         return True
