@@ -20,7 +20,7 @@ from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText
 from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
 from gcs.log_health import Capacity, LogHealth
-from gcs.logs.live import LiveWindow
+from gcs.logs.live import LiveWindow, SweepSettings
 from gcs.recorder import RecordedLog, RecordingSummary
 from gcs.vehicle import Beat, Text, VehicleSnapshot, mode_name
 
@@ -197,6 +197,12 @@ class FakeSession:
         """Called at every sleep."""
         self.lag_s: float | None = 0.02
         """How late the link claims to be."""
+        self.one_way = False
+        """The vehicle is heard, and hears nothing."""
+        self.known_lag_s = 1.2
+        """A heartbeat knows of what was sent so long before it."""
+        self.recorded_magnitude: float | None = None
+        """Of the vehicle's own record of the maneuver; None where it keeps none."""
         self.shed = 0
         """Times the log was shed."""
         self._texts: list[Text] = []
@@ -255,7 +261,7 @@ class FakeSession:
             heartbeats=len(heard),
             beats=beats[-20:],
             lag_s=self.lag_s,
-            answer_age_s=vehicle.now - min(newest, vehicle.now - 0.1),
+            answer_age_s=math.inf if self.one_way else vehicle.now - min(newest, vehicle.now - 0.1),
             roll=vehicle.lean,
             pitch=0.0,
             p=0.0,
@@ -268,8 +274,10 @@ class FakeSession:
 
     def _known(self, at: float) -> float:
         """A ping every 0.2 s, answered at once unless the link is deaf; see `gcs.link.clock`."""
-        known = at - 1.2
-        return min(known, self.deaf_from - 1.2) if known < self.deaf_until and at >= self.deaf_from else known
+        known = at - self.known_lag_s
+        return (
+            min(known, self.deaf_from - self.known_lag_s) if known < self.deaf_until and at >= self.deaf_from else known
+        )
 
     def log_health(self) -> LogHealth | None:
         rows = [row for row in self.vehicle.samples if self._heard(row[0])] if self.recordings else []
@@ -317,7 +325,24 @@ class FakeSession:
             sweep_s=sweep,
             sweep_hz=None if sweep is None else 1.0,
             sweep_entered_s=entered,
+            sweep_settings=self._record(entered),
             log_s=float(table[-1, 0]) if rows else None,
+        )
+
+    def _record(self, entered: float | None) -> SweepSettings | None:
+        if entered is None or self.recorded_magnitude is None:
+            return None
+        p = self.vehicle.parameters
+        return SweepSettings(
+            at_s=entered,
+            axis=int(p["SID_AXIS"]),
+            magnitude=self.recorded_magnitude,
+            f_start_hz=p["SID_F_START_HZ"],
+            f_stop_hz=p["SID_F_STOP_HZ"],
+            fade_in_s=p["SID_T_FADE_IN"],
+            constant_s=0.0,
+            duration_s=p["SID_T_REC"],
+            fade_out_s=p["SID_T_FADE_OUT"],
         )
 
     def call(
@@ -359,6 +384,8 @@ class FakeSession:
     def _send(self, sends: list[Send], under_way: list[tuple[float, Event]]) -> None:
         vehicle = self.vehicle
         answer_at = vehicle.now + self.LATENCY_S
+        if self.one_way:
+            return
         for send in sends:
             match send:
                 case Command(command, parameters, _) if command == DO_SET_MODE:

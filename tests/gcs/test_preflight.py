@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from gcs.envelope import Limits
+from gcs.log_health import Capacity, LogHealth
 from gcs.logs.live import LiveWindow
 from gcs.maneuver import Maneuver
-from gcs.preflight import controller, flying, hover, link_loss, recording
+from gcs.preflight import carried, controller, flying, hover, lag, lean_stop, link_loss, recording
 from gcs.profile import bundled_profiles
 from gcs.vehicle import VehicleSnapshot
 
@@ -116,3 +117,72 @@ def test_the_controller_that_follows_a_rate_is_the_one_that_is_meant() -> None:
     assert failed(controller(1.0)) == []
     assert failed(controller(0.0)) == ["controller"]
     assert failed(controller(None)) == []
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "answer_age_s", "words", "ok"),
+    [
+        (0.02, 0.1, "0.02 s", True),
+        (0.5, 0.6, "0.50 s", True),
+        (0.51, 0.6, "an abort would come too late", False),
+        (3.5, 7.1, "answered nothing for 7 s", False),
+        (0.02, 12.0, "answered nothing for 12 s", False),
+        (None, float("inf"), "one way only, or a vehicle that accepts signed messages only", False),
+    ],
+)
+def test_a_late_or_deaf_link_is_not_ready(lag_s: float | None, answer_age_s: float, words: str, ok: bool) -> None:
+    (check,) = lag(replace(HOVERING, lag_s=lag_s, answer_age_s=answer_age_s))
+    assert words in check.words
+    assert check.ok is ok
+
+
+def health(carried_by: Capacity | None) -> LogHealth:
+    return LogHealth(
+        file=0,
+        blocks=1000,
+        open=3,
+        silent_s=0.0,
+        log_s=5.0,
+        clock_s=5.0,
+        capacity=carried_by,
+        reported="",
+        problem=None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("carried_bytes", "numbered", "per_log_s", "ok"),
+    [
+        (48_000.0, 48_000.0, 47_500.0, True),
+        (5_100.0, 5_600.0, 60_000.0, False),  # a queue: the numbers, too, come late
+        (5_700.0, 285_000.0, None, False),
+        (0.0, 0.0, None, False),
+    ],
+)
+def test_a_link_that_cannot_carry_the_log_is_not_ready_and_says_both_rates(
+    carried_bytes: float, numbered: float, per_log_s: float | None, ok: bool
+) -> None:
+    counted = Capacity(over_s=5.0, carried=carried_bytes, numbered=numbered, per_log_s=per_log_s, advance=None)
+    (check,) = carried(health(counted), 500.0)
+    assert check.ok is ok
+    assert "a sweep adds 24" in check.words
+    if not ok:
+        assert f"carries {carried_bytes / 1e3:.1f} kB/s and the log needs {counted.needed / 1e3:.0f}" in check.words
+
+
+@pytest.mark.parametrize("unknown", [None, health(None)])
+def test_a_log_that_was_not_counted_is_not_ready(unknown: LogHealth | None) -> None:
+    (check,) = carried(unknown, 500.0)
+    assert not check.ok
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"ANGLE_MAX": 3000.0}, "beyond 30°"),
+        ({"ATC_ANGLE_MAX": 45.0}, "beyond 45°"),
+        ({}, "does not tell"),
+    ],
+)
+def test_the_vehicles_own_lean_stop_is_told(parameters: dict[str, float], words: str) -> None:
+    assert words in lean_stop(parameters).words

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from fake_flight import PARAMETERS, SYSTEMID, FakeSession, FakeVehicle
 
 from gcs.envelope import Limits
 from gcs.flightdir import FlightFolder, create
+from gcs.link.log_end import LogEnd
 from gcs.link.procedures import ProcedureError
 from gcs.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
 from gcs.profile import CannotFlyError
@@ -717,3 +719,187 @@ def test_a_pilot_who_lands_while_somebody_makes_up_his_mind_is_seen(
     with pytest.raises(NotReadyError, match="not armed"):
         fly(session, folder, CHIRP, confirm=think)
     assert (vehicle.written, vehicle.asked) == ([], [])
+
+
+# ------------------------------------------------------------------------- no false claim, no chirp left running
+
+
+def test_a_late_link_is_not_ready_and_nothing_is_asked(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    session.lag_s = 3.5
+    with pytest.raises(NotReadyError, match=r"lag: 3\.50 s: an abort would come too late"):
+        fly(session, folder, CHIRP)
+    assert (vehicle.asked, vehicle.written, session.recordings) == ([], [], [])
+
+
+def test_a_vehicle_that_is_heard_and_answers_nothing_is_not_ready_nor_called_unable(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    session.one_way, session.lag_s = True, None
+    with pytest.raises(NotReadyError, match="one way only, or a vehicle that accepts signed messages only"):
+        require_flyable(session, TestCard("x", (CHIRP,)), session)
+    assert (vehicle.asked, vehicle.written) == ([], [])
+
+
+def test_a_lag_in_flight_sheds_the_log_first_and_ends_the_run(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    at_shedding: list[int] = []
+    shed = session.shed_log
+    session.shed_log = lambda: (at_shedding.append(len(vehicle.asked)), shed())  # type: ignore[assignment, func-returns-value]
+    vehicle.in_sweep(3.0, lambda: setattr(session, "lag_s", 1.2))
+    result = fly(session, folder, CHIRP, DOUBLET)
+    assert result.ending is Ending.LATE
+    assert "the link is 1.2 s late" in result.stopped
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert at_shedding == [1], "before the way back was asked for"
+
+
+def test_a_log_that_stops_ends_the_run_within_two_seconds_and_is_told_at_once(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    endings: list[tuple[float, Ending | None, str]] = []
+
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunProgress):
+            endings.append((vehicle.now, progress.ending, progress.reason))
+
+    stopped: list[float] = []
+    vehicle.in_sweep(4.0, lambda: (stopped.append(vehicle.now), setattr(vehicle, "logs", False)))  # type: ignore[func-returns-value]
+    result = fly(session, folder, CHIRP, DOUBLET, on_progress=on_progress)
+    assert result.ending is Ending.LOG
+    told = next(at for at, ending, reason in endings if ending is Ending.LOG and "no new block" in reason)
+    assert told - stopped[0] < 2.0
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert not result.complete
+
+
+def test_no_run_starts_on_a_dead_log(vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder) -> None:
+    """A log that died after the checks: later runs used to finish in no time, on the samples of the first."""
+
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunReady) and progress.run.number == 2:
+            vehicle.logs = False
+
+    result = fly(session, folder, CHIRP, CHIRP, DOUBLET, on_progress=on_progress)
+    assert len(result.runs) == 1
+    assert "the vehicle's log no longer arrives" in result.stopped
+    assert (result.ending, result.complete) == (Ending.LOG, False)
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert as_found(vehicle)
+
+
+def test_what_another_station_changed_before_the_start_is_not_flown(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunReady):
+            vehicle.parameters["SID_MAGNITUDE"] = 0.15
+
+    result = fly(session, folder, CHIRP, on_progress=on_progress)
+    assert "SID_MAGNITUDE is 0.15 in the vehicle, not 0.1 as shown" in result.stopped
+    assert (result.ending, modes(vehicle), result.complete) == (Ending.SETTINGS, [], False)
+    assert as_found(vehicle)
+
+
+def test_a_sweep_that_flies_other_settings_by_its_own_record_is_ended_in_the_lead_in(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.in_sweep(0.0, lambda: setattr(session, "recorded_magnitude", 0.15))
+    result = fly(session, folder, CHIRP)
+    assert result.ending is Ending.SETTINGS
+    assert "amplitude 0.15, not 0.1" in result.stopped
+    assert vehicle.asked[1][0] - vehicle.asked[0][0] < 1.0, "before anything is excited"
+
+
+def test_a_link_out_for_forty_seconds_in_mid_chirp_is_followed_by_the_way_back(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def lose() -> None:
+        session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 40.0
+
+    vehicle.in_sweep(4.0, lose)
+    result = fly(session, folder, CHIRP)
+    assert result.ending is Ending.LINK
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert vehicle.asked[1][0] - session.deaf_until < 1.2, "the first heartbeat heard again is answered"
+    assert (vehicle.mode, as_found(vehicle)) == (STABILIZE, True)
+
+
+def test_one_heartbeat_of_another_vehicle_with_our_id_ends_nothing_and_is_told(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    notes: list[str] = []
+
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, Note):
+            notes.append(progress.words)
+
+    vehicle.in_sweep(3.4, lambda: vehicle.heartbeats.append((vehicle.now, STABILIZE, True, 4)))
+    result = fly(session, folder, CHIRP, on_progress=on_progress)
+    assert result.runs[0].ending is Ending.FINISHED
+    assert "two vehicles with id 1?" in result.runs[0].reason
+    assert any("two vehicles with id 1?" in note for note in notes)
+    assert not any(mode == SYSTEMID for *_, mode in vehicle.written)
+    assert as_found(vehicle)
+
+
+def test_a_start_that_arrives_after_it_was_given_up_is_brought_back_before_anything_is_written(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    """Six starts lost in a queue that delivers one of them seconds later."""
+    session.drop_commands = 6
+    session.known_lag_s = 8.0
+    late: list[float] = []
+
+    def deliver() -> None:
+        if not late and session.drop_commands == 0:
+            late.append(vehicle.now)
+            vehicle.at(vehicle.now + 4.0, lambda: vehicle.pilot(SYSTEMID))
+
+    session.ticks.append(deliver)
+    result = fly(session, folder, CHIRP)
+    assert result.ending is Ending.REFUSED
+    assert modes(vehicle) == [STABILIZE], "six lost, and one way back"
+    assert not any(mode == SYSTEMID for *_, mode in vehicle.written)
+    assert (vehicle.mode, as_found(vehicle)) == (STABILIZE, True)
+
+
+def test_a_vehicle_left_excited_by_a_lost_link_is_looked_at_once_more_before_the_end(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop = session.stop_recording
+
+    def waited_for() -> RecordingSummary:
+        session.sleep(20.0)
+        return stop()
+
+    def lose() -> None:
+        session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 70.0
+
+    monkeypatch.setattr(session, "stop_recording", waited_for)
+    vehicle.in_sweep(4.0, lose)
+    notes: list[str] = []
+    result = fly(session, folder, CHIRP, on_progress=lambda p: notes.append(p.words) if isinstance(p, Note) else None)
+    assert result.runs[0].mode_after == "unknown"
+    assert modes(vehicle) == [SYSTEMID, STABILIZE]
+    assert any("it was still excited: brought back to Stabilize" in note for note in notes)
+    assert as_found(vehicle)
+
+
+def test_a_log_that_is_not_shown_to_be_whole_is_not_complete(
+    session: FakeSession, folder: FlightFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop = session.stop_recording
+
+    def cut() -> RecordingSummary:
+        summary = stop()
+        short = tuple(replace(log, end=LogEnd()) for log in summary.logs)
+        return replace(summary, logs=short, problems=("flight.BIN ends 9.7 s before the recording did",))
+
+    monkeypatch.setattr(session, "stop_recording", cut)
+    result = fly(session, folder, CHIRP)
+    assert (result.stopped, result.missing_blocks) == ("", 0)
+    assert not result.complete
+    assert result.missing_words == "that nothing is missing is not shown"
