@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
-from scipy.linalg import matmul_toeplitz
+from scipy.linalg import matmul_toeplitz, orth
 
 from gcs.envelope import Limits
 from gcs.maneuver import Maneuver, TestCard
@@ -54,6 +54,8 @@ LATE_S = 0.15
 """A command that is answered later than this leaves no controller enough margin."""
 SEEN = 4.5
 """Answer over its standard error from which it is taken for one."""
+SURE_LATE = 2.5
+"""Standard errors beyond `LATE_S` from which a delay is wrong; below, it is said to seem so."""
 SURE = 3.0
 """Standard errors by which one way of exchanging axes must be better than another."""
 TURNED_DEG = 45.0
@@ -64,8 +66,8 @@ NOISIER = 1.6
 """Times the usual deviation."""
 QUIET_RATE = 0.6
 """rad/s: no vehicle hovers with rates that vary by more; in deg/s every one does."""
-LARGEST_GAIN = 100.0
-"""rad/s per full command: small quadrotors reach 40."""
+LARGEST_GAIN = 150.0
+"""rad/s per full command: quadrotors reach 60 in half a second."""
 SAFETY = 1.25
 """On predicted rate and attitude: gusts add to the answer, and play hides a part of it from a small step."""
 
@@ -307,7 +309,7 @@ def largest_amplitude(
     if answer is None or not answer.seen or answer.peak_rate is None:
         return None
     attitude = predicted_attitude(answer, maneuver, abort_s)
-    return min(1.0, limits.rate / (safety * answer.peak_rate), limits.attitude / (safety * attitude))
+    return float(min(1.0, limits.rate / (safety * answer.peak_rate), limits.attitude / (safety * attitude)))
 
 
 def predicted_attitude(answer: AxisAnswer, maneuver: Maneuver, abort_s: float) -> float:
@@ -603,7 +605,7 @@ def _problem(grids: tuple[_Gridded, ...], letters: tuple[str, ...], rate: str) -
     drift = np.linalg.qr(columns[rows])[0]
     bare = added[rows] - drift @ (drift.T @ added[rows])
     y = np.concatenate([grid.y[rate] for grid in grids])
-    return _Problem(grids, letters, y, rows, drift, np.linalg.qr(bare)[0])
+    return _Problem(grids, letters, y, rows, drift, orth(bare, rcond=1e-6))
 
 
 def _fit_row(quiet: Samples, grids: tuple[_Gridded, ...], letters: tuple[str, ...], rate: str) -> _Row:
@@ -975,7 +977,7 @@ def _rate_gains(added: FloatArray, answers: Sequence[FloatArray], spread: float)
     put_in = [abs((added - added.mean()) @ wave) for wave in at]
     enough = 0.3 * max(put_in)
     return tuple(
-        (hz, spread * float(max(abs((y - y.mean()) @ wave) for y in answers)) / size)
+        (float(hz), spread * float(max(abs((y - y.mean()) @ wave) for y in answers)) / size)
         for hz, wave, size in zip(_SWINGS_HZ, at, put_in, strict=True)
         if size > enough
     )
@@ -992,15 +994,11 @@ def _of_answer(answer: AxisAnswer) -> Iterator[ProbeFinding]:
             f"{axis}: {abs(answer.gain):.0f} rad/s per full command is beyond any vehicle; is {answer.rate} in deg/s?"
         )
         yield ProbeFinding("units", answer.rate, words, True, {"gain": answer.gain})
-    if answer.delay_s - SURE * answer.delay_error_s > LATE_S:
+    if answer.delay_s > LATE_S:
+        sure = answer.delay_s - SURE_LATE * answer.delay_error_s > LATE_S
         words = (
-            f"{axis}: {answer.rate} follows {1000 * answer.delay_s:.0f} ± {1000 * answer.delay_error_s:.0f} ms after "
-            f"the command, more than {1000 * LATE_S:.0f}: look for a slow link, servo or filter, or for late stamps"
+            f"{axis}: {answer.rate} {'follows' if sure else 'seems to follow'} {1000 * answer.delay_s:.0f} ± "
+            f"{1000 * answer.delay_error_s:.0f} ms after the command, more than {1000 * LATE_S:.0f}: "
         )
-        yield ProbeFinding("late", axis, words, True, {"delay_s": answer.delay_s})
-
-
-__all__ = [
-    "AxisAnswer", "ProbeFinding", "ProbeResult", "ProbeStep", "judge_probe", "largest_amplitude", "predicted_attitude",
-    "probe_card",
-]  # fmt: skip
+        words += "look for a slow servo or filter, or late stamps" if sure else "a larger step would tell"
+        yield ProbeFinding("late", axis, words, sure, {"delay_s": answer.delay_s, "error_s": answer.delay_error_s})
