@@ -144,6 +144,7 @@ class Ending(Enum):
     LATE = "link too late"
     LOG = "log stopped"
     SETTINGS = "other settings"
+    PROBE = "the probe says no"
     ABORTED = "aborted"
     STUCK = "stuck"
 

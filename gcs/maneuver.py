@@ -176,6 +176,8 @@ class CardRun:
     """Amplitude of this run over that of the step before it, by which its peaks are expected to grow; 1 without one."""
     locked_by: int | None = None
     """The number of the run that must come out clean before this one is flown."""
+    probe: bool = False
+    """Flown before the card, to see whether the vehicle answers as it should (see `gcs.probe`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +221,22 @@ class TestCard:
     def duration_s(self) -> float:
         """About how long flying it takes: each run with its second of nothing before and after, and the rests."""
         return sum(run.maneuver.duration_s + 2.0 + self.rest_s for run in self.runs())
+
+
+def preceded(runs: tuple[CardRun, ...], probes: tuple[CardRun, ...]) -> tuple[CardRun, ...]:
+    """A card's runs with probes before them, numbered anew."""
+    total, first = len(probes) + len(runs), len(probes)
+    before = (replace(run, label=f"probe {run.maneuver.axis}", of=total, probe=True) for run in probes)
+    after = (
+        replace(
+            run,
+            number=first + run.number,
+            of=total,
+            locked_by=None if run.locked_by is None else first + run.locked_by,
+        )
+        for run in runs
+    )
+    return (*before, *after)
 
 
 def single_card(maneuver: Maneuver) -> TestCard:

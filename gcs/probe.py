@@ -39,7 +39,7 @@ Samples = Mapping[str, FloatArray]
 
 QUIET_S = 5.0
 """How much hover before the first step is read."""
-FRACTION = 0.1
+FRACTION = 0.2
 """Of the card's amplitude."""
 LEAST_AMPLITUDE = 0.002
 """Of full command: less is within the resolution of a servo. Never more than the card's own."""
@@ -315,9 +315,10 @@ def largest_amplitude(
 def predicted_attitude(answer: AxisAnswer, maneuver: Maneuver, abort_s: float) -> float:
     """Attitude reached per full command, rad, of an answer that was seen: at each frequency flown the swing, and the
     largest rate there kept on until the abort acts, but not longer than it takes to swing to the other side."""
-    if maneuver.kind == "doublet":
-        return (answer.peak_rate or 0.0) * (maneuver.pulse_s + min(abort_s, maneuver.pulse_s))
-    start_hz, stop_hz = maneuver.f_start_hz, maneuver.f_stop_hz
+    if maneuver.kind == "doublet":  # its two pulses are one period
+        start_hz = stop_hz = 0.5 / maneuver.pulse_s
+    else:
+        start_hz, stop_hz = maneuver.f_start_hz, maneuver.f_stop_hz
     known = np.array(answer.rate_gains or ((start_hz, answer.peak_rate or 0.0),))
     flown = [start_hz, *(hz for hz in known[:, 0] if start_hz < hz < stop_hz)]
     rates = np.interp(flown, *known.T)

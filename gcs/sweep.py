@@ -39,8 +39,9 @@ from gcs.excitation import (
 from gcs.flightdir import FlightFolder
 from gcs.link.clock import UNKNOWN
 from gcs.link.procedures import ProcedureError
-from gcs.maneuver import CardRun, TestCard
+from gcs.maneuver import CardRun, TestCard, preceded
 from gcs.preflight import Check, LinkLoss
+from gcs.probe import QUIET_S, ProbeResult, ProbeStep, Samples, judge_probe, largest_amplitude, probe_card
 from gcs.profile import Plan, VehicleProfile
 from gcs.recorder import RecordingSummary
 from gcs.settings import ask_all, changed_since, give_back, read_settings, recognise, write_plan
@@ -51,6 +52,10 @@ LOG_WAIT_S = 8.0
 HOVER_LOOK_S = 2.0
 LAG_WAIT_S = 4.0
 """How long a vehicle's first answer, which tells how late the link is, is waited for."""
+ABORT_S = 0.15
+"""From seeing that a run must end to the order on a link without lag, heartbeats not waited for."""
+PROBE_AROUND_S = 1.0
+"""Hover before and after a probe's step that is judged with it."""
 TELL_AFTER_S = 2.0
 """A run that takes longer to clear is told of."""
 
@@ -135,13 +140,20 @@ class RunResult:
 
 
 @dataclass(frozen=True, slots=True)
+class Probed:
+    """The probe was flown; where it is `wrong`, the card is not."""
+
+    result: ProbeResult
+
+
+@dataclass(frozen=True, slots=True)
 class Note:
     """Something to tell the user."""
 
     words: str
 
 
-Progress = Note | RunReady | RunProgress | RunResult
+Progress = Note | Probed | RunReady | RunProgress | RunResult
 
 
 def fly_run(
@@ -329,11 +341,13 @@ def fly_card(
     about: Mapping[str, Any] | None = None,
     clock: Clock | None = None,
     disk_free: Callable[[Path], int | None] | None = None,
+    probe: bool = False,
 ) -> SweepResult:
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
     `aborted` gives a reason once somebody wants the end; `interruptions` as in `fly_run`. `about` goes into
-    flight.json. Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
+    flight.json. With `probe` a small step on each axis comes first, and the card only where the vehicle answers as it
+    should. Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
     CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens later is in the
     result. flight.json is written in every case where recording began.
     """
@@ -343,7 +357,8 @@ def fly_card(
     _wait_for_lag(session, clock)
     _require(preflight.lag(session.snapshot()))
     profile = profile or recognise(session, clock)
-    planned = tuple((run, profile.plan(run.maneuver)) for run in card.runs())
+    probes = probe_card(card, profile).runs() if probe else ()
+    planned = tuple((run, profile.plan(run.maneuver)) for run in preceded(card.runs(), probes))
     controller = _controller(session, clock, card)
     _require((*preflight.flying(session.snapshot(), profile), *controller))
     parameters = read_settings(session, clock, profile)
@@ -402,6 +417,10 @@ class _Flight:
     """The last run, which is watched until it is cleared before anything is written."""
     unrestored: Mapping[str, float] | None = None
     """The vehicle's own settings, where they could not be put back."""
+    quiet: Samples | None = None
+    """Hover before the first probe."""
+    steps: list[ProbeStep] = field(default_factory=list)
+    probed: ProbeResult | None = None
 
     def __enter__(self) -> Self:
         self.started = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -467,9 +486,13 @@ class _Flight:
         self.settings = dict(parameters)
         try:
             for run, plan in self.planned:
-                self.stopped = self._unfit(mode_before, aborted) or self._log_dead() or self._locked(run)
+                self.stopped = (
+                    self._unfit(mode_before, aborted) or self._log_dead() or self._locked(run) or self._capped(run)
+                )
                 if self.stopped:
                     return
+                if run.probe and self.quiet is None:
+                    self._look_at_hover()
                 result = self._fly_next(run, plan, mode_before, aborted, interruptions)
                 if result is None:
                     return
@@ -481,6 +504,10 @@ class _Flight:
                     self.stopped = joined(f"after {run.label} nothing more is written", self._uncleared)
                     return
                 self._rest(mode_before, aborted)
+                if run.probe:
+                    self.stopped = self._probed(run, result)
+                    if self.stopped:
+                        return
         finally:
             self._restore(parameters, interruptions)
 
@@ -524,6 +551,50 @@ class _Flight:
         self._audit(joined(f"{run.label} {result.ending.value}", result.reason or words))
         self.on_progress(result)
         return result
+
+    def _look_at_hover(self) -> None:
+        """The quiet seconds that a probe's answers are measured against."""
+        end = self.clock.now() + 2 * QUIET_S
+        while self.clock.now() < end:
+            window = self.session.samples(QUIET_S)
+            if window.t.size and float(window.t[-1] - window.t[0]) > 0.98 * QUIET_S:
+                break
+            self.clock.sleep(TICK_S)
+        self.quiet = cut(window, -math.inf, math.inf)
+
+    def _probed(self, run: CardRun, result: RunResult) -> str:
+        """Note a probe's samples; after the last one, why the card must not be flown, empty where it may."""
+        start = math.inf if result.log_start_s is None else result.log_start_s + result.plan.lead_s
+        around = run.maneuver.duration_s + 2 * PROBE_AROUND_S
+        window = self.session.samples(around + self.card.rest_s + 10.0)
+        samples = cut(window, start - PROBE_AROUND_S, start + around - PROBE_AROUND_S)
+        self.steps.append(ProbeStep(run.maneuver, samples, start if math.isfinite(start) else None))
+        if any(later.probe and later.number > run.number for later, _ in self.planned) or self.quiet is None:
+            return ""
+        self.probed = judge_probe(self.quiet, self.steps, self.settings.get("SCHED_LOOP_RATE"))
+        self.write()
+        self._audit(f"probe: {'; '.join(self.probed.words)}")
+        self.on_progress(Probed(self.probed))
+        if not self.probed.wrong:
+            return ""
+        self.ending = Ending.PROBE
+        serious = "; ".join(finding.words for finding in self.probed.findings if finding.serious)
+        return f"the probe says: {serious}; nothing more was flown"
+
+    def _capped(self, run: CardRun) -> str:
+        """Why a run's amplitude is too large for what the probe saw, empty where it is not, or not known."""
+        if self.probed is None or run.maneuver.kind == "quiet" or run.maneuver.target != "command":
+            return ""
+        abort_s = ABORT_S + 2 * (self.session.snapshot().lag_s or 0.0)
+        largest = largest_amplitude(self.probed, self.limits, abort_s, run.maneuver)
+        if largest is None or run.maneuver.amplitude <= largest:
+            return ""
+        self.ending = Ending.LIMIT
+        return (
+            f"{run.label}: amplitude {run.maneuver.amplitude:g} is predicted, from the probe, to leave "
+            f"{math.degrees(self.limits.attitude):.0f}° or {self.limits.rate:g} rad/s before an abort acts "
+            f"({abort_s:.1f} s); at most {largest:.2g} on this axis"
+        )
 
     def _changed(self, plan: Plan) -> str:
         """What flies is what was shown: why not, empty where the vehicle holds it bit for bit."""
@@ -671,6 +742,7 @@ class _Flight:
                 "checks": [{"name": c.name, "ok": c.ok, "words": c.words} for c in self.checks],
                 "planned": len(self.planned),
                 "runs": [run.to_json() for run in self.runs],
+                "probe": None if self.probed is None else self.probed.to_json(),
                 "stopped": self.stopped,
                 "recording": None if self.recording is None else _portable(self.recording, self.folder.path),
                 "missing_blocks": snapshot.missing if self.recording is None else self.recording.missing_blocks,
@@ -716,6 +788,7 @@ __all__ = [
     "NotReadyError",
     "Note",
     "Phase",
+    "Probed",
     "Progress",
     "RunProgress",
     "RunReady",

@@ -48,6 +48,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         action="store_true",
         help="be the station whose heartbeat holds the vehicle's ground failsafe (system id 255); with --sim always",
     )
+    parser.add_argument(
+        "--probe",
+        action=argparse.BooleanOptionalAction,
+        help="before a card a small step on each axis, and the card only if the vehicle answers as it should (default "
+        "on every vehicle that the app does not simulate itself)",
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="of the simulated vehicle's gusts and noise")
     parser.add_argument("--on-ground", action="store_true", help="the simulated vehicle begins on the ground")
     parser.add_argument(
@@ -120,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
         place = simulated(args.sim, seed=args.seed, on_ground=args.on_ground)
     first = "runs" if args.flight is not None else "connect" if place is NOWHERE else "fly"
     with contextlib.ExitStack() as ends:
-        engine = Reconnecting(place, folder=args.output, primary=args.primary, card=args.card)
+        engine = Reconnecting(place, folder=args.output, primary=args.primary, card=args.card, probe=args.probe)
         ends.callback(_close, engine)
         app = TippathApp(
             engine,
@@ -191,6 +197,8 @@ def _again(args: argparse.Namespace) -> list[str]:
         ("--theme", args.theme),
     ):
         words += [] if value is None else [name, str(value)]
+    if args.probe is not None:
+        words.append("--probe" if args.probe else "--no-probe")
     for name, on in (("--primary", args.primary), ("--on-ground", args.on_ground)):
         words += [name] if on else []
     return [*words, "--no-bell"]

@@ -11,7 +11,7 @@ from gcs.envelope import Limits
 from gcs.excitation import LOST_PATIENCE_S
 from gcs.logs.reading import Progress as Reading
 from gcs.logs.words import printable
-from gcs.sweep import Briefing, Ending, Note, Phase, Progress, RunProgress, RunReady, RunResult
+from gcs.sweep import Briefing, Ending, Note, Phase, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.vehicle import LOST_AFTER_S
 
 EVERY_S = 5.0
@@ -37,6 +37,11 @@ class ProgressLines:
         match progress:
             case Note():
                 self._line(f" {printable(progress.words)}")
+            case Probed():
+                result = progress.result
+                mark = "✗" if result.wrong else "✓" if result.ok else "?"
+                for words in result.words:
+                    self._line(f" {mark} probe   {printable(words)}")
             case RunReady():
                 maneuver = progress.run.maneuver
                 self._line(f" ready   {progress.run.label}   {maneuver.numbers}   {progress.plan.words}")

@@ -29,6 +29,10 @@ Ctrl-C ends the excitation first: the mode before the run is sent again and agai
 mode, and never after the pilot chose another. Nothing here arms, takes off or lands. A lost link is waited for up to a
 minute, to end the excitation then; Ctrl-C ends that wait, and the pilot takes over in any case.
 
+The probe: five quiet seconds, then a step of a fifth of the card's amplitude on each axis. It tells reversed or swapped
+commands and gyros, lag, noise and a faulty log before 30 s are flown, and the amplitude up to which the card is
+predicted to stay within its limits, an abort's delay included. Where something is wrong, the card is not flown.
+
 A card is a TOML file. What is left out is the paper's Table 1:
 
   name = "my card"
@@ -58,7 +62,8 @@ A card is a TOML file. What is left out is the paper's Table 1:
   pulse_s = 0.25              # doublets only
 
 --json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
-"card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "runs": [{"label", "purpose", "maneuver",
+"card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "probe": {"ok", "wrong",
+"findings", "answers", "words"} or null, "runs": [{"label", "purpose", "maneuver",
 "flew", "parameters", "ending", "reason", "mode_after", "started", "duration_s", "log_start_s", "peaks", "verdict":
 {"keep", "reasons", "samples", "expected", "missing", "gaps", "percent_of_limits", "coherent_hz"}}], "recording",
 "missing_blocks" (below the last that came; "recording": {"complete", "problems", "logs": [{"end"}]} says whether the
@@ -84,6 +89,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--duration", type=float, metavar="S", help="seconds (default 30)")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="the flight's folder; never overwritten")
     parser.add_argument("--hardware", action="store_true", help="ask for the typed word even on this machine's link")
+    parser.add_argument(
+        "--probe",
+        action=argparse.BooleanOptionalAction,
+        help="fly a small step on each axis first, and the card only if the vehicle answers as it should (default on "
+        "hardware)",
+    )
     parser.add_argument("--yes", action="store_true", help="do not ask; refused on hardware")
     parser.set_defaults(run=run)
 
@@ -135,6 +146,7 @@ def run(args: argparse.Namespace) -> int:
             aborted=wishes,
             interruptions=lambda: wishes.pressed,
             about={"link": args.connect},
+            probe=not simulated if args.probe is None else args.probe,
         )
         if result.link_loss is not None and result.link_loss.ends_sweep and session.snapshot().armed:
             # We hold its failsafe, and are about to leave.

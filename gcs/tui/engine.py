@@ -35,6 +35,7 @@ from gcs.sweep import (
     Ending,
     Note,
     Phase,
+    Probed,
     Progress,
     RunProgress,
     RunReady,
@@ -106,14 +107,17 @@ class FlightEngine:
         folder: Path = Path(),
         primary: bool = False,
         card: str = "hover",
+        probe: bool | None = None,
         open_session: Callable[..., Session] = Session.open,
         make_desk: Callable[..., Desk] = Desk,
     ) -> None:
         """Without `link` and `start_vehicle` there is no vehicle, and the desk alone works. `make_desk` gives the desk
-        to work on, told by `on_command` and `on_said` whom to tell."""
+        to work on, told by `on_command` and `on_said` whom to tell. With `probe`, by default on every vehicle that the
+        app did not start itself, a small step on each axis comes before a card."""
         self._folder = folder
         self._primary = primary
         self._start_vehicle = start_vehicle
+        self._probe = start_vehicle is None if probe is None else probe
         self._open_session = open_session
         self._vehicle: SimulatedVehicle | None = None
         self._session: Session | None = None
@@ -284,6 +288,7 @@ class FlightEngine:
                 on_progress=self._progressed,
                 aborted=lambda: self._abort,
                 about={"command": "fly", "link": session.link},
+                probe=self._probe,
             )
             said = self._landed(result)
             landed = result.folder.path if result.recording is not None and result.recording.logs else None
@@ -323,7 +328,8 @@ class FlightEngine:
 
     def _briefed(self, briefing: Briefing) -> bool:
         checks = tuple((check.ok, f"{check.name}: {check.words}") for check in briefing.checks)
-        self._set(checks=checks, link_loss=briefing.link_loss.words)
+        runs = tuple(_view(run) for run, _ in briefing.plans)
+        self._set(checks=checks, link_loss=briefing.link_loss.words, runs=runs)
         return self._abort is None
 
     def _progressed(self, progress: Progress) -> None:
@@ -334,6 +340,8 @@ class FlightEngine:
                 self._show(progress)
             case RunResult():
                 self._judged(progress)
+            case Probed():
+                self._set(said=f"probe: {'; '.join(progress.result.words)}")
             case Note():
                 self._notes.append(progress.words)
                 self._set(said=progress.words)

@@ -24,6 +24,7 @@ class Reconnecting:
     """What the app asks (`Engine`), and beside it where to connect to.
 
     primary: be the station whose heartbeat holds a real vehicle's failsafe; of a simulated one it always does.
+    probe: as `FlightEngine`'s.
     """
 
     def __init__(
@@ -33,12 +34,14 @@ class Reconnecting:
         folder: Path = Path(),
         primary: bool = False,
         card: str = "hover",
+        probe: bool | None = None,
         make: Callable[..., FlightEngine] = FlightEngine,
         make_vehicle: Callable[..., SimulatedVehicle] = SimulatedVehicle,
     ) -> None:
         self._folder = folder
         self._primary = primary
         self._card = card
+        self._probe = probe
         self._make = make
         self._make_vehicle = make_vehicle
         self._changing = threading.Lock()
@@ -97,6 +100,7 @@ class Reconnecting:
             folder=self._folder,
             primary=self._primary or place.plant is not None,
             card=self._card,
+            probe=self._probe,
             make_desk=self._taken_over,
         )
 

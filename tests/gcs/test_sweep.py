@@ -26,6 +26,7 @@ from gcs.sweep import (
     Note,
     NotReadyError,
     Phase,
+    Probed,
     Progress,
     RunProgress,
     RunReady,
@@ -903,3 +904,52 @@ def test_a_log_that_is_not_shown_to_be_whole_is_not_complete(
     assert (result.stopped, result.missing_blocks) == ("", 0)
     assert not result.complete
     assert result.missing_words == "that nothing is missing is not shown"
+
+
+# ------------------------------------------------------------------------------------------------ the probe
+
+
+def probed(said: list[Progress]) -> Probed:
+    (result,) = [one for one in said if isinstance(one, Probed)]
+    return result
+
+
+def test_a_probe_comes_before_the_card_where_it_is_asked_for(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    said: list[Progress] = []
+    result = fly(session, folder, CHIRP, DOUBLET, probe=True, on_progress=said.append)
+    assert result.complete, result.stopped
+    assert [run.run.label for run in result.runs] == ["probe roll", "probe pitch", "roll chirp", "pitch doublet"]
+    assert [run.run.number for run in result.runs] == [1, 2, 3, 4]
+    sizes = [value for _, name, value, _ in vehicle.written if name == "SID_MAGNITUDE"]
+    assert sizes[:2] == pytest.approx([0.02, 0.02])
+    assert probed(said).result.ok
+    about = json.loads(folder.about.read_text())
+    assert about["probe"]["ok"] is True
+    assert "p follows delta_x" in about["probe"]["words"][0]
+
+
+def test_a_vehicle_that_answers_the_wrong_way_round_flies_no_card(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.gain = -3.0
+    said: list[Progress] = []
+    result = fly(session, folder, CHIRP, DOUBLET, probe=True, on_progress=said.append)
+    assert len(result.runs) == 2
+    assert result.ending is Ending.PROBE
+    assert "reversed" in {finding.kind for finding in probed(said).result.findings}
+    assert "the probe says: " in result.stopped
+    assert "nothing more was flown" in result.stopped
+    assert (vehicle.mode, as_found(vehicle)) == (STABILIZE, True)
+
+
+def test_an_amplitude_that_is_predicted_to_leave_the_limits_is_not_flown_and_the_largest_is_told(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    vehicle.gain = 12.0
+    result = fly(session, folder, Maneuver("chirp", "roll", 0.3, 10.0), probe=True)
+    assert len(result.runs) == 1
+    assert result.ending is Ending.LIMIT
+    assert "is predicted, from the probe, to leave 25°" in result.stopped
+    assert "on this axis" in result.stopped
