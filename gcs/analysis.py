@@ -207,6 +207,9 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
         )
     lines += ["", "natural modes       frequency, Hz   damping ratio"]
     lines += [f"  {mode.frequency_hz:26.3f}        {mode.damping_ratio:8.3f}" for mode in fit.model.modes]
+    if structure.outside_matrices:
+        named = ", ".join(Path(one).name for one in structure.outside_matrices)
+        lines += wrapped(f"not in them, for it acts on the commands before: {named}", "  ", "  ")
     if not fit.stable:
         lines.append("  unstable: see the warnings")
     lines += ["", *_parameters(fit)]

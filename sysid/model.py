@@ -116,6 +116,11 @@ class Structure:
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
+    def outside_matrices(self) -> tuple[str, ...]:
+        """Effects on the commands that matrices leave out, and with them poles and modes: delay, play, limits."""
+        return tuple(one.path or one.id for one in self.composed if one.response is not None or one.samples is not None)
+
+    @property
     def linear(self) -> bool:
         """Constant coefficients throughout: the response is exact in matrices."""
         return all(effect.linear for effect in self.composed)
@@ -226,6 +231,7 @@ class Model:
 
     @property
     def modes(self) -> tuple[Mode, ...]:
+        """Of the vehicle alone, from its commands on; what `outside_matrices` does to these moves none."""
         return modes(self.matrices.A)
 
     @cached_property

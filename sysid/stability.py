@@ -37,7 +37,10 @@ LONGEST = 0.8
 """Norm r over one step; the argument is then known to within 0.81 rad before it is taken from the determinant."""
 SENSIBLE_GAIN_DB, SENSIBLE_PHASE_DEG, SENSIBLE_MS = 6.0, 45.0, 10.0
 """Margins that leave room for what no model has; a cost that is offered has them where one can."""
+WHOLE = 0.1
+"""How far from a whole number the count may come out."""
 STEPS = 64
+MOST_STEPS = 100_000
 GRID = 500
 LOWEST = 1e-6
 """Of the path's end, where its steps and the loci's frequencies begin."""
@@ -103,8 +106,8 @@ class ClosedLoop:
         return self.margins is not None
 
 
-class _Loop(NamedTuple):
-    """z' = (now + late F) z, z of the vehicle's n states and then the controller's."""
+class Loop(NamedTuple):
+    """z' = (now + late F) z, z of the vehicle's states, as far as its rates show them, and then the controller's."""
 
     now: FloatArray
     late: FloatArray
@@ -122,7 +125,7 @@ class _Loop(NamedTuple):
 
 def closed_loop(gains: Gains, vehicle: Model) -> ClosedLoop:
     """A vehicle, whatever its states and its delay, under gains designed on another model."""
-    loop = _loop(gains, vehicle)
+    loop = loop_of(gains, vehicle)
     inside, outside = _in_the_loop(vehicle)
     poles = loop.unseen[np.abs(loop.unseen) >= loop.drift]
     if np.any(poles.real > ON_THE_AXIS) or roots_to_the_right(loop) != 0:
@@ -143,7 +146,8 @@ def _in_the_loop(vehicle: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return inside, tuple(name for name in names if name not in inside)
 
 
-def _loop(gains: Gains, vehicle: Model) -> _Loop:
+def loop_of(gains: Gains, vehicle: Model) -> Loop:
+    """The equations of vehicle and controller together."""
     plant, unseen, attitude = _plant(vehicle)
     A, B, C, D = plant
     a, b, c, _ = gains.model.matrices
@@ -152,7 +156,7 @@ def _loop(gains: Gains, vehicle: Model) -> _Loop:
     now = np.block([[A, np.zeros((n, m))], [L @ C, a - L @ c - b[:, :2] @ K]])
     late = np.block([[np.zeros((n, n)), -B @ K], [np.zeros((m, n)), -L @ D @ K]])
     now, late = _balanced(now, late)
-    return _Loop(now, late, vehicle, plant, unseen, DRIFT_RAD_S if attitude else 0.0)
+    return Loop(now, late, vehicle, plant, unseen, DRIFT_RAD_S if attitude else 0.0)
 
 
 def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
@@ -189,36 +193,48 @@ def _balanced(now: FloatArray, late: FloatArray) -> tuple[FloatArray, FloatArray
 # ------------------------------------------------------------------------------------------------ counting roots
 
 
-def roots_to_the_right(loop: _Loop) -> int | None:
-    """How many roots have a positive real part, those slower than the drift left out; None with one on the edge."""
+def roots_to_the_right(loop: Loop) -> int | None:
+    """How many roots have a positive real part, those slower than the drift left out.
+
+    None where it cannot be told: one is on the edge, or the numbers are not finite.
+    """
     try:
         with np.errstate(all="ignore"):
-            end, turned = _end(loop), 0.0
-            low, high = _path(loop, end)
-            while low.size:
-                if np.any(high - low < ON_THE_AXIS * (1 + np.abs(low))):
-                    return None
-                sure, turn = _turned(loop, low, high)
-                turned += float(np.sum(turn[sure]))
-                low, high = low[~sure], high[~sure]
-                middle = 0.5 * (low + high)
-                low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
-            n = len(loop.now)
+            end = _end(loop)
+            turned = _turned_in_all(loop, end)
             M = loop.now + loop.late * loop.F(np.array([1j * end]))[0]
             beyond = float(np.sum(np.angle(1 - np.linalg.eigvals(M) / (1j * end))))
-            return round(n / 2 + (beyond - turned) / np.pi)
     except np.linalg.LinAlgError:
         return None
+    if turned is None:
+        return None
+    count = len(M) / 2 + (beyond - turned) / np.pi
+    return round(count) if abs(count - round(count)) < WHOLE else None
 
 
-def _end(loop: _Loop) -> float:
+def _turned_in_all(loop: Loop, end: float) -> float | None:
+    """rad, from the real axis to j `end`; None with a root on the way."""
+    low, high = _path(loop, end)
+    turned = 0.0
+    while low.size:
+        if low.size > MOST_STEPS or np.any(high - low < ON_THE_AXIS * (1 + np.abs(low))):
+            return None
+        sure, turn = _turned(loop, low, high)
+        turned += float(np.sum(turn[sure]))
+        low, high = low[~sure], high[~sure]
+        middle = 0.5 * (low + high)
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+    return turned
+
+
+def _end(loop: Loop) -> float:
     """rad/s, beyond which no root can be."""
     norm = [float(np.linalg.norm(one)) for one in (loop.now, loop.late)]
     w = np.geomspace(1e-3, 1e6, 91)
     return 2 * (norm[0] + norm[1] * max(1.0, float(np.max(np.abs(loop.F(1j * w))))))
 
 
-def _path(loop: _Loop, end: float) -> tuple[FloatArray, FloatArray]:
+def _path(loop: Loop, end: float) -> tuple[FloatArray, FloatArray]:
     """First steps from the real axis to `end`: low and high ends, lengths along the path from where the axis begins."""
     axis = np.concatenate([[0.0], np.geomspace(LOWEST, 1, STEPS) * (end - loop.drift)])
     around = np.linspace(-0.5 * np.pi * loop.drift, 0, STEPS // 4)[:-1] if loop.drift else np.zeros(0)
@@ -226,14 +242,14 @@ def _path(loop: _Loop, end: float) -> tuple[FloatArray, FloatArray]:
     return marks[:-1], marks[1:]
 
 
-def _on_path(loop: _Loop, t: FloatArray) -> ComplexArray:
+def _on_path(loop: Loop, t: FloatArray) -> ComplexArray:
     """s: along the quarter of a circle round the drift, then up the imaginary axis; |ds/dt| = 1."""
     r = loop.drift
     axis = 1j * (r + t)
     return np.asarray(np.where(t < 0, r * np.exp(1j * (0.5 * np.pi + t / r)), axis) if r else axis)
 
 
-def _turned(loop: _Loop, low: FloatArray, high: FloatArray) -> tuple[AnyArray, FloatArray]:
+def _turned(loop: Loop, low: FloatArray, high: FloatArray) -> tuple[AnyArray, FloatArray]:
     """For each step whether its turn is sure, and the turn of the determinant in rad."""
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     s = [_on_path(loop, t) for t in (low, middle, high)]
@@ -254,7 +270,7 @@ def _turned(loop: _Loop, low: FloatArray, high: FloatArray) -> tuple[AnyArray, F
     return size < LONGEST, turn
 
 
-def _slope(loop: _Loop, t: FloatArray, half: FloatArray) -> FloatArray:
+def _slope(loop: Loop, t: FloatArray, half: FloatArray) -> FloatArray:
     """|dF/dt| along the path."""
     step = 1e-4 * half
     change = loop.F(_on_path(loop, t + step)) - loop.F(_on_path(loop, t - step))
@@ -264,7 +280,7 @@ def _slope(loop: _Loop, t: FloatArray, half: FloatArray) -> FloatArray:
 # ------------------------------------------------------------------------------------------------ margins
 
 
-def _margins(gains: Gains, loop: _Loop) -> Margins:
+def _margins(gains: Gains, loop: Loop) -> Margins:
     """Where the loci of the loop's transfer matrix, broken at the commands, meet -1 with more gain, phase or delay.
 
     A common gain, phase or delay in both commands moves every eigenvalue alike, so the first to meet it is the edge.
@@ -288,7 +304,7 @@ def _margins(gains: Gains, loop: _Loop) -> Margins:
     return Margins(float(gain), phase, delay)
 
 
-def _frequencies(gains: Gains, loop: _Loop) -> FloatArray:
+def _frequencies(gains: Gains, loop: Loop) -> FloatArray:
     """rad/s: close together, and closest about every resonance of vehicle and controller."""
     end = _end(loop)
     poles = np.concatenate([np.linalg.eigvals(x) for x in (loop.plant.A, _inner(gains))])
@@ -311,14 +327,14 @@ def rates_per_command(vehicle: Model, s: AnyArray) -> ComplexArray:
     return np.asarray((C @ inside + D) * behind_commands(vehicle.structure, vehicle.values, s)[:, None, None])
 
 
-def _transfer(gains: Gains, loop: _Loop, s: AnyArray) -> ComplexArray:
+def _transfer(gains: Gains, loop: Loop, s: AnyArray) -> ComplexArray:
     """(f, 2, 2), from the commands round the loop to what the controller takes from them."""
     inner = _inner(gains)
     turned = gains.observer_gain @ rates_per_command(loop.vehicle, s)
     return np.asarray(gains.K @ np.linalg.solve(s[:, None, None] * np.eye(len(inner)) - inner, turned))
 
 
-def _loci(gains: Gains, loop: _Loop, w: FloatArray) -> ComplexArray:
+def _loci(gains: Gains, loop: Loop, w: FloatArray) -> ComplexArray:
     """Eigenvalues (f, 2), each column one branch: neighbours change places as often as they did."""
     values = _eigenvalues(_transfer(gains, loop, 1j * w))
     straight = np.abs(np.diff(values, axis=0)).sum(axis=1)
@@ -343,7 +359,7 @@ def _real(loci: ComplexArray) -> AnyArray:
     return np.diff(loci.imag > 0, axis=0) & (loci.real[:-1] < 0)
 
 
-def _at_rest(gains: Gains, loop: _Loop) -> float:
+def _at_rest(gains: Gains, loop: Loop) -> float:
     """dB until a root passes through the origin, which no crossing of the axis shows."""
     if loop.drift:
         return math.inf
