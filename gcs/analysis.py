@@ -24,6 +24,7 @@ from sysid.preprocess import DEFAULT_BAND_HZ, spectra
 from sysid.record import CHANNELS, Record
 from sysid.regulator import Gains
 from sysid.result import HIGH_CORRELATION, Fit, RecordUsed
+from sysid.stability import ClosedLoop
 from sysid.structures import CD, TPP, compose, not_testable, reduce_to_cd
 
 Band = tuple[float, float]
@@ -206,6 +207,9 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
         )
     lines += ["", "natural modes       frequency, Hz   damping ratio"]
     lines += [f"  {mode.frequency_hz:26.3f}        {mode.damping_ratio:8.3f}" for mode in fit.model.modes]
+    if structure.outside_matrices:
+        named = ", ".join(Path(one).name for one in structure.outside_matrices)
+        lines += wrapped(f"not in them, for it acts on the commands before: {named}", "  ", "  ")
     if not fit.stable:
         lines.append("  unstable: see the warnings")
     lines += ["", *_parameters(fit)]
@@ -387,7 +391,6 @@ def gains_text(gains: Gains) -> str:
         found = sorted({(round(v.real, 2), round(abs(v.imag), 2)) for v in values})  # type: ignore[attr-defined]
         return ", ".join(f"{re:.2f}" + (f" ± {im:.2f}j" if im > 0.005 else "") for re, im in found)
 
-    margins = gains.margins
     return "\n".join(
         [
             f"LQR on {gains.model.structure.base.upper()}, rates 1, flapping 0.001, input cost {gains.input_cost:g}",
@@ -396,15 +399,27 @@ def gains_text(gains: Gains) -> str:
             *rows("prefilter g", gains.prefilter),
             f"  poles         {poles(gains.poles)} 1/s",
             f"  observer      {poles(gains.observer_poles)} 1/s",
-            f"  margins       gain {margins.gain_db:.1f} dB, phase {margins.phase_deg:.0f}°, "
-            f"delay {1000 * margins.delay_s:.0f} ms in both commands",
-            *(
-                [f"                with {', '.join(Path(one).name for one in gains.effects)} in the loop"]
-                if gains.effects
-                else []
-            ),
+            *_loop_lines(gains.loop),
         ]
     )
+
+
+def _loop_lines(loop: ClosedLoop) -> list[str]:
+    """Margins, and of what; or that there are none."""
+
+    def named(effects: Sequence[str]) -> str:
+        return ", ".join(Path(one).name for one in effects)
+
+    if loop.margins is None:
+        lines = ["NOT held: no margins"]
+    else:
+        lines = [f"held: {loop.margins.words} in both commands"]
+        if not loop.margins.sensible:
+            lines.append("that is thin: a higher input cost leaves more, and sampling takes its share of the delay")
+    lines += [f"with {named(loop.effects)} in the loop"] if loop.effects else []
+    lines += [f"without {named(loop.left_out)}: small motion does not show it"] if loop.left_out else []
+    lines += ["it drifts, slower than 0.5 Hz, which the rates do not show: the pilot holds it"] if loop.drifts else []
+    return [f"  {'loop' if k == 0 else '':14}{line}" for k, line in enumerate(lines)]
 
 
 def runs_of(fit: Fit, which: Sequence[RecordUsed]) -> list[Record]:

@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sysid.model import Model
 from sysid.preprocess import segments, spectrum
 from sysid.record import Record
@@ -20,6 +22,7 @@ from sysid.simulate import overlay
 
 if TYPE_CHECKING:
     from sysid.loop import Following
+    from sysid.regulator import Gains
     from sysid.result import Fit
 
 Section = tuple[str, str, list[str]]
@@ -28,6 +31,9 @@ Progress = Callable[[str, float | None], None]
 
 # Okabe and Ito: told apart by colour-blind eyes
 BLACK, BLUE, ORANGE, GREEN = "#222222", "#0072B2", "#D55E00", "#009E73"
+
+SAME = 1e-9
+"""Relative: gains designed again on another machine."""
 
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
@@ -112,8 +118,9 @@ def flight_report(
     *,
     diagnosing: bool = True,
     say: Progress = lambda _what, _share: None,
+    warn: Callable[[str], None] = lambda _words: None,
 ) -> str:
-    """The page of one or more FIT.json, with the gains designed on one of them.
+    """The page of one or more FIT.json, with the gains designed on one of them; `warn` hears that these do not hold it.
 
     `named` are the user's effect files, whose code may run. Raises TippathError where a log is gone, ResultError for a
     file that is no fit, GainsError for one that holds no gains.
@@ -125,6 +132,7 @@ def flight_report(
     from sysid.result import Fit
 
     fits = [Fit.load(path, named) for path in paths]
+    designed = [] if gains is None else [_gains_section(gains, list(zip(paths, fits, strict=True)), warn)]
     steps = len(fits) + 2 + diagnosing
     sections: list[Section] = []
     runs: dict[tuple[str, str], Record] = {}
@@ -144,8 +152,7 @@ def flight_report(
     sections.append((f"Where {path.name} fails", compare_text(found, fit), [svg(compare_picture(found))]))
     if diagnosing:
         sections.append(_diagnosis_section(path, fit, lambda what: say(what, (len(fits) + 1) / steps)))
-    if gains is not None:
-        sections.append(_gains_section(gains, fits))
+    sections += designed
     models = [(_label(fit), fit.model) for fit in fits]
     pictures = []
     for number, record in enumerate(runs.values()):
@@ -214,32 +221,55 @@ def _diagnosis_section(path: Path, fit: Fit, say: Callable[[str], None]) -> Sect
     return f"What {path.name} lacks", diagnosis_text(found, path.name, full=True), [svg(drawn(found))]
 
 
-def _gains_section(path: Path, fits: Sequence[Fit]) -> Section:
-    """The gains designed again on the fit that they are from, and the answer they promise."""
+def _gains_section(path: Path, named: Sequence[tuple[Path, Fit]], warn: Callable[[str], None]) -> Section:
+    """The gains designed again on the fit that they are from, and the answer they promise, or that they do not hold.
+
+    Raises GainsError, with the reason for each fit, where they are from none of them.
+    """
     from gcs.analysis import gains_text
     from gcs.gains import GainsError, checksum, load_gains
-    from sysid.errors import SysidError
     from sysid.loop import following
-    from sysid.regulator import design
+    from sysid.regulator import not_held
 
     crc = load_gains(path).crc
     document = json.loads(path.read_text(encoding="utf-8"))
-    weights = document.get("weights")
-    cost = weights.get("inputs") if isinstance(weights, dict) else None
-    for fit in reversed(fits):
-        if fit.model.structure.base != "tpp" or not isinstance(cost, int | float):
-            continue
-        try:
-            gains = design(fit.model, float(cost))
-            again = json.loads(json.dumps(gains.to_json()))
-            if any(again[key] != document.get(key) for key in ("K", "observer_gain", "prefilter", "margins", "model")):
-                continue
-            answer = following(gains, fit.model)
-        except SysidError:
+    reasons = []
+    for one, fit in reversed(named):
+        gains = _designed_again(document, fit)
+        if isinstance(gains, str):
+            reasons.append(f"{one.name}: {gains}")
             continue
         text = f"{gains_text(gains)}\n  checksum      {checksum(crc)}"
-        return f"Gains, {path.name}", text, [following_picture(answer)]
-    raise GainsError(f"{path} was designed on none of these fits")
+        if gains.loop.stable:
+            return f"Gains, {path.name}", text, [following_picture(following(gains, fit.model))]
+        refused = f"{not_held(gains, fit.model)}. Do not push it; design again, `tippath design` says what holds"
+        warn(f"{path}: {refused}")
+        return f"Gains, {path.name}, which do not hold {one.name}", f"{refused}.\n\n{text}", []
+    raise GainsError(f"{path} was designed on none of these fits: {'; '.join(reasons)}")
+
+
+def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
+    """The gains of a document, with the loop that they make with this fit; or why they are not from it."""
+    from sysid.errors import SysidError
+    from sysid.regulator import lqr
+
+    weights = document.get("weights")
+    cost = weights.get("inputs") if isinstance(weights, dict) else None
+    if not isinstance(cost, int | float):
+        return "the gains do not say with which input cost they were designed"
+    try:
+        gains = lqr(fit.model, float(cost))
+    except SysidError as error:
+        return f"no gains can be designed on it: {error}"
+    own = dict(zip(gains.model.structure.names, map(float, gains.model.values), strict=True))
+    theirs = document["model"]["parameters"]
+    moved = [name for name, value in own.items() if theirs.get(name) != value]
+    if moved:
+        return f"its model is another ({', '.join(moved)} differ)"
+    for name, value in (("K", gains.K), ("observer_gain", gains.observer_gain), ("prefilter", gains.prefilter)):
+        if not np.allclose(document[name], value, rtol=0, atol=SAME * float(np.max(np.abs(value)))):
+            return f"{name} is not what `tippath design` makes of its model"
+    return gains
 
 
 def following_picture(found: Following) -> str:

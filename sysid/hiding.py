@@ -33,8 +33,9 @@ from sysid.noise import Division
 from sysid.parameter import Parameter
 from sysid.predict import RelaxationError, respond
 from sysid.preprocess import ComplexArray
-from sysid.regulator import DesignError, Gains, Margins, design, loop_margins
+from sysid.regulator import DesignError, Gains, lqr
 from sysid.result import finite
+from sysid.stability import Margins, closed_loop
 from sysid.structures import compose, not_testable
 
 HARM = 0.1
@@ -61,6 +62,8 @@ ALIKE = 0.1
 MOST_SIZES = 2
 LEAST_SIZE = 0.2
 """Of the largest, on the scale where typical is 1: smaller parameters of one effect are not told."""
+NO_MARGINS = Margins(0.0, 0.0, 0.0)
+"""Of gains that do not hold the vehicle."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +89,18 @@ class Hidden:
 
     @property
     def delay_loss_ms(self) -> float:
-        """Of the delay margin; 0 where there are no gains."""
+        """Of the delay margin; 0 where there are no gains, or where any delay could be held."""
         if self.margins is None or not math.isfinite(self.margins[0].delay_ms):
             return 0.0
         return self.margins[0].delay_ms - self.margins[1].delay_ms
+
+    @property
+    def delay_loss(self) -> float:
+        """The same as a share of the delay margin; 1 where the vehicle is not held."""
+        if self.margins is None:
+            return 0.0
+        here, there = (one.delay_ms for one in self.margins)
+        return 1.0 if there <= 0 else self.delay_loss_ms / here
 
     @property
     def harm(self) -> float:
@@ -105,8 +116,7 @@ class Hidden:
     @property
     def done(self) -> FloatArray:
         """What leaving it out does, as relative changes: watched parameters, delay margin."""
-        loss = self.delay_loss_ms / self.margins[0].delay_ms if self.margins is not None else 0.0
-        return np.array([*self.relative.values(), loss])
+        return np.array([*self.relative.values(), self.delay_loss])
 
     @property
     def consequences(self) -> str:
@@ -121,12 +131,10 @@ class Hidden:
             for here, there in self.modes
             if abs(there.frequency_hz / here.frequency_hz - 1) >= HARM
         ]
-        if self.margins is not None and self.delay_loss_ms >= 0.3 * HARM * self.margins[0].delay_ms:
+        if self.margins is not None and self.delay_loss >= 0.3 * HARM:
             here, there = self.margins
             if there.delay_ms <= 0:
-                done.append(
-                    f"gains designed on the fit, with {here.delay_ms:.0f} ms of delay margin, would not hold it"
-                )
+                done.append(f"gains designed on the fit ({here.words}) would not hold it")
             else:
                 done.append(
                     f"the delay margin would be {self.delay_loss_ms:.0f} ms shorter "
@@ -275,7 +283,7 @@ class _Asking:
         moved = by_fit(parent.J)
         asked = by_fit(parent.J_imposed) if estimate.instrumented else moved
         try:
-            gains = design(parent.model) if structure.linear else None
+            gains = lqr(parent.model) if structure.linear else None
         except DesignError:
             gains = None
         return cls(
@@ -288,7 +296,7 @@ class _Asking:
             _by_linear_part(parent),
             np.asarray(np.linalg.pinv(settled.asked @ settled.moved.T, rcond=1e-12).T @ settled.moved),
             gains,
-            None if gains is None else loop_margins(gains, parent.model),
+            None if gains is None else gains.loop.margins,
             float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
         )
 
@@ -425,7 +433,7 @@ class _Asking:
     def _margins(self, vehicle: Model) -> tuple[Margins, Margins] | None:
         if self.gains is None or self.margins is None or not vehicle.structure.linear:
             return None
-        return self.margins, loop_margins(self.gains, vehicle)
+        return self.margins, closed_loop(self.gains, vehicle).margins or NO_MARGINS
 
 
 def _by_linear_part(parent: Candidate) -> list[ComplexArray]:

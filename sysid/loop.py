@@ -1,7 +1,8 @@
 """What a design promises: the closed loop's answer to doublets of the rate command, in time.
 
-Computed in frequency over a period long enough for the answer to die out, so that a delay is exact and a vehicle may
-have more states than its controller knows of. Play, limits and products are left out: it is the answer in small motion.
+By the inverse Laplace transform, to the right of every root that a loop which is held may have: so a delay is exact, a
+vehicle may have more states than its controller knows of, and it may drift or ring. Play, limits and products are left
+out: it is the answer in small motion.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.model import FloatArray, Model
-from sysid.regulator import DesignError, Gains, loop_margins
-from sysid.response import transfer
+from sysid.model import DRIFT_RAD_S, FloatArray, Model
+from sysid.preprocess import ComplexArray
+from sysid.regulator import DesignError, Gains
+from sysid.stability import closed_loop, rates_per_command
 
 AXES = ("roll", "pitch")
 RATE = 0.3
@@ -22,11 +24,11 @@ PULSE_S = 0.5
 """Of each half of a doublet, as the card `lqr-doublet` flies them."""
 SHOWN_S = 3.0
 PERIOD_S = 30.0
-"""A mode that rings on for so long has no place in a loop that anybody flies."""
+"""Of the transform."""
 STEP_S = 0.002
 BEFORE_S = 0.25
-ANTICIPATED = 0.02
-"""Of the largest answer; what is left of it at the end of the period, or seems to come before the doublet."""
+RIGHT_OF_ALL = DRIFT_RAD_S + 1.0
+"""1/s: the real part at which the transform is taken; what a period leaves unsaid is then nothing."""
 NOT_HELD = "the gains do not hold this model: there is no answer to predict"
 
 
@@ -87,34 +89,42 @@ def following(gains: Gains, vehicle: Model) -> Following:
 
     Raises DesignError where the gains do not hold the vehicle.
     """
-    if loop_margins(gains, vehicle).phase_deg == 0:
+    if not closed_loop(gains, vehicle).stable:
         raise DesignError(NOT_HELD)
     count = round(PERIOD_S / STEP_S)
-    frequency = np.asarray(np.fft.rfftfreq(count, STEP_S)[1:], dtype=np.float64)  # a doublet has no mean
-    s = 2j * np.pi * frequency
-    A, B, C, _ = (np.asarray(x, dtype=float) for x in gains.model.matrices)
-    B = B[:, :2]
-    K, L, g = gains.K, gains.observer_gain, gains.prefilter
-    inner = s[:, None, None] * np.eye(len(A)) - (A - L @ C - B @ K)
-    plant = transfer(vehicle.structure, vehicle.values, frequency)[:2, :2].transpose(2, 0, 1)
-    feedback = K @ np.linalg.solve(inner, np.broadcast_to(L.astype(complex), (s.size, *L.shape)))
-    forward = np.eye(2) - K @ np.linalg.solve(inner, np.broadcast_to(B.astype(complex), (s.size, *B.shape)))
-    commands = np.linalg.solve(np.eye(2) + feedback @ plant, forward @ g)
-    rates = plant @ commands
-    asked = np.zeros(count)
-    first, pulse = round(BEFORE_S / STEP_S), round(PULSE_S / STEP_S)
-    asked[first : first + pulse], asked[first + pulse : first + 2 * pulse] = RATE, -RATE
-    held = np.fft.rfft(asked)[1:] * np.sinc(frequency * STEP_S) * np.exp(-0.5 * s * STEP_S)
+    asked = _doublet(count)
+    fade = np.exp(-RIGHT_OF_ALL * STEP_S * np.arange(count))
+    s: ComplexArray = np.asarray(RIGHT_OF_ALL + 2j * np.pi * np.fft.rfftfreq(count, STEP_S), dtype=complex)
+    held = np.fft.rfft(asked * fade) * (1 - np.exp(-s * STEP_S)) / (s * STEP_S)
+    commands = _commands_per_rate(gains, vehicle, s)
+    rates = rates_per_command(vehicle, s) @ commands
     shown = slice(0, round((BEFORE_S + SHOWN_S) / STEP_S))
 
-    def in_time(bins: np.ndarray) -> FloatArray:
-        answer = np.fft.irfft(np.concatenate([[0], bins * held]), count)
-        if np.max(np.abs(answer[-first:])) > ANTICIPATED * np.max(np.abs(answer)):
-            raise DesignError(NOT_HELD)  # an answer before its question is one that grows without end
-        return answer[shown]
+    def in_time(bins: ComplexArray) -> FloatArray:
+        return np.asarray(np.fft.irfft(bins * held, count)[shown] / fade[shown])
 
     roll, pitch = (
         Answer(axis, asked[shown], *(in_time(one[:, row, k]) for one in (rates, commands) for row in (0, 1)))
         for k, axis in enumerate(AXES)
     )
-    return Following(STEP_S * np.arange(-first, asked[shown].size - first, dtype=np.float64), roll, pitch)
+    t = STEP_S * np.arange(shown.stop, dtype=np.float64) - BEFORE_S
+    return Following(t, roll, pitch)
+
+
+def _doublet(count: int) -> FloatArray:
+    """(count,), rad/s."""
+    asked = np.zeros(count)
+    first, pulse = round(BEFORE_S / STEP_S), round(PULSE_S / STEP_S)
+    asked[first : first + pulse], asked[first + pulse : first + 2 * pulse] = RATE, -RATE
+    return asked
+
+
+def _commands_per_rate(gains: Gains, vehicle: Model, s: ComplexArray) -> ComplexArray:
+    """(f, 2, 2): commands per rate asked for, the loop closed."""
+    A, B, C, _ = (np.asarray(x, dtype=float) for x in gains.model.matrices)
+    B = B[:, :2]
+    K, L, g = gains.K, gains.observer_gain, gains.prefilter
+    inner = s[:, None, None] * np.eye(len(A)) - (A - L @ C - B @ K)
+    feedback = K @ np.linalg.solve(inner, np.broadcast_to(L.astype(complex), (s.size, *L.shape)))
+    forward = np.eye(2) - K @ np.linalg.solve(inner, np.broadcast_to(B.astype(complex), (s.size, *B.shape)))
+    return np.asarray(np.linalg.solve(np.eye(2) + feedback @ rates_per_command(vehicle, s), forward @ g))

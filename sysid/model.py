@@ -25,6 +25,8 @@ G = 9.80665  # m/s^2
 COMPLEX_STEP = 1e-30
 SMALL_MOTION = 2.0**-300
 """Far below rounding, and exact to divide by: what is not proportional to the motion vanishes beside what is."""
+DRIFT_RAD_S = 2 * math.pi * 0.5
+"""Where the attitude has a part, slower roots are the hover's drift, which no rate shows and the pilot holds."""
 FLIGHT_CONDITION = {"omega": "Omega_0", "airspeed": "V_0"}
 """Channels that do not vary about zero, and the constants that they are at rest."""
 
@@ -112,6 +114,11 @@ class Structure:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def outside_matrices(self) -> tuple[str, ...]:
+        """Effects on the commands that matrices leave out, and with them poles and modes: delay, play, limits."""
+        return tuple(one.path or one.id for one in self.composed if one.response is not None or one.samples is not None)
 
     @property
     def linear(self) -> bool:
@@ -224,13 +231,18 @@ class Model:
 
     @property
     def modes(self) -> tuple[Mode, ...]:
+        """Of the vehicle alone, from its commands on; what `outside_matrices` does to these moves none."""
         return modes(self.matrices.A)
 
     @cached_property
     def stable(self) -> bool:
-        """Attitude states integrate and do not count."""
-        integrators = len(self.structure.attitude_states)
-        return int(np.sum(np.linalg.eigvals(self.matrices.A).real >= -1e-9)) <= integrators
+        """Of the vehicle alone, from its commands: a delay of these, which no matrix holds, moves no pole.
+
+        With attitude states their integrals, and the drift below `DRIFT_RAD_S`, do not count.
+        """
+        poles = np.linalg.eigvals(self.matrices.A)
+        drift = DRIFT_RAD_S if self.structure.attitude_states else 0.0
+        return not np.any((poles.real >= -1e-9) & (np.abs(poles) >= drift))
 
 
 def modes(A: AnyArray) -> tuple[Mode, ...]:

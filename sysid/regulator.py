@@ -1,4 +1,4 @@
-"""LQR gains, observer and prefilter for a TPP model, and the margins that say how late the loop may be.
+"""LQR gains, observer and prefilter for a TPP model, of which none are given that do not hold the whole model.
 
 The paper's section 5 with its slips corrected: observer poles (-50, -50, -51, -51), prefilter (C(-A+BK)^-1 B)^-1.
 """
@@ -8,14 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
 from sysid.errors import SysidError
 from sysid.model import AnyArray, FloatArray, Model
-from sysid.response import transfer
 from sysid.result import finite
+from sysid.stability import ClosedLoop, Margins, closed_loop
 from sysid.structures import TPP
 
 FORMAT = "tippath.gains/1"
@@ -24,33 +25,26 @@ FLAPPING_COST = 0.001
 INPUT_COST = 5.0
 OBSERVER_POLES = (-50.0, -50.0, -51.0, -51.0)
 
-
-LOOP_RAD_S = np.geomspace(0.05, 2000.0, 4000)
+COSTS = tuple(
+    size * times for size in (1.0, 10.0, 100.0, 1e3, 1e4) for times in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+)
+"""Input costs that are offered where the one asked for does not hold."""
 
 
 class DesignError(SysidError):
     """No gains can be designed on this model; the message says why."""
 
 
-@dataclass(frozen=True)
-class Margins:
-    """Of the loop broken at both commands together, observer included."""
+class NotHeldError(DesignError):
+    """The gains do not hold the model; the message says which would."""
 
-    gain_db: float
-    """How much the loop gain may rise before it oscillates."""
-    phase_deg: float
-    delay_s: float
-    """Extra lateness, equal in both commands, at which the loop becomes unstable."""
-
-    @property
-    def delay_ms(self) -> float:
-        return 1000 * self.delay_s
+    def __init__(self, words: str, instead: Gains | None) -> None:
+        super().__init__(words)
+        self.instead = instead
+        """Gains that do, where there are any."""
 
 
-NO_MARGINS = Margins(0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Gains:
     """u = -K x_hat + g y_ref, x_hat' = A x_hat + B u + L (y - C x_hat); states p, q, a, b."""
 
@@ -63,13 +57,20 @@ class Gains:
     """g, (2, 2), full command per rad/s asked for."""
     poles: AnyArray
     observer_poles: AnyArray
-    margins: Margins
     input_cost: float
-    effects: tuple[str, ...] = ()
-    """Of the model that the margins are those of."""
+    loop: ClosedLoop
+    """With the whole model that they were designed for."""
+
+    @property
+    def margins(self) -> Margins:
+        """Raises DesignError where there are none: the gains do not hold the model."""
+        if self.loop.margins is None:
+            raise DesignError("the gains do not hold this model: the loop has no margins")
+        return self.loop.margins
 
     def to_json(self) -> dict[str, Any]:
-        structure = self.model.structure
+        """The `tippath.gains/1` document. Raises DesignError for gains that do not hold their model."""
+        structure, margins = self.model.structure, self.margins
         return {
             "format": FORMAT,
             "K": self.K.tolist(),
@@ -78,11 +79,13 @@ class Gains:
             "poles": _poles(self.poles),
             "observer_poles": _poles(self.observer_poles),
             "margins": {
-                "gain_db": finite(self.margins.gain_db),
-                "phase_deg": finite(self.margins.phase_deg),
-                "delay_ms": finite(self.margins.delay_ms),
+                "gain_db": finite(margins.gain_db),
+                "phase_deg": finite(margins.phase_deg),
+                "delay_ms": finite(margins.delay_ms),
             },
-            "margins_with": list(self.effects),
+            "margins_with": list(self.loop.effects),
+            "margins_without": list(self.loop.left_out),
+            "drifts": self.loop.drifts,
             "weights": {"rates": RATE_COST, "flapping": FLAPPING_COST, "inputs": self.input_cost},
             "model": {
                 "structure": structure.base,
@@ -99,13 +102,23 @@ def _poles(values: AnyArray) -> list[dict[str, float]]:
 
 
 def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
-    """Gains for a TPP model with the paper's weights Q = diag(1, 1, 0.001, 0.001), R = input_cost I.
+    """Gains for a TPP model with the paper's weights Q = diag(1, 1, 0.001, 0.001), R = input_cost I, that hold it.
 
-    The controller on board has the four states p, q, a, b. Where a model has more (servos, inflow), the gains are those
-    of its tip-path plane, and the margins are those of the whole. Raises DesignError for a structure without flapping
-    states of its own, an uncontrollable or unstable model, a bad weight.
+    The controller on board has the four states p, q, a, b. Where a model has more (servos, inflow), or a delay, the
+    gains are those of its tip-path plane, and loop and margins are those of the whole. Raises DesignError for a
+    structure without flapping states of its own, an uncontrollable or unstable model, a bad weight; NotHeldError
+    where the loop would be unstable.
     """
-    from control import lqr
+    gains = lqr(model, input_cost, observer_poles)
+    if gains.loop.stable:
+        return gains
+    instead = _that_hold(model, input_cost, observer_poles)
+    raise NotHeldError(_refusal(model, gains, instead), instead)
+
+
+def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
+    """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
+    import control
     from scipy.signal import place_poles
 
     whole, model = model, _flown_by(model)
@@ -115,30 +128,30 @@ def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequenc
         raise DesignError("the model is unstable: no gains are designed on it, see the fit's warnings")
     A, B, C, _ = (np.asarray(x, dtype=float) for x in model.matrices)
     B = B[:, :2]
+    Q = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST])
     try:
-        K, _, poles = lqr(A, B, np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST]), input_cost * np.eye(2))
+        K, _, poles = control.lqr(A, B, Q, input_cost * np.eye(2))
         L = place_poles(A.T, C.T, np.array(observer_poles)).gain_matrix.T
         g = np.linalg.inv(C @ np.linalg.solve(-A + B @ K, B))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise DesignError(f"no gains for this model: {error}") from error
-    found = Gains(
-        model,
-        np.asarray(K),
-        np.asarray(L),
-        np.asarray(g),
-        np.asarray(poles),
-        np.linalg.eigvals(A - L @ C),
-        NO_MARGINS,
-        input_cost,
-        whole.structure.effects,
+    gains = Gains(
+        model=model,
+        K=np.asarray(K),
+        observer_gain=np.asarray(L),
+        prefilter=np.asarray(g),
+        poles=np.asarray(poles),
+        observer_poles=np.linalg.eigvals(A - L @ C),
+        input_cost=input_cost,
+        loop=ClosedLoop(None),
     )
-    return replace(found, margins=loop_margins(found, whole))
+    return replace(gains, loop=closed_loop(gains, whole))
 
 
 def _flown_by(model: Model) -> Model:
     """The part of a model that the controller on board knows: states p, q, a, b."""
     structure = model.structure
-    if structure.states == TPP.states:
+    if structure.states == TPP.states and structure.names == TPP.names:
         return model
     if structure.base != TPP.base or not set(TPP.names) <= set(structure.names):
         raise DesignError(
@@ -148,50 +161,35 @@ def _flown_by(model: Model) -> Model:
     return Model(TPP, TPP.vector({name: model[name] for name in TPP.names}))
 
 
-def loop_margins(gains: Gains, vehicle: Model) -> Margins:
-    """Margins of a vehicle, whatever its states, under gains designed on another model.
+# ------------------------------------------------------------------------------------------------ what would hold
 
-    From the eigenvalues of the loop's transfer matrix, broken at the commands, along the axis: it is on its edge where
-    one meets -1, and a common gain, phase or delay in both commands moves every eigenvalue alike. A vehicle that the
-    gains do not hold has no margin left.
+
+def _that_hold(model: Model, asked: float, observer_poles: Sequence[float]) -> Gains | None:
+    """Of the costs offered the first, upwards and then downwards from the one asked for, that leaves sensible margins.
+
+    Where none does, the first that holds at all.
     """
-    if not _holds(gains, vehicle):
-        return NO_MARGINS
-    w = LOOP_RAD_S
-    A, B, C, _ = gains.model.matrices
-    B = B[:, :2]
-    K, L = gains.K, gains.observer_gain
-    inner = A - L @ C - B @ K
-    controller = K @ np.linalg.solve(1j * w[:, None, None] * np.eye(len(A)) - inner, L[None].astype(complex))
-    plant = transfer(vehicle.structure, vehicle.values, w / (2 * np.pi))[:, :2].transpose(2, 0, 1)
-    gain, phase, delay = math.inf, math.inf, math.inf
-    for branch in _branches(controller @ plant).T:
-        size, turn = np.log(np.abs(branch)), np.mod(np.angle(branch) - np.pi, 2 * np.pi)
-        for i in np.flatnonzero(size[:-1] * size[1:] < 0):
-            part = size[i] / (size[i] - size[i + 1])
-            angle = turn[i] + part * ((turn[i + 1] - turn[i] + np.pi) % (2 * np.pi) - np.pi)
-            phase = min(phase, float(np.degrees(min(angle, 2 * np.pi - angle))))
-            delay = min(delay, float(angle / (w[i] + part * (w[i + 1] - w[i]))))
-        crossing = (np.diff(np.sign(branch.imag)) != 0) & (branch.real[:-1] < 0) & (size[:-1] < 0)
-        gain = min([gain, *(-20 / math.log(10) * size[:-1][crossing])])
-    return Margins(float(gain), phase, delay)
+    some: Gains | None = None
+    for cost in (*(c for c in COSTS if c > asked), *(c for c in reversed(COSTS) if c < asked)):
+        gains = lqr(model, cost, observer_poles)
+        if gains.loop.margins is not None:
+            if gains.loop.margins.sensible:
+                return gains
+            some = some or gains
+    return some
 
 
-def _holds(gains: Gains, vehicle: Model) -> bool:
-    """Whether vehicle and controller together are stable; a delay, which no matrix holds, is left out."""
-    A, B, C, _ = vehicle.matrices
-    model = gains.model.matrices
-    inner = model.A - gains.observer_gain @ model.C - model.B[:, :2] @ gains.K
-    together = np.block([[A, -B[:, :2] @ gains.K], [gains.observer_gain @ C, inner]])
-    return int(np.sum(np.linalg.eigvals(together).real > 1e-9)) <= len(vehicle.structure.attitude_states)
+def _refusal(model: Model, gains: Gains, instead: Gains | None) -> str:
+    refused = f"{not_held(gains, model)}; nothing is designed"
+    if instead is None:
+        return f"{refused}. No input cost from {COSTS[0]:g} to {COSTS[-1]:g} holds it"
+    thin = "" if instead.margins.sensible else "; that is thin, and no other does better"
+    return f"{refused}. --input-cost {instead.input_cost:g} holds it: {instead.margins.words}{thin}"
 
 
-def _branches(loop: AnyArray) -> AnyArray:
-    """Eigenvalues of (f, 2, 2) as (f, 2), each column one branch: neighbours change places as often as they did."""
-    half = 0.5 * (loop[:, 0, 0] + loop[:, 1, 1])
-    apart = np.sqrt(half**2 - loop[:, 0, 0] * loop[:, 1, 1] + loop[:, 0, 1] * loop[:, 1, 0])
-    found = np.stack([half + apart, half - apart], axis=1)
-    straight = np.abs(np.diff(found, axis=0)).sum(axis=1)
-    crossed = np.abs(found[1:, ::-1] - found[:-1]).sum(axis=1)
-    odd = np.concatenate([[False], np.cumsum(crossed < straight) % 2 == 1])
-    return np.where(odd[:, None], found[:, ::-1], found)
+def not_held(gains: Gains, model: Model) -> str:
+    """That the gains do not hold the model that they were designed for, in words."""
+    named = ", ".join(PurePath(one).name for one in gains.loop.effects)
+    late = f" ({1000 * model['T_d']:.0f} ms)" if "T_d" in model.structure.names else ""
+    inside = f" with {named}{late} in the loop" if named else ""
+    return f"the gains of input cost {gains.input_cost:g} do not hold this model{inside}: it would be unstable"

@@ -49,12 +49,18 @@ def slopes(structure: Structure, values: FloatArray, frequency_hz: FloatArray) -
     return np.asarray(found.transpose(0, 2, 3, 1))
 
 
-def _late(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray:
-    """What effects that no matrix holds make of every input, (frequencies, 1, m); channels pass."""
-    factor = np.ones((s.size, 1, len(structure.inputs)), dtype=complex)
+def behind_commands(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray:
+    """What effects that no matrix holds (delay) make of every command, (frequencies,)."""
+    factor = np.ones(s.size, dtype=complex)
     named = dict(zip(structure.names, map(float, values), strict=True))
     for effect in structure.composed:
         if effect.response is not None:
-            each = np.asarray(effect.response(s, {name: named[name] for name in effect.names}))
-            factor[:, 0, : len(structure.commands)] *= each[:, None]
+            factor = factor * np.asarray(effect.response(s, {name: named[name] for name in effect.names}))
+    return factor
+
+
+def _late(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray:
+    """The same of every input, (frequencies, 1, m); channels pass."""
+    factor = np.ones((s.size, 1, len(structure.inputs)), dtype=complex)
+    factor[:, 0, : len(structure.commands)] = behind_commands(structure, values, s)[:, None]
     return factor

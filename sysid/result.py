@@ -194,6 +194,9 @@ class Fit:
                 }
                 for rung in self.lineage
             ],
+            "outside_matrices": [
+                _relative(one, relative_to) if one.endswith(".py") else one for one in structure.outside_matrices
+            ],
             "matrices": {name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
             "covariance": [[finite(x) for x in row] for row in self.covariance],
             "correlations": [

@@ -11,6 +11,7 @@ import numpy as np
 
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
 from sysid.comparison import BandError, Densities, Trace
+from sysid.stability import Margins
 
 HOME = Path("flight-0007")
 
@@ -144,7 +145,7 @@ def doublet(axis: str) -> Any:
 
 GAINS: Any = Designed(
     "LQR on TPP\n  K  1 2 3 4", HOME / "gains.json", 0xABCDEF, "tippath design", "TPP + servo_lag",
-    SimpleNamespace(margins=SimpleNamespace(gain_db=10.4, phase_deg=107.0, delay_ms=142.0)),  # type: ignore[arg-type]
+    SimpleNamespace(margins=Margins(10.4, 107.0, 0.142)),  # type: ignore[arg-type]
     SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
 )  # fmt: skip
 

@@ -24,9 +24,11 @@ def add_parser(subparsers: Any) -> None:
         "design",
         help="LQR, observer, prefilter, margins",
         description="Design the paper's controller on a TPP fit: LQR with Q = diag(1, 1, 0.001, 0.001), R = 5 I, "
-        "observer poles at -50, -50, -51, -51, and the prefilter that makes the steady rates follow.",
+        "observer poles at -50, -50, -51, -51, and the prefilter that makes the steady rates follow. The loop is "
+        "judged with the whole fit, its delay and lags; gains that do not hold it are refused (exit status 1), and the "
+        "input cost that does is told.",
         epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
-        '"observer_poles", "margins", "weights", "model"}.',
+        '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model"}.',
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")

@@ -21,7 +21,10 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("fits", nargs="+", type=Path, metavar="FIT.json")
     parser.add_argument(
-        "--gains", type=Path, metavar="GAINS.json", help="show these gains, designed on one of the fits, as well"
+        "--gains",
+        type=Path,
+        metavar="GAINS.json",
+        help="show these gains, designed on one of the fits, and whether they hold it, as well",
     )
     parser.add_argument("--no-diagnosis", action="store_true", help="do not ask what is missing: saves some seconds")
     add_effects_option(parser, NAMED)
@@ -42,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
             args.gains,
             diagnosing=not args.no_diagnosis,
             say=lambda what, _: say(what),
+            warn=lambda words: print(f"warning: {words}", file=sys.stderr),
         )
     write_text(text, args.output)
     print(f"wrote {args.output}", file=sys.stderr)

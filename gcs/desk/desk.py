@@ -355,6 +355,7 @@ class Desk:
         from gcs.analysis import gains_text
         from gcs.desk import ladder, shell
         from gcs.gains import gains_of
+        from sysid.loop import following
         from sysid.regulator import design
 
         if not 0 < input_cost < float("inf"):
@@ -365,7 +366,7 @@ class Desk:
             gains = design(self._as_read(fit).model, input_cost)
             document = gains.to_json()
             self._step("the predicted answer", 0.5)
-            answer = ladder.promised(gains, fit)
+            answer = following(gains, fit.model)
             self._step("")
             name = ladder.full_name(fit)
             made = Designed(gains_text(gains), None, gains_of(document).crc, "", name, gains, answer)

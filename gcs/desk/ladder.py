@@ -1,4 +1,4 @@
-"""Fits as they are shown: side by side, as rungs, with the answer that gains promise; and what may be the next rung."""
+"""Fits as they are shown: side by side, as rungs; and what may be the next rung."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from gcs.desk.state import Fitted, Rung
 from gcs.diagnosis import rung_names
 from gcs.errors import UsageError
 from sysid.effect import Effect, EffectError, find
-from sysid.loop import Following, following
-from sysid.regulator import DesignError, Gains
 from sysid.result import Fit
 
 
@@ -60,14 +58,6 @@ def named(ladder: Sequence[Rung]) -> tuple[Rung, ...]:
         one if k == 0 or one.effect is not None else replace(one, effect=one.name.removeprefix("+ "))
         for k, one in enumerate(found)
     )
-
-
-def promised(gains: Gains, fit: Fit) -> Following | None:
-    """The answer of the loop; None where gains for the tip-path plane alone would not hold the whole model."""
-    try:
-        return following(gains, fit.model)
-    except DesignError:
-        return None
 
 
 def full_name(fit: Fit) -> str:

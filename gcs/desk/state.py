@@ -167,9 +167,8 @@ class Designed:
     """The model they were designed on, in full: `TPP + servo_lag`."""
     gains: Gains
     """With `K`, `margins`, `poles`."""
-    following: Following | None
-    """The closed loop's predicted answer to the rate doublet of the card `lqr-doublet`, for each axis; None where the
-    gains, made for the tip-path plane alone, would not hold the whole model."""
+    following: Following
+    """The closed loop's predicted answer to the rate doublet of the card `lqr-doublet`, for each axis."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

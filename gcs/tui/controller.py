@@ -37,12 +37,11 @@ class ControllerScreen(Split):
 
     def show_body(self, state: State, width: int) -> None:
         made = state.desk.designed
-        self.lay_out(made is not None and made.following is not None)
+        self.lay_out(made is not None)
         self.query_one("#title", Lines).show([desk_words.bank_title(state, width)])
         key = (state.desk, state.designed, state.commands, self.axis, width, self.size.height, self.text_width)
         if not self.changed(*key):
             return
         self.put_text(desk_words.controller_lines(state, self.text_width))
-        plot = None if made is None else predicted(made, self.axis)
-        if plot is not None:
-            self.put_plot(plot, str(self.axis % 2))
+        if made is not None:
+            self.put_plot(predicted(made, self.axis), str(self.axis % 2))

@@ -426,14 +426,7 @@ def controller_lines(state: State, width: int) -> list[Line]:
     lines: list[Line] = []
     made = desk.designed
     if made is not None:
-        margins = made.gains.margins
-        lines.append(
-            (
-                f" on {made.rung}: gain margin {margins.gain_db:.1f} dB, phase {margins.phase_deg:.0f}°, "
-                f"delay {margins.delay_ms:.0f} ms",
-                "bold",
-            )
-        )
+        lines.append((f" on {made.rung}: {made.gains.margins.words}", "bold"))
         lines += _following_said(state)
     lines += ["", *(f" {line}" for line in designed.text.splitlines())]
     if designed.note:
@@ -447,11 +440,6 @@ def _following_said(state: State) -> list[Line]:
     made = state.desk.designed
     if made is None:
         return []
-    if made.following is None:
-        return [
-            (" these gains would NOT hold the whole model: they are made for the tip-path plane alone; W asks for less",
-             "bold")
-        ]  # fmt: skip
     said: list[Line] = []
     for one in (made.following.roll, made.following.pitch):
         rise = "never reaches nine tenths" if one.rise_s is None else f"rises in {1000 * one.rise_s:.0f} ms"

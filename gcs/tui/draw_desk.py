@@ -38,11 +38,9 @@ def commands_of(found: Comparison, part: int, *, both: bool) -> dict[str, FloatA
     return moving
 
 
-def predicted(designed: Designed, axis: int) -> TimePlot | None:
-    """The closed loop's answer to a rate doublet on roll (0) or pitch (1); None where the gains do not hold."""
+def predicted(designed: Designed, axis: int) -> TimePlot:
+    """The closed loop's answer to a rate doublet on roll (0) or pitch (1)."""
     found = designed.following
-    if found is None:
-        return None
     one = (found.roll, found.pitch)[axis % 2]
     asked = {"p": one.asked if one.axis == "roll" else None, "q": one.asked if one.axis != "roll" else None}
     t = found.t

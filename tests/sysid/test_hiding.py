@@ -18,7 +18,8 @@ from sysid.hiding import HARM, Hidden, Hiding, could_hide
 from sysid.model import Model
 from sysid.noise import Division, divide
 from sysid.parameter import Parameter
-from sysid.regulator import design, loop_margins
+from sysid.regulator import design
+from sysid.stability import closed_loop
 from sysid.structures import compose
 
 SEEDS = (3, 4, 5, 6)
@@ -149,11 +150,13 @@ def test_what_the_structure_can_do_itself_is_limited_by_plausibility_only() -> N
 def test_margins_agree_with_the_regulator_and_a_delay_takes_its_own_length() -> None:
     (parent, *_) = rough(None)
     gains = design(parent.model)
-    here = loop_margins(gains, parent.model)
+    here = closed_loop(gains, parent.model).margins
+    assert here is not None
     assert here.delay_ms == pytest.approx(1000 * gains.margins.delay_s, abs=0.3)
     assert here.gain_db == pytest.approx(gains.margins.gain_db, abs=0.3)
     assert here.phase_deg == pytest.approx(gains.margins.phase_deg, abs=1.0)
     late = compose("tpp", ("transport_delay",))
     values = {**dict(zip(parent.model.structure.names, parent.model.values, strict=True)), "T_d": 0.01}
-    there = loop_margins(gains, Model(late, late.vector(values)))
+    there = closed_loop(gains, Model(late, late.vector(values))).margins
+    assert there is not None
     assert here.delay_ms - there.delay_ms == pytest.approx(10.0, abs=0.3)

@@ -1,0 +1,112 @@
+"""`tippath design` and `tippath report --gains` on fits whose delay their gains do not hold."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from loops_in_time import Late, flown
+from planted import TABLE_4
+
+from sysid.identify import identify
+from sysid.model import Model
+from sysid.regulator import design
+from sysid.structures import TPP
+
+Tippath = Callable[..., tuple[int, str, str]]
+LATE_S = 0.080
+"""Beyond what the paper's gains hold, 48 ms."""
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the CSV of each of two chirps of Table 4's vehicle, 80 ms late, and with tpp.json, fitted to it."""
+    folder = tmp_path_factory.mktemp("late")
+    vehicle = Late(dict(TABLE_4), {"T_d": LATE_S}, ("transport_delay",))
+    for axis in ("roll", "pitch"):
+        channels = flown(vehicle, axis, 15.0).channels
+        rows = zip(*channels.values(), strict=True)
+        lines = [",".join(channels), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
+        (folder / f"{axis}.csv").write_text("\n".join(lines) + "\n")
+    from gcs.cli import main
+
+    runs = [str(folder / f"{axis}.csv") for axis in ("roll", "pitch")]
+    assert main(["fit", *runs, "--model", "tpp", "--with", "transport_delay", "-o", str(folder / "tpp.json")]) == 0
+    return folder
+
+
+@pytest.fixture
+def believed(flight: Path, tmp_path: Path) -> Path:
+    """Gains of that fit as they were written when the delay was left out."""
+    from sysid.result import Fit
+
+    model = Fit.load(flight / "tpp.json").model
+    document = design(Model(TPP, TPP.vector({name: model[name] for name in TPP.names}))).to_json()
+    path = tmp_path / "gains.json"
+    path.write_text(json.dumps(document | {"margins_with": ["transport_delay"]}))
+    return path
+
+
+def test_design_refuses_and_names_the_cost_that_holds(flight: Path, tippath: Tippath, tmp_path: Path) -> None:
+    target = tmp_path / "gains.json"
+    status, out, err = tippath("design", flight / "tpp.json", "-o", target)
+    assert (status, out) == (1, "")
+    assert not target.exists()
+    assert "do not hold this model with transport_delay (80 ms) in the loop" in err
+    cost = err.split("--input-cost ")[1].split()[0]
+    status, out, _ = tippath("design", flight / "tpp.json", "--input-cost", cost, "-o", target)
+    assert status == 0
+    assert "held: gain margin" in out
+    assert "with transport_delay in the loop" in out
+    document = json.loads(target.read_text())
+    assert document["weights"]["inputs"] == float(cost)
+    assert document["margins"]["gain_db"] > 6
+
+
+def test_the_report_says_that_gains_do_not_hold_and_writes_its_page(
+    flight: Path, believed: Path, tippath: Tippath, tmp_path: Path
+) -> None:
+    page = tmp_path / "page.html"
+    status, _, err = tippath("report", flight / "tpp.json", "--gains", believed, "--no-diagnosis", "-o", page)
+    assert status == 0
+    for text in (err, page.read_text()):
+        assert "do not hold this model with transport_delay (80 ms) in the loop" in text
+    assert "none of these fits" not in err
+    assert "Gains, gains.json, which do not hold tpp.json" in page.read_text()
+    assert "NOT held" in page.read_text()
+
+
+def test_the_report_says_why_gains_are_of_no_fit(
+    flight: Path, believed: Path, tippath: Tippath, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.json"
+    document = json.loads(believed.read_text())
+    document["model"]["parameters"]["L_b"] *= 1.01
+    other.write_text(json.dumps(document))
+    status, _, err = tippath("report", flight / "tpp.json", "--gains", other, "-o", tmp_path / "page.html")
+    assert status == 1
+    assert "designed on none of these fits: tpp.json: its model is another (L_b differ" in err
+    document = json.loads(believed.read_text())
+    document["K"][0][0] *= 1.01
+    other.write_text(json.dumps(document))
+    status, _, err = tippath("report", flight / "tpp.json", "--gains", other, "-o", tmp_path / "page.html")
+    assert status == 1
+    assert "K is not what `tippath design` makes of its model" in err
+
+
+def test_a_fit_says_what_its_matrices_and_modes_leave_out(flight: Path, tippath: Tippath) -> None:
+    document = json.loads((flight / "tpp.json").read_text())
+    assert document["outside_matrices"] == ["transport_delay"]
+    assert document["stable"] is True
+    runs = [flight / f"{axis}.csv" for axis in ("roll", "pitch")]
+    status, out, _ = tippath("fit", *runs, "--model", "tpp", "--with", "transport_delay")
+    assert status == 0
+    assert "not in them, for it acts on the commands before: transport_delay" in out
+
+
+def test_the_same_vehicle_less_late_is_given_its_gains() -> None:
+    early = Late(dict(TABLE_4), {"T_d": 0.020}, ("transport_delay",))
+    fit = identify(TPP, [flown(early, axis, 15.0) for axis in ("roll", "pitch")], effects=["transport_delay"])
+    assert design(fit.model).margins.delay_ms == pytest.approx(28, abs=3)
