@@ -16,17 +16,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from sitl.autopilot.vehicle import Vehicle, make_vehicle, run
 from sitl.clock import FreeClock, WallClock
-from sitl.conditions import CONDITIONS
 from sitl.faults import Faults, FaultyLink
 from sitl.faults import words as fault_words
 from sitl.hidden import HOVER, Hidden, draw, plant_one
-from sitl.links import Link, LinkError, UdpLink, open_link
+from sitl.hidden.seal import FILE_NAME, seal_answer
 from sitl.pilot import PilotLines, obey
 from sitl.plants import PLANTS
-from sitl.seal import FILE_NAME, seal_answer
-from sitl.server import Server
-from sitl.vehicle import Vehicle, make_vehicle, run
+from sitl.plants.conditions import CONDITIONS
+from sitl.protocol.links import Link, LinkError, UdpLink, open_link
+from sitl.protocol.server import Server
 
 DEFAULT_LINK = "udpout:127.0.0.1:14550"
 

@@ -10,7 +10,7 @@ import queue
 import threading
 from collections.abc import Callable
 
-from sitl.vehicle import Mode, Reason, Vehicle
+from sitl.autopilot.vehicle import Mode, Reason, Vehicle
 
 _HELP = "takeoff | land | lqr on|off | mode " + "|".join(mode.name.lower() for mode in Mode) + " | quit"
 

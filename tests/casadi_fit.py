@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.model import FloatArray, Structure
+from sysid.model.structure import FloatArray, Structure
 
 ENOUGH = 1e-8
 """Promised relative gain at which to stop."""

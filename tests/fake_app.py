@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from fake_desk import DESKS, FakeDesk
 
-from gcs.envelope import Use
+from gcs.cards.envelope import Use
 from gcs.errors import TippathError
-from gcs.logs.live import LiveWindow
+from gcs.flight.live import LiveWindow
 from gcs.tui.app import TippathApp
 from gcs.tui.state import Bank, Designed, Fitted, Mark, Progress, RunView, Stage, State, joined
 from gcs.tui.widgets.lines import Lines
-from gcs.vehicle import Text, VehicleSnapshot
+from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
     1,

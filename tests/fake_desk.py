@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
-from sysid.comparison import BandError, Densities, Trace
-from sysid.stability import Margins
+from sysid.compare.values import BandError, Densities, Trace
+from sysid.control.stability import Margins
 
 HOME = Path("flight-0007")
 

@@ -15,14 +15,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from gcs.flight.live import LiveWindow, SweepSettings
+from gcs.flight.log_health import Capacity, LogHealth
+from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
 from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
 from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
-from gcs.log_health import Capacity, LogHealth
-from gcs.logs.live import LiveWindow, SweepSettings
-from gcs.recorder import RecordedLog, RecordingSummary
-from gcs.vehicle import Beat, Text, VehicleSnapshot, mode_name
+from gcs.vehicle.snapshot import Beat, Text, VehicleSnapshot, mode_name
 
 T = TypeVar("T")
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from flying import CHIRP, DOUBLET, PITCH, ROLL, fly_maneuver, log_of
 
-from gcs.flightdir import FlightFolder
+from gcs.flight.folder import FlightFolder
 from gcs.logs import ingest
+from sitl.autopilot.vehicle import make_vehicle
 from sitl.hidden import plant_one
-from sitl.vehicle import make_vehicle
 
 SECRET = 2
 """The seed of a lag of 22 ms."""

@@ -15,9 +15,9 @@ from planted import DT, SIZES, TABLE_4, chirp
 from scipy.linalg import expm, solve_continuous_are
 from scipy.signal import lsim, place_poles
 
-from sysid.model import Model
-from sysid.record import Record
-from sysid.structures import compose
+from sysid.data.record import Record
+from sysid.model.bases import compose
+from sysid.model.structure import Model
 
 FloatArray = np.ndarray
 STEP_S = 0.0005

@@ -15,13 +15,13 @@ import pytest
 from planted import DT, TABLE_4, TRIM, Array
 from planted_fits import records
 
-from sysid.evidence import Candidate, candidate, ground, metric
-from sysid.fit import estimate
-from sysid.identify import on_runs
-from sysid.library import Library, Selection, library, select
-from sysid.noise import divide
-from sysid.record import Record
-from sysid.structures import compose
+from sysid.data.record import Record
+from sysid.diagnose.evidence import Candidate, candidate, ground, metric
+from sysid.diagnose.terms import Library, Selection, library, select
+from sysid.fit.identify import on_runs
+from sysid.fit.noise import divide
+from sysid.fit.output_error import estimate
+from sysid.model.bases import compose
 
 HUB_STIFFENING = 40.0
 """1/rad^2: hub moments L_b b (1 + k b^2), M_a a (1 + k a^2)."""

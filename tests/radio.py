@@ -9,7 +9,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from gcs.pilot import SimulatedVehicle
+from gcs.demo.pilot import SimulatedVehicle
 
 
 class Radio:

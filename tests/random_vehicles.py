@@ -14,12 +14,12 @@ import numpy as np
 from planted import DT, SIZES, TABLE_4, chirp
 from scipy.signal import lfilter, lsim
 
-from sysid.fit import estimate, minimise, output_error
-from sysid.model import FloatArray, Model
-from sysid.predict import stack
-from sysid.preprocess import low_pass, spectra
-from sysid.record import Record
-from sysid.structures import TPP
+from sysid.data.preprocess import low_pass, spectra
+from sysid.data.record import Record
+from sysid.fit.output_error import estimate, minimise, output_error
+from sysid.model.bases import TPP
+from sysid.model.predict import stack
+from sysid.model.structure import FloatArray, Model
 
 DURATION_S = 20.0
 EVERY = 2

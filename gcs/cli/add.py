@@ -51,14 +51,14 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from gcs.analysis.diagnosis import add_effect, flown_with_validation, ladder_of, placebo_of
+    from gcs.analysis.diagnosis_text import addition_text
+    from gcs.analysis.pictures import ladder_picture, picture_kind, write_picture
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
     from gcs.desk.ladder import effect_to_add
-    from gcs.diagnosis import add_effect, flown_with_validation, ladder_of, placebo_of
-    from gcs.diagnosis_words import addition_text
     from gcs.errors import UsageError
-    from gcs.pictures import ladder_picture, picture_kind, write_picture
-    from sysid.result import Fit
+    from sysid.fit.result import Fit
 
     band, window, profile = parse_reading(args)
     if args.plot is not None:

@@ -16,7 +16,7 @@ def audit(args: argparse.Namespace, words: Sequence[str]) -> None:
     """
     from gcs.desk import shell
     from gcs.errors import TippathError
-    from gcs.flightdir import FlightFolder
+    from gcs.flight.folder import FlightFolder
 
     flown = getattr(args, "flown", None)
     written = getattr(args, "output", None)

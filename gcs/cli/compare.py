@@ -54,11 +54,11 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    from gcs.analysis.comparison import compare_text, flown
+    from gcs.analysis.pictures import compare_picture, picture_kind, write_picture
     from gcs.cli.fit import print_notes
-    from gcs.comparison import compare_text, flown
-    from gcs.pictures import compare_picture, picture_kind, write_picture
-    from sysid.compare import compare
-    from sysid.result import Fit
+    from sysid.compare.compare import compare
+    from sysid.fit.result import Fit
 
     band, window, profile = parse_reading(args)
     if args.plot is not None:

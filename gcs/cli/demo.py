@@ -29,12 +29,12 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0. Raises TippathError where something that must hold does not."""
-    from gcs import flightdir
+    from gcs.cards.envelope import Limits
     from gcs.cli.interrupts import interrupts
     from gcs.cli.options import print_json
     from gcs.cli.progress import ProgressLines
-    from gcs.demo import fly_demo
-    from gcs.envelope import Limits
+    from gcs.demo.demo import fly_demo
+    from gcs.flight import folder as flightdir
 
     began = time.monotonic()
     lines = ProgressLines(Limits(), bell=False)

@@ -38,10 +38,10 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis import gains_text
+    from gcs.analysis.fits import gains_text
     from gcs.errors import UsageError
-    from sysid.regulator import design
-    from sysid.result import Fit
+    from sysid.control.regulator import design
+    from sysid.fit.result import Fit
 
     refuse_existing(args.output, args.force)
     if not (args.input_cost > 0 and math.isfinite(args.input_cost)):

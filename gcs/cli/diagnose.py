@@ -21,7 +21,7 @@ from gcs.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from gcs.diagnosis import FitDiagnosis
+    from gcs.analysis.diagnosis import FitDiagnosis
 
 _EPILOG = """\
 RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` numbers them), or a
@@ -89,14 +89,14 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from gcs.analysis.diagnosis import diagnose_fit, flown_with_validation
+    from gcs.analysis.diagnosis_text import diagnosis_text
+    from gcs.analysis.pictures import picture_kind
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
-    from gcs.diagnosis import diagnose_fit, flown_with_validation
-    from gcs.diagnosis_words import diagnosis_text
     from gcs.errors import UsageError
-    from gcs.pictures import picture_kind
-    from sysid.effect import load
-    from sysid.result import Fit
+    from sysid.fit.result import Fit
+    from sysid.model.effect import load
 
     band, window, profile = parse_reading(args)
     if args.plot is not None:
@@ -158,8 +158,8 @@ def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:
 
 def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: str) -> None:
     """The files asked for, or why there is nothing to write in them."""
-    from gcs.diagnosis import drawn
-    from gcs.pictures import write_picture
+    from gcs.analysis.diagnosis import drawn
+    from gcs.analysis.pictures import write_picture
 
     def said(path: Path, missing: str | None = None) -> None:
         print(f"wrote {path}" if missing is None else f"{path} not written: {missing}", file=sys.stderr)

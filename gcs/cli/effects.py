@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from gcs.cli.options import print_json
 
 if TYPE_CHECKING:
-    from sysid.effect import Effect
-    from sysid.parameter import Parameter
+    from sysid.model.effect import Effect
+    from sysid.model.parameter import Parameter
 
 FORMAT = "tippath.effects/1"
 WIDTH = 78
@@ -50,7 +50,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from gcs.errors import UsageError
-    from sysid.effect import EffectError, catalogue, find
+    from sysid.model.effect import EffectError, catalogue, find
 
     if args.effect is None:
         found = list(catalogue().values())

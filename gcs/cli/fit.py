@@ -23,8 +23,8 @@ from gcs.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from sysid.effect import Effect
-    from sysid.record import Record
+    from sysid.data.record import Record
+    from sysid.model.effect import Effect
 
 _VEHICLE_HELP = """\
 VEHICLE.toml holds what was measured on the ground, in SI units; only k_beta is needed:
@@ -85,11 +85,11 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis import assess, fit_text, implied_text, load_vehicle
+    from gcs.analysis.fits import assess, fit_text, implied_text, load_vehicle
     from gcs.errors import TippathError
     from gcs.logs import parse_window, resolve_runs
-    from sysid.identify import identify
-    from sysid.structures import compose
+    from sysid.fit.identify import identify
+    from sysid.model.bases import compose
 
     band = parse_band(args.band)
     window = None if args.window is None else parse_window(args.window)
@@ -151,9 +151,9 @@ def parse_effects(base: str, words: Sequence[str], held: Mapping[str, float]) ->
     Raises UsageError for words that make no sense whatever is logged, EffectError for a file that is no effect.
     """
     from gcs.errors import UsageError
-    from sysid.effect import EffectError, find
-    from sysid.record import CHANNELS
-    from sysid.structures import compose
+    from sysid.data.record import CHANNELS
+    from sysid.model.bases import compose
+    from sysid.model.effect import EffectError, find
 
     found = []
     for word in words:
@@ -187,7 +187,7 @@ def parse_fixed(words: Sequence[str], files: Sequence[str], named: Sequence[str]
     Raises UsageError for words that are neither, and for a parameter that is held twice.
     """
     from gcs.errors import UsageError
-    from sysid.result import Fit
+    from sysid.fit.result import Fit
 
     held: dict[str, float] = {}
 

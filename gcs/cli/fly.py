@@ -97,8 +97,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.sim is None and (args.seed is not None or args.on_ground):
         raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
+    from gcs.cards.maneuver import load_card
     from gcs.link.transport import parse_link
-    from gcs.maneuver import load_card
 
     # Before anything is started, and before it is asked where: words that make no sense do so anywhere.
     if args.connect is not None:

@@ -11,14 +11,14 @@ from typing import Any
 
 from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source
-from gcs.logs.csv import CsvFile
-from gcs.logs.dataflash_table import EVENTS
-from gcs.logs.formats import open_log
-from gcs.logs.health import Health
-from gcs.logs.profiles import ChannelSource, found_in
-from gcs.logs.proposal import propose
+from gcs.logs.formats.csv import CsvFile
+from gcs.logs.formats.dataflash_table import EVENTS
+from gcs.logs.formats.kinds import open_log
+from gcs.logs.profile.profiles import ChannelSource, found_in
+from gcs.logs.profile.proposal import propose
+from gcs.logs.runs.health import Health
 from gcs.logs.words import printable
-from sysid.record import CHANNELS, REQUIRED
+from sysid.data.record import CHANNELS, REQUIRED
 
 FORMAT = "tippath.runs/1"
 

@@ -7,12 +7,12 @@ import sys
 import time
 from typing import TextIO
 
-from gcs.envelope import Limits
-from gcs.excitation import LOST_PATIENCE_S
+from gcs.cards.envelope import Limits
+from gcs.flight.excitation import LOST_PATIENCE_S
+from gcs.flight.sweep import Briefing, Ending, Note, Phase, Probed, Progress, RunProgress, RunReady, RunResult
+from gcs.link.clock import LOST_AFTER_S
 from gcs.logs.reading import Progress as Reading
 from gcs.logs.words import printable
-from gcs.sweep import Briefing, Ending, Note, Phase, Probed, Progress, RunProgress, RunReady, RunResult
-from gcs.vehicle import LOST_AFTER_S
 
 EVERY_S = 5.0
 """Between two lines of progress where the output is no terminal."""

@@ -42,8 +42,8 @@ def add_link_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.gains import checksum, load_gains, push  # here, because --help should not wait for MAVLink
-    from gcs.session import Session
+    from gcs.flight.gains import checksum, load_gains, push  # here, because --help should not wait for MAVLink
+    from gcs.flight.session import Session
 
     gains = load_gains(args.gains)
     with Session.open(args.connect, primary=args.primary) as session:

@@ -34,8 +34,8 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from gcs.analysis.report import flight_report
     from gcs.cli.progress import Counting
-    from gcs.report import flight_report
 
     refuse_existing(args.output, args.force)
     with Counting("report") as say:

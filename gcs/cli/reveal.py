@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from gcs.cli.options import print_json
 
 if TYPE_CHECKING:
-    from gcs.seal import Answer, Judgement
+    from gcs.demo.seal import Answer, Judgement
 
 
 def add_parser(subparsers: Any) -> None:
@@ -32,7 +32,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.seal import judge_folder, open_answer
+    from gcs.demo.seal import judge_folder, open_answer
 
     answer = open_answer(args.directory)
     judgements = judge_folder(answer, args.diagnoses)
@@ -72,7 +72,7 @@ def words(answer: Answer, judgements: list[Judgement]) -> list[str]:
 
 
 def _said(one: Judgement) -> str:
-    from gcs.seal import OUTCOMES
+    from gcs.demo.seal import OUTCOMES
 
     effect = f" {one.effect}" if one.effect is not None else ""
     return f"{one.verdict}{effect}: {OUTCOMES[one.outcome]}"

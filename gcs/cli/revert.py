@@ -24,8 +24,8 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.gains import checksum, revert  # here, because --help should not wait for MAVLink
-    from gcs.session import Session
+    from gcs.flight.gains import checksum, revert  # here, because --help should not wait for MAVLink
+    from gcs.flight.session import Session
 
     with Session.open(args.connect, primary=args.primary) as session:
         result = revert(session)

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 from gcs.cli.push import add_link_options
 
 if TYPE_CHECKING:
-    from gcs.logs.following import Following
-    from gcs.sweep import SweepResult
+    from gcs.analysis.following import Following
+    from gcs.flight.sweep import SweepResult
 
 WORD = "fly"
 
@@ -101,16 +101,16 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0 flown to the end, 130 ended by Ctrl-C, 1 otherwise. Raises TippathError for what a user meets."""
-    from gcs import flightdir
+    from gcs.cards.maneuver import Maneuver, load_card, single_card
     from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
     from gcs.cli.interrupts import interrupts
     from gcs.cli.options import print_json
     from gcs.cli.progress import ProgressLines
     from gcs.errors import UsageError
+    from gcs.flight import folder as flightdir
+    from gcs.flight.session import Session
+    from gcs.flight.sweep import Briefing, Ending, fly_card, require_flyable
     from gcs.logs.words import printable
-    from gcs.maneuver import Maneuver, load_card, single_card
-    from gcs.session import Session
-    from gcs.sweep import Briefing, Ending, fly_card, require_flyable
 
     single = [name for name in ("axis", "amplitude", "duration") if getattr(args, name) is not None]
     if args.card is not None and single:
@@ -182,9 +182,9 @@ def run(args: argparse.Namespace) -> int:
 
 def rates_followed(result: SweepResult) -> tuple[list[Following], str]:
     """How the rates followed where rates were commanded, and why that is not known."""
+    from gcs.analysis.following import measure_following
     from gcs.errors import TippathError
-    from gcs.logs.following import measure_following
-    from gcs.sweep import Ending
+    from gcs.flight.sweep import Ending
 
     flown = [one for one in result.runs if one.ending is Ending.FINISHED and one.run.maneuver.target == "rate"]
     if not flown or result.recording is None or result.recording.log is None:

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from gcs.desk.state import Base, Choice, RunRow
-from gcs.flightdir import FlightFolder
+from gcs.flight.folder import FlightFolder
 from gcs.logs import Run
-from gcs.logs.verdicts import SAME_S, named_all_the_same
+from gcs.logs.runs.verdicts import SAME_S, named_all_the_same
 from gcs.logs.words import printable
-from sysid.record import Record
-from sysid.result import Fit, RecordUsed
+from sysid.data.record import Record
+from sysid.fit.result import Fit, RecordUsed
 
 SAME_SIZE = 1.4
 """Factor within which two amplitudes are one."""

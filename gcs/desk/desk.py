@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, TimedNote
 from gcs.errors import TippathError, UsageError
-from gcs.flightdir import FlightFolder, flight_of, keep_text, stamp
+from gcs.flight.folder import FlightFolder, flight_of, keep_text, stamp
 
 if TYPE_CHECKING:  # they bring scipy along, which takes a second
     from gcs.desk.shelf import Shelf
     from gcs.logs import Run
-    from sysid.record import Record
-    from sysid.result import Fit, RecordUsed
+    from sysid.data.record import Record
+    from sysid.fit.result import Fit, RecordUsed
 
 INPUT_COST = 5.0
 """The paper's, and that of `tippath design`."""
@@ -140,7 +140,7 @@ class Desk:
 
     def _fitted_before(self, kept: Shelf, records: Sequence[Record]) -> Fitted | None:
         """The tables of the fits that were kept; None where one of the two is missing."""
-        from gcs.analysis import side_by_side
+        from gcs.analysis.fits import side_by_side
         from gcs.desk import ladder
         from sysid.errors import SysidError
 
@@ -194,9 +194,9 @@ class Desk:
 
     def choose_base(self, model: str, effects: Sequence[str] = ()) -> None:
         """`tpp` or `cd`, and the effects to begin with. It counts from the next `fit`."""
-        from sysid.effect import EffectError
-        from sysid.record import CHANNELS
-        from sysid.structures import compose
+        from sysid.data.record import CHANNELS
+        from sysid.model.bases import compose
+        from sysid.model.effect import EffectError
 
         if model not in ("tpp", "cd"):
             raise UsageError(f"{model}: there are tpp and cd")
@@ -210,7 +210,7 @@ class Desk:
 
     def fit(self) -> None:
         """Fit TPP, CD and the CD that the TPP reduces to; the ladder begins anew with the base that was chosen."""
-        from gcs.analysis import assess, identify_flight, on_cd
+        from gcs.analysis.fits import assess, identify_flight, on_cd
         from gcs.desk import ladder
 
         with self._working("fitting"):
@@ -253,9 +253,9 @@ class Desk:
 
     def compare(self) -> None:
         """Where the current rung fails."""
-        from gcs.comparison import compare_text
+        from gcs.analysis.comparison import compare_text
         from gcs.desk import shell
-        from sysid.compare import compare
+        from sysid.compare.compare import compare
 
         with self._working("comparing"):
             rung = self._rung()
@@ -278,9 +278,9 @@ class Desk:
 
     def diagnose(self) -> None:
         """Which effect the current rung lacks."""
+        from gcs.analysis.diagnosis import diagnose_fit
+        from gcs.analysis.diagnosis_text import diagnosis_text
         from gcs.desk import shell
-        from gcs.diagnosis import diagnose_fit
-        from gcs.diagnosis_words import diagnosis_text
 
         with self._working("asking"):
             rung = self._rung()
@@ -306,9 +306,9 @@ class Desk:
 
     def add(self, effect: str) -> None:
         """One rung more: a catalogue id, or the path of the user's own effect file (its code runs)."""
+        from gcs.analysis.diagnosis import add_effect
+        from gcs.analysis.diagnosis_text import addition_text
         from gcs.desk import ladder, shell
-        from gcs.diagnosis import add_effect
-        from gcs.diagnosis_words import addition_text
 
         with self._working(f"adding {Path(effect).name}"):
             rung = self._rung()
@@ -352,11 +352,11 @@ class Desk:
 
     def design(self, input_cost: float = INPUT_COST) -> None:
         """LQR gains on the current rung (on the fitted TPP where the ladder is of CD), kept as GAINS.json."""
-        from gcs.analysis import gains_text
+        from gcs.analysis.fits import gains_text
         from gcs.desk import ladder, shell
-        from gcs.gains import gains_of
-        from sysid.loop import following
-        from sysid.regulator import design
+        from gcs.flight.gains import gains_of
+        from sysid.control.loop import following
+        from sysid.control.regulator import design
 
         if not 0 < input_cost < float("inf"):
             raise UsageError("the input cost wants a positive number; the paper's is 5")
@@ -412,8 +412,8 @@ class Desk:
 
     def report(self) -> None:
         """The self-contained page of fits, comparison, diagnosis, ladder and gains."""
+        from gcs.analysis.report import flight_report
         from gcs.desk import shell
-        from gcs.report import flight_report
 
         with self._working("writing the report"):
             fits = self._to_report()
@@ -478,9 +478,9 @@ class Desk:
 
     def _flown(self, fit: Fit) -> tuple[list[Record], list[Record], list[Record]]:
         """The runs that a fit was made from, those that judged it, and quiet hover, as its command would read them."""
-        from gcs.comparison import quiet_among
+        from gcs.analysis.comparison import quiet_among
+        from gcs.analysis.diagnosis import flown_with_validation
         from gcs.desk.choices import record_of
-        from gcs.diagnosis import flown_with_validation
 
         if _own_reading(fit):
             return flown_with_validation(fit, (), (), None, None)
@@ -499,7 +499,7 @@ class Desk:
     def _as_read(self, fit: Fit) -> Fit:
         """A kept fit with the paths of the user's effects as a command finds them in its file."""
         from gcs.desk import shell
-        from sysid.result import Fit
+        from sysid.fit.result import Fit
 
         files = shell.user_files(fit)
         return Fit.load(self._places[fit], files) if files and fit in self._places else fit
@@ -660,7 +660,7 @@ def _one_line(text: str) -> str:
 
 def _own_reading(fit: Fit) -> bool:
     """Whether a fit reads its logs in another way than the desk does."""
-    from sysid.preprocess import DEFAULT_BAND_HZ
+    from sysid.data.preprocess import DEFAULT_BAND_HZ
 
     return fit.profile is not None or fit.window_s is not None or fit.band_hz[1] != DEFAULT_BAND_HZ[1]
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gcs.analysis import Identification, checks_text, modes_table, nrmse_table, parameter_table
+from gcs.analysis.diagnosis import rung_names
+from gcs.analysis.fits import Identification, checks_text, modes_table, nrmse_table, parameter_table
 from gcs.desk.state import Fitted, Rung
-from gcs.diagnosis import rung_names
 from gcs.errors import UsageError
-from sysid.effect import Effect, EffectError, find
-from sysid.result import Fit
+from sysid.fit.result import Fit
+from sysid.model.effect import Effect, EffectError, find
 
 
 def effect_to_add(fit: Fit, word: str, name: str = "the fit") -> Effect:

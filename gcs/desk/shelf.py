@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from gcs.logs.words import printable
+from sysid.data.record import Record
 from sysid.errors import SysidError
-from sysid.record import Record
-from sysid.result import FORMAT, Fit, RecordUsed
+from sysid.fit.result import FORMAT, Fit, RecordUsed
 
 MOST_BYTES = 4 << 20
 MOST_FILES = 500
@@ -125,7 +125,7 @@ def _lineage(fit: Fit) -> list[Any]:
 
 def _pair(bottom: Kept, group: Sequence[Kept]) -> tuple[Kept | None, Kept | None]:
     """TPP and CD of the same runs: the bottom and its newest neighbour of the other base."""
-    from gcs.analysis import on_cd
+    from gcs.analysis.fits import on_cd
 
     own = bottom.fit.model.structure
     for other in reversed(group):

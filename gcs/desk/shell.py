@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sysid.result import Fit
+    from sysid.fit.result import Fit
 
 
 def word(text: object) -> str:

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
-    from gcs.analysis import Identification
-    from gcs.diagnosis import Addition, FitDiagnosis, Sign
-    from sysid.comparison import Comparison
-    from sysid.loop import Following
-    from sysid.regulator import Gains
-    from sysid.result import Fit
+    from gcs.analysis.diagnosis import Addition, FitDiagnosis, Sign
+    from gcs.analysis.fits import Identification
+    from sysid.compare.values import Comparison
+    from sysid.control.loop import Following
+    from sysid.control.regulator import Gains
+    from sysid.fit.result import Fit
 
 Nrmse = Mapping[str, float]
 """Percent by output, `p` and `q`; 100 is perfect."""
@@ -148,7 +148,7 @@ class Rung:
     @property
     def placebo(self) -> tuple[str, Nrmse, Nrmse | None] | None:
         """The best wrong effect in this one's place: name, NRMSE fitted and on validation runs."""
-        from gcs.diagnosis import placebo_of
+        from gcs.analysis.diagnosis import placebo_of
 
         return None if self.addition is None else placebo_of(self.addition)
 

@@ -21,6 +21,8 @@ SWAP_S = 0.5
 """The farthest apart that two messages can be sent and still arrive in the wrong order."""
 PATIENCE_S = 60.0
 """An answer later than this is not waited for; the clocks' offset is the best of the answers of this time."""
+LOST_AFTER_S = 3.5
+"""A link on which nothing was heard for this long is shown as lost: one heartbeat a second, three missed."""
 REBOOT_STEP_S = 1.0
 """A vehicle's clock that goes back by more than this has started again; less is packets out of order."""
 UNKNOWN = -math.inf

@@ -16,16 +16,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs.errors import TippathError, UsageError
-from gcs.logs import formats, health, profiles, reading
+from gcs.logs import reading
 from gcs.logs.cache import Content
-from gcs.logs.damage import Damage
-from gcs.logs.profiles import Profile
+from gcs.logs.formats import kinds as formats
+from gcs.logs.formats.damage import Damage
+from gcs.logs.formats.source import Source
+from gcs.logs.profile import profiles
+from gcs.logs.profile.profiles import Profile
 from gcs.logs.reading import Progress
-from gcs.logs.runs import Run, Window
-from gcs.logs.source import Source
-from gcs.logs.verdicts import named_all_the_same, with_verdicts
+from gcs.logs.runs import health
+from gcs.logs.runs.runs import Run, Window
+from gcs.logs.runs.verdicts import named_all_the_same, with_verdicts
 from gcs.logs.words import printable
-from sysid.record import Record
+from sysid.data.record import Record
 
 __all__ = [
     "Damage",

@@ -22,8 +22,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.logs.runs import Run
-from gcs.logs.source import Source
+from gcs.logs.formats.source import Source
+from gcs.logs.runs.runs import Run
 
 FOLDER = ".tippath"
 SUFFIX = ".runs"
@@ -123,12 +123,12 @@ def _unlink(path: Path) -> None:
 def _reader() -> str:
     """A hash of the code and the profiles that reading depends on."""
     digest = hashlib.blake2b(digest_size=12)
-    rooms = (resources.files("gcs.logs"), resources.files("gcs.link"), resources.files("gcs") / "profiles")
-    for room in rooms:
+    logs = resources.files("gcs.logs")
+    rooms = (logs, *(logs / name for name in ("formats", "runs", "profile")), logs / "profile" / "bundled")
+    for room in (*rooms, resources.files("gcs.link"), resources.files("sysid.data")):
         for entry in sorted(room.iterdir(), key=lambda entry: entry.name):
             if entry.name.endswith((".py", ".toml")):
                 digest.update(entry.name.encode() + b"\0" + entry.read_bytes())
-    digest.update((resources.files("sysid") / "record.py").read_bytes())
     return digest.hexdigest()
 
 

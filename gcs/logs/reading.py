@@ -13,13 +13,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.logs import cache, formats, runs
+from gcs.logs import cache
 from gcs.logs.cache import Content
-from gcs.logs.profiles import Profile
-from gcs.logs.runs import Run, Window
-from gcs.logs.source import Source
+from gcs.logs.formats import kinds as formats
+from gcs.logs.formats.source import Source
+from gcs.logs.profile.profiles import Profile
+from gcs.logs.runs import runs
+from gcs.logs.runs.runs import Run, Window
 from gcs.logs.words import printable
-from sysid.record import Record, RecordError
+from sysid.data.record import Record, RecordError
 
 SIDE_BY_SIDE_BYTES = 64 << 20  # below it, starting processes costs more than they save
 MOST_PROCESSES = 8

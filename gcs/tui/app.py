@@ -19,11 +19,11 @@ from textual.app import App
 from textual.binding import Binding
 from textual.message import Message
 
+from gcs.cards.maneuver import bundled_cards
 from gcs.desk.state import Choice
 from gcs.errors import TippathError
-from gcs.flightdir import flight_of
+from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
-from gcs.maneuver import bundled_cards
 from gcs.tui import themes, words
 from gcs.tui.actions import Act
 from gcs.tui.base import Dialog, Page

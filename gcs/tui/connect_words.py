@@ -9,7 +9,7 @@ from gcs.tui.desk_words import Line, broken
 from gcs.tui.places import Place
 from gcs.tui.state import Stage, State
 from gcs.tui.words import fitted, justified, place_words
-from gcs.vehicle import VehicleSnapshot
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 AUTOPILOTS = {3: "ArduPilot", 12: "PX4", 0: "a generic autopilot", 9: "Paparazzi"}
 PRIMARY = 255

@@ -19,8 +19,8 @@ from gcs.tui.state import State
 from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
 
 if TYPE_CHECKING:
-    from gcs.diagnosis import FitDiagnosis
-    from sysid.diagnose import Judged
+    from gcs.analysis.diagnosis import FitDiagnosis
+    from sysid.diagnose.diagnose import Judged
 
 Line = str | tuple[str, str]
 
@@ -239,7 +239,7 @@ def explained_lines(rung: Rung, width: int) -> list[Line]:
     """All reasons."""
     if rung.diagnosis is None:
         return ["", " not asked yet"]
-    from gcs.diagnosis_words import diagnosis_text
+    from gcs.analysis.diagnosis_text import diagnosis_text
 
     head, *others = filter(None, map(_for_keys, diagnosis_text(rung.diagnosis, full=True).split("\n\n")))
     answer, _, rest = head.partition("\n")

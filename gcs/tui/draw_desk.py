@@ -11,7 +11,7 @@ from gcs.tui.plot import Panel, TimePlot, time_plot
 from gcs.tui.plot.model import FloatArray
 
 if TYPE_CHECKING:
-    from sysid.comparison import Comparison
+    from sysid.compare.values import Comparison
 
 COMMANDS = (("delta_x", "δx"), ("delta_y", "δy"), ("delta_e", "δe"))
 

@@ -1,10 +1,10 @@
 """Between the app and what flies: the state to show, and the few things a key may ask for.
 
-The flying itself is `gcs.sweep.fly_card`, the push `gcs.gains.push`, and what is done with a flight after it was flown
-`gcs.desk.Desk`: the same functions as behind the commands. What is added here is only what a screen needs: the card
-runs in a thread of its own and waits before every run until that run was made ready and then started, two steps; while
-it waits, a change of mode, a disarmed vehicle or a lost link calls the card off, so that nothing starts later that
-nobody looks at any more. When it is over the desk opens the flight by itself.
+The flying itself is `gcs.flight.sweep.fly_card`, the push `gcs.flight.gains.push`, and what is done with a flight after
+it was flown `gcs.desk.Desk`: the same functions as behind the commands. What is added here is only what a screen needs:
+the card runs in a thread of its own and waits before every run until that run was made ready and then started, two
+steps; while it waits, a change of mode, a disarmed vehicle or a lost link calls the card off, so that nothing starts
+later that nobody looks at any more. When it is over the desk opens the flight by itself.
 
 The state is replaced whole, under a lock, and never changed. `Engine` is what the app knows; tests give it another.
 """
@@ -22,15 +22,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from gcs.cards.maneuver import CardRun, TestCard, load_card
 from gcs.desk import Desk
 from gcs.desk.shell import word
 from gcs.errors import LinkError, TippathError
-from gcs.flightdir import create
-from gcs.link.procedures import ProcedureError, ReadParameter
-from gcs.logs.live import LiveWindow
-from gcs.maneuver import CardRun, TestCard, load_card
-from gcs.session import Session
-from gcs.sweep import (
+from gcs.flight.folder import create
+from gcs.flight.live import LiveWindow
+from gcs.flight.session import Session
+from gcs.flight.sweep import (
     Briefing,
     Ending,
     Note,
@@ -46,9 +45,10 @@ from gcs.sweep import (
     free_bytes,
     require_flyable,
 )
+from gcs.link.procedures import ProcedureError, ReadParameter
 from gcs.tui import state as view
 from gcs.tui.state import Bank, Mark, RunView, Stage, State
-from gcs.vehicle import STABILIZE, SYSTEMID, VehicleSnapshot
+from gcs.vehicle.snapshot import STABILIZE, SYSTEMID, VehicleSnapshot
 
 CONNECT_S = 3.0
 AGAIN_S = 1.0
@@ -451,7 +451,7 @@ class FlightEngine:
 
     def push(self) -> None:
         """The designed gains to the vehicle, as one verified set; only on the ground, disarmed."""
-        from gcs.gains import checksum, gains_of, push
+        from gcs.flight.gains import checksum, gains_of, push
 
         session = self._on_ground()
         designed = self._desk.state().designed
@@ -478,7 +478,7 @@ class FlightEngine:
 
     def revert(self) -> None:
         """Back to the bank before the last commit; only on the ground, disarmed."""
-        from gcs.gains import checksum, revert
+        from gcs.flight.gains import checksum, revert
 
         session = self._on_ground()
         with self._working("reverting"):

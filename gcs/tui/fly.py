@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from textual.containers import Vertical
 from textual.widget import Widget
 
-from gcs.logs.live import LiveWindow
+from gcs.flight.live import LiveWindow
 from gcs.tui import words
 from gcs.tui.actions import Act
 from gcs.tui.base import Page

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gcs.desk.state import Choice, DeskState, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.state import Mark, RunView, Stage, State
-from gcs.vehicle import SYSTEMID, VehicleSnapshot
+from gcs.vehicle.snapshot import SYSTEMID, VehicleSnapshot
 
 ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
 """Screens on which a vehicle that is not there matters; the others work on what was recorded."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.flightdir import FlightFolder
+from gcs.flight.folder import FlightFolder
 from gcs.link.decode import sanitise
 from gcs.link.ports import SerialPort, serial_ports
 from gcs.link.transport import LinkWordError, parse_link

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from gcs.demo.pilot import SimulatedVehicle
 from gcs.desk import Desk
 from gcs.errors import TippathError
-from gcs.logs.live import LiveWindow
-from gcs.pilot import SimulatedVehicle
+from gcs.flight.live import LiveWindow
 from gcs.tui.engine import FlightEngine
 from gcs.tui.places import NOWHERE, Place, places, vehicle_logs
 from gcs.tui.state import State

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
+from gcs.cards.envelope import Limits, Use
 from gcs.desk.state import DeskState
-from gcs.envelope import Limits, Use
-from gcs.vehicle import VehicleSnapshot
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 
 class Stage(Enum):

@@ -14,13 +14,14 @@ from collections.abc import Sequence
 from rich.cells import cell_len
 from textual.content import Content
 
-from gcs.envelope import Limits
+from gcs.cards.envelope import Limits
+from gcs.flight.preflight import LAG_LIMIT_S
+from gcs.link.clock import LOST_AFTER_S
 from gcs.link.decode import sanitise
-from gcs.preflight import LAG_LIMIT_S
 from gcs.tui.next_step import BY_ITSELF, current
 from gcs.tui.plot import Style, bar
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
-from gcs.vehicle import LOST_AFTER_S, SYSTEMID, VehicleSnapshot
+from gcs.vehicle.snapshot import SYSTEMID, VehicleSnapshot
 
 ABORT = "F12 ABORT"
 

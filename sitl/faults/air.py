@@ -14,9 +14,9 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from sitl.autopilot.vehicle import Vehicle
 from sitl.faults.windows import ALWAYS, Outage, Way, Window
-from sitl.links import Address, Link
-from sitl.vehicle import Vehicle
+from sitl.protocol.links import Address, Link
 
 LONGEST_FRAME = 280
 """Bytes of a signed MAVLink 2 frame with a full payload."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from sitl.autopilot.vehicle import Vehicle
 from sitl.faults.windows import Once, Window
-from sitl.vehicle import Vehicle
 
 BUFFER_FULL = "buffer full"
 

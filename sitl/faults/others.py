@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot.parameters import Kind
+from sitl.autopilot.vehicle import Mode
 from sitl.faults.air import Packet
 from sitl.faults.windows import ALWAYS, Once, Window
-from sitl.parameters import Kind
-from sitl.server import AUTOPILOT, SYSTEM
-from sitl.telemetry import Message
-from sitl.vehicle import Mode
+from sitl.protocol.server import AUTOPILOT, SYSTEM
+from sitl.protocol.telemetry import Message
 
 _UPTIME_S = 4321.0
 """The second vehicle has been up for longer: its boot stamps are of another clock."""

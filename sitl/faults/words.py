@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from sitl.autopilot.vehicle import Mode
 from sitl.faults.air import (
     QUEUE_BYTES,
     Bandwidth,
@@ -36,7 +37,6 @@ from sitl.faults.others import (
     start_of_log,
 )
 from sitl.faults.windows import ALWAYS, Outage, Way, Window
-from sitl.vehicle import Mode
 
 TIMES = (
     "Most take @WHEN behind the value (--lag 3.5@20:40): FROM:UNTIL in seconds of the vehicle's own time, which begins "

@@ -2,12 +2,12 @@
 
     hidden = draw(seed, "hover-ideal")               # anything, or nothing; flown in the lively condition
     hidden = plant_one("servo_lag", seed, "forward") # one that is named, its size drawn; its own condition
-    vehicle = make_vehicle(hidden.plant, seed, hidden=hidden)         # sitl.vehicle
+    vehicle = make_vehicle(hidden.plant, seed, hidden=hidden)         # sitl.autopilot.vehicle
     names("hover-ideal")                             # all that can be named there
 
 Three kinds, a file each: `catalogue` is built as the catalogue writes it, `below` from its cause (more than a third of
 all random draws), `beyond` is what no entry explains. Whoever adds one writes a recipe there and, where no part carries
-it yet, the part: `sitl.actuators`, `sitl.plants.rotors`, `sitl.plants.fuselages`, `sitl.sensors`.
+it yet, the part: `sitl.plants.actuators`, `sitl.plants.rotors`, `sitl.plants.fuselages`, `sitl.plants.sensors`.
 
 `draw` flies everything, nothing included, in the `lively` condition: otherwise a moving rotor speed would tell.
 """

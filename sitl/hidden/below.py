@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 
-from sitl.actuators import (
+from sitl.hidden.recipe import BELOW, FORWARD, HOVER, I_X, I_Y, I_Z, Made, Recipe, Sizes
+from sitl.plants.actuators import (
     Backlash,
     Chain,
     DeadBand,
@@ -21,12 +22,11 @@ from sitl.actuators import (
     SecondOrderServo,
     ThreeServos,
 )
-from sitl.hidden.recipe import BELOW, FORWARD, HOVER, I_X, I_Y, I_Z, Made, Recipe, Sizes
 from sitl.plants.fuselages import AngleOfAttack, Tether, ThrustLines, TurnedInertia, YawCoupling
 from sitl.plants.hover import DT
 from sitl.plants.rotorcraft import Parts
 from sitl.plants.rotors import Disc, ObliqueDisc, PittPetersDisc, spring_and_offset
-from sitl.sensors import RotatedChip, SoftMount
+from sitl.plants.sensors import RotatedChip, SoftMount
 
 # Three servos from one box turn the swashplate; a fourth of the same make moves the elevator.
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sitl.actuators import Fading, LazyLag, Uneven
 from sitl.hidden.recipe import BEYOND, FORWARD, Made, Recipe, Sizes, on_each
+from sitl.plants.actuators import Fading, LazyLag, Uneven
 from sitl.plants.fuselages import ForwardFuselage
 from sitl.plants.hover import DT
 from sitl.plants.rotorcraft import NOMINAL_AIRSPEED, Parts

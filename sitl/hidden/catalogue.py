@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from sitl.actuators import Backlash, DeadBand, Lag, Late, Ring, SecondOrderServo
 from sitl.hidden.recipe import FORWARD, HOVER, I_X, I_Y, Made, Recipe, Sizes, on_each
+from sitl.plants.actuators import Backlash, DeadBand, Lag, Late, Ring, SecondOrderServo
 from sitl.plants.fuselages import (
     AngleOfAttack,
     CoupledInertia,
@@ -28,7 +28,7 @@ from sitl.plants.fuselages import (
 from sitl.plants.hover import DT
 from sitl.plants.rotorcraft import NOMINAL_AIRSPEED, Parts
 from sitl.plants.rotors import Disc, InflowDisc, SecondOrderDisc, powers
-from sitl.sensors import RotatedChip, SoftMount
+from sitl.plants.sensors import RotatedChip, SoftMount
 
 # ------------------------------------------------------------------------------------------------ actuators
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sitl.actuators import Each, Element
+from sitl.plants.actuators import Each, Element
 from sitl.plants.rotorcraft import AIRFRAMES, Airframe, Parts
 
 HOVER, FORWARD = "hover-ideal", "forward"
@@ -45,7 +45,7 @@ class Hidden:
     """`catalogue`: built as the catalogue writes it; `below`: built from its cause; `beyond`: not in the catalogue;
     `none`."""
     condition: str
-    """Of `sitl.conditions`, in which it shows."""
+    """Of `sitl.plants.conditions`, in which it shows."""
     sentence: str
     """For whoever opens the seal."""
     build: Callable[[], Parts] = field(compare=False, repr=False)

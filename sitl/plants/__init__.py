@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Protocol
 
-from sitl.conditions import CALM, Condition
+from sitl.plants.conditions import CALM, Condition
 from sitl.plants.forward import ForwardPlant
 from sitl.plants.hover import BEYOND_TPP, LIGHT_GUSTS, NOTHING_MISSING, HoverPlant
 from sitl.plants.rotorcraft import AIRFRAMES, Parts, Rotorcraft

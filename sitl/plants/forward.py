@@ -17,7 +17,7 @@ import math
 import random
 from dataclasses import dataclass
 
-from sitl.actuators import clip
+from sitl.plants.actuators import clip
 from sitl.plants.hover import DT, LIGHT_GUSTS, G, Gusts
 from sitl.plants.table4 import TipPathPlane
 from sitl.plants.table5 import TABLE_5, TABLE_5_FUSELAGE, Fuselage

@@ -11,7 +11,7 @@ import math
 import random
 from dataclasses import dataclass
 
-from sitl.actuators import Backlash, Delay, SecondOrderServo, clip
+from sitl.plants.actuators import Backlash, Delay, SecondOrderServo, clip
 from sitl.plants.table4 import NOMINAL_RPM, TABLE_4, TipPathPlane
 
 DT = 0.002

@@ -1,9 +1,9 @@
 """A vehicle put together from parts: Table 4's in hover or Table 5's in forward flight, with any part exchanged.
 
 The order is the block diagram's: commands -> actuators -> rotor -> fuselage -> rates and attitude; sensors are the
-vehicle's (`sitl.sensors`). Without parts it flies exactly as `hover-ideal` and `forward` do, which are written out by
-themselves because they fly most. To add a part, write it in `sitl.actuators`, `rotors`, `fuselages` or `sitl.sensors`
-and let a recipe in `sitl.hidden` use it.
+vehicle's (`sitl.plants.sensors`). Without parts it flies exactly as `hover-ideal` and `forward` do, which are written
+out by themselves because they fly most. To add a part, write it in `sitl.plants.actuators`, `rotors`, `fuselages` or
+`sitl.plants.sensors` and let a recipe in `sitl.hidden` use it.
 
 Yaw is not simulated but flown: the tip propellers turn the vehicle as commanded, with a lag. Left out: large angles.
 """
@@ -15,16 +15,16 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sitl.actuators import Stage, clip
-from sitl.conditions import CALM, Condition
-from sitl.drivetrain import Drivetrain
+from sitl.plants.actuators import Stage, clip
+from sitl.plants.conditions import CALM, Condition
+from sitl.plants.drivetrain import Drivetrain
 from sitl.plants.forward import AIRSPEED, ROTOR_RPM, ForwardPlant, Wander
 from sitl.plants.fuselages import ForwardFuselage, Inertia, Load, Now
 from sitl.plants.hover import DT, LIGHT_GUSTS, G, Gusts
 from sitl.plants.rotors import Disc, Rotor
+from sitl.plants.sensors import Mount
 from sitl.plants.table4 import NOMINAL_RPM, TABLE_4, TipPathPlane
 from sitl.plants.table5 import TABLE_5, TABLE_5_FUSELAGE, Fuselage
-from sitl.sensors import Mount
 
 HOVER_COLLECTIVE = 0.2
 """Of full command."""

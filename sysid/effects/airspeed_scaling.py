@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from sysid.effect import Effect, Signals, Stage, Surroundings
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Signals, Stage, Surroundings
+from sysid.model.parameter import Parameter
 
 POWERS = {
     "angular_damping": {"L_p": 1, "M_q": 1},

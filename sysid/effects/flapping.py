@@ -1,12 +1,12 @@
 """First-order flapping of the rotor: what turns Cylinder Dynamics into the Tip-Path-Plane model.
 
-Its equations are the base `tpp` itself; `sysid.structures.compose` takes that base in place of `cd`.
+Its equations are the base `tpp` itself; `sysid.model.bases.compose` takes that base in place of `cd`.
 """
 
 from __future__ import annotations
 
-from sysid.effect import Effect, Stage
-from sysid.structures import CD_BASE, TPP_BASE
+from sysid.model.bases import CD_BASE, TPP_BASE
+from sysid.model.effect import Effect, Stage
 
 EFFECT = Effect(
     id="flapping",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.effect import Effect, Signals, Stage
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Signals, Stage
+from sysid.model.parameter import Parameter
 
 
 def equations(s: Signals) -> Mapping[str, Any]:

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 from math import pi, sqrt
 from typing import Any
 
-from sysid.effect import Effect, Signals, Stage, magnitude
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Signals, Stage, magnitude
+from sysid.model.parameter import Parameter
 
 NOMINAL = 1650 * pi / 30
 """rad/s, the paper's rotor, where omega is not logged."""

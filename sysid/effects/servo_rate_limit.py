@@ -11,9 +11,9 @@ from math import inf
 
 import numpy as np
 
-from sysid.effect import Effect, Stage
-from sysid.parameter import Parameter
-from sysid.record import FloatArray
+from sysid.data.record import FloatArray
+from sysid.model.effect import Effect, Stage
+from sysid.model.parameter import Parameter
 
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:

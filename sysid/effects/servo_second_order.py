@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from math import inf, pi
 from typing import Any
 
-from sysid.effect import Effect, Signals, Stage
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Signals, Stage
+from sysid.model.parameter import Parameter
 
 
 def equations(s: Signals) -> Mapping[str, Any]:

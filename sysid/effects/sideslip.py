@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from sysid.effect import Effect, Signals, Stage, Surroundings
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Signals, Stage, Surroundings
+from sysid.model.parameter import Parameter
 
 
 def equations(s: Signals) -> Mapping[str, Any]:

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from math import pi
 from typing import Any
 
-from sysid.effect import Effect, Signals, Stage
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Signals, Stage
+from sysid.model.parameter import Parameter
 
 TYPICAL_KAPPA = 0.1
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.effect import Effect, Stage
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Stage
+from sysid.model.parameter import Parameter
 
 
 def response(s: Any, parameters: Mapping[str, Any]) -> Any:

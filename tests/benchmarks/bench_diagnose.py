@@ -6,13 +6,13 @@ from planted import PLANTED, fly_many
 from planted_fits import records
 from timing import best_of
 
-from sysid.diagnose import diagnose
-from sysid.effect import EffectError, catalogue
-from sysid.evidence import candidate, ground, metric, score, settle
-from sysid.fit import estimate
-from sysid.identify import identify, on_runs
-from sysid.noise import divide
-from sysid.structures import TPP, compose
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import candidate, ground, metric, score, settle
+from sysid.fit.identify import identify, on_runs
+from sysid.fit.noise import divide
+from sysid.fit.output_error import estimate
+from sysid.model.bases import TPP, compose
+from sysid.model.effect import EffectError, catalogue
 
 
 def bench_diagnosis() -> None:

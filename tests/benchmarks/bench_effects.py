@@ -12,13 +12,13 @@ from planted import FORWARD, TABLE_4, fly
 from scipy.signal import lsim
 from timing import best_of
 
-from sysid.effect import EffectError, catalogue
-from sysid.fit import FitError, estimate
-from sysid.identify import identify, on_runs
-from sysid.model import Model
-from sysid.preprocess import spectra
-from sysid.record import Record
-from sysid.structures import TPP, compose
+from sysid.data.preprocess import spectra
+from sysid.data.record import Record
+from sysid.fit.identify import identify, on_runs
+from sysid.fit.output_error import FitError, estimate
+from sysid.model.bases import TPP, compose
+from sysid.model.effect import EffectError, catalogue
+from sysid.model.structure import Model
 
 
 def runs(forward: bool) -> list[Record]:

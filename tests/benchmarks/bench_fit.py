@@ -14,10 +14,10 @@ from scipy.optimize import least_squares
 from scipy.signal import lsim
 from timing import best_of
 
-from sysid.identify import identify
-from sysid.model import Model
-from sysid.record import Record
-from sysid.structures import TPP
+from sysid.data.record import Record
+from sysid.fit.identify import identify
+from sysid.model.bases import TPP
+from sysid.model.structure import Model
 
 TRUTH = np.array([147.548, 713.378, 0.091, -1.338, 1.448, -0.282, 0.296, 0.524, -0.050])
 RUNS = (12000, 14000, 16000, 18000)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pymavlink import DFReader
 
-from gcs.logs import dataflash
+from gcs.logs.formats import dataflash
 
 MESSAGES = ("RATE", "SIDD")
 GPS = struct.Struct("<QBBIHBhiiiffffB")
@@ -24,7 +24,7 @@ READ = """
 import sys
 from pathlib import Path
 import numpy as np
-from gcs.logs import dataflash
+from gcs.logs.formats import dataflash
 def peak():  # getrusage would count what the parent held when it forked
     status = Path("/proc/self/status").read_text().splitlines()
     return 1024 * next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))

@@ -175,7 +175,7 @@ class Feed:
     def __init__(self) -> None:
         from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-        from gcs.logs.live import LiveLog
+        from gcs.flight.live import LiveLog
 
         self.log = LiveLog(keep_s=60.0, rate_hz=MESSAGES_PER_S)
         sender = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -340,7 +340,7 @@ class Fake:
 
     def __init__(self, feed: Feed) -> None:
         from gcs.tui.state import Mark, Progress, RunView, Stage, State
-        from gcs.vehicle import VehicleSnapshot
+        from gcs.vehicle.snapshot import VehicleSnapshot
 
         self.feed = feed
         self.count = 0

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pyulog import ULog
 
-from gcs.logs import ulog
+from gcs.logs.formats import ulog
 
 REPEATS = 25
 FIRST_DATA = 36_093  # where the definitions and subscriptions of sample.ulg end

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sysid.effect
-from gcs.analysis import PAPER_PARAMETERS
-from sysid.effect import FOLDER, Effect, EffectError, Stage, catalogue, find, load
-from sysid.model import COMPLEX_STEP, FloatArray, Matrices, Model, Structure, stepped
-from sysid.record import CHANNELS
-from sysid.structures import CD, TPP, compose, not_testable
+import sysid.model.effect
+from gcs.analysis.fits import PAPER_PARAMETERS
+from sysid.data.record import CHANNELS
+from sysid.model.bases import CD, TPP, compose, not_testable
+from sysid.model.effect import FOLDER, Effect, EffectError, Stage, catalogue, find, load
+from sysid.model.structure import COMPLEX_STEP, FloatArray, Matrices, Model, Structure, stepped
 
 IDS = [
     "flapping", "second_order_flapping", "dynamic_inflow", "rotor_speed", "hub_gyroscopics", "disc_incidence",
@@ -325,7 +325,7 @@ def test_complex_steps_are_derivatives(effect: Effect, base: str) -> None:
 
 def test_magnitude_passes_a_complex_step() -> None:
     for x in (-2.0, 0.5):
-        stepped_x = sysid.effect.magnitude(np.array(x + 1j * COMPLEX_STEP))
+        stepped_x = sysid.model.effect.magnitude(np.array(x + 1j * COMPLEX_STEP))
         assert stepped_x.real == pytest.approx(abs(x), rel=1e-15)
         assert stepped_x.imag / COMPLEX_STEP == pytest.approx(math.copysign(1.0, x), rel=1e-12)
 

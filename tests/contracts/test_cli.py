@@ -15,10 +15,10 @@ import pytest
 from contract_schemas import FIT, GAINS, JUDGED, RUNS
 
 from gcs.cli import COMMANDS
-from sitl.actuators import clip
-from sitl.autopilot import AttitudeController
-from sitl.excitation import Excitation, ExcitationSettings
+from sitl.autopilot.control_laws import AttitudeController
+from sitl.autopilot.excitation import Excitation, ExcitationSettings
 from sitl.plants import make_plant
+from sitl.plants.actuators import clip
 
 Tippath = Callable[..., tuple[int, str, str]]
 

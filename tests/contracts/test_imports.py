@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 RULES = [
-    ("sysid.identify", ("gcs", "sitl", "pymavlink", "serial", "textual", "matplotlib", "control"), "mathematics only"),
+    ("sysid.fit.identify", ("gcs", "sitl", "pymavlink", "serial", "textual", "matplotlib", "control"), "mathematics"),
     ("sitl.plants", ("gcs", "sysid", "pymavlink"), "truth is independent of the models under test"),
-    ("sitl.vehicle", ("gcs", "sysid"), "truth is independent of the models under test"),
-    ("sitl.server", ("gcs", "sysid"), "truth is independent of the models under test"),
-    ("gcs.session", ("sitl", "textual", "scipy", "matplotlib"), "the engine needs no screen and no mathematics"),
-    ("gcs.sweep", ("sitl", "textual", "gcs.tui", "gcs.cli"), "one engine, three faces"),
-    ("gcs.analysis", ("sitl", "pymavlink", "textual", "matplotlib", "control"), "start-up: import where used"),
+    ("sitl.autopilot.vehicle", ("gcs", "sysid"), "truth is independent of the models under test"),
+    ("sitl.protocol.server", ("gcs", "sysid"), "truth is independent of the models under test"),
+    ("gcs.flight.session", ("sitl", "textual", "scipy", "matplotlib"), "the engine needs no screen and no mathematics"),
+    ("gcs.flight.sweep", ("sitl", "textual", "gcs.tui", "gcs.cli"), "one engine, three faces"),
+    ("gcs.analysis.fits", ("sitl", "pymavlink", "textual", "matplotlib", "control"), "start-up: import where used"),
     ("gcs.cli", ("pymavlink", "scipy", "control", "matplotlib", "textual", "sitl"), "--help answers at once"),
 ]
 
@@ -31,10 +31,12 @@ def test_a_fresh_interpreter_loads_only_what_it_may(module: str, forbidden: tupl
     assert done.stdout.split() == [], reason
 
 
-def test_the_contract_names_every_module_below_the_faces() -> None:
-    """A new module of gcs is bound by the contract, or somebody decided that it is a face."""
+@pytest.mark.parametrize("package", ["gcs", "sysid", "sitl"])
+def test_the_layers_name_every_room(package: str) -> None:
+    """A new folder has its place in the directions of import, or somebody decided that it needs none."""
     root = Path(__file__).resolve().parents[2]
     contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    (engine,) = [one for one in contracts if one["name"].startswith("one engine")]
-    there = {path.stem for path in (root / "gcs").iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
-    assert {f"gcs.{name}" for name in there - {"__init__", "cli", "tui"}} == set(engine["source_modules"])
+    (layers,) = [c["layers"] for c in contracts if c["type"] == "layers" and c["containers"] == [package]]
+    named = {name.strip(" ()") for layer in layers for name in layer.split("|")}
+    there = {path.parent.name for path in (root / package).glob("*/__init__.py")}
+    assert there == named

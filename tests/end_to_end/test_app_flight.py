@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from gcs.pilot import SimulatedVehicle
+from gcs.demo.pilot import SimulatedVehicle
 from gcs.tui.app import TippathApp
 from gcs.tui.engine import FlightEngine
 from gcs.tui.state import Mark, Stage

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from flying import CHIRP, DOUBLET, fly_maneuver, log_of
 
-from gcs.analysis import Identification, identify_flight, split_runs
+from gcs.analysis.fits import Identification, identify_flight, split_runs
 from gcs.logs import ingest, resolve_runs
-from sitl.parameters import BANK_ORDER, bank_crc
-from sitl.vehicle import make_vehicle
-from sysid.regulator import design
+from sitl.autopilot.parameters import BANK_ORDER, bank_crc
+from sitl.autopilot.vehicle import make_vehicle
+from sysid.control.regulator import design
 
 CHIRPS = [(10, 0.10, 30.0), (10, 0.10, 30.0), (11, 0.15, 30.0), (11, 0.15, 30.0)]
 DOUBLETS = [(10, 0.10, 8.0), (11, 0.15, 8.0)]

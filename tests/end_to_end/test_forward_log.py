@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from flying import CHIRP, fly_maneuver, log_of
 
+from gcs.demo.pilot import SimulatedVehicle
 from gcs.logs import ingest, resolve_runs
-from gcs.logs.runs import Run
-from gcs.pilot import SimulatedVehicle
+from gcs.logs.runs.runs import Run
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.plants.forward import AIRSPEED, ROTOR_RPM, ForwardPlant
 from sitl.plants.hover import Gusts
 from sitl.plants.table5 import TABLE_5, TABLE_5_FUSELAGE
-from sitl.vehicle import Vehicle, make_vehicle
-from sysid.identify import identify
-from sysid.structures import TPP
+from sysid.fit.identify import identify
+from sysid.model.bases import TPP
 
 CHIRPS = [(10, 0.10, "roll"), (11, 0.15, "pitch"), (20, 0.30, "elevator")]
 TRUTH = {**TABLE_5._asdict(), **TABLE_5_FUSELAGE._asdict()}

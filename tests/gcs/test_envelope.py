@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from gcs.envelope import Limits, Peaks, use, violations
+from gcs.cards.envelope import Limits, Peaks, use, violations
 
 LIMITS = Limits(rate=2.0, attitude=math.radians(20), command=0.5)
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from gcs.excitation import (
+from gcs.cards.maneuver import Maneuver
+from gcs.flight.excitation import (
     ASK_EVERY_S,
     LAG_PATIENCE_S,
     LOG_SILENCE_S,
@@ -26,9 +27,8 @@ from gcs.excitation import (
     Seen,
     step,
 )
-from gcs.maneuver import Maneuver
-from gcs.profile import Plan, bundled_profiles
-from gcs.vehicle import Beat
+from gcs.vehicle.profile import Plan, bundled_profiles
+from gcs.vehicle.snapshot import Beat
 
 STABILIZE, ALT_HOLD, RTL, SYSTEMID = 0, 2, 6, 25
 NAMES = {STABILIZE: "Stabilize", ALT_HOLD: "AltHold", RTL: "RTL", SYSTEMID: "SystemID"}

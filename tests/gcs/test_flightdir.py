@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from gcs.errors import TippathError, UsageError
-from gcs.flightdir import AuditEntry, FlightFolder, create, flight_of, keep
+from gcs.flight.folder import AuditEntry, FlightFolder, create, flight_of, keep
 
 
 def test_folders_are_numbered_after_the_highest(tmp_path: Path) -> None:

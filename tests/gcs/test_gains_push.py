@@ -16,9 +16,9 @@ import pytest
 from gcs.cli import push as push_command
 from gcs.cli import revert as revert_command
 from gcs.errors import LinkError
-from gcs.gains import BANK, GainsError, gains_of, load_gains, push, revert
+from gcs.flight.gains import BANK, GainsError, gains_of, load_gains, push, revert
+from gcs.flight.session import Session
 from gcs.link.procedures import RefusedError
-from gcs.session import Session
 
 
 @pytest.fixture

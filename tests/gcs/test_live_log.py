@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from gcs.logs.live import LiveLog
-from sitl.logger import filler
+from gcs.flight.live import LiveLog
+from sitl.autopilot.logger import filler
 
 Make = Callable[..., bytes]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gcs.log_health import Capacity, LogHealth, Tally, capacity
+from gcs.flight.log_health import Capacity, LogHealth, Tally, capacity
 
 BLOCKS_A_SECOND = 300
 

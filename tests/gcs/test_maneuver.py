@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from gcs.cards.maneuver import Maneuver, bundled_cards, card_text, load_card, parse_card, single_card
 from gcs.errors import UsageError
-from gcs.maneuver import Maneuver, bundled_cards, card_text, load_card, parse_card, single_card
 
 CHIRP = """
 name = "one"

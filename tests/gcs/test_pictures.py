@@ -11,13 +11,13 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from planted import PLANTED, axes, fly
 
+from gcs.analysis.pictures import compare_picture, diagnosis_picture, ladder_picture, picture_kind, write_picture
 from gcs.errors import TippathError, UsageError
-from gcs.pictures import compare_picture, diagnosis_picture, ladder_picture, picture_kind, write_picture
-from sysid.compare import compare
-from sysid.comparison import Comparison
-from sysid.identify import identify
-from sysid.record import Record
-from sysid.structures import compose
+from sysid.compare.compare import compare
+from sysid.compare.values import Comparison
+from sysid.data.record import Record
+from sysid.fit.identify import identify
+from sysid.model.bases import compose
 
 
 @pytest.fixture(scope="module")

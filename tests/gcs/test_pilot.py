@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.pilot import PilotError, SimulatedVehicle
+from gcs.demo.pilot import PilotError, SimulatedVehicle
 
 
 def gone(pid: int, within_s: float = 6.0) -> bool:
@@ -58,7 +58,7 @@ def test_it_ends_with_us_even_when_we_are_killed(tmp_path: Path) -> None:
         f"""
         import sys, time
         from pathlib import Path
-        from gcs.pilot import SimulatedVehicle
+        from gcs.demo.pilot import SimulatedVehicle
         vehicle = SimulatedVehicle("hover-ideal", Path({str(tmp_path / "vehicle")!r}))
         print(vehicle._process.pid, flush=True)
         time.sleep(60)

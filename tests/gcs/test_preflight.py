@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs.envelope import Limits
-from gcs.log_health import Capacity, LogHealth
-from gcs.logs.live import LiveWindow
-from gcs.maneuver import Maneuver
-from gcs.preflight import carried, controller, flying, hover, lag, lean_stop, link_loss, recording
-from gcs.profile import bundled_profiles
-from gcs.vehicle import VehicleSnapshot
+from gcs.cards.envelope import Limits
+from gcs.cards.maneuver import Maneuver
+from gcs.flight.live import LiveWindow
+from gcs.flight.log_health import Capacity, LogHealth
+from gcs.flight.preflight import carried, controller, flying, hover, lag, lean_stop, link_loss, recording
+from gcs.vehicle.profile import bundled_profiles
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 PROFILE = bundled_profiles()[0]
 HOVERING = VehicleSnapshot(

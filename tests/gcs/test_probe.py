@@ -19,11 +19,10 @@ from flying import log_of
 from numpy.typing import NDArray
 from scipy import signal
 
-from gcs.envelope import Limits
-from gcs.logs import ingest
-from gcs.logs.live import LiveLog, LiveWindow
-from gcs.maneuver import Maneuver, TestCard, load_card
-from gcs.probe import (
+from gcs.cards.envelope import Limits
+from gcs.cards.maneuver import Maneuver, TestCard, load_card
+from gcs.flight.live import LiveLog, LiveWindow
+from gcs.flight.probe import (
     FRACTION,
     LEAST_AMPLITUDE,
     ProbeResult,
@@ -33,9 +32,10 @@ from gcs.probe import (
     predicted_attitude,
     probe_card,
 )
-from gcs.profile import VehicleProfile, bundled_profiles
-from gcs.verdict import cut
-from sitl.vehicle import DT, Mode, Reason, make_vehicle
+from gcs.flight.verdict import cut
+from gcs.logs import ingest
+from gcs.vehicle.profile import VehicleProfile, bundled_profiles
+from sitl.autopilot.vehicle import DT, Mode, Reason, make_vehicle
 
 FloatArray = NDArray[np.float64]
 Samples = dict[str, FloatArray]

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from gcs.cards.maneuver import Maneuver
 from gcs.errors import TippathError
-from gcs.maneuver import Maneuver
-from gcs.profile import CannotFlyError, bundled_profiles, choose_profile, parse_profile
+from gcs.vehicle.profile import CannotFlyError, bundled_profiles, choose_profile, parse_profile
 
 CHIRP = Maneuver("chirp", "pitch", 0.15, 30.0)
 ARDUPILOT, PX4 = 3, 12

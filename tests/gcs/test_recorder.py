@@ -11,9 +11,9 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import TippathError
+from gcs.flight.recorder import Recorder
 from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import StreamResult
-from gcs.recorder import Recorder
 
 REACHED = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=60.1, clock_s=60.0)
 

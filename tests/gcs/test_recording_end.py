@@ -13,14 +13,14 @@ from typing import Any
 
 import pytest
 
+from gcs.flight.live import LiveLog
+from gcs.flight.recorder import Recorder, RecordingSummary
 from gcs.link.encode import START_BLOCKS, STOP_BLOCKS, BlockStatus, Send
 from gcs.link.events import Attitude, Event, LogBlock, StatusText
 from gcs.link.log_end import EndState
 from gcs.link.procedures import LogBlocks
-from gcs.logs.live import LiveLog
-from gcs.recorder import Recorder, RecordingSummary
-from sitl.blocks import BlockStream
-from sitl.logger import DataFlashLog, FileSink
+from sitl.autopilot.blocks import BlockStream
+from sitl.autopilot.logger import DataFlashLog, FileSink
 
 STEP_S = 0.01
 LATENCY_S = 0.01

@@ -17,6 +17,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import LinkError, TippathError
+from gcs.flight.session import Session
 from gcs.link.procedures import (
     NoAnswerError,
     ProcedureError,
@@ -27,7 +28,6 @@ from gcs.link.procedures import (
     WriteParameter,
 )
 from gcs.link.transport import open_transport
-from gcs.session import Session
 
 STOP = 2147483645
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gcs.gains import BANK, gains_of, push, revert
+from gcs.flight.gains import BANK, gains_of, push, revert
+from gcs.flight.session import Session
 from gcs.link.procedures import ReadAllParameters, ReadParameter, RefusedError, SetMode
-from gcs.session import Session
 
 pytestmark = pytest.mark.realtime
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import pytest
 from fake_flight import FakeSession, FakeVehicle
 
+from gcs.cards.maneuver import Maneuver
 from gcs.errors import LinkError
+from gcs.flight.live import SweepSettings
+from gcs.flight.settings import ask, changed_since, flown_otherwise, give_back, ordered, recognise, write_plan
 from gcs.link.procedures import NoAnswerError
-from gcs.logs.live import SweepSettings
-from gcs.maneuver import Maneuver
-from gcs.profile import CannotFlyError, Plan, VehicleProfile, bundled_profiles
-from gcs.settings import ask, changed_since, flown_otherwise, give_back, ordered, recognise, write_plan
+from gcs.vehicle.profile import CannotFlyError, Plan, VehicleProfile, bundled_profiles
 
 AXIS, MAGNITUDE = "SID_AXIS", "SID_MAGNITUDE"
 

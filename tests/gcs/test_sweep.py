@@ -13,14 +13,11 @@ import numpy as np
 import pytest
 from fake_flight import PARAMETERS, SYSTEMID, FakeSession, FakeVehicle
 
-from gcs.envelope import Limits
-from gcs.flightdir import FlightFolder, create
-from gcs.link.log_end import LogEnd
-from gcs.link.procedures import ProcedureError
-from gcs.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
-from gcs.profile import CannotFlyError
-from gcs.recorder import RecordingSummary
-from gcs.sweep import (
+from gcs.cards.envelope import Limits
+from gcs.cards.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
+from gcs.flight.folder import FlightFolder, create
+from gcs.flight.recorder import RecordingSummary
+from gcs.flight.sweep import (
     Briefing,
     Ending,
     Note,
@@ -36,6 +33,9 @@ from gcs.sweep import (
     fly_card,
     require_flyable,
 )
+from gcs.link.log_end import LogEnd
+from gcs.link.procedures import ProcedureError
+from gcs.vehicle.profile import CannotFlyError
 
 STABILIZE, ALT_HOLD, RTL = 0, 2, 6
 CHIRP = Maneuver("chirp", "roll", 0.1, 10.0)

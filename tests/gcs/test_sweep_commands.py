@@ -18,20 +18,20 @@ import pytest
 from fake_flight import FakeSession, FakeVehicle
 from planted import TABLE_4
 
+from gcs.analysis.following import following
+from gcs.cards.envelope import Limits
+from gcs.cards.maneuver import Maneuver, TestCard, parse_card
 from gcs.cli import main
 from gcs.cli.interrupts import interrupts
 from gcs.cli.progress import ProgressLines
 from gcs.cli.sim import PILOT_LINES, banner, next_directory
 from gcs.cli.sweep import is_loopback, require_terminal, typed_confirmation
-from gcs.demo import DemoError, require_same_bytes
-from gcs.envelope import Limits
+from gcs.demo.demo import DemoError, require_same_bytes
+from gcs.demo.pilot import SimulatedVehicle
 from gcs.errors import LinkError, UsageError
-from gcs.flightdir import create
-from gcs.logs.following import following
-from gcs.maneuver import Maneuver, TestCard, parse_card
-from gcs.pilot import SimulatedVehicle
-from gcs.session import Session
-from gcs.sweep import Note, fly_card
+from gcs.flight.folder import create
+from gcs.flight.session import Session
+from gcs.flight.sweep import Note, fly_card
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_the_sweeps_help_holds_a_card_that_can_be_flown(capsys: pytest.CaptureFi
 
 
 def test_the_pilots_lines_are_all_named(capsys: pytest.CaptureFixture[str]) -> None:
-    from sitl.vehicle import Mode
+    from sitl.autopilot.vehicle import Mode
 
     assert set(PILOT_LINES) == {"takeoff", "land", "lqr on", "lqr off", "quit"} | {
         f"mode {m.name.lower()}" for m in Mode
@@ -342,10 +342,10 @@ def test_the_log_must_be_a_file_of_the_vehicle_byte_for_byte(tmp_path: Path) -> 
 @pytest.mark.realtime
 def test_rate_doublets_need_the_lqr_and_tell_how_they_were_followed(tmp_path: Path) -> None:
     """A gentle set is pushed on the ground; with the switch off the card is refused, with it on it is measured."""
-    from gcs.gains import gains_of, push
-    from sysid.model import Model
-    from sysid.regulator import design
-    from sysid.structures import compose
+    from gcs.flight.gains import gains_of, push
+    from sysid.control.regulator import design
+    from sysid.model.bases import compose
+    from sysid.model.structure import Model
 
     card = tmp_path / "rates.toml"
     card.write_text(

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from gcs.link.events import Attitude, AutopilotVersion, Battery, Encoding, Heartbeat, RotorSpeed, StatusText
-from gcs.vehicle import KEPT_TEXTS, VehicleSnapshot, mode_name, reduce
+from gcs.vehicle.snapshot import KEPT_TEXTS, VehicleSnapshot, mode_name, reduce
 
 START = VehicleSnapshot(1, 1)
 

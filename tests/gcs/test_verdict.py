@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from gcs.envelope import Limits, Peaks
-from gcs.logs.coherence import coherence
-from gcs.logs.live import LiveWindow
-from gcs.maneuver import Maneuver
-from gcs.profile import Plan, bundled_profiles
-from gcs.verdict import cut, judge
+from gcs.cards.envelope import Limits, Peaks
+from gcs.cards.maneuver import Maneuver
+from gcs.flight.live import LiveWindow
+from gcs.flight.verdict import cut, judge
+from gcs.vehicle.profile import Plan, bundled_profiles
+from sysid.data.coherence import coherence
 
 RATE_HZ = 500.0
 PROFILE = bundled_profiles()[0]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs.analysis import PAPER_PARAMETERS
-from sysid.model import Model
-from sysid.regulator import DesignError, design
-from sysid.structures import CD, TPP, compose, reduce_to_cd
+from gcs.analysis.fits import PAPER_PARAMETERS
+from sysid.control.regulator import DesignError, design
+from sysid.model.bases import CD, TPP, compose, reduce_to_cd
+from sysid.model.structure import Model
 
 TABLE_4_TPP = Model(TPP, np.array(PAPER_PARAMETERS["tpp"]))
 TABLE_4_CD = Model(CD, np.array(PAPER_PARAMETERS["cd"]))

@@ -11,9 +11,9 @@ import pytest
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.faults import Faults, FaultyLink
-from sitl.server import Server
-from sitl.vehicle import Vehicle, make_vehicle
+from sitl.protocol.server import Server
 
 GROUND = ("127.0.0.1", 40000)
 

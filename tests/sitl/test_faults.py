@@ -13,6 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.cli.sim import FAULTS
+from sitl.autopilot.vehicle import Mode, Reason, Vehicle, make_vehicle
 from sitl.faults import (
     Bandwidth,
     Corruption,
@@ -36,8 +37,7 @@ from sitl.faults import (
     start_of_log,
 )
 from sitl.faults.words import FLAGS, MANY, ONE, add_options, read
-from sitl.server import Server
-from sitl.vehicle import Mode, Reason, Vehicle, make_vehicle
+from sitl.protocol.server import Server
 
 PEER = ("ground", 1)
 START = mavlink.MAV_REMOTE_LOG_DATA_BLOCK_START

@@ -15,14 +15,14 @@ from scipy import signal
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
-from sitl.actuators import clip
-from sitl.autopilot import ATTITUDE_GAIN, RATE_GAIN, AttitudeController
-from sitl.excitation import Excitation, ExcitationSettings
+from sitl.autopilot.control_laws import ATTITUDE_GAIN, RATE_GAIN, AttitudeController
+from sitl.autopilot.excitation import Excitation, ExcitationSettings
+from sitl.autopilot.vehicle import make_vehicle
 from sitl.plants import PLANTS, make_plant
+from sitl.plants.actuators import clip
 from sitl.plants.forward import AIRSPEED, ROTOR_RPM, ForwardPlant
 from sitl.plants.hover import Gusts
 from sitl.plants.table5 import TABLE_5, TABLE_5_FUSELAGE, Fuselage
-from sitl.vehicle import make_vehicle
 
 DT = 0.002
 STILL = Gusts(0.0, 0.0, 1.5)

@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from sitl.actuators import Each, Fading, Frame, Lag, Late, LazyLag, Mean, Ring, ThreeServos, Uneven
-from sitl.conditions import CONDITIONS
-from sitl.drivetrain import Drivetrain
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.hidden import NONE_SHARE, PLANTS, Hidden, draw, names, plant_one
 from sitl.plants import make_plant
+from sitl.plants.actuators import Each, Fading, Frame, Lag, Late, LazyLag, Mean, Ring, ThreeServos, Uneven
+from sitl.plants.conditions import CONDITIONS
+from sitl.plants.drivetrain import Drivetrain
 from sitl.plants.forward import ForwardPlant
 from sitl.plants.fuselages import FlexibleWing, HubMomentum, Now, TurnedInertia
 from sitl.plants.hover import NOTHING_MISSING, Gusts, HoverPlant
@@ -40,10 +41,9 @@ from sitl.plants.rotors import (
     powers,
     spring_and_offset,
 )
+from sitl.plants.sensors import RotatedChip, SoftMount
 from sitl.plants.table4 import TABLE_4
-from sitl.sensors import RotatedChip, SoftMount
-from sitl.vehicle import Vehicle, make_vehicle
-from sysid.effect import catalogue
+from sysid.model.effect import catalogue
 
 DT = 0.002
 STILL = Gusts(0.0, 0.0, 1.5)

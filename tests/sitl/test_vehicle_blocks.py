@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import random
 
-from sitl.blocks import RESEND_S, SILENCE_S, BlockStream
-from sitl.logger import BLOCK_BYTES
+from sitl.autopilot.blocks import RESEND_S, SILENCE_S, BlockStream
+from sitl.autopilot.logger import BLOCK_BYTES
 
 
 def fill(stream: BlockStream, blocks: int) -> bytes:

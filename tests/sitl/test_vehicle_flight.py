@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
+from sitl.autopilot.parameters import BANK_ORDER, bank_crc
+from sitl.autopilot.vehicle import Mode, Phase, Reason, Vehicle, make_vehicle, run
 from sitl.clock import FreeClock, WallClock
-from sitl.parameters import BANK_ORDER, bank_crc
 from sitl.pilot import obey
-from sitl.vehicle import Mode, Phase, Reason, Vehicle, make_vehicle, run
 
 Fly = Callable[[Vehicle, float], list[str]]
 Reader = Callable[[Path], list[Any]]

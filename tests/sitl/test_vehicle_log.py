@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from sitl.logger import BLOCK_BYTES, FORMATS, DataFlashLog, FileSink, filler, next_log_path
+from sitl.autopilot.logger import BLOCK_BYTES, FORMATS, DataFlashLog, FileSink, filler, next_log_path
 
 Reader = Callable[[Path], list[Any]]
 

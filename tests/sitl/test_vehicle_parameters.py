@@ -8,8 +8,8 @@ import zlib
 
 import pytest
 
-from sitl.autopilot import LqrGains
-from sitl.parameters import BANK_ORDER, HIDDEN_WITHOUT_AXIS, Kind, Parameters, bank_crc, cast
+from sitl.autopilot.control_laws import LqrGains
+from sitl.autopilot.parameters import BANK_ORDER, HIDDEN_WITHOUT_AXIS, Kind, Parameters, bank_crc, cast
 
 
 @pytest.fixture

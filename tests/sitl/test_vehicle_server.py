@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot.parameters import BANK_ORDER, bank_crc
+from sitl.autopilot.vehicle import Mode, Vehicle, make_vehicle
 from sitl.faults import Loss, LossyLink, Outage
-from sitl.links import Link, LinkError, open_link
-from sitl.parameters import BANK_ORDER, bank_crc
-from sitl.server import Server
-from sitl.vehicle import Mode, Vehicle, make_vehicle
+from sitl.protocol.links import Link, LinkError, open_link
+from sitl.protocol.server import Server
 
 Reader = Callable[[Path], list[Any]]
 START, STOP = 2147483646, 2147483645

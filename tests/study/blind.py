@@ -68,7 +68,7 @@ def fly(case: Case, folder: Path) -> tuple[Path, list[dict[str, Any]]]:
     from flying import fly_maneuver, log_of
 
     from sitl import hidden as draws
-    from sitl.vehicle import make_vehicle
+    from sitl.autopilot.vehicle import make_vehicle
 
     hidden = draws.plant_one(case.names[0], case.seed, case.plant, scale=case.scale)
     known = [hidden.to_json()]
@@ -108,8 +108,8 @@ def ask(case: Case, log: Path) -> tuple[Any, Any, float]:
     """The diagnosis of a log by one who knows only the plant's base; with two hidden, once more with the answer added;
     and the first one's seconds of computing."""
     from gcs.logs import resolve_runs
-    from sysid.diagnose import diagnose
-    from sysid.identify import on_runs
+    from sysid.diagnose.diagnose import diagnose
+    from sysid.fit.identify import on_runs
 
     card = FORWARD_CARD if case.plant == "forward" else HOVER_CARD
     runs = resolve_runs([str(log)])
@@ -156,8 +156,8 @@ def run(case: Case) -> dict[str, Any]:
 
 def cases(plants: Sequence[str], first: int, seeds: int, only: Sequence[str], clean: int) -> Iterator[Case]:
     """Every name on every plant that carries it, and clean flights in every condition."""
-    from sitl.conditions import CONDITIONS
     from sitl.hidden import names
+    from sitl.plants.conditions import CONDITIONS
 
     for seed in range(first, first + seeds):
         for plant in plants:

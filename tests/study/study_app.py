@@ -28,9 +28,9 @@ from fake_app import screen_text, settle
 from radio import Radio, on_radio
 from textual.widgets import Input
 
+from gcs.demo.pilot import SimulatedVehicle
+from gcs.flight.session import Session
 from gcs.link.procedures import ReadParameter
-from gcs.pilot import SimulatedVehicle
-from gcs.session import Session
 from gcs.tui.app import TippathApp
 from gcs.tui.base import Dialog
 from gcs.tui.connect import ConnectScreen

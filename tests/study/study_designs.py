@@ -15,11 +15,11 @@ import numpy as np
 from loops_in_time import LATE_BY, Late, flown, gains_of, growth, late_of, model_of, random_vehicles
 from planted import DT
 
-from sysid.fit import FitError
-from sysid.identify import identify
-from sysid.regulator import Gains, NotHeldError, design
-from sysid.result import Fit
-from sysid.structures import TPP
+from sysid.control.regulator import Gains, NotHeldError, design
+from sysid.fit.identify import identify
+from sysid.fit.output_error import FitError
+from sysid.fit.result import Fit
+from sysid.model.bases import TPP
 
 VEHICLES = 600
 FITTED = 20

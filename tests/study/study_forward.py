@@ -9,8 +9,8 @@ import numpy as np
 from planted import PLANTED, TABLE_4, TABLE_5, fly_many
 from planted_fits import FORWARD_FLIGHT, in_standard_errors, records
 
-from sysid.identify import identify
-from sysid.structures import TPP
+from sysid.fit.identify import identify
+from sysid.model.bases import TPP
 
 FLIGHTS = 100
 AT_ONCE = 20

@@ -13,11 +13,11 @@ import numpy as np
 from planted import FORWARD, PLANTED, TABLE_4, TABLE_5, fly_many
 from planted_fits import effects_with, fitted, in_standard_errors, planted_values, records
 
-from sysid import predict
-from sysid.effect import at_null, find
+from sysid.data.preprocess import spectra
 from sysid.errors import SysidError
-from sysid.identify import on_runs
-from sysid.preprocess import spectra
+from sysid.fit.identify import on_runs
+from sysid.model import predict
+from sysid.model.effect import at_null, find
 
 LINEAR_FLIGHTS = 60
 NONLINEAR_FLIGHTS = 20

@@ -15,11 +15,11 @@ import pytest
 from planted import NOMINAL_OMEGA, TABLE_4, fly_many
 from planted_fits import in_standard_errors, records
 
-from sysid.identify import identify
-from sysid.metrics import response_difference
-from sysid.model import FloatArray, Model
-from sysid.result import Fit
-from sysid.structures import TPP
+from sysid.compare.metrics import response_difference
+from sysid.fit.identify import identify
+from sysid.fit.result import Fit
+from sysid.model.bases import TPP
+from sysid.model.structure import FloatArray, Model
 
 RPM = (1500.0, 1650.0)
 RATIO = RPM[1] / RPM[0]

@@ -10,8 +10,8 @@ import numpy as np
 from planted import TABLE_4, fly_many
 from planted_fits import in_standard_errors, records
 
-from sysid.identify import identify
-from sysid.structures import TPP
+from sysid.fit.identify import identify
+from sysid.model.bases import TPP
 
 FLIGHTS = 200
 AT_ONCE = 50

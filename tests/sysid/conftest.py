@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sitl.actuators import clip
-from sitl.autopilot import AttitudeController
-from sitl.excitation import Excitation, ExcitationSettings
+from sitl.autopilot.control_laws import AttitudeController
+from sitl.autopilot.excitation import Excitation, ExcitationSettings
 from sitl.plants import Plant, make_plant
-from sitl.sensors import Gyro
-from sysid.record import Record
+from sitl.plants.actuators import clip
+from sitl.plants.sensors import Gyro
+from sysid.data.record import Record
 
 DT = 0.002
 

@@ -12,14 +12,14 @@ import pytest
 from planted import PLANTED, TABLE_4, fly
 from scipy.signal import lsim
 
-from sysid.checks import fit_checks
-from sysid.effect import EffectError
-from sysid.fit import FitError
-from sysid.identify import identify
-from sysid.model import Model
-from sysid.record import Record
-from sysid.result import Fit
-from sysid.structures import CD, TPP
+from sysid.data.record import Record
+from sysid.fit.checks import fit_checks
+from sysid.fit.identify import identify
+from sysid.fit.output_error import FitError
+from sysid.fit.result import Fit
+from sysid.model.bases import CD, TPP
+from sysid.model.effect import EffectError
+from sysid.model.structure import Model
 
 AXES = ("roll", "pitch", "roll", "pitch")
 TRUTH = TPP.vector(dict(TABLE_4))

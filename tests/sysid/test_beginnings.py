@@ -7,11 +7,11 @@ import pytest
 from planted import fly_many
 from planted_fits import records
 
-from sysid.beginnings import begun, judged
-from sysid.evidence import ground
-from sysid.fit import estimate, output_error
-from sysid.record import Record
-from sysid.structures import compose
+from sysid.data.record import Record
+from sysid.diagnose.evidence import ground
+from sysid.diagnose.initial_states import begun, judged
+from sysid.fit.output_error import estimate, output_error
+from sysid.model.bases import compose
 
 WIDTH = 0.04
 """As wide as a third of the commands: where it stands is remembered for long."""

@@ -14,13 +14,13 @@ import pytest
 from planted import PLANTED, Run, axes, fly
 from scipy.signal import butter, coherence, lfilter, sosfiltfilt, welch
 
-from sysid.compare import CompareError, compare
-from sysid.comparison import Comparison
-from sysid.identify import identify
-from sysid.model import Model
-from sysid.record import Record
-from sysid.structures import compose
-from sysid.suspicions import flat_tops, listed
+from sysid.compare.compare import CompareError, compare
+from sysid.compare.data_checks import flat_tops, listed
+from sysid.compare.values import Comparison
+from sysid.data.record import Record
+from sysid.fit.identify import identify
+from sysid.model.bases import compose
+from sysid.model.structure import Model
 
 BAND = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")

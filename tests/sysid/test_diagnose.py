@@ -10,10 +10,10 @@ import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import FORWARD_FLIGHT, records
 
-from sysid.diagnose import Diagnosis, diagnose
-from sysid.effect import load
-from sysid.identify import on_runs
-from sysid.record import Record
+from sysid.data.record import Record
+from sysid.diagnose.diagnose import Diagnosis, diagnose
+from sysid.fit.identify import on_runs
+from sysid.model.effect import load
 
 SECONDS = 20.0
 LIMIT, TURNED = 0.065, 0.2
@@ -119,8 +119,8 @@ def test_a_user_s_effect_is_asked_beside_the_catalogue(tmp_path: Path) -> None:
     path = tmp_path / "bent_shaft.py"
     path.write_text(
         '"""p feeds q through a bent shaft."""\n'
-        "from sysid.effect import Effect, Stage\n"
-        "from sysid.parameter import Parameter\n"
+        "from sysid.model.effect import Effect, Stage\n"
+        "from sysid.model.parameter import Parameter\n"
         "EFFECT = Effect(\n"
         '    id="bent_shaft", title="bent shaft", group="user", equation="q_dot += k q|q|", source="", signature="",\n'
         '    parameters=(Parameter("k_bent", "-", "share", plausible=(-20.0, 20.0), null=0.0, typical=1.0),),\n'

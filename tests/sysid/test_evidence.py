@@ -7,11 +7,11 @@ import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import records
 
-from sysid.effect import catalogue
-from sysid.evidence import Candidate, Metric, Settled, candidate, gain, ground, metric, refit, score, settle
-from sysid.fit import estimate
-from sysid.noise import divide
-from sysid.structures import TPP, compose
+from sysid.diagnose.evidence import Candidate, Metric, Settled, candidate, gain, ground, metric, refit, score, settle
+from sysid.fit.noise import divide
+from sysid.fit.output_error import estimate
+from sysid.model.bases import TPP, compose
+from sysid.model.effect import catalogue
 
 BAND = (0.0, 15.0)
 LINEAR = ("hub_gyroscopics", "angular_damping", "inertia_coupling", "servo_lag", "transport_delay", "gyro_misalignment")

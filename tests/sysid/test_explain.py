@@ -12,14 +12,14 @@ import pytest
 from planted import PLANTED, TABLE_5, fly
 from planted_fits import records
 
-from sysid.diagnose import Judged
-from sysid.effect import find
-from sysid.evidence import Candidate, candidate, gain, ground, metric, refit, settle
-from sysid.explain import Explanation, amount, explain, plausible_range, quantity
-from sysid.fit import estimate
-from sysid.noise import divide
-from sysid.parameter import Parameter
-from sysid.structures import compose
+from sysid.diagnose.diagnose import Judged
+from sysid.diagnose.evidence import Candidate, candidate, gain, ground, metric, refit, settle
+from sysid.diagnose.explain import Explanation, amount, explain, plausible_range, quantity
+from sysid.fit.noise import divide
+from sysid.fit.output_error import estimate
+from sysid.model.bases import compose
+from sysid.model.effect import find
+from sysid.model.parameter import Parameter
 
 
 def outside(one: Candidate) -> set[str]:

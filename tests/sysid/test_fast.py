@@ -9,13 +9,13 @@ import pytest
 import random_vehicles
 from random_vehicles import A_HAIR, above_the_optimum, flown
 
-from sysid import fast
-from sysid.fit import estimate, minimise, output_error
-from sysid.model import Model, Structure
-from sysid.predict import stack
-from sysid.preprocess import spectra
-from sysid.record import Record
-from sysid.structures import CD, TPP
+from sysid.data.preprocess import spectra
+from sysid.data.record import Record
+from sysid.fit import fast
+from sysid.fit.output_error import estimate, minimise, output_error
+from sysid.model.bases import CD, TPP
+from sysid.model.predict import stack
+from sysid.model.structure import Model, Structure
 
 Card = tuple[list[Record], list[Record]]
 
@@ -39,7 +39,7 @@ def test_the_quick_way_ends_where_the_general_way_ends(structure: Structure, hov
     general, _ = minimise(begin, [group], output_error(begin, [group]).residual_power)
     errors = np.sqrt(np.diag(quick.covariance))
     assert np.all(np.abs(quick.values - general.values) < 0.1 * errors)
-    from sysid.fit import _covariance, axis_weights
+    from sysid.fit.output_error import _covariance, axis_weights
 
     weights = axis_weights([group], output_error(general, [group]).residual_power)
     reference = np.sqrt(np.diag(_covariance(general, [group], weights, range(quick.values.size), None)))

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.signal import dlsim, lsim
 
-from gcs.analysis import PAPER_PARAMETERS
-from sysid.checks import eigenfrequency_checks
-from sysid.fit import FitError, estimate, independent_share, output_error
-from sysid.identify import identify, judge
-from sysid.model import Model, discretise
-from sysid.predict import stack
-from sysid.preprocess import low_pass, spectra
-from sysid.record import Record
-from sysid.structures import CD, TPP
+from gcs.analysis.fits import PAPER_PARAMETERS
+from sysid.data.preprocess import low_pass, spectra
+from sysid.data.record import Record
+from sysid.fit.checks import eigenfrequency_checks
+from sysid.fit.identify import identify, judge
+from sysid.fit.output_error import FitError, estimate, independent_share, output_error
+from sysid.model.bases import CD, TPP
+from sysid.model.predict import stack
+from sysid.model.structure import Model, discretise
 
 Card = tuple[list[Record], list[Record]]
 TRUTH = np.array(PAPER_PARAMETERS["tpp"])

@@ -11,16 +11,16 @@ import pytest
 from planted import fly_many
 from planted_fits import records
 
-from sysid.effect import Effect, Stage
-from sysid.evidence import Candidate, Metric, Settled, candidate, ground, metric, score, settle
-from sysid.fit import estimate
-from sysid.hiding import HARM, Hidden, Hiding, could_hide
-from sysid.model import Model
-from sysid.noise import Division, divide
-from sysid.parameter import Parameter
-from sysid.regulator import design
-from sysid.stability import closed_loop
-from sysid.structures import compose
+from sysid.control.regulator import design
+from sysid.control.stability import closed_loop
+from sysid.diagnose.could_hide import HARM, Hidden, Hiding, could_hide
+from sysid.diagnose.evidence import Candidate, Metric, Settled, candidate, ground, metric, score, settle
+from sysid.fit.noise import Division, divide
+from sysid.fit.output_error import estimate
+from sysid.model.bases import compose
+from sysid.model.effect import Effect, Stage
+from sysid.model.parameter import Parameter
+from sysid.model.structure import Model
 
 SEEDS = (3, 4, 5, 6)
 ROUGH = {"gusts": 6.0, "noise": 0.03, "duration_s": 10.0}

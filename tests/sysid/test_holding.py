@@ -8,13 +8,13 @@ import pytest
 from planted import fly_many
 from planted_fits import records
 
-from sysid.diagnose import UNHELD, Diagnosis, diagnose
-from sysid.effect import catalogue
-from sysid.evidence import ground
-from sysid.holding import Size, sizes
-from sysid.identify import on_runs
-from sysid.preprocess import DEFAULT_BAND_HZ
-from sysid.record import Record
+from sysid.data.preprocess import DEFAULT_BAND_HZ
+from sysid.data.record import Record
+from sysid.diagnose.diagnose import UNHELD, Diagnosis, diagnose
+from sysid.diagnose.evidence import ground
+from sysid.diagnose.size_check import Size, sizes
+from sysid.fit.identify import on_runs
+from sysid.model.effect import catalogue
 
 SECONDS = 20.0
 TAU_S = 0.03

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from planted import PLANTED, TABLE_4, fly
 
-from sysid.effect import EffectError, catalogue, find
-from sysid.fit import FitError
-from sysid.identifiable import structural, undetermined, vague
-from sysid.identify import identify
-from sysid.model import Structure
-from sysid.record import CHANNELS, Record
-from sysid.response import transfer
-from sysid.structures import TPP, compose
+from sysid.data.record import CHANNELS, Record
+from sysid.fit.identifiable import structural, undetermined, vague
+from sysid.fit.identify import identify
+from sysid.fit.output_error import FitError
+from sysid.model.bases import TPP, compose
+from sysid.model.effect import EffectError, catalogue, find
+from sysid.model.response import transfer
+from sysid.model.structure import Structure
 
 CONSTANTS = {"Omega_0": 172.8, "V_0": 18.0}
 EVERYTHING = set(CHANNELS)
@@ -109,8 +109,8 @@ def test_one_lag_held_frees_the_other() -> None:
 def test_a_double_of_an_effect_is_named_with_its_direction(tmp_path: Path) -> None:
     path = tmp_path / "more_damping.py"
     path.write_text(
-        "from sysid.effect import Effect, Stage\n"
-        "from sysid.parameter import Parameter\n"
+        "from sysid.model.effect import Effect, Stage\n"
+        "from sysid.model.parameter import Parameter\n"
         "EFFECT = Effect('more_damping', 'again', 'user', 'p_dot += 2 L_x p', 's', 's',\n"
         "    (Parameter('L_x', '1/s', 'm', null=0.0, typical=-1.0),), Stage.DYNAMICS,\n"
         "    lambda s: {'p_dot': 2 * s.L_x * s.p})\n"
@@ -129,8 +129,8 @@ def test_a_double_of_an_effect_is_named_with_its_direction(tmp_path: Path) -> No
 def test_a_parameter_that_never_shows_is_named(tmp_path: Path) -> None:
     path = tmp_path / "idle.py"
     path.write_text(
-        "from sysid.effect import Effect, Stage\n"
-        "from sysid.parameter import Parameter\n"
+        "from sysid.model.effect import Effect, Stage\n"
+        "from sysid.model.parameter import Parameter\n"
         "EFFECT = Effect('idle', 'idle', 'user', 'e', 's', 's', (Parameter('K_idle', '-', 'm'),), Stage.DYNAMICS,\n"
         "    lambda s: {'p_dot': 0.0 * s.K_idle * s.p})\n"
     )

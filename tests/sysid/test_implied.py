@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from planted import NOMINAL_OMEGA, TABLE_4
 
-from sysid.implied import Implied, Vehicle, implied, rotor_speed
-from sysid.model import Model, Structure
-from sysid.record import Record
-from sysid.result import Fit
-from sysid.structures import CD, TPP, compose
+from sysid.data.record import Record
+from sysid.fit.implied import Implied, Vehicle, implied, rotor_speed
+from sysid.fit.result import Fit
+from sysid.model.bases import CD, TPP, compose
+from sysid.model.structure import Model, Structure
 
 PAPER = Vehicle(88.0, 4.5, 0.15)
 """Notes to the paper, eq. 17."""

@@ -12,13 +12,13 @@ import pytest
 from planted_fits import records
 from planted_terms import flights, parent_of, searched
 
-from sysid import library as searching
-from sysid.effect import Signals, find, magnitude
-from sysid.evidence import Candidate, Metric, Settled, metric, score, settle
-from sysid.library import Entry, Factor, Term, code, entries, expressions, library, search, select, text, value
-from sysid.noise import divide
-from sysid.record import Record
-from sysid.structures import compose
+from sysid.data.record import Record
+from sysid.diagnose import terms as searching
+from sysid.diagnose.evidence import Candidate, Metric, Settled, metric, score, settle
+from sysid.diagnose.terms import Entry, Factor, Term, code, entries, expressions, library, search, select, text, value
+from sysid.fit.noise import divide
+from sysid.model.bases import compose
+from sysid.model.effect import Signals, find, magnitude
 
 FOUND = {
     "cubic_hub": {"p_dot += L_b3 b^3, q_dot += M_a3 a^3"},

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from gcs.analysis import PAPER_PARAMETERS
-from sysid.loop import RATE, STEP_S, following
-from sysid.model import Model
-from sysid.regulator import DesignError, Gains, design
-from sysid.structures import TPP, compose
+from gcs.analysis.fits import PAPER_PARAMETERS
+from sysid.control.loop import RATE, STEP_S, following
+from sysid.control.regulator import DesignError, Gains, design
+from sysid.model.bases import TPP, compose
+from sysid.model.structure import Model
 
 PAPER = dict(zip(TPP.names, PAPER_PARAMETERS["tpp"], strict=True))
 

@@ -13,13 +13,13 @@ import pytest
 from planted import DT, PLANTED, REST_S, TABLE_4, Run, _Air, _air_of_run, _fly, fly, fly_many, respond
 from planted_fits import records
 
-from gcs.maneuver import parse_card
-from sysid.evidence import Candidate, Metric, candidate, gain, ground, metric, refit, settle
-from sysid.fit import estimate, output_error
-from sysid.maneuvers import NextManeuver, _Flown, _plans, chirp, linear_or_not, next_maneuver
-from sysid.model import Model
-from sysid.noise import Division, divide
-from sysid.structures import compose
+from gcs.cards.maneuver import parse_card
+from sysid.diagnose.evidence import Candidate, Metric, candidate, gain, ground, metric, refit, settle
+from sysid.diagnose.next_maneuver import NextManeuver, _Flown, _plans, chirp, linear_or_not, next_maneuver
+from sysid.fit.noise import Division, divide
+from sysid.fit.output_error import estimate, output_error
+from sysid.model.bases import compose
+from sysid.model.structure import Model
 
 SEEDS = (3, 4, 5)
 ROUGH = {"gusts": 6.0, "noise": 0.03}

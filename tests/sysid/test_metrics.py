@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from planted import PLANTED, TABLE_4, fly
 
-from sysid.metrics import integrated_cost, mismatch, response_difference, widest
-from sysid.model import Model
-from sysid.preprocess import spectra
-from sysid.record import Record
-from sysid.response import slopes, transfer
-from sysid.structures import CD, TPP, compose, reduce_to_cd
+from sysid.compare.metrics import integrated_cost, mismatch, response_difference, widest
+from sysid.data.preprocess import spectra
+from sysid.data.record import Record
+from sysid.model.bases import CD, TPP, compose, reduce_to_cd
+from sysid.model.response import slopes, transfer
+from sysid.model.structure import Model
 
 FLIGHT = ("p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y", "t")
 

@@ -9,8 +9,8 @@ import pytest
 from planted import FORWARD, PLANTED, TABLE_4, fly
 from planted_fits import fitted, in_standard_errors, records
 
-from sysid.identify import identify
-from sysid.structures import compose
+from sysid.fit.identify import identify
+from sysid.model.bases import compose
 
 
 @pytest.mark.parametrize("effect", sorted(PLANTED))

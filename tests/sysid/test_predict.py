@@ -7,15 +7,15 @@ import pytest
 from planted import TABLE_4, fly
 from scipy.signal import lfilter
 
-from sysid.effect import find
-from sysid.fit import output_error
-from sysid.instrument import instruments
-from sysid.model import Model, discretise
-from sysid.polynomial import exact_enough
-from sysid.predict import divided, in_time, jumping, respond, stack
-from sysid.preprocess import EXCITATIONS, spectra
-from sysid.record import Record
-from sysid.structures import CD, TPP, compose
+from sysid.data.preprocess import EXCITATIONS, spectra
+from sysid.data.record import Record
+from sysid.fit.instrument import instruments
+from sysid.fit.output_error import output_error
+from sysid.model.bases import CD, TPP, compose
+from sysid.model.effect import find
+from sysid.model.polynomial import exact_enough
+from sysid.model.predict import divided, in_time, jumping, respond, stack
+from sysid.model.structure import Model, discretise
 
 TRUTH = np.array(list(TABLE_4.values()))
 
@@ -33,7 +33,7 @@ def test_the_closed_form_equals_the_matrices(runs: list[Record], structure: obje
     (group,) = stack(spectra(runs, ("delta_x", "delta_y"), ("p", "q"))[0])
     assert exact_enough(group)
     closed = respond(structure, values, group, False)  # type: ignore[arg-type]
-    from sysid.predict import _linear
+    from sysid.model.predict import _linear
 
     exact = _linear(structure, values, group, group.U, [], False)  # type: ignore[arg-type]
     np.testing.assert_allclose(closed.Y, exact.Y, atol=1e-8 * np.abs(exact.Y).max())

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.preprocess import gaps, rate_hz, segments
-from sysid.record import Record, RecordError
+from sysid.data.preprocess import gaps, rate_hz, segments
+from sysid.data.record import Record, RecordError
 
 T = np.arange(0, 10, 0.002)
 

@@ -10,10 +10,10 @@ import pytest
 from contract_schemas import FIT
 from jsonschema import validate
 
-from sysid.identify import identify
-from sysid.record import Record
-from sysid.result import Fit, ResultError
-from sysid.structures import CD, TPP
+from sysid.data.record import Record
+from sysid.fit.identify import identify
+from sysid.fit.result import Fit, ResultError
+from sysid.model.bases import CD, TPP
 
 Card = tuple[list[Record], list[Record]]
 

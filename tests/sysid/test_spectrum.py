@@ -12,9 +12,9 @@ import pytest
 from planted import TABLE_4, fly
 from scipy.signal import lsim
 
-from sysid.preprocess import spectra
-from sysid.record import Record
-from sysid.spectrum import Responses, measure
+from sysid.compare.spectrum import Responses, measure
+from sysid.data.preprocess import spectra
+from sysid.data.record import Record
 
 COMMANDS = ("delta_x", "delta_y")
 EXCITATION = ("excitation_x", "excitation_y", "excitation_e")

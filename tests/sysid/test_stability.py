@@ -13,13 +13,13 @@ import pytest
 from loops_in_time import Late, gains_of, growth, late_of, model_of, random_vehicles
 from planted import TABLE_4
 
-from sysid.effect import Effect, Stage
-from sysid.loop import following
-from sysid.model import DRIFT_RAD_S, Model
-from sysid.parameter import Parameter
-from sysid.regulator import COSTS, DesignError, Gains, NotHeldError, design, lqr
-from sysid.stability import closed_loop, loop_of, rates_per_command, roots_to_the_right
-from sysid.structures import TPP, compose
+from sysid.control.loop import following
+from sysid.control.regulator import COSTS, DesignError, Gains, NotHeldError, design, lqr
+from sysid.control.stability import closed_loop, loop_of, rates_per_command, roots_to_the_right
+from sysid.model.bases import TPP, compose
+from sysid.model.effect import Effect, Stage
+from sysid.model.parameter import Parameter
+from sysid.model.structure import DRIFT_RAD_S, Model
 
 PAPER = dict(TABLE_4)
 HELI = {
@@ -135,7 +135,7 @@ def test_gains_that_do_not_hold_are_no_document() -> None:
 
 
 def test_the_fit_of_the_finding_itself() -> None:
-    from sysid.result import Fit
+    from sysid.fit.result import Fit
 
     path = Path(__file__).parents[3] / "shared/findings/unstable_design/heli_tpp-2.json"
     if not path.exists():
@@ -277,7 +277,7 @@ def test_a_loop_that_rings_long_is_predicted_all_the_same() -> None:
 
 
 def test_a_vehicle_that_no_cost_holds_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sysid.regulator.COSTS", (1.0, 2.0))
+    monkeypatch.setattr("sysid.control.regulator.COSTS", (1.0, 2.0))
     vehicle = Late(HELI, {"T_d": HELI_LATE_S}, ("transport_delay",))
     with pytest.raises(NotHeldError, match="No input cost from 1 to 2 holds it") as refused:
         design(model_of(vehicle))

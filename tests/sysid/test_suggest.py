@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from planted_terms import TERMS, flights, searched
 
-from sysid.effect import Stage, load
-from sysid.identify import identify
-from sysid.library import Entry, Factor, Term
-from sysid.result import Fit
-from sysid.structures import compose
-from sysid.suggest import Suggestion, SuggestionError, suggest
+from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
+from sysid.diagnose.terms import Entry, Factor, Term
+from sysid.fit.identify import identify
+from sysid.fit.result import Fit
+from sysid.model.bases import compose
+from sysid.model.effect import Stage, load
 
 PLANTED = tuple(term for term in TERMS if term != "none")
 

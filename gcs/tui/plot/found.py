@@ -10,7 +10,7 @@ import numpy as np
 from gcs.tui.plot.model import Bar, BarPlot, FloatArray, FrequencyPlot, Panel, TimePlot
 
 if TYPE_CHECKING:  # only for types: the app starts without the mathematics
-    from sysid.comparison import BandError, Comparison, Densities
+    from sysid.compare.values import BandError, Comparison, Densities
 
 LARGEST_DB, LARGEST_DEG = 20.0, 180.0
 """Beyond these a mismatch is drawn at the edge."""

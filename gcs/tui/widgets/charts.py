@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gcs.logs.live import LiveWindow
+from gcs.flight.live import LiveWindow
 from gcs.tui.plot import Panel, TimePlot
 from gcs.tui.widgets.traces import Traces
 

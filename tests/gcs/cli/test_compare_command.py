@@ -15,8 +15,8 @@ from contract_schemas import COMPARE
 from flying import fly_maneuver, log_of
 from planted import PLANTED, axes, fly
 
-from sitl.vehicle import make_vehicle
-from sysid.record import Record
+from sitl.autopilot.vehicle import make_vehicle
+from sysid.data.record import Record
 
 Tippath = Callable[..., tuple[int, str, str]]
 FIVE = ("t", "p", "q", "delta_x", "delta_y")
@@ -24,8 +24,8 @@ EXCITED = (*FIVE, "excitation_x", "excitation_y", "omega")
 
 DRAG = '''"""Drag of a long tail."""
 
-from sysid.effect import Effect, Stage, magnitude
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Stage, magnitude
+from sysid.model.parameter import Parameter
 
 with open(__file__ + ".ran", "a") as stream:
     stream.write("x")

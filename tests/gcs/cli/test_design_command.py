@@ -10,10 +10,10 @@ import pytest
 from loops_in_time import Late, flown
 from planted import TABLE_4
 
-from sysid.identify import identify
-from sysid.model import Model
-from sysid.regulator import design
-from sysid.structures import TPP
+from sysid.control.regulator import design
+from sysid.fit.identify import identify
+from sysid.model.bases import TPP
+from sysid.model.structure import Model
 
 Tippath = Callable[..., tuple[int, str, str]]
 LATE_S = 0.080
@@ -40,7 +40,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def believed(flight: Path, tmp_path: Path) -> Path:
     """Gains of that fit as they were written when the delay was left out."""
-    from sysid.result import Fit
+    from sysid.fit.result import Fit
 
     model = Fit.load(flight / "tpp.json").model
     document = design(Model(TPP, TPP.vector({name: model[name] for name in TPP.names}))).to_json()

@@ -23,11 +23,11 @@ import pytest
 from contract_schemas import DIAGNOSIS, FIT, REVEAL
 from flying import fly_maneuver, log_of
 
-from gcs.diagnosis_words import bar, ladder_text
-from gcs.maneuver import load_card
+from gcs.analysis.diagnosis_text import bar, ladder_text
+from gcs.cards.maneuver import load_card
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.hidden import plant_one
-from sitl.seal import seal_answer
-from sitl.vehicle import Vehicle, make_vehicle
+from sitl.hidden.seal import seal_answer
 
 Tippath = Callable[..., tuple[int, str, str]]
 MANEUVERS = (
@@ -40,8 +40,8 @@ SECRET = 2
 
 DRAG = '''"""Drag of a long tail."""
 
-from sysid.effect import Effect, Stage, magnitude
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Stage, magnitude
+from sysid.model.parameter import Parameter
 
 EFFECT = Effect(
     id="tail_drag", title="drag of the tail", group="user", equation="q_dot += M_tail q|q|", source="a plate",

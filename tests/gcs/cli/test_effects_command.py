@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 
 from gcs.cli import main
-from sysid.effect import FOLDER, catalogue
+from sysid.model.effect import FOLDER, catalogue
 
 TEXT = {"type": "string", "minLength": 1}
 RANGE = {"type": "array", "items": {"type": ["number", "null"]}, "minItems": 2, "maxItems": 2}

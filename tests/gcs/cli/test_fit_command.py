@@ -12,7 +12,7 @@ import pytest
 from contract_schemas import FIT, JUDGED
 from planted import PLANTED, fly
 
-from sysid.record import Record
+from sysid.data.record import Record
 
 Tippath = Callable[..., tuple[int, str, str]]
 FIVE = ("t", "p", "q", "delta_x", "delta_y")
@@ -20,8 +20,8 @@ EXCITED = (*FIVE, "excitation_x", "excitation_y", "omega")
 
 TAIL = '''"""Drag of a long tail."""
 
-from sysid.effect import Effect, Stage, magnitude
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Stage, magnitude
+from sysid.model.parameter import Parameter
 
 EFFECT = Effect(
     id="tail_drag", title="drag of the tail", group="user", equation="q_dot += M_tail q|q|", source="a plate",

@@ -13,7 +13,7 @@ import pytest
 
 from gcs.cli import ingest as command
 from gcs.errors import TippathError, UsageError
-from sysid.record import Record
+from sysid.data.record import Record
 
 INTERVAL = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 SCHEMA: dict[str, Any] = {
@@ -205,8 +205,8 @@ def test_explain_tells_what_is_there_where_no_run_could_be_cut(
 def test_explain_tells_the_latency_where_it_was_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gcs.logs import runs
-    from gcs.logs.latency import Latency
+    from gcs.logs.runs import runs
+    from gcs.logs.runs.latency import Latency
 
     late = Latency("RATE.P", "SIDD.Gy", 0.01, 0.99)
     monkeypatch.setenv("TIPPATH_CACHE", "off")

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from gcs.cli.sim import CONDITIONS, banner
-from gcs.seal import OUTCOMES, open_answer
-from sitl import conditions
+from gcs.demo.seal import OUTCOMES, open_answer
 from sitl.hidden import Hidden, draw, plant_one
-from sitl.seal import seal, seal_answer
+from sitl.hidden.seal import seal, seal_answer
+from sitl.plants import conditions
 
 Tippath = Callable[..., tuple[int, str, str]]
 

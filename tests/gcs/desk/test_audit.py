@@ -11,10 +11,10 @@ from fake_flight import SYSTEMID, FakeSession, FakeVehicle
 from flown_folder import fly_folder
 from flying import CHIRP, PITCH, ROLL
 
+from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.cli import main
-from gcs.flightdir import FlightFolder
-from gcs.maneuver import Maneuver, TestCard
-from gcs.sweep import Ending, fly_card
+from gcs.flight.folder import FlightFolder
+from gcs.flight.sweep import Ending, fly_card
 
 ROLL_CHIRP = Maneuver("chirp", "roll", 0.1, 8.0)
 

@@ -11,7 +11,7 @@ import pytest
 from gcs.desk.choices import FORWARD, default_base, default_choices, record_of, size_of, word_of
 from gcs.desk.state import Base, Choice
 from gcs.logs import Run
-from sysid.record import Record
+from sysid.data.record import Record
 
 FIT, VALIDATE, OUT, NOISE = Choice.FIT, Choice.VALIDATE, Choice.OUT, Choice.NOISE
 

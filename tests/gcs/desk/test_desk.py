@@ -23,8 +23,8 @@ from matplotlib.figure import Figure
 import gcs.desk.desk
 from gcs.desk import Base, Cancelled, Choice, Desk
 from gcs.errors import TippathError, UsageError
-from gcs.flightdir import FlightFolder
-from sysid.result import Fit
+from gcs.flight.folder import FlightFolder
+from sysid.fit.result import Fit
 
 WHEN = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
 SHORT = ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
@@ -32,8 +32,8 @@ SHORT = ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
 
 DRAG = '''"""Drag of a long tail."""
 
-from sysid.effect import Effect, Stage
-from sysid.parameter import Parameter
+from sysid.model.effect import Effect, Stage
+from sysid.model.parameter import Parameter
 
 EFFECT = Effect(
     id="tail_drag", title="drag of the tail", group="user", equation="q_dot += M_tail q", source="a plate",
@@ -330,8 +330,8 @@ def test_one_rung_back_and_the_file_stays(worked: tuple[Desk, Path]) -> None:
 
 
 def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path], tmp_path: Path) -> None:
-    from gcs.maneuver import load_card
-    from sysid.maneuvers import NextManeuver
+    from gcs.cards.maneuver import load_card
+    from sysid.diagnose.next_maneuver import NextManeuver
 
     _, home = worked
     shutil.copytree(home / "flight-0001", tmp_path / "flight-0001")
@@ -359,12 +359,12 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
 def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
     worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gcs.report
+    import gcs.analysis.report
 
     def counted(figure: Figure) -> str:
         return f"<svg>{len(figure.axes)} panels</svg>"
 
-    monkeypatch.setattr(gcs.report, "svg", counted)
+    monkeypatch.setattr(gcs.analysis.report, "svg", counted)
     desk, home = worked
     monkeypatch.chdir(home)
     desk.rename("first flight")
@@ -394,7 +394,7 @@ def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
 
 
 def test_the_same_figure_is_the_same_page() -> None:
-    from gcs.report import svg
+    from gcs.analysis.report import svg
 
     def drawn() -> str:
         figure = Figure(figsize=(2, 2))
@@ -550,17 +550,17 @@ def test_what_is_called_off_changes_nothing(short: Path, monkeypatch: pytest.Mon
 
 
 def test_one_thing_at_a_time_and_the_state_is_there_meanwhile(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import gcs.analysis
+    import gcs.analysis.fits
 
     begun, go_on = threading.Event(), threading.Event()
-    identify = gcs.analysis.identify_flight
+    identify = gcs.analysis.fits.identify_flight
 
     def slow(*args: object, **kwargs: object) -> object:
         begun.set()
         assert go_on.wait(10)
         return identify(*args, **kwargs)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(gcs.analysis, "identify_flight", slow)
+    monkeypatch.setattr(gcs.analysis.fits, "identify_flight", slow)
     desk = Desk()
     desk.open(str(short))
     worker = threading.Thread(target=desk.fit)

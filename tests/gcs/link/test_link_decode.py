@@ -29,7 +29,7 @@ from gcs.link.events import (
     parameter_value,
 )
 from gcs.link.transport import FrameFinder
-from gcs.vehicle import VehicleSnapshot, reduce
+from gcs.vehicle.snapshot import VehicleSnapshot, reduce
 
 FLIGHT = Path(__file__).parents[4] / "shared" / "data" / "ardupilot" / "quad_pitch_from_vehicle.tlog"
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError, UsageError
-from gcs.logs import cache, formats, ingest, logs_in, reading, resolve_runs
+from gcs.logs import cache, ingest, logs_in, reading, resolve_runs
+from gcs.logs.formats import kinds as formats
 from gcs.logs.reading import Progress
 
 Save = Callable[[bytes, str], Path]
@@ -149,7 +150,7 @@ def test_few_ways_of_reading_are_kept(two_chirps: bytes, saved: Save) -> None:
 
 
 def test_a_flight_json_is_asked_every_time(two_chirps: bytes, saved: Save) -> None:
-    from gcs.flightdir import FlightFolder
+    from gcs.flight.folder import FlightFolder
 
     path = saved(two_chirps, "flight.BIN")
     entered = ingest([path]).runs[0].entered_s

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError
-from gcs.logs import Run, Source, ingest, profiles
-from gcs.logs.proposal import propose
-from gcs.logs.units import factor
-from sysid.record import Record
+from gcs.logs import Run, Source, ingest
+from gcs.logs.profile import profiles
+from gcs.logs.profile.proposal import propose
+from gcs.logs.profile.units import factor
+from sysid.data.record import Record
 
 Saved = Callable[[bytes, str], Path]
 NAMES = ("t", "p", "q", "delta_x", "delta_y")

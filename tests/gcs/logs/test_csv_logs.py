@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError
-from gcs.logs import formats, ingest, resolve_runs
-from gcs.logs.csv import CsvFile
+from gcs.logs import ingest, resolve_runs
+from gcs.logs.formats import kinds as formats
+from gcs.logs.formats.csv import CsvFile
 
 Saved = Callable[[bytes, str], Path]
 

@@ -14,9 +14,9 @@ from injuries import injure
 from pymavlink import DFReader
 
 from gcs.errors import TippathError
-from gcs.logs import dataflash
-from gcs.logs.dataflash import DataFlashLog
-from gcs.logs.dataflash_table import DataFlashTables
+from gcs.logs.formats import dataflash
+from gcs.logs.formats.dataflash import DataFlashLog
+from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.words import printable
 
 LOGS = ("heli_pitch_sweep.BIN", "heli_roll_sweep.BIN", "log171.bin", "quad_pitch_sweep.BIN", "quad_roll_sweep.BIN")

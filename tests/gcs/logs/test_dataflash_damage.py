@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError
-from gcs.logs import dataflash, dataflash_chain, ingest
-from gcs.logs.dataflash import DataFlashLog
-from gcs.logs.dataflash_table import DataFlashTables
+from gcs.logs import ingest
+from gcs.logs.formats import dataflash, dataflash_chain
+from gcs.logs.formats.dataflash import DataFlashLog
+from gcs.logs.formats.dataflash_table import DataFlashTables
 
 FAST = {
     "IMU": (20, "QBffffffIIfBBHH", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"),

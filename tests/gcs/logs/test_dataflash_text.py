@@ -14,12 +14,14 @@ from injuries import injure
 from pymavlink import DFReader
 
 from gcs.errors import TippathError
-from gcs.logs import dataflash_text, formats, ingest
-from gcs.logs.dataflash_table import DataFlashTables
-from gcs.logs.dataflash_text import TextLog, parse
-from sysid.identify import identify
-from sysid.record import Record
-from sysid.structures import CD
+from gcs.logs import ingest
+from gcs.logs.formats import dataflash_text
+from gcs.logs.formats import kinds as formats
+from gcs.logs.formats.dataflash_table import DataFlashTables
+from gcs.logs.formats.dataflash_text import TextLog, parse
+from sysid.data.record import Record
+from sysid.fit.identify import identify
+from sysid.model.bases import CD
 
 SWEEPS = ["heli_roll_sweep.BIN", "heli_pitch_sweep.BIN"]
 LOGS = [*SWEEPS, "log171.bin"]

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from fake_flight import FakeSession, FakeVehicle
 
+from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.errors import TippathError
-from gcs.flightdir import create
+from gcs.flight.folder import create
+from gcs.flight.sweep import fly_card
 from gcs.logs import ingest, resolve_runs
-from gcs.maneuver import Maneuver, TestCard
-from gcs.sweep import fly_card
 
 Flown = Callable[..., bytes]
 

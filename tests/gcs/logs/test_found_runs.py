@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from flying import CHIRP, PITCH, ROLL, fly_maneuver, log_of
 
-from gcs.logs import excited, ingest, runs, told
-from gcs.logs.profiles import ChannelSource, Profile
-from gcs.logs.runs import Run
-from gcs.logs.tables import Log, Series
-from sitl.vehicle import make_vehicle
+from gcs.logs import ingest
+from gcs.logs.formats.tables import Log, Series
+from gcs.logs.profile.profiles import ChannelSource, Profile
+from gcs.logs.runs import excited, runs, told
+from gcs.logs.runs.runs import Run
+from sitl.autopilot.vehicle import make_vehicle
 
 Saved = Callable[[bytes, str], Path]
 Array = np.ndarray

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.logs import around, health, ingest, latency
-from gcs.logs.profiles import ChannelSource, Profile
-from gcs.logs.tables import Series
-from sysid.record import Record
+from gcs.logs import ingest
+from gcs.logs.formats.tables import Series
+from gcs.logs.profile.profiles import ChannelSource, Profile
+from gcs.logs.runs import around, health, latency
+from sysid.data.record import Record
 
 Change = Callable[[dict[str, np.ndarray]], None]
 

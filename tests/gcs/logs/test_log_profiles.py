@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError
-from gcs.logs import ingest, profiles
-from gcs.logs.expression import Expression
-from gcs.logs.profiles import bundled_profiles
-from gcs.logs.tables import Series
+from gcs.logs import ingest
+from gcs.logs.formats.tables import Series
+from gcs.logs.profile import profiles
+from gcs.logs.profile.expression import Expression
+from gcs.logs.profile.profiles import bundled_profiles
 
 Saved = Callable[[bytes, str], Path]
 
@@ -338,7 +339,7 @@ def test_paparazzis_file_logger(saved: Saved) -> None:
 @pytest.mark.data
 def test_the_cyclic_comes_back_out_of_three_swashplate_servos(shared_data: Path) -> None:
     """RCOU, whole microseconds at 10 Hz, against the commands that RATE logs in every loop."""
-    from gcs.logs.formats import open_log
+    from gcs.logs.formats.kinds import open_log
 
     heli = profiles.load(Path("arducopter_heli"))
     for name in ("heli_roll_sweep.BIN", "heli_pitch_sweep.BIN"):

@@ -12,7 +12,7 @@ import pytest
 
 from gcs.errors import TippathError, UsageError
 from gcs.logs import check_same_rate_source, ingest, parse_window, resolve_runs, split_run_word
-from sysid.record import Record
+from sysid.data.record import Record
 
 Saved = Callable[[bytes, str], Path]
 Flown = Callable[..., bytes]
@@ -336,8 +336,8 @@ def test_records_name_their_log_and_its_hash(two_chirps: bytes, saved: Saved) ->
 
 
 def test_texts_that_share_a_time_are_all_kept(two_chirps: bytes) -> None:
-    from gcs.logs.dataflash import parse
-    from gcs.logs.dataflash_table import DataFlashTables
+    from gcs.logs.formats.dataflash import parse
+    from gcs.logs.formats.dataflash_table import DataFlashTables
 
     message = b"\xa3\x95\x3b" + (10_000_000).to_bytes(8, "little") + b"same time".ljust(64, b"\0")
     tables = DataFlashTables(parse(np.frombuffer(two_chirps + 3 * message, np.uint8)), "log")
@@ -410,8 +410,8 @@ def test_a_window_outside_the_log_says_where_the_log_runs(
 
 
 def test_modes_that_share_a_time_are_all_kept_and_not_complained_about(two_chirps: bytes) -> None:
-    from gcs.logs.dataflash import parse
-    from gcs.logs.dataflash_table import DataFlashTables
+    from gcs.logs.formats.dataflash import parse
+    from gcs.logs.formats.dataflash_table import DataFlashTables
 
     def mode(us: int, number: int) -> bytes:
         return b"\xa3\x95\x78" + us.to_bytes(8, "little") + bytes((number, number, 1))

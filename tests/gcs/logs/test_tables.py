@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gcs.logs import tables
-from gcs.logs.tables import Series, increasing
+from gcs.logs.formats import tables
+from gcs.logs.formats.tables import Series, increasing
 
 
 def fewest_given_up(t: np.ndarray, strictly: bool) -> int:

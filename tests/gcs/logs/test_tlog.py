@@ -18,8 +18,11 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from gcs.errors import TippathError
 from gcs.link.tlog import PAD, Frames, layouts, locate
-from gcs.logs import formats, ingest, profiles, tlog
-from gcs.logs.tlog import TlogTables
+from gcs.logs import ingest
+from gcs.logs.formats import kinds as formats
+from gcs.logs.formats import tlog
+from gcs.logs.formats.tlog import TlogTables
+from gcs.logs.profile import profiles
 
 BEGUN_US = 1_700_000_000_000_000
 

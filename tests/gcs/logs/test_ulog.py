@@ -23,9 +23,10 @@ from injuries import injure
 from pyulog import ULog
 
 from gcs.errors import TippathError
-from gcs.logs import ingest, resolve_runs, ulog
-from gcs.logs.profiles import bundled_profiles
-from gcs.logs.ulog import ULogFile, UlogTables
+from gcs.logs import ingest, resolve_runs
+from gcs.logs.formats import ulog
+from gcs.logs.formats.ulog import ULogFile, UlogTables
+from gcs.logs.profile.profiles import bundled_profiles
 
 Tippath = Callable[..., tuple[int, str, str]]
 REAL = ("sample.ulg", "sample_log_small.ulg")

@@ -12,7 +12,7 @@ from fake_desk import DESKS
 from textual.widgets import Input
 
 from gcs.errors import TippathError, UsageError
-from gcs.flightdir import FlightFolder
+from gcs.flight.folder import FlightFolder
 from gcs.link.ports import SerialPort
 from gcs.tui import places, themes
 from gcs.tui.app import GENERAL, PAGES

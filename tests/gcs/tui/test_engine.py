@@ -11,23 +11,23 @@ import pytest
 from flown_folder import fly_folder
 from flying import CHIRP, PITCH, ROLL
 
-import gcs.gains
+import gcs.flight.gains
 import gcs.tui.engine
+from gcs.cards.envelope import Limits, Peaks, Use
 from gcs.desk import Choice
-from gcs.envelope import Limits, Peaks, Use
 from gcs.errors import LinkError, TippathError
-from gcs.flightdir import FlightFolder
-from gcs.gains import PushResult
+from gcs.flight.folder import FlightFolder
+from gcs.flight.gains import PushResult
+from gcs.flight.live import LiveWindow
+from gcs.flight.preflight import Check, LinkLoss
+from gcs.flight.recorder import RecordedLog, RecordingSummary
+from gcs.flight.sweep import Briefing, Ending, NotReadyError, Phase, RunProgress, RunReady, RunResult, SweepResult
+from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
-from gcs.logs.live import LiveWindow
-from gcs.preflight import Check, LinkLoss
-from gcs.profile import Plan
-from gcs.recorder import RecordedLog, RecordingSummary
-from gcs.sweep import Briefing, Ending, NotReadyError, Phase, RunProgress, RunReady, RunResult, SweepResult
 from gcs.tui.engine import FlightEngine
 from gcs.tui.state import Mark, Stage
-from gcs.vehicle import SYSTEMID, Beat, VehicleSnapshot
-from gcs.verdict import Verdict
+from gcs.vehicle.profile import Plan
+from gcs.vehicle.snapshot import SYSTEMID, Beat, VehicleSnapshot
 
 WITHIN_S = 5.0
 REACHED = LogEnd(state=EndState.REACHED)
@@ -384,7 +384,7 @@ def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
         assert gains.crc == crc
         return PushResult(gains.crc, 0xABCDEF, True, gains.values, False)
 
-    monkeypatch.setattr(gcs.gains, "push", push)
+    monkeypatch.setattr(gcs.flight.gains, "push", push)
     engine.push()
     last = flight.audited()[0][-1]
     assert last.did == f"pushed gains {crc:06x}, before abcdef"

@@ -36,8 +36,8 @@ from gcs.tui.plot import (
 )
 from gcs.tui.plot.paint import dotted
 from gcs.tui.plot.ready import clamped, moved, zoomed
-from sysid.comparison import BandError, Densities, ResponseError, Trace
-from sysid.metrics import Mismatch
+from sysid.compare.metrics import Mismatch
+from sysid.compare.values import BandError, Densities, ResponseError, Trace
 
 
 def drawn(line: str) -> bool:

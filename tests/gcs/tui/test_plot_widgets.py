@@ -9,7 +9,7 @@ import pytest
 from textual.app import App
 from textual.strip import Strip
 
-from gcs.logs.live import LiveWindow
+from gcs.flight.live import LiveWindow
 from gcs.tui.plot import STYLES, Bar, BarPlot, FrequencyPlot, Panel, TimePlot, compared
 from gcs.tui.widgets.bars import Bars
 from gcs.tui.widgets.charts import Charts

@@ -29,12 +29,12 @@ from textual.geometry import Region
 from textual.widgets import Input
 
 from gcs.desk import DeskState, TimedNote
-from gcs.logs.live import LiveWindow
+from gcs.flight.live import LiveWindow
 from gcs.tui.app import TippathApp
 from gcs.tui.base import Dialog
 from gcs.tui.widgets.canvas import Canvas
 from gcs.tui.widgets.lines import Lines
-from gcs.vehicle import Text
+from gcs.vehicle.snapshot import Text
 
 SIZES = [(80, 24), (120, 40), (200, 50)]
 SCREENS = tuple("123456789")

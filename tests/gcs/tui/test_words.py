@@ -11,11 +11,11 @@ import pytest
 from fake_desk import DESKS
 from rich.cells import cell_len
 
+from gcs.cards.envelope import Use
 from gcs.desk import DeskState
-from gcs.envelope import Use
 from gcs.tui import next_step, words
 from gcs.tui.state import Mark, Progress, RunView, Stage, State, joined
-from gcs.vehicle import Text, VehicleSnapshot
+from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
     1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1648.0, battery_v=22.1

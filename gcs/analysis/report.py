@@ -1,0 +1,287 @@
+"""A self-contained page about a flight: tables, checks, where the model fails, what it lacks, and the ladder; gains
+with the answer they promise; and measured against modelled rates for every run.
+
+Where several fits are shown, the one with most steps behind it (the first of equals) is compared and diagnosed.
+"""
+
+from __future__ import annotations
+
+import html
+import io
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.data.preprocess import segments, spectrum
+from sysid.data.record import Record
+from sysid.fit.simulate import overlay
+from sysid.model.structure import Model
+
+if TYPE_CHECKING:
+    from sysid.control.loop import Following
+    from sysid.control.regulator import Gains
+    from sysid.fit.result import Fit
+
+Section = tuple[str, str, list[str]]
+"""Heading, text, pictures."""
+Progress = Callable[[str, float | None], None]
+
+# Okabe and Ito: told apart by colour-blind eyes
+BLACK, BLUE, ORANGE, GREEN = "#222222", "#0072B2", "#D55E00", "#009E73"
+
+SAME = 1e-9
+"""Relative: gains designed again on another machine."""
+
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
+pre { background: #f6f6f4; padding: .8rem 1rem; overflow-x: auto; line-height: 1.35; white-space: pre-wrap; }
+svg { max-width: 100%; height: auto; }
+h2 { margin-top: 2.2rem; border-bottom: 1px solid #ddd; }
+"""
+
+
+def page(title: str, sections: Sequence[tuple[str, str, Sequence[str]]]) -> str:
+    """Heading, preformatted text and SVG pictures for each section -> one HTML document without outside references."""
+    parts = [
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
+        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>",
+    ]
+    for heading, text, pictures in sections:
+        if heading:
+            parts.append(f"<h2>{html.escape(heading)}</h2>")
+        if text:
+            parts.append(f"<pre>{html.escape(text)}</pre>")
+        parts += pictures
+    return "\n".join([*parts, "</body></html>", ""])
+
+
+def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tuple[float, float]) -> str:
+    """SVG of one run: commands, then p and q measured against each model, as the fit saw them (inside the band)."""
+    figure, axes = _figure(3, (10, 6.2))
+    top = axes[0]
+    inputs = models[0][1].structure.inputs
+    for name, colour in zip(inputs, (BLACK, ORANGE, GREEN), strict=False):
+        top.plot(record.t - record.t[0], record.channels[name], color=colour, linewidth=0.6, label=name)
+    top.set_ylabel("command")
+    top.legend(loc="upper left", fontsize=8, ncols=3)
+    for index, output in enumerate(("p", "q")):
+        axis = axes[1 + index]
+        for part in segments(record, (*inputs, "p", "q"), band_hz[1])[0]:
+            one = spectrum(part, inputs, ("p", "q"), band_hz)
+            for number, ((label, model), colour) in enumerate(zip(models, (BLUE, ORANGE, GREEN), strict=False)):
+                t, measured, modelled = overlay(model, one)
+                t = t - record.t[0]
+                if number == 0:
+                    axis.plot(t, measured[:, index], color=BLACK, linewidth=1.0, label="measured")
+                axis.plot(
+                    t, modelled[:, index], color=colour, linewidth=0.9, linestyle="--" if number else "-", label=label
+                )
+        axis.set_ylabel(f"{output}, rad/s")
+        axis.legend(loc="upper left", fontsize=8, ncols=4)
+    axes[-1].set_xlabel("time in the record, s")
+    axes[0].set_title(f"{record.id}   {record.axis or ''} {record.maneuver}", fontsize=10, loc="left")
+    return svg(figure)
+
+
+def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(rows, 1, sharex=True)
+    for axis in axes:
+        axis.grid(True, linewidth=0.3)
+        axis.tick_params(labelsize=8)
+    return figure, axes
+
+
+def svg(figure: Any) -> str:
+    """A figure as an SVG element to stand in a page."""
+    stream = io.StringIO()
+    from matplotlib import rc_context
+
+    with rc_context({"svg.hashsalt": "tippath"}):  # the same figure gives the same page
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    text = stream.getvalue()
+    return text[text.index("<svg") :]
+
+
+# ------------------------------------------------------------------------------------------------ a whole flight
+
+
+def flight_report(
+    paths: Sequence[Path],
+    named: Sequence[str] = (),
+    gains: Path | None = None,
+    *,
+    diagnosing: bool = True,
+    say: Progress = lambda _what, _share: None,
+    warn: Callable[[str], None] = lambda _words: None,
+) -> str:
+    """The page of one or more FIT.json, with the gains designed on one of them; `warn` hears that these do not hold it.
+
+    `named` are the user's effect files, whose code may run. Raises TippathError where a log is gone, ResultError for a
+    file that is no fit, GainsError for one that holds no gains.
+    """
+    from gcs.analysis.comparison import compare_text, flown
+    from gcs.analysis.fits import assess, fit_text, runs_of
+    from gcs.analysis.pictures import compare_picture
+    from sysid.compare.compare import compare
+    from sysid.fit.result import Fit
+
+    fits = [Fit.load(path, named) for path in paths]
+    designed = [] if gains is None else [_gains_section(gains, list(zip(paths, fits, strict=True)), warn)]
+    steps = len(fits) + 2 + diagnosing
+    sections: list[Section] = []
+    runs: dict[tuple[str, str], Record] = {}
+    for number, (path, fit) in enumerate(zip(paths, fits, strict=True)):
+        say(path.name, number / steps)
+        fitted = runs_of(fit, fit.records)
+        for record in [*fitted, *runs_of(fit, fit.validation)]:
+            runs[record.path, record.id] = record
+        judged = assess(fit, fitted)
+        sections.append((path.name, fit_text(fit, judged.checks, judged.responses), []))
+    main = max(range(len(fits)), key=lambda number: len(fits[number].lineage))
+    path, fit = paths[main], fits[main]
+    say("where it fails", len(fits) / steps)
+    records, quiet = flown(fit)
+    found = compare(fit.model, records, fit.band_hz, quiet)
+    sections += _ladder_section(path, fit, found.noise_floor_percent)
+    sections.append((f"Where {path.name} fails", compare_text(found, fit), [svg(compare_picture(found))]))
+    if diagnosing:
+        sections.append(_diagnosis_section(path, fit, lambda what: say(what, (len(fits) + 1) / steps)))
+    sections += designed
+    models = [(_label(fit), fit.model) for fit in fits]
+    pictures = []
+    for number, record in enumerate(runs.values()):
+        say(record.id, 1 - (1 - number / len(runs)) / steps)
+        pictures.append(run_picture(record, models, fits[0].band_hz))
+    sections.append(("Measured against modelled", "", pictures))
+    title, about = _head(paths, next(iter(runs.values())).path)
+    return page(title, [*([("The flight", about, [])] if about else []), *sections])
+
+
+def _label(fit: Fit) -> str:
+    return " + ".join([fit.model.structure.base.upper(), *(Path(one).name for one in fit.model.structure.effects)])
+
+
+def _head(paths: Sequence[Path], log: str) -> tuple[str, str]:
+    """The title, and what the flight's folder tells of the flight."""
+    from gcs.errors import TippathError
+    from gcs.flight.folder import flight_of
+    from gcs.logs.words import printable
+
+    folder = flight_of(Path(log))
+    title = folder.name or "tippath: " + ", ".join(path.stem for path in paths)
+    lines = [printable(f"{time[:16].replace('T', ' ')}  {text}") for time, text in folder.notes()]
+    try:
+        flown = folder.runs()
+    except TippathError:
+        flown = []
+    for run in flown:
+        verdict = run.get("verdict")
+        reasons = verdict.get("reasons") if isinstance(verdict, dict) else None
+        kept = isinstance(verdict, dict) and verdict.get("keep") is True
+        why = "; ".join(map(str, reasons)) if isinstance(reasons, list) and reasons else str(run.get("reason", ""))
+        lines.append(printable(f"{run.get('label', '')}: {'keep' if kept else f'fly again: {why}'}"))
+    return title, "\n".join(lines)
+
+
+def _ladder_section(path: Path, fit: Fit, floor: Any) -> list[Section]:
+    """Rung by rung, with the signs that the last addition left in its file."""
+    from gcs.analysis.diagnosis import rung_names
+    from gcs.analysis.diagnosis_text import ladder_text
+    from gcs.analysis.fits import wrapped
+    from gcs.analysis.pictures import ladder_picture
+
+    if len(fit.lineage) < 2:
+        return []
+    names = rung_names(fit.model.structure.base, [rung.effects for rung in fit.lineage])
+    rungs = [
+        (name, rung.nrmse_percent, rung.validation_nrmse_percent) for name, rung in zip(names, fit.lineage, strict=True)
+    ]
+    document = json.loads(path.read_text(encoding="utf-8"))
+    floor = document.get("noise_floor_percent") or floor
+    lines = ladder_text(rungs, floor)
+    marks = {True: "✓", False: "✗", None: "?"}
+    signs = document.get("signs")
+    for one in signs if isinstance(signs, list) else ():
+        lines += wrapped(f"{marks.get(one.get('seen'), '?')} {one.get('name')}: {one.get('text')}", " ", "   ")
+    return [(f"The ladder to {path.name}", "\n".join(lines), [svg(ladder_picture(rungs, floor))])]
+
+
+def _diagnosis_section(path: Path, fit: Fit, say: Callable[[str], None]) -> Section:
+    from gcs.analysis.diagnosis import diagnose_fit, drawn, flown_with_validation
+    from gcs.analysis.diagnosis_text import diagnosis_text
+
+    records, validation, quiet = flown_with_validation(fit, (), (), None, None)
+    found = diagnose_fit(fit, records, validation, quiet, say=say)
+    return f"What {path.name} lacks", diagnosis_text(found, path.name, full=True), [svg(drawn(found))]
+
+
+def _gains_section(path: Path, named: Sequence[tuple[Path, Fit]], warn: Callable[[str], None]) -> Section:
+    """The gains designed again on the fit that they are from, and the answer they promise, or that they do not hold.
+
+    Raises GainsError, with the reason for each fit, where they are from none of them.
+    """
+    from gcs.analysis.fits import gains_text
+    from gcs.flight.gains import GainsError, checksum, load_gains
+    from sysid.control.loop import following
+    from sysid.control.regulator import not_held
+
+    crc = load_gains(path).crc
+    document = json.loads(path.read_text(encoding="utf-8"))
+    reasons = []
+    for one, fit in reversed(named):
+        gains = _designed_again(document, fit)
+        if isinstance(gains, str):
+            reasons.append(f"{one.name}: {gains}")
+            continue
+        text = f"{gains_text(gains)}\n  checksum      {checksum(crc)}"
+        if gains.loop.stable:
+            return f"Gains, {path.name}", text, [following_picture(following(gains, fit.model))]
+        refused = f"{not_held(gains, fit.model)}. Do not push it; design again, `tippath design` says what holds"
+        warn(f"{path}: {refused}")
+        return f"Gains, {path.name}, which do not hold {one.name}", f"{refused}.\n\n{text}", []
+    raise GainsError(f"{path} was designed on none of these fits: {'; '.join(reasons)}")
+
+
+def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
+    """The gains of a document, with the loop that they make with this fit; or why they are not from it."""
+    from sysid.control.regulator import lqr
+    from sysid.errors import SysidError
+
+    weights = document.get("weights")
+    cost = weights.get("inputs") if isinstance(weights, dict) else None
+    if not isinstance(cost, int | float):
+        return "the gains do not say with which input cost they were designed"
+    try:
+        gains = lqr(fit.model, float(cost))
+    except SysidError as error:
+        return f"no gains can be designed on it: {error}"
+    own = dict(zip(gains.model.structure.names, map(float, gains.model.values), strict=True))
+    theirs = document["model"]["parameters"]
+    moved = [name for name, value in own.items() if theirs.get(name) != value]
+    if moved:
+        return f"its model is another ({', '.join(moved)} differ)"
+    for name, value in (("K", gains.K), ("observer_gain", gains.observer_gain), ("prefilter", gains.prefilter)):
+        if not np.allclose(document[name], value, rtol=0, atol=SAME * float(np.max(np.abs(value)))):
+            return f"{name} is not what `tippath design` makes of its model"
+    return gains
+
+
+def following_picture(found: Following) -> str:
+    """SVG of the rates asked for and predicted, on each axis."""
+    figure, axes = _figure(2, (10, 4.6))
+    for axis, one in zip(axes, (found.roll, found.pitch), strict=True):
+        own, other = ("p", "q") if one.axis == "roll" else ("q", "p")
+        axis.plot(found.t, one.asked, color=BLACK, linewidth=1.0, label=f"{own} asked for")
+        axis.plot(found.t, one.own, color=BLUE, linewidth=1.2, label=f"{own} predicted")
+        axis.plot(found.t, one.other, color=ORANGE, linewidth=0.9, linestyle="--", label=f"{other} predicted")
+        axis.set_ylabel("rad/s")
+        axis.legend(loc="upper right", fontsize=8)
+    axes[0].set_title("rate doublets, closed loop, small motion", fontsize=10, loc="left")
+    axes[-1].set_xlabel("s")
+    return svg(figure)

@@ -1,0 +1,318 @@
+"""The whole flight test on the bundled simulated vehicle, unattended: fly, fit, design, push, fly again.
+
+One function for each step, in the order of the work; `fly_demo` calls them one after the other. It is the same engine
+as behind the commands and the app. The simulated pilot takes off, lands and throws the switch; the ground station does
+not.
+
+What must hold, or the demonstration has failed: every run was flown and none of its samples is missing; the log that
+came over the air is the vehicle's own file byte for byte; the pushed gains were read back bit for bit; and the vehicle
+follows the rates that the LQR is asked for.
+"""
+
+from __future__ import annotations
+
+import filecmp
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gcs.analysis.following import Following, measure_following
+from gcs.cards.maneuver import load_card
+from gcs.demo.pilot import SimulatedVehicle
+from gcs.errors import TippathError
+from gcs.flight.folder import FlightFolder
+from gcs.flight.gains import PushResult, RevertResult, checksum, gains_of, push, revert
+from gcs.flight.session import Session
+from gcs.flight.sweep import Briefing, Progress, SweepResult, fly_card
+
+if TYPE_CHECKING:  # they bring matplotlib and the control library along, which takes a second
+    from gcs.analysis.fits import Identification
+    from sysid.control.regulator import Gains
+    from sysid.data.record import Record
+
+FIRST_INPUT_COST = 20.0
+"""The first set is a gentle one, as on a first flight; it is also what a revert goes back to."""
+INPUT_COST = 5.0
+"""The paper's."""
+LAND_WITHIN_S = 20.0
+TAKE_OFF_WITHIN_S = 20.0
+
+Say = Callable[[str], None]
+
+
+class DemoError(TippathError):
+    """Something that had to hold does not; the message says what."""
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """What the demonstration did and found."""
+
+    folder: FlightFolder
+    plant: str
+    seed: int
+    flown: SweepResult
+    on_board: Path
+    """The vehicle's own file that flight.BIN equals."""
+    identification: Identification
+    gains: Gains
+    pushed: tuple[PushResult, ...]
+    lqr_flown: SweepResult
+    following: tuple[Following, ...]
+    reverted: RevertResult
+    duration_s: float
+
+    def tables(self) -> str:
+        """The paper's tables with ours beside, the gains, and how the vehicle followed."""
+        from gcs.analysis.fits import gains_text
+
+        last = self.pushed[-1]
+        lines = [
+            self.identification.tables(),
+            "",
+            gains_text(self.gains),
+            "",
+            f"pushed {checksum(last.crc)}: {len(last.values)} of {len(last.values)} values read back equal; "
+            f"reverted to {checksum(self.reverted.crc)} after the flight",
+            "following the rate command with the LQR",
+            *(f"  {one.words}" for one in self.following),
+            "",
+            f"{self.folder.log}: {len(self.flown.runs)} runs, {self.flown.missing_blocks} blocks missing, "
+            f"byte for byte {self.on_board}",
+        ]
+        return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        found = self.identification
+        return {
+            "format": "tippath.demo/1",
+            "folder": str(self.folder.path),
+            "plant": self.plant,
+            "seed": self.seed,
+            "runs": len(self.flown.runs),
+            "missing_blocks": self.flown.missing_blocks,
+            "byte_identical_to": str(self.on_board),
+            "nrmse_percent": {
+                "tpp": dict(found.tpp.nrmse_percent),
+                "cd": dict(found.cd.nrmse_percent),
+                "cd_reduced": dict(found.reduced_nrmse),
+            },
+            "validation_nrmse_percent": {
+                "tpp": found.tpp.validation_nrmse_percent,
+                "cd": found.cd.validation_nrmse_percent,
+                "cd_reduced": found.reduced_validation,
+            },
+            "modes": {
+                name: [{"frequency_hz": m.frequency_hz, "damping_ratio": m.damping_ratio} for m in model.modes]
+                for name, model in (("tpp", found.tpp.model), ("cd", found.cd.model), ("cd_reduced", found.reduced))
+            },
+            "checks": [{"name": c.name, "passed": c.passed, "text": c.text} for c in found.checks],
+            "pushed": [{"crc": p.crc, "checksum": checksum(p.crc), "verified": len(p.values)} for p in self.pushed],
+            "reverted_to": self.reverted.crc,
+            "reverted_to_checksum": checksum(self.reverted.crc),
+            "following": [one.to_json() for one in self.following],
+            "files": sorted(p.name for p in self.folder.path.iterdir() if p.is_file()),
+            "duration_s": round(self.duration_s, 1),
+        }
+
+
+def fly_demo(
+    folder: FlightFolder,
+    plant: str = "hover",
+    seed: int = 1,
+    *,
+    say: Say = lambda words: None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_briefing: Callable[[Briefing], None] = lambda briefing: None,
+    aborted: Callable[[], str | None] = lambda: None,
+    interruptions: Callable[[], int] = lambda: 0,
+) -> Demonstration:
+    """The demonstration, in about five minutes, into an empty folder.
+
+    `aborted` is looked at in every run and between the steps; `interruptions` as in `fly_card`. Raises DemoError where
+    something does not hold, KeyboardInterrupt where somebody wanted the end, and what the steps raise. The vehicle ends
+    in every case.
+    """
+    began = time.monotonic()
+
+    def tell(words: str) -> None:
+        if aborted() is not None:
+            raise KeyboardInterrupt
+        say(words)
+
+    def fly(session: Session, card: str, where: FlightFolder) -> SweepResult:
+        def briefed(briefing: Briefing) -> bool:
+            on_briefing(briefing)
+            return True
+
+        result = fly_card(
+            session,
+            load_card(card),
+            folder=where,
+            confirm=briefed,
+            on_progress=on_progress,
+            aborted=aborted,
+            interruptions=interruptions,
+            about={"link": session.link, "simulated": {"plant": plant, "seed": seed}},
+        )
+        require_flown(result, aborted)
+        return result
+
+    tell(f"starting the simulated vehicle, plant {plant}, seed {seed}")
+    with (
+        SimulatedVehicle(plant, folder.path / "vehicle", seed=seed) as vehicle,
+        Session.open(vehicle.ground_link, primary=True, connect_timeout_s=10.0) as session,
+    ):
+        flown = fly(session, "hover", folder)
+        on_board = require_same_bytes(folder.log, vehicle.directory)
+        tell(f"{folder.log.name} is {on_board.name} of the vehicle, byte for byte")
+        tell("fitting TPP and CD to the chirps, judging them on the doublets")
+        identification, records = identify_runs(folder)
+        tell("designing the LQR, its observer and its prefilter")
+        designed = design_gains(identification)
+        land(vehicle, session, tell)
+        pushed = tuple(push_gains(session, gains, tell) for gains in designed)
+        take_off(vehicle, session, tell)
+        vehicle.say("lqr on")
+        tell("the pilot's switch selects the LQR")
+        again = FlightFolder(folder.path / "lqr")
+        again.path.mkdir()
+        lqr_flown = fly(session, "lqr-doublet", again)
+        following = tuple(measure_following(again.log, lqr_flown.runs))
+        for one in following:
+            tell(one.words)
+        land(vehicle, session, tell)
+        reverted = revert_gains(session, pushed, tell)
+    demonstration = Demonstration(
+        folder,
+        plant,
+        seed,
+        flown,
+        on_board,
+        identification,
+        designed[-1],
+        pushed,
+        lqr_flown,
+        following,
+        reverted,
+        time.monotonic() - began,
+    )
+    tell("writing the report")
+    save_results(demonstration, records)
+    if not all(one.follows for one in following):
+        raise DemoError(f"the vehicle does not follow the LQR's rate command: {'; '.join(f.words for f in following)}")
+    return demonstration
+
+
+# ------------------------------------------------------------------------------------------------ the steps
+
+
+def require_flown(result: SweepResult, aborted: Callable[[], str | None]) -> None:
+    """Every run flown, every sample there to the log's end.
+
+    Raises DemoError, or KeyboardInterrupt where somebody wanted the end.
+    """
+    if aborted() is not None:
+        raise KeyboardInterrupt
+    if not result.complete:
+        raise DemoError(f"the card {result.card.name} was not flown to its end: {result.stopped}")
+    if result.missing_blocks or result.recording is None or not result.recording.logs:
+        raise DemoError(f"{result.missing_blocks} blocks of the log are missing in {result.folder.log}")
+    if not result.recording.complete:
+        raise DemoError(f"the log in {result.folder.log} is not complete: {'; '.join(result.recording.problems)}")
+
+
+def require_same_bytes(log: Path, directory: Path) -> Path:
+    """The vehicle's own file that equals the log, every byte. Raises DemoError where none does."""
+    own = sorted(directory.glob("*.BIN"))
+    for path in own:
+        if path.stat().st_size == log.stat().st_size and filecmp.cmp(path, log, shallow=False):
+            return path
+    raise DemoError(f"{log} equals none of the vehicle's own {len(own)} logs in {directory}")
+
+
+def identify_runs(folder: FlightFolder) -> tuple[Identification, list[Record]]:
+    """Fit the chirps, judge on the doublets. Raises what the log and the fit have to say."""
+    from gcs.analysis.fits import identify_flight, split_runs
+    from gcs.logs import resolve_runs
+
+    records = resolve_runs([str(folder.log)])
+    chirps, doublets = split_runs(records)
+    return identify_flight(chirps, doublets), records
+
+
+def design_gains(identification: Identification) -> tuple[Gains, Gains]:
+    """Two sets on the TPP: a gentle one first, then the paper's weights."""
+    from sysid.control.regulator import design
+
+    model = identification.tpp.model
+    return design(model, FIRST_INPUT_COST), design(model, INPUT_COST)
+
+
+def land(vehicle: SimulatedVehicle, session: Session, say: Say) -> None:
+    """The simulated pilot lands and disarms. Raises DemoError where he does not within `LAND_WITHIN_S`."""
+    vehicle.say("land")
+    _wait(session, lambda: not session.snapshot().armed, LAND_WITHIN_S, "the vehicle has not landed")
+    say("landed and disarmed by the simulated pilot")
+
+
+def take_off(vehicle: SimulatedVehicle, session: Session, say: Say) -> None:
+    """The simulated pilot takes off into a hover. Raises DemoError where he does not within `TAKE_OFF_WITHIN_S`."""
+    vehicle.say("takeoff")
+    _wait(
+        session,
+        lambda: session.snapshot().armed and session.snapshot().status == 4,
+        TAKE_OFF_WITHIN_S,
+        "the vehicle has not taken off",
+    )
+    time.sleep(2.0)  # the climb to the hover
+    say("in the air again")
+
+
+def push_gains(session: Session, gains: Gains, say: Say) -> PushResult:
+    """Write one set, prove it bit for bit, commit it, prove it again. Raises what the vehicle says against it."""
+    result = push(session, gains_of(gains.to_json()))
+    equal = f"{len(result.values)} values read back equal"
+    say(f"pushed input cost {gains.input_cost:g}: {equal}, {checksum(result.crc)} active")
+    return result
+
+
+def revert_gains(session: Session, pushed: Sequence[PushResult], say: Say) -> RevertResult:
+    """Back to the first set. Raises DemoError where another is active afterwards."""
+    result = revert(session)
+    if result.crc != pushed[0].crc:
+        raise DemoError(f"the revert went to {checksum(result.crc)}, not to {checksum(pushed[0].crc)}")
+    say(f"reverted to the set before, {checksum(result.crc)}")
+    return result
+
+
+def save_results(demonstration: Demonstration, records: Sequence[Record]) -> None:
+    """tpp.json, cd.json, gains.json, tables.txt and report.html beside the log."""
+    from gcs.analysis.report import page, run_picture
+
+    found, folder = demonstration.identification, demonstration.folder.path
+    for name, document in (
+        ("tpp.json", found.tpp.to_json(folder)),
+        ("cd.json", found.cd.to_json(folder)),
+        ("gains.json", demonstration.gains.to_json()),
+    ):
+        (folder / name).write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", "utf-8")
+    tables = demonstration.tables()
+    (folder / "tables.txt").write_text(tables + "\n", "utf-8")
+    models = [("TPP", found.tpp.model), ("CD", found.cd.model)]
+    pictures = [run_picture(record, models, found.tpp.band_hz) for record in records]
+    sections = [("Tables", tables, []), ("Measured against modelled", "", pictures)]
+    (folder / "report.html").write_text(page(f"tippath demo, plant {demonstration.plant}", sections), "utf-8")
+
+
+def _wait(session: Session, reached: Callable[[], bool], within_s: float, otherwise: str) -> None:
+    deadline = time.monotonic() + within_s
+    while not reached():
+        if time.monotonic() > deadline:
+            raise DemoError(f"{otherwise} after {within_s:.0f} s")
+        if session.snapshot().lost:
+            raise DemoError("the link to the simulated vehicle was lost")
+        time.sleep(0.05)

@@ -1,0 +1,311 @@
+"""One set of gains to the vehicle, whole or not at all, and back again.
+
+PARAM_SET writes one value, so a set goes to the vehicle's shadow bank, is read back bit for bit, and one write of its
+checksum makes it the active bank. What the vehicle then flies is read back once more. Commit and revert act when
+written, so neither is ever sent twice blindly: a lost answer is made good by reading LQR_ACTIVE, because a second
+commit would overwrite the bank to go back to.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gcs.errors import LinkError, TippathError
+from gcs.flight.session import Session
+from gcs.link.events import bits_of_float, float_of_bits
+from gcs.link.procedures import NoAnswerError, Parameter, Procedure, ProcedureError, ReadParameter, WriteParameter
+
+FORMAT = "tippath.gains/1"
+
+MODEL = ("L_b", "M_a", "tau_f", "A_b", "B_a", "A_lat", "A_lon", "B_lat", "B_lon")
+BANK = (
+    *(f"K{row}{column}" for row in (1, 2) for column in (1, 2, 3, 4)),
+    *(f"L{row}{column}" for row in (1, 2, 3, 4) for column in (1, 2)),
+    *(f"G{row}{column}" for row in (1, 2) for column in (1, 2)),
+    *(name.upper() for name in MODEL),
+)
+"""The 29 values of a bank, in the order of its checksum."""
+
+ACT_TRIES = 4
+
+T = TypeVar("T")
+
+
+class GainsError(TippathError):
+    """A file that holds no set of gains, or a vehicle that does not take it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """One set, as the vehicle holds it."""
+
+    bits: tuple[int, ...]
+    """float32 bits, shape (29,), in the order of `BANK`."""
+
+    @property
+    def crc(self) -> int:
+        """24 bits of CRC-32: as many as a float32 carries exactly."""
+        return zlib.crc32(struct.pack(f"<{len(self.bits)}I", *self.bits)) & 0xFFFFFF
+
+    @property
+    def values(self) -> dict[str, float]:
+        return {name: float_of_bits(bits) for name, bits in zip(BANK, self.bits, strict=True)}
+
+
+@dataclass(frozen=True, slots=True)
+class PushResult:
+    """What a push did, with what the vehicle now flies when its pilot's switch says so."""
+
+    crc: int
+    previous_crc: int
+    """Of the bank that was active before: what a revert goes back to; 0 where there was none."""
+    committed: bool
+    """False where the vehicle had this very set already."""
+    values: Mapping[str, float]
+    """Read back from the active bank, each bit equal to what was sent."""
+    switch_on: bool | None
+    """Whether the pilot's switch selects the LQR now; None where the vehicle does not say."""
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "format": "tippath.push/1",
+            "crc": self.crc,
+            "checksum": checksum(self.crc) if self.crc else None,
+            "previous_crc": self.previous_crc,
+            "previous_checksum": checksum(self.previous_crc) if self.previous_crc else None,
+            "committed": self.committed,
+            "verified": len(self.values),
+            "values": dict(self.values),
+            "switch_on": self.switch_on,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class RevertResult:
+    """What a revert did."""
+
+    crc: int
+    """Of the bank that is active now; 0: none."""
+    reverted_crc: int
+    """Of the bank that was active before."""
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "format": "tippath.revert/1",
+            "crc": self.crc,
+            "checksum": checksum(self.crc) if self.crc else None,
+            "reverted_crc": self.reverted_crc,
+            "reverted_checksum": checksum(self.reverted_crc) if self.reverted_crc else None,
+        }
+
+
+def checksum(crc: int) -> str:
+    """A checksum as it is written everywhere: six hexadecimal digits; `none` for no bank."""
+    return f"{crc:06x}" if crc else "none"
+
+
+def load_gains(path: Path) -> Gains:
+    """Read a GAINS.json of `tippath design`. Raises GainsError saying what is wrong with it."""
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise GainsError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except ValueError as error:
+        raise GainsError(f"{path}: not JSON ({error}); make it with `tippath design`") from error
+    try:
+        return gains_of(document)
+    except GainsError as error:
+        raise GainsError(f"{path}: {error}") from error
+
+
+def gains_of(document: object) -> Gains:
+    """The set that a GAINS.json document holds. Raises GainsError."""
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise GainsError(f"not a {FORMAT} file; make it with `tippath design`")
+    model = document.get("model")
+    structure = model.get("structure") if isinstance(model, dict) else None
+    parameters = model.get("parameters") if isinstance(model, dict) else None
+    if not isinstance(parameters, dict):
+        raise GainsError("no model.parameters, which the vehicle's observer needs; make it with `tippath design`")
+    if structure != "tpp":
+        raise GainsError(f"the model is {structure!r}; the vehicle's observer holds a tpp model")
+    values = [
+        *_matrix(document, "K", 2, 4),
+        *_matrix(document, "observer_gain", 4, 2),
+        *_matrix(document, "prefilter", 2, 2),
+    ]
+    for name in MODEL:
+        if name not in parameters:
+            raise GainsError(f"model.parameters has no {name}")
+        value = parameters[name]
+        values.append(_number(value.get("value") if isinstance(value, dict) else value, f"model.parameters.{name}"))
+    return Gains(tuple(_bits(value, name) for name, value in zip(BANK, values, strict=True)))
+
+
+def _matrix(document: Mapping[str, object], name: str, rows: int, columns: int) -> list[float]:
+    matrix = document.get(name)
+    shape = isinstance(matrix, list) and len(matrix) == rows
+    if not shape or not all(isinstance(row, list) and len(row) == columns for row in _rows(matrix)):
+        raise GainsError(f"{name} must be {rows} rows of {columns} numbers")
+    return [_number(value, f"{name}[{i}][{j}]") for i, row in enumerate(_rows(matrix)) for j, value in enumerate(row)]
+
+
+def _rows(matrix: object) -> Sequence[list[object]]:
+    return matrix if isinstance(matrix, list) else []
+
+
+def _number(value: object, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise GainsError(f"{name} is no number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise GainsError(f"{name} is not finite")
+    return number
+
+
+def _bits(value: float, name: str) -> int:
+    try:
+        return bits_of_float(value)
+    except OverflowError:
+        raise GainsError(f"{name} = {value:g} is too large for the vehicle's float32") from None
+
+
+def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] = lambda _: None) -> PushResult:
+    """Write a set to the shadow bank, prove it, commit it, and prove what is active; only disarmed.
+
+    Raises GainsError or ProcedureError, with the vehicle's own words where it gave any; the active bank is then what
+    it was, unless the message says otherwise. Raises LinkError where the link is gone.
+    """
+    _require_disarmed(session, "nothing was written")
+    _require_bank(session)
+    previous = _active_crc(session)
+    if previous == gains.crc and _bank(session, "LQR_") == gains.bits:
+        return PushResult(gains.crc, previous, False, gains.values, _switch(session))
+
+    on_progress(f"writing {len(BANK)} values to the shadow bank")
+    for name, bits in zip(BANK, gains.bits, strict=True):
+        _call(session, WriteParameter(f"LQS_{name}", float_of_bits(bits)))
+    on_progress("reading the shadow bank back")
+    _require_equal(_bank(session, "LQS_"), gains.bits, "shadow bank", "nothing was committed")
+
+    on_progress(f"committing {checksum(gains.crc)}")
+    refusal = _act(session, "LQR_COMMIT", float(gains.crc), previous)
+    active = _active_crc(session)
+    if active != gains.crc:
+        raise GainsError(
+            f"the vehicle did not take the set: {refusal or f'its active bank is {checksum(active)}'}; "
+            f"the active bank is {'as before' if active == previous else 'another one'}"
+        )
+    on_progress("reading the active bank back")
+    _require_equal(_bank(session, "LQR_"), gains.bits, "active bank", "do not fly it: revert")
+    return PushResult(gains.crc, previous, True, gains.values, _switch(session))
+
+
+def revert(session: Session) -> RevertResult:
+    """Go back to the bank before the last commit; only disarmed.
+
+    Raises GainsError where the vehicle refuses, has nothing to go back to, or offers no bank.
+    """
+    _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
+    _require_bank(session)
+    before = _active_crc(session)
+    refusal = _act(session, "LQR_REVERT", 1.0, before)
+    after = _active_crc(session)
+    if after == before and refusal is not None:
+        raise GainsError(f"the vehicle did not go back: {refusal}; the active bank is as before ({checksum(before)})")
+    return RevertResult(after, before)
+
+
+def _require_disarmed(session: Session, then: str) -> None:
+    if session.snapshot().armed:
+        raise GainsError(f"the vehicle is armed: land and disarm first; {then}")
+
+
+def _require_bank(session: Session) -> None:
+    try:
+        session.call(ReadParameter("LQS_K11", 4))
+    except ProcedureError as error:
+        _require_link(session, error)
+        raise GainsError(
+            "this vehicle offers no LQR bank (it has no parameter LQS_K11): gains can only be pushed to a vehicle "
+            "whose autopilot runs the LQR"
+        ) from error
+
+
+def _require_link(session: Session, error: ProcedureError) -> None:
+    if session.snapshot().lost:
+        raise LinkError(f"the link to the vehicle is lost: {error}") from error
+
+
+def _call(session: Session, procedure: Procedure[T]) -> T:
+    try:
+        return session.call(procedure)
+    except ProcedureError as error:
+        _require_link(session, error)
+        raise
+
+
+def _act(session: Session, name: str, value: float, before: int) -> str | None:
+    """Write a parameter that acts, once. Gives why it was refused or not answered, None where it was done.
+
+    `before` is the checksum of the active bank. Only where nothing was said, and that bank is still the active one
+    long after, did the write itself get lost, and is sent again.
+    """
+    for _ in range(ACT_TRIES):
+        cursor, _texts = session.texts_since(0)
+        try:
+            _call(session, WriteParameter(name, value, repeat=False))
+        except NoAnswerError as error:
+            said = " / ".join(text.text for text in session.texts_since(cursor)[1])
+            if _active_crc(session) != before:
+                return None
+            if said:
+                return said
+            silence = str(error)
+        except ProcedureError as error:
+            return _in_hex(str(error), name, value)
+        else:
+            return None
+    return _in_hex(silence, name, value)
+
+
+def _in_hex(text: str, name: str, value: float) -> str:
+    """What is said about a write of a checksum, with the checksum as it is written everywhere else."""
+    return text.replace(f"{value:.9g}", checksum(int(value))) if name == "LQR_COMMIT" else text
+
+
+def _active_crc(session: Session) -> int:
+    return int(_finite(_call(session, ReadParameter("LQR_ACTIVE"))))
+
+
+def _finite(parameter: Parameter) -> float:
+    if not math.isfinite(parameter.value):
+        raise GainsError(f"the vehicle reports {parameter.name} = {parameter.value}")
+    return parameter.value
+
+
+def _switch(session: Session) -> bool | None:
+    try:
+        return session.call(ReadParameter("LQR_SW", 2)).value == 1.0
+    except ProcedureError:
+        return None
+
+
+def _bank(session: Session, prefix: str) -> tuple[int, ...]:
+    return tuple(_call(session, ReadParameter(prefix + name)).bits for name in BANK)
+
+
+def _require_equal(held: tuple[int, ...], sent: tuple[int, ...], bank: str, then: str) -> None:
+    different = [name for name, a, b in zip(BANK, held, sent, strict=True) if a != b]
+    if different:
+        raise GainsError(f"the vehicle's {bank} differs from what was sent in {', '.join(different)}; {then}")

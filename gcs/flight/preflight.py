@@ -1,0 +1,227 @@
+"""What is looked at before a maneuver may start, each with its answer in words.
+
+Pure: it is given what is known and says what follows. A check that fails blocks the flight; one that cannot be made
+says so. The pilot arms, takes off and flies; here it is only looked whether he has.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gcs.cards.envelope import Limits
+from gcs.flight.live import LiveWindow
+from gcs.flight.log_health import SWEEP_RECORD_BYTES, LogHealth
+from gcs.link.clock import LOST_AFTER_S
+from gcs.vehicle.profile import Plan, VehicleProfile
+from gcs.vehicle.snapshot import VehicleSnapshot, mode_name
+
+LAG_LIMIT_S = 0.5
+"""A link that is later is not started on, and ends a run."""
+LOG_RATE = 300_000
+"""Bytes a second of ArduPilot's whole fast log; a vehicle that logs less needs less."""
+SPARE_BYTES = 200_000_000
+ACTIVE = 4
+"""MAV_STATE: in the air."""
+LEVEL = math.radians(10.0)
+CALM = 0.3
+"""rad/s, deviation of p and q in hover."""
+CENTRED = 0.25
+"""Of full command: more trim leaves too little room on one side."""
+LOW_BATTERY = 0.25
+
+_FAILSAFE_ACTIONS = {1: "RETURNS", 2: "RETURNS", 3: "RETURNS", 4: "RETURNS", 5: "LANDS", 6: "LANDS", 7: "BRAKES"}
+CONTINUE_PILOT_CONTROL = 16
+"""FS_OPTIONS bit 4."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing looked at."""
+
+    name: str
+    words: str
+    ok: bool = True
+    """False blocks the flight."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLoss:
+    """What the vehicle does when it no longer hears the ground."""
+
+    words: str
+    """`link lost: RETURNS after 5 s`, `link lost: the sweep RUNS ON (...)`."""
+    ends_sweep: bool | None
+    """None where the vehicle does not tell."""
+
+
+def link_loss(parameters: Mapping[str, float], station: int) -> LinkLoss:
+    """The vehicle's answer to a lost link, read from its parameters, for a ground station with this system id."""
+    enabled = parameters.get("FS_GCS_ENABLE")
+    if enabled is None:
+        return LinkLoss("link lost: the vehicle does not tell what it would do (no FS_GCS_ENABLE)", None)
+    if int(enabled) == 0:
+        return LinkLoss("link lost: the sweep RUNS ON (FS_GCS_ENABLE 0: the vehicle does not notice)", False)
+    primary = parameters.get("SYSID_MYGCS", parameters.get("MAV_GCS_SYSID"))
+    if primary is not None and int(primary) != station:
+        return LinkLoss(
+            f"link lost: the sweep RUNS ON (the failsafe listens to station {int(primary)}, this is {station}; "
+            "--primary takes its place)",
+            False,
+        )
+    if int(parameters.get("FS_OPTIONS", 0)) & CONTINUE_PILOT_CONTROL:
+        return LinkLoss("link lost: the sweep RUNS ON (FS_OPTIONS 16: continuing pilot control)", False)
+    after_s = parameters.get("FS_GCS_TIMEOUT", 5.0)
+    action = _FAILSAFE_ACTIONS.get(int(enabled), f"does what FS_GCS_ENABLE {int(enabled)} means")
+    return LinkLoss(f"link lost: {action} after {after_s:g} s", True)
+
+
+def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, ...]:
+    """Whether the pilot has the vehicle in the air, in a mode from which a maneuver may start."""
+    manual = profile.manual_throttle_modes
+    names = " or ".join(mode_name(mode, snapshot.vehicle_type, snapshot.autopilot) for mode in manual)
+    checks = [
+        Check("link", f"heard {snapshot.link_age_s:.1f} s ago", True)
+        if not snapshot.lost
+        else Check("link", f"nothing heard for {snapshot.link_age_s:.1f} s", False)
+    ]
+    if not snapshot.armed:
+        checks.append(Check("in the air", "not armed: the pilot arms and takes off, then fly this again", False))
+    elif snapshot.status != ACTIVE:
+        checks.append(Check("in the air", "armed, but not in the air: the pilot takes off, then fly this again", False))
+    else:
+        checks.append(Check("in the air", "armed and in the air"))
+    if snapshot.mode == profile.excitation_mode:
+        checks.append(
+            Check("mode", f"{snapshot.mode_name}: an excitation is on already; `tippath abort` ends it", False)
+        )
+    elif snapshot.mode not in manual:
+        checks.append(Check("mode", f"{snapshot.mode_name}: a sweep needs {names}; the pilot chooses it", False))
+    else:
+        checks.append(Check("mode", snapshot.mode_name))
+    if snapshot.battery_remaining is not None or snapshot.battery_v is not None:
+        volts = "" if snapshot.battery_v is None else f"{snapshot.battery_v:.1f} V"
+        left = "" if snapshot.battery_remaining is None else f" {100 * snapshot.battery_remaining:.0f} %"
+        low = snapshot.battery_remaining is not None and snapshot.battery_remaining < LOW_BATTERY
+        checks.append(Check("battery", (volts + left).strip() + (": too low, land" if low else ""), not low))
+    if snapshot.other_stations:
+        checks.append(Check("stations", f"{snapshot.other_stations} other ground station(s) on this link"))
+    return tuple(checks)
+
+
+def lag(snapshot: VehicleSnapshot) -> tuple[Check, ...]:
+    """Whether orders reach the vehicle, and what is seen of it is not old. Both must be known."""
+    if snapshot.lag_s is None:
+        words = (
+            "the vehicle is heard but answers nothing (no TIMESYNC): a link that carries one way only, or a vehicle "
+            "that accepts signed messages only"
+        )
+        return (Check("lag", words, False),)
+    if snapshot.answer_age_s > LOST_AFTER_S:
+        return (
+            Check("lag", f"the vehicle is heard, but has answered nothing for {snapshot.answer_age_s:.0f} s", False),
+        )
+    late = snapshot.lag_s > LAG_LIMIT_S
+    words = f"{snapshot.lag_s:.2f} s"
+    if late:
+        words += f": an abort would come too late (at most {LAG_LIMIT_S:g} s); use a faster link, or stream less"
+    return (Check("lag", words, not late),)
+
+
+def lean_stop(parameters: Mapping[str, float]) -> Check:
+    """Beyond which lean the vehicle ends a sweep by itself, whatever becomes of the link."""
+    degrees = parameters.get("ATC_ANGLE_MAX")
+    if degrees is None and "ANGLE_MAX" in parameters:
+        degrees = parameters["ANGLE_MAX"] / 100
+    if degrees is None:
+        return Check("lean stop", "the vehicle does not tell at which lean it ends a sweep by itself (no ANGLE_MAX)")
+    return Check("lean stop", f"the vehicle ends a sweep by itself beyond {degrees:.0f}° (ANGLE_MAX)")
+
+
+def controller(lqr_switch: float | None) -> tuple[Check, ...]:
+    """Whether the LQR is there to follow a commanded rate. `lqr_switch` is LQR_SW, None where the vehicle has none."""
+    if lqr_switch is None:
+        return (Check("controller", "the vehicle does not tell which one follows the rates (no LQR_SW)"),)
+    if lqr_switch != 1:
+        words = "the LQR is not selected (LQR_SW is 0): the pilot switches it on, then fly this again"
+        return (Check("controller", words, False),)
+    return (Check("controller", "the pilot's switch selects the LQR"),)
+
+
+def recording(
+    before: VehicleSnapshot, now: VehicleSnapshot, disk_free: int | None, duration_s: float
+) -> tuple[Check, ...]:
+    """Whether the log arrives (blocks came between two snapshots) and fits on the disk."""
+    came = now.blocks_received - before.blocks_received
+    checks = []
+    if now.recording_problem is not None:
+        checks.append(Check("log", now.recording_problem, False))
+    elif came <= 0:
+        checks.append(
+            Check(
+                "log",
+                "no log blocks arrive: set LOG_BACKEND_TYPE to 3 (file and MAVLink) and restart the autopilot",
+                False,
+            )
+        )
+    else:
+        checks.append(Check("log", f"arrives: {now.blocks_received} blocks, {now.blocks_open} open"))
+    needed = round(LOG_RATE * duration_s) + SPARE_BYTES
+    if disk_free is None:
+        checks.append(Check("disk", "the system does not tell how much is free"))
+    else:
+        enough = disk_free > needed
+        words = f"{_size(disk_free)} free"
+        checks.append(Check("disk", words if enough else f"{words}, {_size(needed)} needed: make room", enough))
+    return tuple(checks)
+
+
+def carried(health: LogHealth | None, loop_hz: float | None) -> tuple[Check, ...]:
+    """Whether the link carries what the vehicle logs: what does not arrive now is missing later."""
+    counted = None if health is None else health.capacity
+    if counted is None:
+        return (Check("log rate", "not known: too little of the log came to count it", False),)
+    needed, sweep = counted.needed / 1e3, SWEEP_RECORD_BYTES * (loop_hz or 0.0) / 1e3
+    more = f" (a sweep adds {sweep:.0f})" if sweep else ""
+    if counted.enough:
+        return (Check("log rate", f"{counted.carried / 1e3:.0f} kB/s arrive of the {needed:.0f} that it needs{more}"),)
+    words = (
+        f"the link carries {counted.carried / 1e3:.1f} kB/s and the log needs {needed:.0f}{more}: "
+        "use a faster link (921,600 baud, USB, UDP), or let the vehicle log less (LOG_BITMASK)"
+    )
+    return (Check("log rate", words, False),)
+
+
+def hover(snapshot: VehicleSnapshot, window: LiveWindow, plans: Sequence[Plan], limits: Limits) -> tuple[Check, ...]:
+    """Whether it hovers quietly, with room for the amplitudes planned. `window` holds the last seconds of the log."""
+    checks = []
+    if snapshot.roll is not None and snapshot.pitch is not None:
+        lean = max(abs(snapshot.roll), abs(snapshot.pitch))
+        steep = lean > LEVEL
+        words = f"{math.degrees(lean):.0f}° lean"
+        checks.append(Check("attitude", words + (": hover level first" if steep else ""), not steep))
+    if window.t.size < 100:
+        checks.append(Check("trim", "not known: no samples of the log yet"))
+        return tuple(checks)
+    spread = float(max(window.p.std(), window.q.std()))
+    checks.append(
+        Check("rates", f"vary by {spread:.2f} rad/s" + (": not a quiet hover" if spread > CALM else ""), spread <= CALM)
+    )
+    amplitude = max((plan.maneuver.amplitude for plan in plans if plan.maneuver.target == "command"), default=0.0)
+    trims = (float(window.delta_x.mean()), float(window.delta_y.mean()))
+    trim = max(map(abs, trims))
+    words = f"delta_x {trims[0]:+.2f}, delta_y {trims[1]:+.2f}"
+    if trim > CENTRED:
+        checks.append(Check("trim", f"{words}: trim the swashplate first", False))
+    elif trim + amplitude > limits.command:
+        checks.append(
+            Check("trim", f"{words}: with amplitude {amplitude:g} beyond the limit {limits.command:g}", False)
+        )
+    else:
+        checks.append(Check("trim", words))
+    return tuple(checks)
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"

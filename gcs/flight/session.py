@@ -1,0 +1,546 @@
+"""The engine: one vehicle on one link, heard and spoken to without a screen.
+
+Two threads. The engine's reads the link, reduces what it hears to a snapshot, runs procedures and writes what is
+recorded. The heartbeat's does nothing else, so that neither a slow disk nor a busy fit lets the vehicle believe the
+ground has gone. Faces read immutable snapshots and call procedures; they hold no lock while they do.
+
+The vehicle is the first autopilot whose heartbeat comes; others are counted and not listened to. After a lost link is
+found again nothing restarts by itself, except that a log being recorded goes on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from gcs.errors import LinkError, TippathError
+from gcs.flight.live import LiveLog, LiveWindow
+from gcs.flight.log_health import LogHealth, Tally, capacity
+from gcs.flight.recorder import Recorder, RecordingSummary
+from gcs.link.clock import LOST_AFTER_S, LinkClock
+from gcs.link.decode import TextAssembly, decode
+from gcs.link.encode import (
+    SET_MESSAGE_INTERVAL,
+    STATION_COMPONENT,
+    STOP_BLOCKS,
+    BlockStatus,
+    Command,
+    Encoder,
+    Send,
+    StationHeartbeat,
+)
+from gcs.link.events import (
+    AutopilotVersion,
+    CommandAck,
+    Event,
+    Heartbeat,
+    LogBlock,
+    StatusText,
+    StatusTextPart,
+)
+from gcs.link.procedures import (
+    Failed,
+    LogBlocks,
+    NoAnswerError,
+    Procedure,
+    ProcedureError,
+    RequestAutopilotVersion,
+)
+from gcs.link.transport import Frame, Transport, open_transport
+from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
+
+T = TypeVar("T")
+
+PRIMARY_SYSTEM = 255
+"""The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
+STATION_SYSTEM = 254
+
+RECEIVE_S = 0.01
+"""How long the engine waits for bytes before it looks at what is due."""
+OTHERS_FOR_S = 10.0
+"""How long a second station or vehicle counts as being there after it was heard."""
+KEPT_TEXTS = 1000
+TALLY_EVERY_S = 0.2
+KEPT_TALLIES = 64
+"""More than two times what a rate is counted over."""
+STOP_WITHIN_S = 15.0
+"""The longest that the end of a recording may take: the sender drops a stream after 10 s."""
+
+# Message -> wanted interval, s. Asked for only while the vehicle does not send it, because intervals outlive us.
+TELEMETRY = {30: 0.1, 1: 1.0, 226: 0.2}
+TELEMETRY_CHECK_S = 2.5
+TELEMETRY_TRIES = 3
+
+
+class _Call:
+    """A procedure under way, and whoever waits for it."""
+
+    def __init__(self, procedure: Procedure[Any]) -> None:
+        self.procedure = procedure
+        self.ended = threading.Event()
+        self.crash: BaseException | None = None
+
+
+@dataclass
+class _Recording:
+    recorder: Recorder
+    blocks: LogBlocks
+    over: threading.Event
+    tallies: deque[Tally]
+
+
+class Session:
+    """A vehicle, connected. A context manager: leaving it ends recording and threads, and closes the link.
+
+    Made by `open`, or in tests from a transport of their own. `clock` gives seconds that never go back, `wall_clock`
+    seconds since 1970.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        primary: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.link = transport.name
+        self.station = PRIMARY_SYSTEM if primary else STATION_SYSTEM
+        self._transport = transport
+        self._clock = clock
+        self._wall_clock = wall_clock
+        self._encoder = Encoder(self.station)
+        self._send_lock = threading.Lock()
+        self._lock = threading.RLock()
+        """Guards all below but the snapshot, which is replaced whole."""
+        self._snapshot: VehicleSnapshot | None = None
+        self._last_heard = -math.inf
+        self._found = threading.Event()
+        self._ending = threading.Event()
+        self._crash: BaseException | None = None
+        self._calls: list[_Call] = []
+        self._version: AutopilotVersion | None = None
+        self._link_clock = LinkClock()
+        self._assembly = TextAssembly()
+        self._texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
+        self._others: dict[tuple[bool, int, int], float] = {}
+        self._sent: deque[bytes] = deque(maxlen=10_000)
+        self._recording: _Recording | None = None
+        self._live = LiveLog()
+        self._live_file = 0
+        self._telemetry_at: dict[int, float] = {}
+        self._telemetry_asked: dict[int, int] = {}
+        self._next_telemetry = math.inf
+        self._threads = (
+            threading.Thread(target=self._engine, name="tippath engine", daemon=True),
+            threading.Thread(target=self._beat, name="tippath heartbeat", daemon=True),
+        )
+        for thread in self._threads:
+            thread.start()
+
+    @classmethod
+    def open(
+        cls,
+        link: str,
+        *,
+        primary: bool = False,
+        recorder: Recorder | None = None,
+        connect_timeout_s: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], float] = time.time,
+    ) -> Session:
+        """Open a LINK and wait for a vehicle; with a recorder, record from the start.
+
+        Raises LinkError where the link makes no sense or cannot be opened, or no vehicle is heard.
+        """
+        session = cls(open_transport(link), primary=primary, clock=clock, wall_clock=wall_clock)
+        try:
+            session.wait_for_vehicle(connect_timeout_s)
+            if recorder is not None:
+                session._record(recorder)
+        except BaseException:
+            session.close()
+            raise
+        return session
+
+    def wait_for_vehicle(self, timeout_s: float) -> None:
+        """Wait for the first heartbeat of an autopilot and ask what it is. Raises LinkError where none comes."""
+        if not self._found.wait(timeout_s):
+            raise LinkError(self._silence(timeout_s))
+        # A vehicle that does not tell its version can still be flown.
+        with contextlib.suppress(ProcedureError):
+            self.call(RequestAutopilotVersion(3))
+
+    def _silence(self, timeout_s: float) -> str:
+        frames, bad_bytes = self._transport.counts
+        if self._transport.problem is not None:
+            heard = self._transport.problem
+        elif frames:
+            heard = f"{frames} MAVLink messages, but no autopilot's heartbeat, in {timeout_s:.0f} s"
+        elif bad_bytes:
+            heard = f"{bad_bytes} bytes that are no MAVLink in {timeout_s:.0f} s; check the baud rate or the port"
+        elif self._transport.strangers:
+            heard = f"{self._transport.strangers} datagrams, none of an autopilot, in {timeout_s:.0f} s"
+        else:
+            heard = f"nothing heard in {timeout_s:.0f} s; check that the vehicle is on and sends to this address"
+        return f"no vehicle at {self.link}: {heard}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # What a face may ask, from any thread.
+
+    def snapshot(self) -> VehicleSnapshot:
+        """What is known now. Raises LinkError before the first heartbeat."""
+        snapshot = self._snapshot
+        if snapshot is None:
+            raise LinkError(f"no vehicle at {self.link} yet")
+        now, clock = self._clock(), self._link_clock
+        age = max(0.0, now - self._last_heard)
+        problem = self._transport.problem if self._crash is None else f"the engine stopped: {self._crash}"
+        return replace(
+            snapshot,
+            link_age_s=age,
+            lost=age > LOST_AFTER_S,
+            lag_s=clock.lag_s,
+            answer_age_s=now - clock.answered_s,
+            known_age_s=now - clock.known_s,
+            link_problem=problem,
+        )
+
+    def call(
+        self,
+        procedure: Procedure[T],
+        timeout_s: float | None = None,
+        *,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> T:
+        """Run a procedure to its end and give its value.
+
+        Raises ProcedureError: refused, unanswered, not done in `timeout_s` (real seconds; the procedure's own patience
+        where it is None), or `cancelled()` became true.
+        """
+        call = _Call(procedure)
+        with self._lock:
+            if self._version is not None:
+                procedure.on_event(self._version, self._clock())
+            try:
+                self._say(procedure.start(self._clock()))
+            except ValueError as error:  # MAVLink cannot carry it
+                raise ProcedureError(str(error)) from error
+            if procedure.outcome is None:
+                self._calls.append(call)
+            else:
+                call.ended.set()
+        give_up = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        try:
+            while not call.ended.wait(min(0.05, max(0.0, give_up - time.monotonic()))):
+                if cancelled is not None and cancelled():
+                    raise ProcedureError("cancelled")
+                if time.monotonic() >= give_up:
+                    raise NoAnswerError(f"not done in {timeout_s:g} s")
+                if self._ending.is_set() or self._crash is not None:
+                    raise ProcedureError(f"the link is closed ({self._crash or self.link})")
+        finally:
+            with self._lock:
+                if call in self._calls:
+                    self._calls.remove(call)
+        if call.crash is not None:
+            raise call.crash
+        outcome = procedure.outcome
+        assert outcome is not None
+        if isinstance(outcome, Failed):
+            raise outcome.error()
+        return outcome.value
+
+    def send(self, *sends: Send) -> None:
+        """Say something that needs no answer, at once."""
+        self._say(sends)
+
+    def texts_since(self, cursor: int) -> tuple[int, list[Text]]:
+        """The vehicle's texts numbered above `cursor` (0: all that are kept), and the cursor for the next time."""
+        with self._lock:
+            texts = [text for text in self._texts if text.number > cursor]
+        return (texts[-1].number if texts else cursor), texts
+
+    def samples(self, last_s: float) -> LiveWindow:
+        """The last seconds of the log being recorded; empty arrays while there is none."""
+        return self._live.window(last_s)
+
+    def log_health(self) -> LogHealth | None:
+        """How the log being recorded arrives, at this moment; None while nothing is recorded. Cheap: ask every tick."""
+        with self._lock:
+            recording = self._recording
+            if recording is None:
+                return None
+            now, blocks = self._clock(), recording.blocks
+            present = self._tally(recording, now)
+            return LogHealth(
+                file=blocks.file,
+                blocks=blocks.received,
+                open=blocks.open,
+                silent_s=None if blocks.kept_at is None else max(0.0, now - blocks.kept_at),
+                log_s=present.log_s,
+                clock_s=blocks.vehicle_clock_s(now),
+                capacity=capacity([*recording.tallies, present]),
+                reported=blocks.reported,
+                problem=recording.recorder.problem,
+            )
+
+    @property
+    def receive_buffer(self) -> int | None:
+        """What the system gave for receiving, bytes."""
+        return self._transport.receive_buffer
+
+    # Recording.
+
+    def start_recording(self, directory: Path) -> None:
+        """Ask for the vehicle's log and write it, and the telemetry, into `directory`, as it comes.
+
+        Returns at once; the snapshot's `blocks_received` shows that it works. Raises TippathError where the folder
+        cannot be written, or something is being recorded already.
+        """
+        with self._lock:
+            self._refuse_second()
+            self._record(Recorder(directory, self._wall_clock))
+
+    def _record(self, recorder: Recorder) -> None:
+        with self._lock:
+            self._refuse_second()
+            self._live.restart()
+            self._live_file = 0
+            self._sent.clear()
+            blocks = LogBlocks(self._store, self._live.end_s)
+            self._recording = _Recording(recorder, blocks, threading.Event(), deque(maxlen=KEPT_TALLIES))
+            self._recording.tallies.append(self._tally(self._recording, self._clock()))
+            self._say(blocks.start(self._clock()))
+
+    def _refuse_second(self) -> None:
+        if self._recording is not None:
+            raise TippathError(f"already recording into {self._recording.recorder.directory}")
+
+    def _store(self, file: int, number: int, data: bytes) -> bool:
+        assert self._recording is not None
+        if file != self._live_file:
+            self._live.restart()
+            self._live_file = file
+            self._recording.tallies.clear()
+        self._live.feed(number, data)
+        tallies, now = self._recording.tallies, self._clock()
+        if not tallies or now - tallies[-1].at_s >= TALLY_EVERY_S:
+            tallies.append(self._tally(self._recording, now))
+        return self._recording.recorder.store(file, number, data)
+
+    def shed_log(self) -> None:
+        """Ask the vehicle to send no more of its log: the link is too late to carry it. The recording ends as usual."""
+        with self._lock:
+            if self._recording is not None:
+                self._say(self._recording.blocks.stop(self._clock()))
+
+    def _tally(self, recording: _Recording, now: float) -> Tally:
+        log_s, read = self._live.progress()
+        blocks = recording.blocks
+        return Tally(at_s=now, kept=blocks.received, numbered=blocks.numbered, read=read, log_s=log_s)
+
+    def stop_recording(self, within_s: float = STOP_WITHIN_S) -> RecordingSummary:
+        """End the log and say what is on disk; waits until the vehicle has sent the rest, or has nothing more.
+
+        Raises TippathError where nothing is being recorded.
+        """
+        with self._lock:
+            recording = self._recording
+            if recording is None:
+                raise TippathError("nothing is being recorded")
+            self._say(recording.blocks.stop(self._clock()))
+        end = time.monotonic() + within_s
+        while not recording.over.wait(0.05) and time.monotonic() < end:
+            if self._ending.is_set() or self._crash is not None:
+                break
+        with self._lock:
+            self._log_sent()
+            self._recording = None
+            self._update(recording=None)
+            return recording.recorder.finish(recording.blocks.results(self._clock()))
+
+    def close(self) -> None:
+        """End the stream of blocks, both threads and the link; what is recorded stays. Twice is no harm."""
+        if self._ending.is_set():
+            return
+        with contextlib.suppress(TippathError):
+            lost = self._snapshot is None or self.snapshot().lost
+            self.stop_recording(0.5 if lost else 3.0)
+        if self._snapshot is not None:
+            # The vehicle keeps intervals for the next one on this link: give its own back.
+            self._say(Command(SET_MESSAGE_INTERVAL, (float(m), 0.0)) for m in self._telemetry_asked)
+        self._ending.set()
+        for thread in self._threads:
+            thread.join(2.0)
+        self._transport.close()
+
+    # The two threads.
+
+    def _beat(self) -> None:
+        while True:
+            self._say([StationHeartbeat()])
+            if self._ending.wait(1.0):
+                return
+
+    def _engine(self) -> None:
+        try:
+            while not self._ending.is_set():
+                frames = self._transport.receive(RECEIVE_S)
+                with self._lock:
+                    now = self._clock()
+                    for frame in frames:
+                        self._hear(frame, now)
+                    self._poll(now)
+        except Exception as error:
+            self._crash = error  # shown by the snapshot, told to every call
+
+    def _hear(self, frame: Frame, now: float) -> None:
+        if self._recording is not None and frame.message.get_msgId() != 184:
+            self._recording.recorder.frame(frame.raw)
+        event = decode(frame.message)
+        snapshot = self._snapshot
+        if isinstance(event, Heartbeat):
+            self._note_others(event, now)
+            if snapshot is None and event.from_autopilot:
+                snapshot = self._pin(event, now)
+        if snapshot is None or frame.message.get_srcSystem() != snapshot.system:
+            return
+        self._last_heard = now
+        if frame.message.get_srcComponent() == snapshot.component and frame.message.get_msgId() in TELEMETRY:
+            self._telemetry_at[frame.message.get_msgId()] = now
+        if isinstance(event, StatusTextPart):
+            for text in self._assembly.add(event, now):
+                self._on_event(text, now)
+        elif event is not None:
+            self._on_event(event, now)
+
+    def _pin(self, event: Heartbeat, now: float) -> VehicleSnapshot:
+        self._encoder.target = (event.system, event.component)
+        self._snapshot = VehicleSnapshot(event.system, event.component)
+        self._next_telemetry = now + TELEMETRY_CHECK_S
+        return self._snapshot
+
+    def _note_others(self, event: Heartbeat, now: float) -> None:
+        known = self._snapshot
+        ours = known is not None and event.system == known.system
+        if event.from_station or (event.from_autopilot and not ours and known is not None):
+            self._others[(event.from_station, event.system, event.component)] = now
+
+    def _on_event(self, event: Event, now: float) -> None:
+        assert self._snapshot is not None
+        if isinstance(event, CommandAck) and event.target_system not in (0, self.station):
+            return
+        if isinstance(event, CommandAck) and event.target_component not in (0, STATION_COMPONENT):
+            return
+        own = event.component == self._snapshot.component
+        if own:
+            self._link_clock.on_event(event, now)
+        known_s, late_s = self._link_clock.known_s, self._link_clock.stamp_age_s(now)
+        self._snapshot = reduce(self._snapshot, event, now, known_s=known_s, late_s=late_s)
+        if isinstance(event, StatusText):
+            self._texts.append(self._snapshot.texts[-1])
+        if isinstance(event, Heartbeat) and self._snapshot.heartbeats:
+            self._found.set()
+        if isinstance(event, AutopilotVersion) and own:
+            self._version = event
+        if self._recording is not None and (own or isinstance(event, LogBlock)):
+            self._say(self._recording.blocks.on_event(event, now))
+        if own:
+            for call in list(self._calls):
+                self._step(call, lambda procedure: procedure.on_event(event, now))
+
+    def _step(self, call: _Call, step: Callable[[Procedure[Any]], Iterable[Send]]) -> None:
+        if call.ended.is_set():
+            return
+        try:
+            self._say(step(call.procedure))
+            over = call.procedure.outcome is not None
+        except Exception as error:
+            call.crash, over = error, True  # its caller's matter, not the link's
+        if over:
+            call.ended.set()
+
+    def _poll(self, now: float) -> None:
+        if self._snapshot is None:
+            return
+        for text in self._assembly.overdue(now):
+            self._on_event(text, now)
+        for call in list(self._calls):
+            self._step(call, lambda procedure: procedure.poll(now))
+        if self._recording is not None:
+            self._say(self._recording.blocks.poll(now))
+            if self._recording.blocks.outcome is not None:
+                self._recording.over.set()
+            self._log_sent()
+        self._say(self._link_clock.poll(now))
+        self._ask_for_telemetry(now)
+        self._refresh(now)
+
+    def _ask_for_telemetry(self, now: float) -> None:
+        """Ask for what the screens need where the vehicle does not send it, a few times; not on a lost link."""
+        if now < self._next_telemetry:
+            return
+        self._next_telemetry = now + TELEMETRY_CHECK_S
+        if now - self._last_heard > 1.5:
+            return
+        for message, interval_s in TELEMETRY.items():
+            if now - self._telemetry_at.get(message, -math.inf) < max(2.0, 2.5 * interval_s):
+                continue
+            asked = self._telemetry_asked.get(message, 0)
+            if asked < TELEMETRY_TRIES:
+                self._telemetry_asked[message] = asked + 1
+                self._say([Command(SET_MESSAGE_INTERVAL, (float(message), interval_s * 1e6))])
+
+    def _refresh(self, now: float) -> None:
+        for key in [key for key, heard in self._others.items() if now - heard > OTHERS_FOR_S]:
+            del self._others[key]
+        frames, bad_bytes = self._transport.counts
+        self._update(
+            other_stations=sum(station for station, _, _ in self._others),
+            other_vehicles=len({system for station, system, _ in self._others if not station}),
+            strangers=self._transport.strangers,
+            frames=frames,
+            bad_bytes=bad_bytes,
+        )
+        if self._recording is not None:
+            recorder, blocks = self._recording.recorder, self._recording.blocks
+            self._update(
+                recording=recorder.log_path or recorder.directory / "flight.BIN",
+                blocks_received=blocks.received,
+                blocks_open=blocks.open,
+                duplicates=blocks.duplicates,
+                recording_problem=recorder.problem,
+            )
+
+    def _update(self, **changes: Any) -> None:
+        if self._snapshot is not None and any(getattr(self._snapshot, k) != v for k, v in changes.items()):
+            self._snapshot = replace(self._snapshot, **changes)
+
+    def _say(self, sends: Iterable[Send]) -> None:
+        for send in sends:
+            with self._send_lock:
+                raw = self._encoder.encode(send)
+                self._transport.send(raw)
+            if not isinstance(send, BlockStatus) or send.number >= STOP_BLOCKS:
+                self._sent.append(raw)
+
+    def _log_sent(self) -> None:
+        """What was said by either thread goes into the telemetry log from the engine's only."""
+        while self._recording is not None and self._sent:
+            self._recording.recorder.frame(self._sent.popleft())

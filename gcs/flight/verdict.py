@@ -1,0 +1,214 @@
+"""Keep a run, or fly it again? Judged at once, from the samples that came, so that the pilot is still in the air.
+
+Three questions: did the samples come, did the vehicle stay inside its envelope, and was it excited. For a chirp the
+last is the coherence between what was put in and what the vehicle did; for a doublet, whether the command moved as
+planned and the rates answered. A run not to be kept stays out of fits of its folder, unless it is named by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.cards.envelope import Limits, Peaks, Use, use
+from gcs.flight.live import LiveWindow
+from gcs.vehicle.profile import Plan
+from sysid.data.coherence import coherence
+
+FloatArray = NDArray[np.float64]
+
+COHERENT = 0.6
+"""Above this the rates follow the excitation: what is left is noise or something nonlinear."""
+ENOUGH_BAND = 0.6
+"""Part of the swept band that must be coherent."""
+NO_SAMPLES = "no samples came"
+FEW_MISSING = 0.01
+FEW_AT_END_S = 0.25
+"""Missing at a run's end: a chirp is fastest there."""
+SEGMENT_S = 4.0
+"""Length of a piece of the averaged spectra: 0.25 Hz resolution."""
+RATE_SPREAD = 0.008
+"""rad/s: a rate that varies by less did not answer; the gyro's own noise is near 0.004."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a run is worth, and why."""
+
+    keep: bool
+    reasons: tuple[str, ...]
+    """Why to fly it again; empty where it is kept."""
+    samples: int
+    expected: int
+    missing: int
+    gaps: int
+    """Stretches of missing samples."""
+    use: Use
+    """Peaks in percent of the limits."""
+    coherent_hz: tuple[float, float] | None
+    """Where a chirp's coherence is above `COHERENT`: lowest and highest frequency."""
+    coherent_share: float | None
+    """Part of the swept band where it is."""
+    ends_early_s: float | None = None
+    """By how much the last sample comes before the run's end, at least a few samples; None where that is not known."""
+
+    @property
+    def gaps_words(self) -> str:
+        """`gaps 0`, only where there are samples between which they could be."""
+        if self.samples < 2:
+            return "no samples"
+        at_end = f", {self.ends_early_s:.1f} s missing at the end" if (self.ends_early_s or 0.0) >= 0.05 else ""
+        return f"gaps {self.gaps}{at_end}"
+
+    @property
+    def words(self) -> str:
+        """In one line: `keep   coherence 0.5-9.6 Hz   gaps 0`."""
+        parts = ["keep" if self.keep else "fly again: " + "; ".join(self.reasons)]
+        if self.coherent_hz is not None:
+            parts.append(f"coherence {self.coherent_hz[0]:.1f}-{self.coherent_hz[1]:.1f} Hz")
+        if NO_SAMPLES not in self.reasons:
+            parts.append(self.gaps_words)
+        parts.append(f"{self.use.largest:.0f} % of the limits")
+        return "   ".join(parts)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "keep": self.keep,
+            "reasons": list(self.reasons),
+            "samples": self.samples,
+            "expected": self.expected,
+            "missing": self.missing,
+            "gaps": self.gaps,
+            "ends_early_s": None if self.ends_early_s is None else round(self.ends_early_s, 3),
+            "percent_of_limits": self.use.to_json(),
+            "coherent_hz": None if self.coherent_hz is None else [round(f, 2) for f in self.coherent_hz],
+            "coherent_share": None if self.coherent_share is None else round(self.coherent_share, 3),
+        }
+
+
+def judge(
+    plan: Plan,
+    limits: Limits,
+    peaks: Peaks,
+    samples: Mapping[str, FloatArray],
+    rate_hz: float | None,
+    interruption: str | None = None,
+    start_s: float | None = None,
+) -> Verdict:
+    """The verdict on one run.
+
+    `samples` has arrays of shape (n,) under t, p, q, delta_x, delta_y, excitation_x, excitation_y, cut to the maneuver,
+    and under delta_e, excitation_e where they are known;
+    `rate_hz` is the log's nominal rate, None where it is not known; `interruption` says why the run ended early.
+    `start_s` is the log's time of the maneuver's begin: with it a log that ends before the run did is told from gaps.
+    """
+    t = samples["t"]
+    reasons = [interruption] if interruption is not None else []
+    spacing = float(np.median(np.diff(t))) if t.size > 2 else None
+    if rate_hz is None and spacing:
+        rate_hz = 1 / spacing
+    expected = round(plan.maneuver.duration_s * rate_hz) if rate_hz else 0
+    gaps, lost_inside = _gaps(t, spacing)
+    missing = max(0, expected - int(t.size))
+    early_s = _ends_early(t, spacing, start_s, plan.maneuver.duration_s)
+    if interruption is None:
+        if not expected or t.size < 3:
+            reasons.append(NO_SAMPLES)
+        elif early_s is not None and early_s > min(FEW_AT_END_S, FEW_MISSING * plan.maneuver.duration_s):
+            lost = f" ({missing} of {expected} samples are missing)" if missing else ""
+            reasons.append(f"the log ends {early_s:.1f} s before the run did{lost}")
+        elif missing > FEW_MISSING * expected:
+            reasons.append(f"{missing} of {expected} samples are missing")
+        elif gaps and lost_inside > max(3.0, 0.25 / plan.maneuver.f_stop_hz * (rate_hz or 0.0)):
+            reasons.append(f"{gaps} gaps")
+    share = use(limits, peaks)
+    if share.largest > 100:
+        reasons.append(f"{share.largest:.0f} % of the limits")
+    band, part = None, None
+    if interruption is None and t.size >= 3 and rate_hz:
+        if plan.maneuver.kind == "chirp":
+            band, part = coherent_band(plan, samples, rate_hz)
+            if part < ENOUGH_BAND:
+                reasons.append(f"the rates follow the excitation in only {100 * part:.0f} % of the band")
+        elif plan.maneuver.kind == "doublet":
+            reasons += _unanswered(plan, samples)
+    ends_early_s = early_s if interruption is None else None
+    return Verdict(not reasons, tuple(reasons), int(t.size), expected, missing, gaps, share, band, part, ends_early_s)
+
+
+def _ends_early(t: FloatArray, spacing: float | None, start_s: float | None, duration_s: float) -> float | None:
+    """Time without samples before the run's end; up to three samples more or less are none."""
+    if spacing is None or start_s is None:
+        return None
+    early_s = start_s + duration_s - spacing - float(t[-1])
+    return early_s if early_s > 3 * spacing else 0.0
+
+
+def _gaps(t: FloatArray, spacing: float | None) -> tuple[int, float]:
+    """Stretches with samples missing, and the samples missing in the longest."""
+    if spacing is None:
+        return 0, 0.0
+    steps = np.diff(t)
+    wide = steps[steps > 1.8 * spacing]
+    return int(wide.size), float(wide.max() / spacing - 1) if wide.size else 0.0
+
+
+def _input(plan: Plan, samples: Mapping[str, FloatArray]) -> FloatArray:
+    """What was put in on the excited axis: the excitation where it is logged, else the command."""
+    letter = {"roll": "x", "pitch": "y", "elevator": "e"}[plan.maneuver.axis]
+    unknown = np.full(samples["t"].shape, np.nan)
+    excitation = samples.get("excitation_" + letter, unknown)
+    known = np.isfinite(excitation)
+    if known.mean() > 0.99 and np.any(excitation[known]):
+        return np.where(known, excitation, 0.0)
+    return np.nan_to_num(samples.get("delta_" + letter, unknown))
+
+
+def coherent_band(
+    plan: Plan, samples: Mapping[str, FloatArray], rate_hz: float
+) -> tuple[tuple[float, float] | None, float]:
+    """Where either rate follows the excitation: lowest and highest frequency in Hz, and the part of the swept band.
+
+    Ordinary coherence of one input, the larger of p and q at each frequency: a swashplate that is turned answers on the
+    other axis.
+    """
+    put_in = _input(plan, samples)
+    n = int(min(SEGMENT_S * rate_hz, put_in.size / 4))
+    if n < 16:
+        return None, 0.0
+    low, high = plan.maneuver.f_start_hz, plan.maneuver.f_stop_hz
+    frequency = np.fft.rfftfreq(n, 1 / rate_hz)
+    swept = (frequency >= low) & (frequency <= high)
+    best = np.maximum(coherence(put_in, samples["p"], n), coherence(put_in, samples["q"], n))
+    good = swept & (best >= COHERENT)
+    if not good.any():
+        return None, 0.0
+    inside = frequency[good]
+    return (float(inside[0]), float(inside[-1])), float(good.sum() / swept.sum())
+
+
+def _unanswered(plan: Plan, samples: Mapping[str, FloatArray]) -> list[str]:
+    reasons = []
+    if plan.maneuver.target == "command":
+        put_in = _input(plan, samples)
+        reach = 0.5 * float(put_in.max() - put_in.min())
+        if reach < 0.5 * plan.maneuver.amplitude:
+            reasons.append(
+                f"the command moved by {reach:.3f}, not by {plan.maneuver.amplitude:g}: no doublet was flown"
+            )
+    spread = float(max(samples["p"].std(), samples["q"].std()))
+    if spread < RATE_SPREAD:
+        reasons.append(f"the rates did not answer (they vary by {spread:.4f} rad/s)")
+    return reasons
+
+
+def cut(window: LiveWindow, start_s: float, stop_s: float) -> dict[str, FloatArray]:
+    """The samples with start_s <= t <= stop_s of the log's time, as `judge` wants them."""
+    keep = (window.t >= start_s) & (window.t <= stop_s)
+    names = ("t", "p", "q", "delta_x", "delta_y", "delta_e", "excitation_x", "excitation_y", "excitation_e")
+    known = {name: getattr(window, name) for name in names}
+    return {name: values[keep] for name, values in known.items() if values is not None}

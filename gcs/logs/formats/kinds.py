@@ -1,0 +1,216 @@
+"""The kinds of log that are read: how each is recognised and opened.
+
+To read another kind, write its module beside this one (a class that is a `gcs.logs.formats.tables.Log`) and add it to
+`FORMATS`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from gcs.errors import TippathError
+from gcs.logs.formats import dataflash, dataflash_text, ulog
+from gcs.logs.formats.csv import CsvFile
+from gcs.logs.formats.damage import Damage
+from gcs.logs.formats.dataflash_table import DataFlashTables, MessageLog
+from gcs.logs.formats.tables import Log
+from gcs.logs.profile import profiles
+from gcs.logs.profile.profiles import Profile
+from gcs.logs.words import printable
+from sysid.data.record import CHANNELS
+
+HEAD_BYTES = 64
+READ = "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), and records (.npz) of tippath ingest -o"
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A log that was read, before runs are looked for."""
+
+    boots: tuple[Log, ...]
+    """One for each boot of the vehicle, in the file's order; each has its own clock. At least one."""
+    kind: str
+    sha256: str
+    """Of the file's bytes, hexadecimal."""
+    profile: Profile
+    """The one asked for, or the bundled one that suits the log best."""
+    damage: Damage | None = None
+    """None where the format has no way to tell."""
+    notes: tuple[str, ...] = ()
+    """What is wrong with the log and so with every run of it."""
+    hints: tuple[str, ...] = ()
+    """What whoever ingests it should know, but not whoever fits its runs."""
+    cut: tuple[Profile, ...] = ()
+    """For each boot the profile with the runs that the log itself cuts out of it; empty where it does not."""
+
+    @property
+    def parts(self) -> list[tuple[Log, Profile]]:
+        """Each boot with the profile that it is read by."""
+        return list(zip(self.boots, self.cut or [self.profile] * len(self.boots), strict=True))
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of log."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    """In lower case."""
+    recognises: Callable[[bytes], bool]
+    """Whether the first `HEAD_BYTES` of a file are of this kind, whatever its name; no guesses."""
+    open: Callable[[Path, Profile | None], Opened]
+    """Raises TippathError for what cannot be read at all."""
+
+
+def open_log(path: Path, profile: Profile | None) -> Opened:
+    """Open a log by its first bytes, or its ending. Raises TippathError for what is no log that is read here."""
+    suffix = path.suffix.lower()
+    require_file(path)
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+    except OSError as error:
+        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+    for format in FORMATS:
+        if format.recognises(head):
+            return format.open(path, profile)
+    for format in FORMATS:
+        if suffix in format.suffixes:
+            return format.open(path, profile)
+    raise TippathError(f"{path}: unknown kind of log ({suffix or 'no ending'}). Read are: {READ}")
+
+
+def require_file(path: Path) -> None:
+    """Raises TippathError for what holds no bytes that can be read twice, and why; a pipe would be waited for."""
+    if path.is_file():
+        return
+    if path.is_symlink() and not path.exists():
+        raise TippathError(f"{path}: a link to what does not exist")
+    if path.exists():
+        raise TippathError(f"{path}: not a file but a pipe or a device; save what it gives and name that file")
+    name, mark, number = path.name.rpartition("#")
+    if mark and number.isdecimal() and path.with_name(name or mark).is_file():
+        raise TippathError(f"{path}: no such file; {name} is one: all its runs are listed, name it without #{number}")
+    raise TippathError(f"{path}: no such file or folder")
+
+
+def suffixes() -> tuple[str, ...]:
+    """The endings of logs in a folder, those that hold most first; .txt is too often something else."""
+    return tuple(suffix for format in FORMATS for suffix in format.suffixes if suffix != ".txt")
+
+
+def _never(head: bytes) -> bool:
+    return False
+
+
+def _is_dataflash(head: bytes) -> bool:
+    return head[:2] == bytes(dataflash.HEAD)
+
+
+def _open_dataflash(path: Path, profile: Profile | None) -> Opened:
+    log = dataflash.read(path)
+    return _dataflash_opened(log.boots, path, profile, log.sha256(), log.damage)
+
+
+def _open_dataflash_text(path: Path, profile: Profile | None) -> Opened:
+    log, sha256 = dataflash_text.read(path)
+    return _dataflash_opened(log.boots, path, profile, sha256, log.damage, log.notes)
+
+
+def _dataflash_opened(
+    logs: Sequence[MessageLog],
+    path: Path,
+    profile: Profile | None,
+    sha256: str,
+    damage: Damage,
+    notes: tuple[str, ...] = (),
+) -> Opened:
+    """The boots of a DataFlash log, in whichever of its two spellings."""
+    time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
+    scale = None if profile is None else profile.time_scale
+    boots = tuple(DataFlashTables(boot, str(path), time, scale) for boot in logs)
+    sampled = tuple(boot for boot in boots if boot.sampled) or boots[:1]
+    if len(boots) > 1:
+        silent = len(boots) - len(sampled)
+        notes = (
+            *notes,
+            f"{len(boots)} boots in this log, each with its own clock"
+            + (f"; {silent} of them without samples" if silent else ""),
+        )
+    chosen = profile
+    for boot in sampled:
+        chosen = chosen or profiles.choose(boot, profiles.bundled_profiles())
+    if chosen is None:
+        chosen = next(one for one in profiles.bundled_profiles() if one.name == "arducopter")
+    return Opened(sampled, "dataflash", sha256, chosen, damage, notes)
+
+
+def _open_ulog(path: Path, profile: Profile | None) -> Opened:
+    log = ulog.read(path)
+    sha256 = hashlib.sha256(log.data.data).hexdigest()
+    chosen, tables = ulog.choose(log, str(path), profile, profiles.bundled_profiles())
+    return Opened((tables,), "ulog", sha256, chosen, log.damage, log.notes, ulog.advice(tables, chosen))
+
+
+def _is_tlog(head: bytes) -> bool:
+    """A time in us since 1970, and behind it what begins a MAVLink frame; the next frame too, where the head has it."""
+    if len(head) < 18 or head[0] != 0 or head[1] >= 0x0F or not any(head[1:8]) or head[8] not in (0xFD, 0xFE):
+        return False
+    if head[8] == 0xFD and head[10] > 1:
+        return False
+    length = 8 + head[9] if head[8] == 0xFE else 12 + head[9] + 13 * head[10]
+    return len(head) <= 16 + length or head[16 + length] in (0xFD, 0xFE)
+
+
+def _open_tlog(path: Path, profile: Profile | None) -> Opened:
+    from gcs.logs.formats import tlog
+
+    log = tlog.read(path)
+    chosen = tlog.choose(log, profile, profiles.bundled_profiles())
+    return Opened(log.boots, "tlog", log.sha256, chosen, log.damage, log.notes, log.hints)
+
+
+def _open_csv(path: Path, profile: Profile | None) -> Opened:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+    file = CsvFile.parse(raw, str(path))
+    chosen = profile or _csv_profile(file)
+    log = profiles.open_csv(file, chosen)
+    hints = [*file.layout.hints]
+    if profile is None and chosen.name == "channels":
+        others = [name for name in file.layout.names if name and name not in CHANNELS]
+        if others:
+            hints.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
+    cut: tuple[Profile, ...] = ()
+    if chosen.settings is not None:
+        told = [profiles.cuts_by_settings(chosen, boot) for boot in log.boots]
+        cut = tuple(replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ()))) for cuts, notes in told)
+        hints += [note for cuts, notes in told if not cuts for note in notes]
+    sha256 = hashlib.sha256(raw).hexdigest()
+    return Opened(log.boots, "csv", sha256, chosen, log.damage, log.notes, tuple(hints), cut)
+
+
+def _csv_profile(file: CsvFile) -> Profile:
+    """Of the bundled profiles the one whose columns are there; a header of channel names needs none."""
+    layout = file.layout
+    names = [name for name in layout.names if file.column(name) is not None]
+    units = {name: layout.units[place] for name in names if (place := file.column(name)) is not None}
+    if {"p", "q"} <= set(names):
+        return profiles.contract_profile(names, units, file.path)
+    columns = set(file.header)
+    bundled = (one for one in profiles.bundled_profiles() if one.kind == "csv" and set(one.needs) <= columns)
+    return next(bundled, profiles.contract_profile(names, {}, file.path))
+
+
+FORMATS = (
+    Format("dataflash", (".bin",), _is_dataflash, _open_dataflash),
+    Format("ulog", (".ulg",), ulog.is_ulog, _open_ulog),
+    Format("dataflash", (".log",), dataflash_text.recognises, _open_dataflash_text),
+    Format("tlog", (".tlog",), _is_tlog, _open_tlog),
+    Format("csv", (".csv", ".txt"), _never, _open_csv),
+)

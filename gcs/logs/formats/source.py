@@ -1,0 +1,27 @@
+"""A log as it was read: what is known of the file itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs.logs.formats.damage import Damage
+from gcs.logs.profile.profiles import Profile
+
+
+@dataclass(frozen=True)
+class Source:
+    """A log as it was read."""
+
+    path: str
+    sha256: str
+    kind: str
+    """`dataflash`, `ulog`, `tlog`, `csv` or `record`."""
+    profile: Profile | None = None
+    damage: Damage | None = None
+    """None where the format has no way to tell."""
+    fields: tuple[str, ...] = ()
+    """What the log holds, for writing a profile."""
+    notes: tuple[str, ...] = ()
+    """What is wrong with the log and so with every run of it."""
+    hints: tuple[str, ...] = ()
+    """What whoever ingests it should know, but not whoever fits its runs."""

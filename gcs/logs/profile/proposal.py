@@ -1,0 +1,180 @@
+"""A profile to start from: the channels that were found in a log, and guesses by name for the others.
+
+A guess is no answer: it is marked as one, and sign, unit and order of motors are for the user to check. The text is
+valid TOML and is accepted by `--profile` as it stands.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from gcs.logs.profile.profiles import ChannelSource
+from gcs.logs.profile.units import factor
+from gcs.logs.words import printable
+from sysid.data.record import CHANNELS, REQUIRED
+
+_LETTERS = {"p": ("p", "x", "roll"), "q": ("q", "y", "pitch"), "r": ("r", "z", "yaw")}
+_CONTROL = r"(cmd|command|ctrl|control|out|output|cyclic|cyc|servo|stick|input|delta|u)"
+
+
+def _rates(letter: str, axis: str, name: str) -> tuple[str, ...]:
+    index = "xyz".index(axis)
+    return (
+        rf"^rate\.{name[0]}$",
+        rf"(^|[ _]){letter}$",
+        rf"{name}[ ._]?(rate|speed|vel)$",
+        rf"rate[ ._]?({letter}|{name}|{axis})$",
+        rf"gyro?s?([ ._]\w+)?[ ._]?({axis}|{letter})([ ._]|$)",
+        rf"(^|[ ._])(g|w|omega[ ._]?){axis}$",
+        rf"(angular_velocity|gyro\w*)\.\w+\[{index}\]$",
+        rf"{name}speed$",
+    )
+
+
+def _commands(name: str, letter: str, other: str, index: int) -> tuple[str, ...]:
+    return (
+        rf"{_CONTROL}[ ._]?{name}$",
+        rf"{name}[ ._]?{_CONTROL}$",
+        rf"^rate\.{letter}out$",
+        rf"(^|[ ._])({other})([ ._]?{_CONTROL})?$",
+        rf"(torque_setpoint|actuator_controls_0)\.(xyz|control)\[{index}\]$",
+        rf"^u[ ._]?{index + 1}$",
+    )
+
+
+GUESSES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        **{channel: _rates(*letters) for channel, letters in _LETTERS.items()},
+        "delta_x": _commands("roll", "r", "ail|aileron|lat|lateral|lat_cyc", 0),
+        "delta_y": _commands("pitch", "p", "ele|elevator|lon|longitudinal|lon_cyc", 1),
+        "omega": (r"(^|[ ._])rpm([ ._]?1)?$", r"rotor[ ._]?speed$"),
+    }
+)
+"""Channel -> patterns of names (in lower case, without the unit behind it), likeliest first."""
+
+_WANTED = re.compile(r"des(ired)?$|[ ._]sp$|rate_?setpoint|target|[ ._]ref$")
+_MOTORS = re.compile(r"^(?:m|motors?[ ._]?|pwm[ ._]?|mot[ ._]?)([1-4])$")
+_TIMES = (
+    (re.compile(r"(time|stamp|^t)\w*_?(us|usec|micros)$|^(micros|timeus)$"), 1e-6),
+    (re.compile(r"(time|stamp|^t)\w*_?(ms|msec|millis)$|^(millis|timems)$"), 1e-3),
+    (re.compile(r"(time|stamp|^t)\w*_?(ns|nsec)$"), 1e-9),
+    (re.compile(r"^(t|time|time_?s|seconds|secs?|elapsed)$"), 1.0),
+    (re.compile(r"^timestamp$"), 1e-6),
+    (re.compile(r"time|stamp"), 1.0),
+)
+_UNIT = re.compile(r"^(.*?\S)\s*[\[(](?!\d+[\])])([^\[\]()]*)[\])]$")
+_DEGREES = re.compile(r"deg|dps|°")
+_IN_DEGREES = ("RATE.", "SIDD.", "PIDR.", "PIDP.", "PIDY.")
+
+
+def propose(
+    fields: Sequence[str],
+    kind: str,
+    found: Mapping[str, ChannelSource],
+    time: tuple[str | None, float | None] = (None, None),
+) -> str:
+    """TOML text of a profile for a log with these fields.
+
+    found: channel -> where it came from, for those that were found; they stay as they are. time: source and scale, as
+    the profile in use has them.
+    """
+    lines = ["# save as mine.toml, correct it, and name it: --profile mine.toml", 'name = "mine"', ""]
+    lines += _time(fields, kind, time)
+    for channel in dict.fromkeys((*REQUIRED[1:], *found, "r", "omega")):
+        if channel in found:
+            lines += _entry(channel, found[channel].sources[0], found[channel], "found")
+            continue
+        guess = _guess(channel, fields)
+        if guess is not None:
+            lines += _entry(channel, *guess)
+        elif channel in REQUIRED:
+            lines += [
+                f"[channels.{channel}]   # {CHANNELS[channel]}; no name in this log looks like it",
+                'source = "FIELD"   # write a field, or arithmetic on fields such as "(m3 + m4 - m1 - m2) / 2"',
+                "",
+            ]
+    return "\n".join(lines)
+
+
+def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None]) -> list[str]:
+    source, scale = time
+    if kind != "csv" and source is None:
+        return ["# time: the log's own clock, no [time] needed", ""]
+    if source is None or source not in (*fields, *(_plain(name) for name in fields)):
+        guess = next(((f, s) for pattern, s in _TIMES for f in fields if pattern.search(_plain(f).lower())), None)
+        if guess is None:
+            return ["[time]   # no name in this log looks like it", 'source = "TIME_COLUMN"', "scale = 1.0", ""]
+        source, scale = guess
+        written = factor("t", _unit(source))
+        scale = scale if not _unit(source) or written is None else written
+    return ["[time]", f"source = {_quoted(source)}", f"scale = {scale or 1.0:.12g}   # to seconds", ""]
+
+
+def _guess(channel: str, fields: Sequence[str]) -> tuple[str, ChannelSource, str] | None:
+    same = next((field for field in fields if _plain(field) == channel), None)
+    if same is not None:
+        scale, why = _scale(channel, same)
+        return same, ChannelSource(channel, (same,), scale), f"by its name; {why}"
+    for pattern in GUESSES.get(channel, ()):
+        for field in fields:
+            name = _plain(field).lower()
+            name = (
+                re.sub(r"[ ._]?(deg|rad|°)?[ ._/]?(per[ ._]?)?(s|sec)$|[ ._]?dps$", "", name)
+                if _has_unit(name)
+                else name
+            )
+            if re.search(pattern, name) and not _WANTED.search(name):
+                scale, why = _scale(channel, field)
+                return field, ChannelSource(channel, (field,), scale), f"guessed by name: check the sign; {why}"
+    motors = {found[1]: field for field in fields if (found := _MOTORS.match(_plain(field).lower()))}
+    if channel in ("delta_x", "delta_y") and len(motors) == 4 and all(m.isidentifier() for m in motors.values()):
+        one, two, three, four = (motors[number] for number in "1234")
+        signs = f"-{one} - {two} + {three} + {four}" if channel == "delta_x" else f"{one} - {two} - {three} + {four}"
+        why = "guessed: X frame with the motors in Bitcraze's order; check the order, divide by twice full command"
+        return f"({signs}) / 2", ChannelSource(channel, (f"({signs}) / 2",)), why
+    return None
+
+
+def _has_unit(name: str) -> bool:
+    return re.search(r"(deg|rad|°)[ ._/]?(per[ ._]?)?(s|sec)$|dps$", name) is not None
+
+
+def _scale(channel: str, field: str) -> tuple[float, str]:
+    unit = CHANNELS[channel]
+    written = _unit(field)
+    if written:
+        known = factor(channel, written)
+        return (1.0, f"unit {written} not known, in {unit}?") if known is None else (known, f"{written} to {unit}")
+    if channel == "omega":
+        return (math.tau / 60, "1/min to rad/s") if "rpm" in field.lower() else (1.0, "in rad/s?")
+    if unit == "rad/s" and (_DEGREES.search(field.lower()) or field.startswith(_IN_DEGREES)):
+        return math.pi / 180, "deg/s to rad/s"
+    return 1.0, f"in {unit}?"
+
+
+def _entry(channel: str, text: str, source: ChannelSource, why: str) -> list[str]:
+    lines = [f"[channels.{channel}]   # {CHANNELS[channel]}; {printable(why)}", f"source = {_quoted(text)}"]
+    if source.scale != 1.0:
+        lines.append(f"scale = {source.scale!r}")
+    if source.offset:
+        lines.append(f"offset = {source.offset!r}")
+    return [*lines, ""]
+
+
+def _plain(field: str) -> str:
+    found = _UNIT.match(field)
+    return field if found is None else found[1]
+
+
+def _unit(field: str) -> str:
+    found = _UNIT.match(field)
+    return "" if found is None else found[2].strip()
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string."""
+    return json.dumps(printable(text))

@@ -1,0 +1,29 @@
+"""Where a maneuver lies in a log, before its data are looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gcs.logs.formats.tables import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Span:
+    """Where a maneuver lies in a log, before its data are looked at."""
+
+    start_s: float
+    stop_s: float
+    first_s: float
+    """The record may begin here at the earliest..."""
+    last_s: float
+    """... and end here at the latest."""
+    maneuver: str = "unknown"
+    axis: str | None = None
+    swept_band_hz: tuple[float, float] | None = None
+    planned_s: float | None = None
+    excites_command: bool = True
+    reasons: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    entered_s: float | None = None
+    track: tuple[FloatArray, FloatArray] | None = None
+    """Times (s) and frequencies (Hz) of a chirp that was found by its excitation, both of shape (n,)."""

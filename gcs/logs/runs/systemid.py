@@ -1,0 +1,216 @@
+"""ArduPilot's mode SYSTEMID in a DataFlash log: what SIDS, SIDD, MODE and MSG tell about the maneuvers flown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gcs.logs.formats.dataflash_table import DataFlashTables
+from gcs.logs.formats.tables import FloatArray, Series
+from gcs.logs.runs.span import Span
+
+SYSTEMID = 25
+LEAD_S = 1.0  # of nothing before the maneuver
+AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
+"""SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
+RATE_AXES = (7, 8)  # the excitation is added to the rate command: it is no part of the cyclic command
+KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One entry into mode SYSTEMID."""
+
+    t: float
+    axis: int | None = None
+    band: tuple[float, float] | None = None
+    duration_s: float | None = None
+    lost: bool = False
+    """SIDS is missing; the entry was worked out from SIDD."""
+
+
+def find(log: DataFlashTables) -> list[Span]:
+    """The maneuvers of a DataFlash log, in order of time."""
+    sidd = log.series("SIDD.Targ") if log.has("SIDD.Targ") and log.has("SIDD.Time") else None
+    entries = _entries(log, sidd)
+    leaving = _leaving(log)
+    texts = log.texts()
+    end_of_log = _end(log)
+    spans = []
+    for i, entry in enumerate(entries):
+        end = min(
+            entries[i + 1].t if i + 1 < len(entries) else math.inf,
+            next((t for t in leaving if t > entry.t), math.inf),
+            end_of_log,
+        )
+        spans.append(_span(log, entry, end, sidd, [(t, text) for t, text in texts if entry.t <= t <= end + 0.5]))
+    return spans
+
+
+def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
+    entries = []
+    if log.has("SIDS.Ax"):
+        t = log.series("SIDS.Ax").t
+        columns = {c: log.series(f"SIDS.{c}").values for c in ("Ax", "FSt", "FSp", "TR") if log.has(f"SIDS.{c}")}
+        for i, at in enumerate(t.tolist()):
+            low, high, duration = (float(columns[c][i]) if c in columns else math.nan for c in ("FSt", "FSp", "TR"))
+            entries.append(
+                _Entry(
+                    at,
+                    _number(columns["Ax"][i]),
+                    (low, high) if 0 < low < high < math.inf else None,
+                    duration if 0 < duration < 3600 else None,
+                )
+            )
+    if sidd is not None:
+        clock = log.series("SIDD.Time").values
+        for at in _restarts(sidd.t, clock):
+            if not any(abs(at - entry.t) < 1.5 for entry in entries):
+                entries.append(_Entry(at, lost=True))
+    return sorted(entries, key=lambda entry: entry.t)
+
+
+def _number(value: float) -> int:
+    """A setting that is a number of something; -1, which is nothing's, where a damaged format made it none."""
+    return int(value) if math.isfinite(value) else -1
+
+
+def _restarts(t: FloatArray, clock: FloatArray) -> list[float]:
+    """When SIDD.Time was zero, for each stretch in which it ran on; single damaged samples do not count."""
+    begun = t - clock
+    good = np.isfinite(begun)
+    t, begun = t[good], begun[good]
+    edges = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(begun)) > 0.5) + 1, [t.size]))
+    found: list[tuple[float, float]] = []  # time zero of the stretch, at its first and last sample
+    for first, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        if stop - first < 25:
+            continue
+        if found and abs(begun[first] - found[-1][1]) < 0.25:
+            found[-1] = (found[-1][0], float(begun[stop - 1]))
+        else:
+            found.append((float(begun[first]), float(begun[stop - 1])))
+    return [zero for zero, _ in found]
+
+
+def _leaving(log: DataFlashTables) -> list[float]:
+    """When another mode than SYSTEMID was entered."""
+    if not log.has("MODE.ModeNum"):
+        return []
+    modes = log.series("MODE.ModeNum")
+    return [float(t) for t in modes.t[modes.values != SYSTEMID]]
+
+
+def _end(log: DataFlashTables) -> float:
+    ends = [log.series(key).t[-1] for key in ("SIDD.Targ", "RATE.R") if log.has(key)]
+    return float(max(ends, default=math.inf))
+
+
+def _span(
+    log: DataFlashTables, entry: _Entry, end: float, sidd: Series | None, texts: Sequence[tuple[float, str]]
+) -> Span:
+    notes: list[str] = []
+    reasons: list[str] = []
+    maneuver = "chirp"
+    if log.has("SIDY.Kind"):
+        kinds = log.series("SIDY.Kind")
+        nearest = int(np.argmin(np.abs(kinds.t - entry.t)))
+        if abs(kinds.t[nearest] - entry.t) < 0.5:
+            maneuver = KINDS.get(_number(kinds.values[nearest]), "unknown")
+            if maneuver == "chirp":
+                notes.append(_law(log, nearest))
+    elif not entry.lost:
+        notes.append("ArduPilot's law, no noise")
+    start = entry.t + LEAD_S
+    stop = end if entry.duration_s is None else min(start + entry.duration_s, end)
+    for at, text in texts:
+        if text.startswith("SystemID Stopped"):
+            stop = min(stop, at)
+            notes.append(f"the vehicle ended it: {text}")
+        elif text.startswith("SystemID Parameter Error"):
+            reasons.append("the vehicle refused it: SystemID Parameter Error; SID_T_REC must exceed 2 / SID_F_START_HZ")
+    band = entry.band
+    moved = None if sidd is None else _moved(sidd, entry, end)
+    if maneuver != "quiet" and moved is not None:
+        if maneuver != "doublet" and (moved[1] < stop - 0.5 or entry.duration_s is None):
+            stop = moved[1]  # a doublet rests in between, and at its end
+        if entry.lost:
+            start = max(start, moved[0]) if moved[0] - start > 5 else start
+            frequency = log.series("SIDD.F").part(*moved).values if log.has("SIDD.F") else np.empty(0)
+            swept = frequency[np.isfinite(frequency) & (frequency > 0)]
+            if swept.size and swept.max() > 1.1 * swept.min():
+                band = (float(swept.min()), float(swept.max()))
+            else:
+                maneuver = "unknown"
+    elif maneuver != "quiet" and sidd is not None:
+        reasons.append("it ended before the maneuver began: nothing was injected; fly it again")
+        stop = start
+    if entry.lost:
+        notes.append("SIDS, the settings at the start, is missing from the log: axis and band worked out from the data")
+    axis = AXES.get(entry.axis) if entry.axis is not None and maneuver != "quiet" else None
+    if axis is None and maneuver != "quiet":
+        axis = _excited_axis(log, start, stop)
+    if entry.axis is not None and entry.axis not in AXES and axis is None and maneuver != "quiet":
+        notes.append(f"SID_AXIS {entry.axis} excites neither roll nor pitch nor the elevator")
+    stop = max(start, stop)
+    planned = entry.duration_s
+    return Span(
+        start,
+        stop,
+        entry.t,
+        end,
+        maneuver,
+        axis,
+        band if maneuver in ("chirp", "unknown") else None,
+        planned,
+        entry.axis not in RATE_AXES,
+        tuple(reasons),
+        tuple(notes),
+        entry.t,
+    )
+
+
+def _law(log: DataFlashTables, row: int) -> str:
+    def setting(name: str) -> float:
+        return float(log.series(f"SIDY.{name}").values[row]) if log.has(f"SIDY.{name}") else math.nan
+
+    if setting("Law") == 1:
+        return f"Tischler's law, C1 {setting('C1'):g}, noise {setting('Noise'):g}"
+    return "ArduPilot's law"
+
+
+def _moved(sidd: Series, entry: _Entry, end: float) -> tuple[float, float] | None:
+    """First and last time at which something was injected."""
+    latest = end if entry.duration_s is None else min(end, entry.t + LEAD_S + entry.duration_s + 0.5)
+    part = sidd.part(entry.t, latest)
+    moving = np.flatnonzero(np.isfinite(part.values) & (part.values != 0))
+    return (float(part.t[moving[0]]), float(part.t[moving[-1]])) if moving.size else None
+
+
+def _excited_axis(log: DataFlashTables, start_s: float, stop_s: float) -> str | None:
+    """The axis with most of the logged excitation; without it, the command that follows SIDD.Targ best."""
+    logged = {axis: f"TPEX.{name}" for axis, name in (("roll", "EX"), ("pitch", "EY"), ("elevator", "EE"))}
+    if all(log.has(key) for key in logged.values()):
+        power = {axis: float(np.std(_finite(log.series(key).part(start_s, stop_s)))) for axis, key in logged.items()}
+        best = max(power, key=lambda axis: power[axis])
+        return best if power[best] > 0 else None
+    if not all(log.has(key) for key in ("SIDD.Targ", "RATE.ROut", "RATE.POut")):
+        return None
+    target = log.series("SIDD.Targ").part(start_s, stop_s)
+    if target.t.size < 25:
+        return None
+    likeness = {}
+    for axis, key in (("roll", "RATE.ROut"), ("pitch", "RATE.POut")):
+        command = log.series(key)
+        values = np.interp(target.t, command.t, command.values)
+        with np.errstate(all="ignore"):
+            likeness[axis] = abs(float(np.nan_to_num(np.corrcoef(target.values, values)[0, 1])))
+    best = max(likeness, key=lambda axis: likeness[axis])
+    return best if likeness[best] > 0.1 else None
+
+
+def _finite(series: Series) -> FloatArray:
+    values = series.values[np.isfinite(series.values)]
+    return values if values.size else np.zeros(1)

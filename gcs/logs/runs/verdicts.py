@@ -1,0 +1,82 @@
+"""What a flight's own verdicts have against its runs: flight.json, where it lies beside the log.
+
+Whoever flew saw things that the log does not show: that somebody aborted, that the pilot took over, that the limits
+were left. A run that is to be flown again does not enter a fit unasked; named by itself it does, with a note. A run of
+the log and a run of flight.json are the same where both entered the excitation mode at the same time of the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import TippathError
+from gcs.flight.folder import FlightFolder
+from gcs.logs.runs.runs import Run
+from gcs.logs.words import printable
+
+SAME_S = 0.25
+"""Between the two times of one entry; a run takes seconds."""
+
+
+def with_verdicts(runs: Sequence[Run], log: Path) -> list[Run]:
+    """The runs of a log, those not usable that the flight.json beside it says are to be flown again.
+
+    Where there is none, or it speaks of other logs, the runs as they are.
+    """
+    flown = _flown(log)
+    return [_judged(run, flown) for run in runs]
+
+
+def _flown(log: Path) -> list[Mapping[str, Any]]:
+    folder = FlightFolder(log.parent)
+    if not folder.about.is_file():
+        return []
+    try:
+        about, flown = folder.read(), folder.runs()
+    except TippathError:
+        return []  # not a flight.json of ours; the log speaks for itself
+    recording = about.get("recording")
+    logs = recording.get("logs") if isinstance(recording, dict) else None
+    if isinstance(logs, list):
+        its_own = [Path(str(one.get("path"))).name for one in logs if isinstance(one, dict)]
+        known = log.name in its_own
+    else:
+        known = log.stem.lower().startswith("flight")  # it ended before the recording was summed up
+    return list(flown) if known else []
+
+
+def _judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
+    if run.entered_s is None:
+        return run
+    for one in flown:
+        start, against = one.get("log_start_s"), _against(one)
+        if isinstance(start, int | float) and abs(start - run.entered_s) <= SAME_S and against:
+            reason = f"the sweep's verdict: {against}; named by itself ({run.id}) it can still be fitted"
+            return replace(run, usable=False, reasons=(*run.reasons, reason), verdict=reason)
+    return run
+
+
+def _against(flown: Mapping[str, Any]) -> str:
+    """Why it is to be flown again; empty where it is kept."""
+    verdict = flown.get("verdict")
+    ending, reason = str(flown.get("ending", "")), str(flown.get("reason", ""))
+    if isinstance(verdict, dict):
+        if verdict.get("keep") is True and ending == "finished":
+            return ""
+        reasons = verdict.get("reasons")
+        listed = [str(one) for one in reasons] if isinstance(reasons, list) else []
+        return printable("fly again: " + ("; ".join(listed) or f"{ending}: {reason}"))
+    return "" if ending == "finished" else printable(f"{ending}: {reason}")
+
+
+def named_all_the_same(run: Run) -> Run:
+    """A run whose verdict alone is against it, usable, because the user named it; others as they are."""
+    if run.verdict is None or run.record is None or run.reasons != (run.verdict,):
+        return run
+    said = run.verdict.partition("; named by itself")[0]
+    notes = (*run.notes, f"used because it was named, against {said}")
+    record = replace(run.record, notes=(*run.record.notes, notes[-1]))
+    return replace(run, record=record, usable=True, reasons=(), notes=notes)

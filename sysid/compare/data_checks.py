@@ -1,0 +1,310 @@
+"""What may be wrong with runs before any structure is blamed: clipped gyros, mistaken axes, vehicles mixed.
+
+A fit hides such mistakes. With rates clipped it finds a slower vehicle; with axes swapped or turned by 90 or 180
+degrees a structure without bounds fits exactly as well, only its numbers mean something else; runs of two vehicles give
+the mean of both. Each check here looks at what a mistake cannot hide: flat tops at one value; the axis that a run was
+declared to be flown on beside the command that moved; the sign of the slowest answers; residuals that every run's own
+linear response explains and a common one does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.compare.spectrum import Responses
+from sysid.data.preprocess import ComplexArray, Spectrum
+from sysid.data.record import Record
+from sysid.fit.output_error import FitError, refuse_still_channels
+from sysid.model.structure import FloatArray, Structure
+
+FLAT_SAMPLES = 5
+"""Times the usual hold, at the largest or smallest value: a flat top."""
+FLAT_TOPS = 2
+STEEP = 2.5
+"""Steps of the gyro's resolution into a flat top; a slow peak of a coarse gyro is reached by single steps."""
+OTHER_AXIS = 2.0
+"""Root mean square of the other axis's command over that of the declared one."""
+SLOWEST_HZ = 0.9
+USUAL_LAG = np.exp(1j * np.pi / 6)
+"""Slow answers of a rate lie about 30 degrees behind the command."""
+OPPOSITE = -0.26
+"""Cosine beside the usual phase from which on an answer counts as of the other sign: 105 degrees away."""
+LEAST_DIRECT = 0.1
+"""Of the largest answer; one below has no sign to speak of."""
+FEWEST_POINTS = 3
+CROSSED = 2.0
+"""Product of the cross answers over that of the direct ones, from which on the axes look swapped."""
+SEPARATE_SHARE = 0.2
+"""Of the residual, that a response for every run explains beyond a common one. Play makes 0.04."""
+SAME_SHARE = 0.1
+"""Of two runs' residual: below it they may be of one vehicle."""
+MOST_RUNS = 12
+"""That are compared two by two."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """One mistake that the runs look like."""
+
+    kind: str
+    """`clipped`, `axes`, `signs`, `mixed` or `not separable`."""
+    runs: tuple[str, ...]
+    """Ids of the runs concerned."""
+    text: str
+
+    def to_json(self) -> dict[str, Any]:
+        return {"kind": self.kind, "runs": list(self.runs), "text": self.text}
+
+
+# ------------------------------------------------------------------------------------------------ the gyro
+
+
+def clipped(records: Sequence[Record]) -> list[Suspicion]:
+    """Rates that stand at their largest or smallest value again and again, reached in full motion."""
+    found: dict[str, list[tuple[str, float, float]]] = {}
+    for record in records:
+        for name in ("p", "q"):
+            share, limit = flat_tops(record.channels[name])
+            if share > 0:
+                found.setdefault(name, []).append((record.id, share, limit))
+    return [
+        Suspicion(
+            "clipped",
+            tuple(run for run, _, _ in each),
+            f"{name} is clipped at {max(limit for _, _, limit in each):.3g} rad/s "
+            f"({100 * max(share for _, share, _ in each):.2g} % of the samples of {listed([run for run, _, _ in each])}"
+            "): fly with less amplitude, or set a larger range of the gyro",
+        )
+        for name, each in found.items()
+    ]
+
+
+def flat_tops(values: FloatArray) -> tuple[float, float]:
+    """Share of the samples (n,) in flat tops at the extremes, and the value's size there; zeros where there are none.
+
+    Logged more slowly than sampled, every value is held for some samples: only longer than usual counts.
+    """
+    edges = np.flatnonzero(np.diff(values)) + 1
+    starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [values.size]])
+    if edges.size < 2:
+        return 0.0, 0.0
+    length = stops - starts
+    least = FLAT_SAMPLES * float(np.median(length))
+    steps = np.abs(np.diff(values[starts]))
+    resolution = float(np.min(steps))
+    count, limit = 0, 0.0
+    for extreme in (float(values.max()), float(values.min())):
+        at = np.flatnonzero((values[starts] == extreme) & (length >= least))
+        inside = at[(at > 0) & (at < starts.size - 1)]
+        into = np.concatenate([steps[inside - 1], steps[inside]])
+        if at.size >= FLAT_TOPS and into.size and float(np.median(into)) >= STEEP * resolution:
+            count += int(np.sum(length[at]))
+            limit = max(limit, abs(extreme))
+    return count / values.size, limit
+
+
+# ------------------------------------------------------------------------------------------------ axes and signs
+
+
+def mistaken_axes(records: Sequence[Record]) -> list[Suspicion]:
+    """Runs whose declared axis is not the one that was moved, and excitations that moved another command."""
+    found = []
+    letters = {"roll": "x", "pitch": "y"}
+    for axis, letter in letters.items():
+        other = "y" if letter == "x" else "x"
+        wrong: dict[str, list[str]] = {}
+        for record in records:
+            if record.axis != axis:
+                continue
+            logged = [f"excitation_{one}" for one in letters.values()]
+            moved = all(name in record.channels for name in logged) and any(
+                np.any(record.channels[name]) for name in logged
+            )
+            kind = "excitation" if moved else "delta"
+            own, beside = (float(np.std(record.channels[f"{kind}_{one}"])) for one in (letter, other))
+            if beside > OTHER_AXIS * own:
+                wrong.setdefault(f"{kind}_{other}", []).append(record.id)
+        found += [
+            Suspicion(
+                "axes",
+                tuple(runs),
+                f"{listed(runs)} {'is' if len(runs) == 1 else 'are'} declared {axis}, but {name} moved most: "
+                "are the axes swapped in the log or its profile?",
+            )
+            for name, runs in wrong.items()
+        ]
+    return found + _mistaken_commands(records)
+
+
+def _mistaken_commands(records: Sequence[Record]) -> list[Suspicion]:
+    """What was added to one command must show in it, with its sign."""
+    names = ("excitation_x", "excitation_y")
+    whole = [one for one in records if set(names) <= set(one.channels)]
+    e = [np.stack([one.channels[name] for name in names]) for one in whole]
+    d = [np.stack([one.channels[name] for name in ("delta_x", "delta_y")]) for one in whole]
+    e, d = [one - one.mean(axis=1, keepdims=True) for one in e], [one - one.mean(axis=1, keepdims=True) for one in d]
+    inner = np.sum([one @ one.T for one in e], axis=0) if e else np.zeros((2, 2))
+    if np.linalg.matrix_rank(inner, 1e-6 * max(float(np.trace(inner)), 1e-300)) < 2:
+        return []
+    gain = np.sum([one @ other.T for one, other in zip(d, e, strict=True)], axis=0) @ np.linalg.inv(inner)
+    answers = _answers(gain)
+    if answers is None:
+        return []
+    said = _said(answers, ("excitation_x", "excitation_y"), ("delta_x", "delta_y"))
+    return [
+        Suspicion(
+            "axes",
+            tuple(one.id for one in whole),
+            f"the commands do not follow what was added to them: {said}; check their signs and axes in the profile",
+        )
+    ]
+
+
+def mistaken_signs(measured: Responses) -> list[Suspicion]:
+    """Slow answers whose signs are not the convention's: rates and commands swapped, turned or of another sign.
+
+    A positive roll (pitch) command gives a positive slow roll (pitch) rate, whatever the vehicle.
+    """
+    if not {"delta_x", "delta_y"} <= set(measured.commands) or measured.outputs != ("p", "q"):
+        return []
+    H = measured.H[:, [measured.commands.index(name) for name in ("delta_x", "delta_y")]]
+    known = np.all(np.isfinite(H), axis=(0, 1)) & (measured.frequency_hz <= SLOWEST_HZ)
+    if np.count_nonzero(known) < FEWEST_POINTS:
+        return []
+    answers = _answers(np.mean(H[:, :, known], axis=2) * USUAL_LAG)
+    if answers is None:
+        return []
+    (row, one), (_, other) = answers
+    if row:
+        looks = "rates and commands are " + ("swapped" if one == other else "turned by 90 degrees against each other")
+    elif one == other:
+        looks = "rates and commands are turned by 180 degrees against each other"
+    else:
+        looks = "the sign of " + ("p or of delta_x" if one < 0 else "q or of delta_y") + " is turned"
+    said = _said(answers, ("delta_x", "delta_y"), ("p", "q"))
+    or_ = "" if measured.closed_loop_safe else " (or gusts through the feedback look so: the excitation is not logged)"
+    return [
+        Suspicion(
+            "signs", (), f"the slow answers have the wrong signs ({said}): as if {looks}; check the profile first{or_}"
+        )
+    ]
+
+
+Answers = tuple[tuple[int, int], tuple[int, int]]
+"""For each of two inputs the row that really answers it, and with which sign."""
+USUAL: Answers = ((0, 1), (1, 1))
+
+
+def _answers(gain: ComplexArray | FloatArray) -> Answers | None:
+    """What answers each input of a gain (2, 2), real or turned so that usual answers are; None where all is usual."""
+    size = np.abs(gain)
+    if not np.all(np.isfinite(size)) or not np.any(size):
+        return None
+    direct = np.diag(gain)
+    opposite = (np.real(direct) < OPPOSITE * np.abs(direct)) & (np.abs(direct) > LEAST_DIRECT * np.max(size))
+    if not np.any(opposite) and size[0, 1] * size[1, 0] <= CROSSED * size[0, 0] * size[1, 1]:
+        return None
+    choices = [((i, one), (1 - i, other)) for i in (0, 1) for one in (1, -1) for other in (1, -1)]
+    best = max(
+        choices,
+        key=lambda each: sum(sign * float(np.real(gain[row, column])) for column, (row, sign) in enumerate(each)),
+    )
+    return None if best == USUAL else best
+
+
+def _said(answers: Answers, inputs: tuple[str, str], outputs: tuple[str, str]) -> str:
+    return ", ".join(
+        f"{name} moves {'-' if sign < 0 else ''}{outputs[row]}"
+        for name, (row, sign) in zip(inputs, answers, strict=True)
+    )
+
+
+# ------------------------------------------------------------------------------------------------ vehicles
+
+
+Explained = Callable[[Sequence[int]], FloatArray]
+"""Numbers of runs -> (k,), what one common linear response explains of their residual."""
+
+
+def mixed(
+    ids: Sequence[str],
+    kinds: Sequence[object],
+    power: FloatArray,
+    explained: Explained,
+    *,
+    across: bool,
+    amplitudes: bool,
+) -> list[Suspicion]:
+    """Runs whose residuals want a linear response each: other vehicles, gains or flight conditions among them.
+
+    power: (runs, k) of the residual. kinds: what was flown, of every run; without `across` runs are compared with those
+    of their kind only. Nonlinear vehicles do this too where the `amplitudes` differ, and the text says so.
+    """
+    groups = [[i for i, kind in enumerate(kinds) if kind == one] for one in dict.fromkeys(kinds)]
+    together = [group for group in ([list(range(len(ids)))] if across else groups) if len(group) > 1]
+    if not together:
+        return []
+    alone = np.array([explained([i]) for i in range(len(ids))])
+    gain = np.sum([np.sum(alone[group], axis=0) - explained(group) for group in together], axis=0)
+    beyond = gain / np.maximum(np.sum(power, axis=0), 1e-300)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] < SEPARATE_SHARE:
+        return []
+    apart = []
+    for group in groups:
+        parts = _alike(group, alone, power, explained) if len(group) <= MOST_RUNS else [group]
+        if len(parts) > 1:
+            apart.append(" against ".join(listed([ids[i] for i in part]) for part in parts))
+    where = f" ({'; '.join(apart)})" if apart else ""
+    look = "runs of different vehicles, gains or flight conditions"
+    if amplitudes:
+        look += ", or a nonlinearity, as the amplitudes differ"
+    return [
+        Suspicion(
+            "mixed",
+            tuple(ids),
+            f"{100 * beyond[worst]:.0f} % of the {('roll', 'pitch')[worst]} error goes away when every run may answer "
+            f"for itself{where}: {look}; fit them apart and compare the numbers",
+        )
+    ]
+
+
+def _alike(numbers: Sequence[int], alone: FloatArray, power: FloatArray, explained: Explained) -> list[list[int]]:
+    """Runs of one kind in groups that one response each explains."""
+    groups: list[list[int]] = []
+    for i in numbers:
+        for group in groups:
+            beyond = [
+                (alone[i] + alone[j] - explained([i, j])) / np.maximum(power[i] + power[j], 1e-300) for j in group
+            ]
+            if np.max(beyond) < SAME_SHARE:
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
+
+
+def not_separable(structure: Structure, spectra: Sequence[Spectrum]) -> list[Suspicion]:
+    """Whether these runs alone could identify anything."""
+    try:
+        refuse_still_channels(structure, spectra)
+    except FitError as error:
+        runs = tuple(dict.fromkeys(one.segment.record.id for one in spectra))
+        return [Suspicion("not separable", runs, f"these runs alone would be refused: {error}")]
+    return []
+
+
+def listed(ids: Sequence[str]) -> str:
+    """Runs as people write them: `flight.BIN#1, #2`, the log named once."""
+    said: list[str] = []
+    last: str | None = None
+    for one in ids:
+        log, mark, number = one.rpartition("#")
+        said.append(f"#{number}" if mark and log == last else one)
+        last = log if mark else None
+    return ", ".join(said)

@@ -1,0 +1,195 @@
+"""LQR gains, observer and prefilter for a TPP model, of which none are given that do not hold the whole model.
+
+The paper's section 5 with its slips corrected: observer poles (-50, -50, -51, -51), prefilter (C(-A+BK)^-1 B)^-1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from sysid.control.stability import ClosedLoop, Margins, closed_loop
+from sysid.errors import SysidError
+from sysid.fit.result import finite
+from sysid.model.bases import TPP
+from sysid.model.structure import AnyArray, FloatArray, Model
+
+FORMAT = "tippath.gains/1"
+RATE_COST = 1.0
+FLAPPING_COST = 0.001
+INPUT_COST = 5.0
+OBSERVER_POLES = (-50.0, -50.0, -51.0, -51.0)
+
+COSTS = tuple(
+    size * times for size in (1.0, 10.0, 100.0, 1e3, 1e4) for times in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+)
+"""Input costs that are offered where the one asked for does not hold."""
+
+
+class DesignError(SysidError):
+    """No gains can be designed on this model; the message says why."""
+
+
+class NotHeldError(DesignError):
+    """The gains do not hold the model; the message says which would."""
+
+    def __init__(self, words: str, instead: Gains | None) -> None:
+        super().__init__(words)
+        self.instead = instead
+        """Gains that do, where there are any."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Gains:
+    """u = -K x_hat + g y_ref, x_hat' = A x_hat + B u + L (y - C x_hat); states p, q, a, b."""
+
+    model: Model
+    K: FloatArray
+    """(2, 4), full command per rad/s and per rad."""
+    observer_gain: FloatArray
+    """L, (4, 2)."""
+    prefilter: FloatArray
+    """g, (2, 2), full command per rad/s asked for."""
+    poles: AnyArray
+    observer_poles: AnyArray
+    input_cost: float
+    loop: ClosedLoop
+    """With the whole model that they were designed for."""
+
+    @property
+    def margins(self) -> Margins:
+        """Raises DesignError where there are none: the gains do not hold the model."""
+        if self.loop.margins is None:
+            raise DesignError("the gains do not hold this model: the loop has no margins")
+        return self.loop.margins
+
+    def to_json(self) -> dict[str, Any]:
+        """The `tippath.gains/1` document. Raises DesignError for gains that do not hold their model."""
+        structure, margins = self.model.structure, self.margins
+        return {
+            "format": FORMAT,
+            "K": self.K.tolist(),
+            "observer_gain": self.observer_gain.tolist(),
+            "prefilter": self.prefilter.tolist(),
+            "poles": _poles(self.poles),
+            "observer_poles": _poles(self.observer_poles),
+            "margins": {
+                "gain_db": finite(margins.gain_db),
+                "phase_deg": finite(margins.phase_deg),
+                "delay_ms": finite(margins.delay_ms),
+            },
+            "margins_with": list(self.loop.effects),
+            "margins_without": list(self.loop.left_out),
+            "drifts": self.loop.drifts,
+            "weights": {"rates": RATE_COST, "flapping": FLAPPING_COST, "inputs": self.input_cost},
+            "model": {
+                "structure": structure.base,
+                "parameters": {
+                    name: float(value) for name, value in zip(structure.names, self.model.values, strict=True)
+                },
+            },
+        }
+
+
+def _poles(values: AnyArray) -> list[dict[str, float]]:
+    ordered = sorted(values, key=lambda pole: (pole.real, pole.imag))
+    return [{"real": float(value.real), "imag": float(value.imag)} for value in ordered]
+
+
+def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
+    """Gains for a TPP model with the paper's weights Q = diag(1, 1, 0.001, 0.001), R = input_cost I, that hold it.
+
+    The controller on board has the four states p, q, a, b. Where a model has more (servos, inflow), or a delay, the
+    gains are those of its tip-path plane, and loop and margins are those of the whole. Raises DesignError for a
+    structure without flapping states of its own, an uncontrollable or unstable model, a bad weight; NotHeldError
+    where the loop would be unstable.
+    """
+    gains = lqr(model, input_cost, observer_poles)
+    if gains.loop.stable:
+        return gains
+    instead = _that_hold(model, input_cost, observer_poles)
+    raise NotHeldError(_refusal(model, gains, instead), instead)
+
+
+def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
+    """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
+    import control
+    from scipy.signal import place_poles
+
+    whole, model = model, _flown_by(model)
+    if not (input_cost > 0 and math.isfinite(input_cost)):
+        raise DesignError("the input cost must be a positive number (the paper's is 5)")
+    if not (model.stable and whole.stable):
+        raise DesignError("the model is unstable: no gains are designed on it, see the fit's warnings")
+    A, B, C, _ = (np.asarray(x, dtype=float) for x in model.matrices)
+    B = B[:, :2]
+    Q = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST])
+    try:
+        K, _, poles = control.lqr(A, B, Q, input_cost * np.eye(2))
+        L = place_poles(A.T, C.T, np.array(observer_poles)).gain_matrix.T
+        g = np.linalg.inv(C @ np.linalg.solve(-A + B @ K, B))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise DesignError(f"no gains for this model: {error}") from error
+    gains = Gains(
+        model=model,
+        K=np.asarray(K),
+        observer_gain=np.asarray(L),
+        prefilter=np.asarray(g),
+        poles=np.asarray(poles),
+        observer_poles=np.linalg.eigvals(A - L @ C),
+        input_cost=input_cost,
+        loop=ClosedLoop(None),
+    )
+    return replace(gains, loop=closed_loop(gains, whole))
+
+
+def _flown_by(model: Model) -> Model:
+    """The part of a model that the controller on board knows: states p, q, a, b."""
+    structure = model.structure
+    if structure.states == TPP.states and structure.names == TPP.names:
+        return model
+    if structure.base != TPP.base or not set(TPP.names) <= set(structure.names):
+        raise DesignError(
+            f"gains are designed on a TPP model with states p, q, a, b; this is {structure.base} "
+            f"with {', '.join(structure.states)}: fit with --model tpp"
+        )
+    return Model(TPP, TPP.vector({name: model[name] for name in TPP.names}))
+
+
+# ------------------------------------------------------------------------------------------------ what would hold
+
+
+def _that_hold(model: Model, asked: float, observer_poles: Sequence[float]) -> Gains | None:
+    """Of the costs offered the first, upwards and then downwards from the one asked for, that leaves sensible margins.
+
+    Where none does, the first that holds at all.
+    """
+    some: Gains | None = None
+    for cost in (*(c for c in COSTS if c > asked), *(c for c in reversed(COSTS) if c < asked)):
+        gains = lqr(model, cost, observer_poles)
+        if gains.loop.margins is not None:
+            if gains.loop.margins.sensible:
+                return gains
+            some = some or gains
+    return some
+
+
+def _refusal(model: Model, gains: Gains, instead: Gains | None) -> str:
+    refused = f"{not_held(gains, model)}; nothing is designed"
+    if instead is None:
+        return f"{refused}. No input cost from {COSTS[0]:g} to {COSTS[-1]:g} holds it"
+    thin = "" if instead.margins.sensible else "; that is thin, and no other does better"
+    return f"{refused}. --input-cost {instead.input_cost:g} holds it: {instead.margins.words}{thin}"
+
+
+def not_held(gains: Gains, model: Model) -> str:
+    """That the gains do not hold the model that they were designed for, in words."""
+    named = ", ".join(PurePath(one).name for one in gains.loop.effects)
+    late = f" ({1000 * model['T_d']:.0f} ms)" if "T_d" in model.structure.names else ""
+    inside = f" with {named}{late} in the loop" if named else ""
+    return f"the gains of input cost {gains.input_cost:g} do not hold this model{inside}: it would be unstable"

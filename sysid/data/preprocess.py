@@ -1,0 +1,207 @@
+"""From records to what a fit works on: uniform segments without gaps, and their Fourier bins inside the band.
+
+The paper's ideal low-pass and centring become a choice of bins: by Parseval, least squares over the low-passed
+samples is least squares over the bins up to the cut-off, and leaving out bin zero removes every constant trim.
+A gap splits the run; it is never interpolated over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import FloatArray, Record
+
+ComplexArray = NDArray[np.complex128]
+
+MINIMUM_SEGMENT_S = 2.0
+OFF_CLOCK = 0.1  # of a sample
+DEFAULT_BAND_HZ = (0.0, 15.0)
+EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A gap-free, uniformly sampled part of a run."""
+
+    record: Record
+    start_s: float
+    dt: float
+    channels: dict[str, FloatArray]
+    """Name -> samples, shape (n,)."""
+    resampled: int
+    """Samples whose time was off the uniform grid by more than a tenth of a sample and were interpolated."""
+
+    @property
+    def samples(self) -> int:
+        return next(iter(self.channels.values())).size
+
+    @property
+    def duration_s(self) -> float:
+        return self.samples * self.dt
+
+    @property
+    def t(self) -> FloatArray:
+        return np.asarray(self.start_s + self.dt * np.arange(self.samples))
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """The Fourier bins of one segment inside the band, without bin zero."""
+
+    segment: Segment
+    dt: float
+    samples: int
+    frequency_hz: FloatArray
+    """(bins,)"""
+    z: ComplexArray
+    """exp(j omega dt), (bins,)."""
+    U: ComplexArray
+    """Inputs, (m, bins)."""
+    Y: ComplexArray
+    """Outputs, (k, bins)."""
+    first: int
+    """Number of the first bin kept."""
+    inputs: tuple[str, ...]
+    """Names of the rows of U."""
+
+    def transform(self, rows: FloatArray) -> ComplexArray:
+        """Samples (rows, n) of this segment to the same bins, (rows, bins)."""
+        from scipy.fft import rfft
+
+        return np.asarray(rfft(rows, axis=1)[:, self.first : self.first + self.frequency_hz.size])
+
+    def in_time(self, bins: ComplexArray) -> FloatArray:
+        """Bins (rows, bins) back to samples, (rows, n): nothing outside the band, no mean."""
+        from scipy.fft import irfft
+
+        whole = np.zeros((bins.shape[0], self.samples // 2 + 1), dtype=complex)
+        whole[:, self.first : self.first + bins.shape[1]] = bins
+        return np.asarray(irfft(whole, self.samples, axis=1))
+
+
+def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:
+    """Spacing above which time stamps have a gap: three medians, or a quarter period of the band's upper end."""
+    shortest = 1 / (4 * high_hz)
+    if float(spacing.max()) <= shortest:
+        return shortest  # no gap whatever the median
+    return max(3 * float(np.median(spacing)), shortest)
+
+
+def gap_places(spacing: FloatArray, high_hz: float) -> NDArray[np.intp]:
+    """Numbers of the samples before which there is a gap, from the spacing of the time stamps."""
+    threshold = gap_threshold_s(spacing, high_hz)
+    if float(spacing.max()) <= threshold:
+        return np.zeros(0, dtype=np.intp)
+    return np.flatnonzero(spacing > threshold) + 1
+
+
+def gaps(t: FloatArray, high_hz: float) -> tuple[tuple[float, float], ...]:
+    """(start, stop) of every gap in the time stamps, s."""
+    return tuple((float(t[i - 1]), float(t[i])) for i in gap_places(np.diff(t), high_hz))
+
+
+def rate_hz(t: FloatArray, found: Sequence[tuple[float, float]]) -> float:
+    """One over the mean spacing outside the gaps (start, stop) found."""
+    inside = float(t[-1] - t[0]) - sum(stop - start for start, stop in found)
+    return (t.size - 1 - len(found)) / inside
+
+
+def segments(
+    record: Record, names: Sequence[str], high_hz: float = DEFAULT_BAND_HZ[1]
+) -> tuple[list[Segment], list[str]]:
+    """Split at gaps and put each part on a uniform clock.
+
+    Returns the segments of at least 2 s and sentences about what was dropped.
+    Commands are held, rates interpolated linearly where a time stamp is off the grid.
+    """
+    t = record.t
+    spacing = np.diff(t)
+    edges = gap_places(spacing, high_hz)
+    found: list[Segment] = []
+    remarks: list[str] = []
+    for start, stop in zip([0, *edges], [*edges, t.size], strict=True):
+        part = t[start:stop]
+        length = float(part[-1] - part[0])
+        if length < MINIMUM_SEGMENT_S:
+            remarks.append(f"{record.id}: {length:.2f} s from {part[0]:.2f} s left out, shorter than 2 s between gaps")
+            continue
+        dt = length / (part.size - 1)
+        inside = spacing[start : stop - 1]
+        # no stamp is further off than all deviations of the spacing together: a good clock needs no second look
+        even = part.size * max(float(inside.max()) - dt, dt - float(inside.min())) <= OFF_CLOCK * dt
+        grid = part if even else part[0] + dt * np.arange(part.size)
+        off = 0 if even else int(np.count_nonzero(np.abs(part - grid) > OFF_CLOCK * dt))
+        channels = {}
+        for name in names:
+            values = record.channels[name][start:stop]
+            if off:
+                values = _held(part, values, grid, dt) if _is_held(name) else np.interp(grid, part, values)
+            channels[name] = values
+        found.append(Segment(record, float(part[0]), dt, channels, off))
+    return found, remarks
+
+
+def _is_held(name: str) -> bool:
+    return name.startswith(("delta", "excitation"))
+
+
+def _held(t: FloatArray, values: FloatArray, grid: FloatArray, dt: float) -> FloatArray:
+    """What a command held from each sample to the next is on the mean between points of a uniform clock.
+
+    So its integral, which is what moves the vehicle, is kept whatever the times of the samples.
+    """
+    integral = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(t))])
+    edges = np.append(grid, grid[-1] + dt)
+    at = np.interp(edges, t, integral)
+    at[-1] = at[-2] + values[-1] * dt
+    return np.asarray(np.diff(at) / dt)
+
+
+def spectrum(
+    segment: Segment, inputs: Sequence[str], outputs: Sequence[str], band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+) -> Spectrum:
+    """Fourier bins with low < f <= high; bin zero, the trim, is never among them."""
+    from scipy.fft import rfft
+
+    n, dt = segment.samples, segment.dt
+    # the Nyquist bin is real and would count twice
+    last = min(int(band_hz[1] * n * dt + 1e-9), (n - 1) // 2)
+    first = max(1, int(band_hz[0] * n * dt + 1e-9) + 1)
+    frequency_hz = np.arange(first, last + 1) / (n * dt)
+
+    def bins(names: Sequence[str]) -> ComplexArray:
+        rows = np.stack([segment.channels[name] for name in names])
+        return np.ascontiguousarray(rfft(rows, axis=1)[:, first : last + 1])
+
+    z = np.exp(2j * np.pi * dt * frequency_hz)
+    return Spectrum(segment, dt, n, frequency_hz, z, bins(inputs), bins(outputs), first, tuple(inputs))
+
+
+def low_pass(values: FloatArray, dt: float, high_hz: float) -> FloatArray:
+    """Ideal (brick-wall) low-pass of samples (n,) by their Fourier bins; the mean stays."""
+    from scipy.fft import irfft, rfft, rfftfreq
+
+    bins = rfft(values)
+    bins[rfftfreq(values.size, dt) > high_hz] = 0
+    return np.asarray(irfft(bins, values.size))
+
+
+def spectra(
+    records: Sequence[Record],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+) -> tuple[list[Spectrum], list[str]]:
+    """All segments of all records as Fourier bins, and the remarks made on the way."""
+    found: list[Spectrum] = []
+    remarks: list[str] = []
+    for record in records:
+        logged = [name for name in EXCITATIONS if name in record.channels]
+        parts, said = segments(record, (*inputs, *outputs, *logged), band_hz[1])
+        remarks += said
+        found += [spectrum(part, inputs, outputs, band_hz) for part in parts]
+    return found, remarks

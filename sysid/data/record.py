@@ -1,0 +1,195 @@
+"""A record: the time-aligned channels of one flown run, and the file that keeps them.
+
+Records hold what was measured, untouched: no filtering, no interpolation, gaps left as they are.
+`sysid.data.preprocess` makes uniform segments of them.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import SysidError
+
+FloatArray = NDArray[np.float64]
+
+CHANNELS: Mapping[str, str] = MappingProxyType(
+    {
+        "t": "s",
+        "p": "rad/s",
+        "q": "rad/s",
+        "r": "rad/s",
+        "delta_x": "-1..1",
+        "delta_y": "-1..1",
+        "delta_e": "-1..1",
+        "delta_c": "-1..1",
+        "delta_r": "-1..1",
+        "delta_a": "-1..1",
+        "excitation_x": "-1..1",
+        "excitation_y": "-1..1",
+        "excitation_e": "-1..1",
+        "omega": "rad/s",
+        "airspeed": "m/s",
+        "alpha": "rad",
+        "beta": "rad",
+        "phi": "rad",
+        "theta": "rad",
+        "a": "rad",
+        "b": "rad",
+        "u": "m/s",
+        "v": "m/s",
+        "w": "m/s",
+        "ax": "m/s^2",
+        "ay": "m/s^2",
+        "az": "m/s^2",
+    }
+)
+"""Every channel name a record may have, with its unit. Only `REQUIRED` must be there."""
+
+REQUIRED = ("t", "p", "q", "delta_x", "delta_y")
+
+FORMAT = "tippath.record/1"
+
+
+class RecordError(SysidError):
+    """A record that cannot be made or read; the message says what is wrong and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One run with its data. All channels have the same length as `t`."""
+
+    id: str
+    """What the user types for it: `flight.BIN#2`, or a file name."""
+    channels: Mapping[str, FloatArray]
+    """Name -> samples, shape (n,), units of `CHANNELS`. `t` increases strictly."""
+    maneuver: str = "unknown"
+    """`chirp`, `doublet`, `quiet` or `unknown`."""
+    axis: str | None = None
+    """`roll`, `pitch`, `elevator`, or None where it is not known."""
+    rate_source: str = "csv"
+    """The kind of message p and q come from (`SIDD`, `RATE`, `csv`): fits never mix them."""
+    path: str = ""
+    """The log it was cut from."""
+    sha256: str = ""
+    """Of that log's bytes, hexadecimal."""
+    swept_band_hz: tuple[float, float] | None = None
+    """First and last frequency of the chirp, where known."""
+    notes: tuple[str, ...] = field(default=())
+    """What the reader of the log wants the user to know."""
+
+    def __post_init__(self) -> None:
+        missing = [name for name in REQUIRED if name not in self.channels]
+        if missing:
+            raise RecordError(f"{self.id}: channel {', '.join(missing)} missing")
+        unknown = sorted(set(self.channels) - set(CHANNELS))
+        if unknown:
+            raise RecordError(f"{self.id}: unknown channel {', '.join(unknown)}")
+        channels = {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in self.channels.items()}
+        n = channels["t"].size
+        for name, values in channels.items():
+            if values.shape != (n,):
+                raise RecordError(f"{self.id}: channel {name} has shape {values.shape}, t has {n} samples")
+            if not np.all(np.isfinite(values)):
+                first = int(np.flatnonzero(~np.isfinite(values))[0])
+                raise RecordError(f"{self.id}: channel {name} is not a finite number at sample {first + 1}")
+            values.flags.writeable = False
+        if n < 2 or not np.all(np.diff(channels["t"]) > 0):
+            raise RecordError(f"{self.id}: time must increase from sample to sample")
+        object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    @property
+    def t(self) -> FloatArray:
+        return self.channels["t"]
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.t[-1] - self.t[0])
+
+    def window(self, start_s: float | None, stop_s: float | None) -> Record:
+        """The part with start_s <= t <= stop_s of the record's own time; open ends are None."""
+        keep = np.ones(self.t.size, dtype=bool)
+        if start_s is not None:
+            keep &= self.t >= start_s
+        if stop_s is not None:
+            keep &= self.t <= stop_s
+        if keep.sum() < 2:
+            first, last = (
+                "its start" if start_s is None else f"{start_s:g} s",
+                "its end" if stop_s is None else f"{stop_s:g} s",
+            )
+            raise RecordError(
+                f"{self.id}: no samples between {first} and {last}; it runs from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
+            )
+        return self._with({name: values[keep] for name, values in self.channels.items()})
+
+    def _with(self, channels: Mapping[str, FloatArray]) -> Record:
+        return Record(
+            self.id,
+            channels,
+            self.maneuver,
+            self.axis,
+            self.rate_source,
+            self.path,
+            self.sha256,
+            self.swept_band_hz,
+            self.notes,
+        )
+
+    def save(self, path: Path) -> None:
+        """Write as a compressed NumPy archive, whole or not at all; the description travels as JSON inside.
+
+        Raises OSError where the disk does not take it.
+        """
+        about = {
+            "format": FORMAT,
+            "id": self.id,
+            "maneuver": self.maneuver,
+            "axis": self.axis,
+            "rate_source": self.rate_source,
+            "path": self.path,
+            "sha256": self.sha256,
+            "swept_band_hz": self.swept_band_hz,
+            "notes": list(self.notes),
+        }
+        part = path.with_name(path.name + ".part")
+        arrays: dict[str, Any] = dict(self.channels)
+        try:
+            with part.open("wb") as stream:
+                np.savez_compressed(stream, about=np.frombuffer(json.dumps(about).encode(), np.uint8), **arrays)
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+
+    @classmethod
+    def load(cls, path: Path) -> Record:
+        """Read what `save` wrote. Raises RecordError where the file is not a record."""
+        try:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+                about = json.loads(bytes(archive["about"]))
+                channels = {name: archive[name] for name in archive.files if name != "about"}
+        except (EOFError, TypeError, AttributeError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise RecordError(f"{path}: not a record ({error})") from error
+        if about.get("format") != FORMAT:
+            raise RecordError(f"{path}: not a {FORMAT} file")
+        band = about["swept_band_hz"]
+        return cls(
+            about["id"],
+            channels,
+            about["maneuver"],
+            about["axis"],
+            about["rate_source"],
+            about["path"],
+            about["sha256"],
+            None if band is None else (band[0], band[1]),
+            tuple(about["notes"]),
+        )

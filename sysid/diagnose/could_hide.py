@@ -1,0 +1,500 @@
+"""What could hide: effects too small for these runs to show, that would still do harm.
+
+A clean verdict is worth what the runs could have seen. For every effect that the structure lacks this asks how large it
+may be and stay unnoticed, and what leaving it out at that size does: to the fitted parameters, to the modes, and to the
+margins of the gains that would be designed on the fit.
+
+The size is the larger of two: the upper 95 % limit of the one-step estimate, and what the diagnosis would find in 80 %
+of such flights. Both come from the effect's response under the noise's spectrum, less what the structure's own
+parameters would do as well. An effect of several parameters is taken in the combination that moves the fit most, inside
+what is plausible. The parameters' shift is one step of the fit's own criterion, which weighs each output as a whole.
+
+Effects without a null have no size and are left out, as are those of forward flight while nothing says that it is
+flown; parameters that mean nothing at the null are taken as typical. What is not linear in its size is predicted at two
+sizes, and the response between and beyond follows their power law: simulations are dear. For the same reason a small
+effect beside a nonlinear one that the structure has is predicted beside the structure's linear part alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sysid.control.regulator import DesignError, Gains, lqr
+from sysid.control.stability import Margins, closed_loop
+from sysid.data.preprocess import ComplexArray
+from sysid.diagnose.evidence import INDEPENDENT, Candidate, Metric, Settled, metric
+from sysid.diagnose.explain import quantity
+from sysid.fit.identifiable import size as whole
+from sysid.fit.noise import Division
+from sysid.fit.result import finite
+from sysid.model.bases import compose, not_testable
+from sysid.model.effect import Effect, EffectError, catalogue
+from sysid.model.parameter import Parameter
+from sysid.model.predict import RelaxationError, respond
+from sysid.model.structure import FloatArray, Mode, Model, Structure, modes
+
+HARM = 0.1
+"""Relative change of a watched parameter, or of the delay margin, that matters for gains."""
+WATCHED = {"tpp": ("L_b", "M_a", "tau_f"), "cd": ("L_p", "M_q", "L_lat", "M_lon")}
+MOST = 5
+UPPER = 1.645
+"""Standard errors to the upper 95 % limit."""
+POWER = 0.842
+"""Standard errors beyond the threshold that are found four times in five."""
+CHANCE = 0.01
+"""Of a false alarm by all questions together, as the diagnosis has it."""
+FIRST_STEP = 0.003
+"""Of the way from null to typical: where a linear effect's response is taken, small enough to be straight;"""
+FIRST_STEP_NONLINEAR = 0.5
+"""and where it grows otherwise than in proportion."""
+NEAR = (0.8, 1.25)
+"""Of the distance wanted: close enough."""
+SLOPES = (0.5, 4.0)
+"""Powers of the size with which a response may grow."""
+DOUBLINGS = 4
+ALIKE = 0.1
+"""Relative difference of what two effects do to a fit, below which they are told together."""
+MOST_SIZES = 2
+LEAST_SIZE = 0.2
+"""Of the largest, on the scale where typical is 1: smaller parameters of one effect are not told."""
+NO_MARGINS = Margins(0.0, 0.0, 0.0)
+"""Of gains that do not hold the vehicle."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One effect at the largest size that could hide."""
+
+    effect: str
+    title: str
+    size: Mapping[str, float]
+    """Parameter -> value; those that mean nothing at the null as typical."""
+    sized: tuple[Parameter, ...]
+    """Parameters that have a null, and with it a size; the largest of them."""
+    visible: bool
+    """False where these runs show nothing of it that the structure could not do itself: only plausibility limits it."""
+    shift: Mapping[str, float]
+    """Fitted parameter -> what leaving the effect out adds to it, in its unit."""
+    relative: Mapping[str, float]
+    """Watched parameter -> the same over the fitted value."""
+    modes: tuple[tuple[Mode, Mode], ...]
+    """Each of the fit's modes, and that of the vehicle with the effect."""
+    margins: tuple[Margins, Margins] | None
+    """Of the gains designed on the fit: on the fit, and on the vehicle with the effect."""
+
+    @property
+    def delay_loss_ms(self) -> float:
+        """Of the delay margin; 0 where there are no gains, or where any delay could be held."""
+        if self.margins is None or not math.isfinite(self.margins[0].delay_ms):
+            return 0.0
+        return self.margins[0].delay_ms - self.margins[1].delay_ms
+
+    @property
+    def delay_loss(self) -> float:
+        """The same as a share of the delay margin; 1 where the vehicle is not held."""
+        if self.margins is None:
+            return 0.0
+        here, there = (one.delay_ms for one in self.margins)
+        return 1.0 if there <= 0 else self.delay_loss_ms / here
+
+    @property
+    def harm(self) -> float:
+        """The largest relative change of a watched parameter, or loss of delay margin."""
+        return float(max([*np.abs(self.done[:-1]), self.done[-1]]))
+
+    @property
+    def up_to(self) -> str:
+        """`up to tau_s = 12 ms`, `down to limit = 0.3`."""
+        way = "down" if any(math.isinf(one.null or 0.0) for one in self.sized) else "up"
+        return f"{way} to " + ", ".join(quantity(one, self.size[one.name]) for one in self.sized)
+
+    @property
+    def done(self) -> FloatArray:
+        """What leaving it out does, as relative changes: watched parameters, delay margin."""
+        return np.array([*self.relative.values(), self.delay_loss])
+
+    @property
+    def consequences(self) -> str:
+        """`M_a would be 16 % low, the delay margin would be 12 ms shorter`."""
+        done = [
+            f"{name} would be {100 * abs(x):.0f} % {'high' if x > 0 else 'low'}"
+            for name, x in sorted(self.relative.items(), key=lambda item: -abs(item[1]))
+            if abs(x) >= max(0.01, 0.3 * HARM)
+        ]
+        done += [
+            f"the mode at {here.frequency_hz:.2f} Hz would be at {there.frequency_hz:.2f} Hz"
+            for here, there in self.modes
+            if abs(there.frequency_hz / here.frequency_hz - 1) >= HARM
+        ]
+        if self.margins is not None and self.delay_loss >= 0.3 * HARM:
+            here, there = self.margins
+            if there.delay_ms <= 0:
+                done.append(f"gains designed on the fit ({here.words}) would not hold it")
+            else:
+                done.append(
+                    f"the delay margin would be {self.delay_loss_ms:.0f} ms shorter "
+                    f"({there.delay_ms:.0f} in place of {here.delay_ms:.0f} ms)"
+                )
+        seen = "" if self.visible else "; these runs show nothing of it, only what is plausible limits it"
+        return f"{', '.join(done) or 'the fit would hardly change'}{seen}"
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "effect": self.effect,
+            "size": {name: finite(value) for name, value in self.size.items()},
+            "visible": self.visible,
+            "shift": dict(self.shift),
+            "relative": dict(self.relative),
+            "margins": None
+            if self.margins is None
+            else [
+                {"gain_db": finite(one.gain_db), "phase_deg": finite(one.phase_deg), "delay_ms": finite(one.delay_ms)}
+                for one in self.margins
+            ],
+            "consequences": self.consequences,
+        }
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """All that could hide. Effects that do the same to the fit stand together: nobody need tell them apart."""
+
+    harmful: tuple[tuple[Hidden, ...], ...]
+    """The worst first, at most MOST; of each the worst of its kind first."""
+    others: tuple[tuple[Hidden, ...], ...]
+    """The rest, the worst first."""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        said = [_sentence(group) for group in self.harmful]
+        if self.others:
+            said.append(self._rest())
+        return tuple(said)
+
+    def _rest(self) -> str:
+        more = [group for group in self.others if group[0].harm >= HARM]
+        if more:
+            return f"could hide and do harm too: {', '.join(f'{one.effect} {one.up_to}' for one, *_ in more)}"
+        first = self.others[0][0]
+        name, change = max(first.relative.items(), key=lambda item: abs(item[1]), default=("", 0.0))
+        begin = "the others are harmless" if self.harmful else "nothing that could hide here would do harm"
+        said = f"{begin}: at worst {first.effect} {first.up_to}"
+        if abs(change) >= first.harm - 1e-9:
+            percent = "less than 1 %" if abs(change) < 0.01 else f"{100 * abs(change):.0f} %"
+            return f"{said} leaves {name} {percent} {'high' if change > 0 else 'low'}"
+        return f"{said} makes the delay margin {first.delay_loss_ms:.1f} ms shorter"
+
+    def to_json(self) -> list[str]:
+        """The contract's `could_hide`."""
+        return list(self.sentences)
+
+
+def _sentence(group: Sequence[Hidden]) -> str:
+    first, *same = group
+    also = f", or {', '.join(f'{one.effect} {one.up_to}' for one in same)}" if same else ""
+    return f"{first.title} ({first.effect}) {first.up_to}{also} could hide here: {first.consequences}"
+
+
+def _grouped(found: Sequence[Hidden]) -> list[tuple[Hidden, ...]]:
+    """The worst first; effects that do the same together."""
+    groups: list[list[Hidden]] = []
+    for one in sorted(found, key=lambda each: -each.harm):
+        for group in groups:
+            first = group[0]
+            if np.max(np.abs(one.done - first.done)) <= ALIKE * first.harm:
+                group.append(one)
+                break
+        else:
+            groups.append([one])
+    return [tuple(group) for group in groups]
+
+
+# ------------------------------------------------------------------------------------------------ asking all
+
+
+def could_hide(
+    parent: Candidate, settled: Settled, by: Metric, division: Division, users: Sequence[Effect] = ()
+) -> Hiding:
+    """Ask every testable effect that the parent lacks; `division` is that of the metric's noise."""
+    structures = _testable(parent, users)
+    asking = _Asking.of(parent, settled, by, division, len(structures))
+    asked = [asking.ask(effect, composed) for effect, composed in structures]
+    groups = _grouped([one for one in asked if one is not None])
+    harmful = sum(group[0].harm >= HARM for group in groups[:MOST])
+    return Hiding(tuple(groups[:harmful]), tuple(groups[harmful:]))
+
+
+def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, Structure]]:
+    structure, available = parent.model.structure, parent.ground.available
+    present = {one.id for one in structure.composed}
+    linear = [one for one in structure.composed if one.linear]
+    forward = "airspeed" in available or any(one.group == "forward" for one in structure.composed)
+    found = []
+    for effect in (*catalogue().values(), *users):
+        if effect.id in present or not effect.has_null or effect.slot is not None:
+            continue
+        if effect.group == "forward" and not forward:
+            continue
+        if not_testable(effect, structure.base, [*present, effect.id], available) is not None:
+            continue
+        try:
+            composed = compose(structure.base, [*linear, effect], available, dict(structure.constants))
+        except EffectError:
+            continue  # it stands for a part that the structure has
+        found.append((effect, composed))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Asking:
+    """What all questions share."""
+
+    parent: Candidate
+    settled: Settled
+    by: Metric
+    by_fit: Metric
+    """The fit's own criterion: each output weighed as a whole."""
+    answer: FloatArray
+    """(free, N), from a change of the outputs in the fit's criterion to that of the parameters."""
+    free: tuple[str, ...]
+    base: list[ComplexArray]
+    """Predicted by the structure's linear part from the imposed commands, for every stack (k, bins)."""
+    own: FloatArray
+    """(free, N): what the parent's own parameters, moved, answer to a change of the outputs in the noise's measure."""
+    gains: Gains | None
+    margins: Margins | None
+    """Of the gains on the parent."""
+    needed: float
+    """Standard errors from which on the diagnosis finds an effect four times in five."""
+
+    @classmethod
+    def of(cls, parent: Candidate, settled: Settled, by: Metric, division: Division, questions: int) -> _Asking:
+        from scipy.stats import norm
+
+        structure, estimate = parent.model.structure, parent.estimate
+        power = np.diag(np.maximum(estimate.error.residual_power, 1e-300))
+        flat = replace(division, level=np.broadcast_to(power.astype(complex), division.level.shape))
+        by_fit = metric(parent.model, parent.ground.stacks, flat)
+        moved = by_fit(parent.J)
+        asked = by_fit(parent.J_imposed) if estimate.instrumented else moved
+        try:
+            gains = lqr(parent.model) if structure.linear else None
+        except DesignError:
+            gains = None
+        return cls(
+            parent,
+            settled,
+            by,
+            by_fit,
+            np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
+            parent.free,
+            _by_linear_part(parent),
+            np.asarray(np.linalg.pinv(settled.asked @ settled.moved.T, rcond=1e-12).T @ settled.moved),
+            gains,
+            None if gains is None else gains.loop.margins,
+            float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
+        )
+
+    def ask(self, effect: Effect, composed: Structure) -> Hidden | None:
+        """None where the effect moves nothing, or has no response that settles."""
+        known = dict(zip(self.parent.model.structure.names, map(float, self.parent.model.values), strict=True))
+        new = [one for one in composed.parameters if one.name not in known]
+        sized = tuple(one for one in new if one.null is not None)
+        point = _Point(composed, known, new, sized)
+        try:
+            with np.errstate(all="ignore"):
+                found = self._largest(point)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return None
+        if found is None:
+            return None
+        x, change, visible = found
+        told = sorted(range(len(sized)), key=lambda i: -abs(x[i]))[:MOST_SIZES]
+        told = sorted(i for i in told if abs(x[i]) >= LEAST_SIZE * np.max(np.abs(x)))
+        shift = dict(zip(self.free, map(float, self._shift(change)[0]), strict=True))
+        watched = {name: shift[name] / whole(_of(composed, name), known[name]) for name in self._watched(shift)}
+        size = {name: value for name, value in point.at(x).items() if name not in known}
+        true = {**known, **{name: known[name] - moved for name, moved in shift.items()}, **size}
+        vehicle = Model(composed, composed.vector(true))
+        return Hidden(
+            effect.path or effect.id,
+            effect.title,
+            size,
+            tuple(sized[i] for i in told),
+            visible,
+            shift,
+            watched,
+            _pairs(self.parent.model.modes, vehicle),
+            self._margins(vehicle),
+        )
+
+    def _watched(self, shift: Mapping[str, float]) -> list[str]:
+        return [name for name in WATCHED[self.parent.model.structure.base] if name in shift]
+
+    def _largest(self, point: _Point) -> tuple[FloatArray, list[ComplexArray], bool] | None:
+        """The largest size that could hide, on the scale where null is 0 and typical 1; the change of the outputs."""
+        columns = [self._column(point, unit) for unit in np.eye(len(point.sized))]
+        together = [np.stack(parts) for parts in zip(*columns, strict=True)]
+        Z = self.by(together)
+        if not np.all(np.isfinite(Z)) or not np.any(Z):
+            return None
+        slopes = self._shift(together)
+        watched = self._watched(dict.fromkeys(self.free, 0.0))
+        values = [self.parent.model[name] for name in watched]
+        g = np.array(
+            [slopes[:, self.free.index(name)] / max(abs(v), 1e-300) for name, v in zip(watched, values, strict=True)]
+        )
+        Z1 = self._beyond(Z)
+        kept = np.einsum("ij,ij->i", Z1, Z1) > INDEPENDENT * np.einsum("ij,ij->i", Z, Z)
+        if not np.all(kept):  # whatever its size, the structure does it too
+            x = np.where(kept, 0.0, point.largest_plausible)
+            wanted = math.inf
+        else:
+            x, wanted = self._limit(point, Z1, g)
+        if not np.any(x):
+            return None
+        x, change = self._in_full(point, x, wanted)
+        return (x, change, bool(np.all(kept))) if np.any(x) else None
+
+    def _column(self, point: _Point, unit: FloatArray) -> list[ComplexArray]:
+        """The change of the outputs with one size, over that size."""
+        step = FIRST_STEP if point.composed.linear else FIRST_STEP_NONLINEAR
+        for _ in range(DOUBLINGS):
+            change = self._change(point, step * unit)
+            if point.composed.linear or any(np.any(one) for one in change):
+                break
+            step *= 2  # a limit beyond all that was flown
+        return [one / step for one in change]
+
+    def _limit(self, point: _Point, Z1: FloatArray, g: FloatArray) -> tuple[FloatArray, float]:
+        """Sizes that move a watched parameter most, and how far from the structure they are in standard errors."""
+        gram = Z1 @ Z1.T
+        scale = np.sqrt(np.diag(gram))
+        C = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
+        guess = C @ (Z1 @ self.settled.residual)
+        best, most = np.zeros(len(scale)), -1.0
+        for each in g if np.any(g) else np.eye(len(scale)):
+            spread = math.sqrt(max(float(each @ C @ each), 1e-300))
+            for sign in (1.0, -1.0):
+                reach = max(sign * float(each @ guess) + UPPER * spread, self.needed * spread)
+                x = point.plausible(sign * reach * (C @ each) / spread**2)
+                moved = float(np.max(np.abs(g @ x))) if np.any(g) else float(np.max(np.abs(x)))
+                if moved > most:
+                    best, most = x, moved
+        return best, float(np.linalg.norm(best @ Z1))
+
+    def _in_full(self, point: _Point, x: FloatArray, wanted: float) -> tuple[FloatArray, list[ComplexArray]]:
+        """The change of the outputs at that size; where the effect is not linear, at one that is as far as wanted."""
+        change = self._change(point, x)
+        if math.isinf(wanted):
+            return x, change
+        reached = self._distance(change)
+        if NEAR[0] * wanted <= reached <= NEAR[1] * wanted or reached == 0:
+            return x, change
+        again = point.plausible(x * float(np.clip(wanted / reached, 0.1, 10.0)))
+        closer = self._change(point, again)
+        there = self._distance(closer)
+        ratio = float(np.max(np.abs(again)) / np.max(np.abs(x)))
+        if there == 0 or ratio == 1:
+            return again, closer
+        slope = math.log(there / reached) / math.log(ratio)
+        if slope < SLOPES[0] and there > wanted:
+            return np.zeros_like(x), closer  # a part of it has no size, and would be seen
+        slope = float(np.clip(slope, *SLOPES))
+        times = float(np.clip((wanted / there) ** (1 / slope), 0.1, 10.0))
+        last = point.plausible(again * times)
+        grown = (float(np.max(np.abs(last))) / float(np.max(np.abs(again)))) ** slope
+        return last, [grown * one for one in closer]
+
+    def _distance(self, change: Sequence[ComplexArray]) -> float:
+        return float(np.linalg.norm(self._beyond(self.by([one[None] for one in change]))))
+
+    def _change(self, point: _Point, x: FloatArray) -> list[ComplexArray]:
+        return [one - base for one, base in zip(self._predicted(point, x), self.base, strict=True)]
+
+    def _predicted(self, point: _Point, x: FloatArray) -> list[ComplexArray]:
+        values = point.composed.vector(point.at(x))
+        return [respond(point.composed, values, group, False).Y for group in self.parent.ground.imposed]
+
+    def _beyond(self, Z: FloatArray) -> FloatArray:
+        """Less what the parent's own parameters would do."""
+        return np.asarray(Z - (Z @ self.own.T) @ self.settled.asked)
+
+    def _shift(self, change: Sequence[ComplexArray]) -> FloatArray:
+        """What a change of the outputs does to the fitted parameters, (columns, free)."""
+        rows = self.by_fit([one[None] if one.ndim == 2 else one for one in change])
+        return np.asarray(rows @ self.answer.T)
+
+    def _margins(self, vehicle: Model) -> tuple[Margins, Margins] | None:
+        if self.gains is None or self.margins is None or not vehicle.structure.linear:
+            return None
+        return self.margins, closed_loop(self.gains, vehicle).margins or NO_MARGINS
+
+
+def _by_linear_part(parent: Candidate) -> list[ComplexArray]:
+    structure = parent.model.structure
+    if structure.linear:
+        return parent.Y_imposed
+    linear = [one for one in structure.composed if one.linear]
+    core = compose(structure.base, linear, parent.ground.available, dict(structure.constants))
+    values = np.array([parent.model[name] for name in core.names])
+    return [respond(core, values, group, False).Y for group in parent.ground.imposed]
+
+
+def _of(structure: Structure, name: str) -> Parameter:
+    return structure.parameters[structure.names.index(name)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A composition near its parent; sizes x are 0 at the null and 1 at typical, one over the value for a limit."""
+
+    composed: Structure
+    known: Mapping[str, float]
+    new: Sequence[Parameter]
+    sized: tuple[Parameter, ...]
+
+    def at(self, x: FloatArray) -> dict[str, float]:
+        values = {**self.known, **{one.name: one.typical for one in self.new}}
+        for one, part in zip(self.sized, map(float, x), strict=True):
+            null = one.null or 0.0
+            if math.isinf(null):
+                values[one.name] = one.typical / part if part > 0 else math.inf
+            else:
+                values[one.name] = null + part * (one.typical - null)
+        return values
+
+    def plausible(self, x: FloatArray) -> FloatArray:
+        """Moved inside what is plausible."""
+        low, high = self._range()
+        return np.clip(x, low, high)
+
+    @property
+    def largest_plausible(self) -> FloatArray:
+        """Of each size, or typical where that has no end."""
+        low, high = self._range()
+        far = np.where(np.abs(high) >= np.abs(low), high, low)
+        return np.where(np.isfinite(far), far, 1.0)
+
+    def _range(self) -> tuple[FloatArray, FloatArray]:
+        ends = np.array([[self._scaled(one, value) for value in one.plausible] for one in self.sized])
+        return np.minimum(ends.min(axis=1), 0.0), np.maximum(ends.max(axis=1), 0.0)
+
+    def _scaled(self, one: Parameter, value: float) -> float:
+        null = one.null or 0.0
+        if math.isinf(null):
+            return one.typical / value if value else math.inf
+        return (value - null) / (one.typical - null)
+
+
+def _pairs(here: Sequence[Mode], vehicle: Model) -> tuple[tuple[Mode, Mode], ...]:
+    """Each of the fit's oscillations beside the nearest of the vehicle's."""
+    there = modes(vehicle.matrices.A)
+    return tuple(
+        (mode, min(there, key=lambda other: abs(other.pole - mode.pole))) for mode in here if abs(mode.pole.imag) > 0
+    )

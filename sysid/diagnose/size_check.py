@@ -1,0 +1,95 @@
+"""Whether effects hold on other runs: their sizes, fitted to those runs alone, beside the sizes they have.
+
+A play, a lag or a limit is one number, however hard the vehicle is flown. An entry that only resembles what is there
+follows the runs that it was fitted to with a size that suits their amplitude; runs of another ask for another size.
+How much of the error it explains there shows that less well: half of a wrong size still explains most of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnose.evidence import Candidate, Ground, viewed
+from sysid.diagnose.initial_states import begun
+from sysid.fit.output_error import FitError, estimate
+from sysid.fit.result import finite
+from sysid.model.effect import Effect
+from sysid.model.parameter import Parameter
+from sysid.model.predict import RelaxationError
+
+CERTAIN = 3.0
+"""Standard errors of a difference that chance may make."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """One parameter on the fitted runs and on others."""
+
+    parameter: Parameter
+    fitted: float
+    error: float
+    """Standard error."""
+    elsewhere: float
+    elsewhere_error: float
+
+    @property
+    def off(self) -> float:
+        """By which share of the larger they differ at least, chance taken off: 0 where it may be chance."""
+        apart = abs(self.elsewhere - self.fitted) - CERTAIN * float(np.hypot(self.error, self.elsewhere_error))
+        return max(0.0, apart) / max(abs(self.fitted), abs(self.elsewhere), 1e-300)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "parameter": self.parameter.name,
+            "fitted": finite(self.fitted),
+            "standard_error": finite(self.error),
+            "validation": finite(self.elsewhere),
+            "validation_standard_error": finite(self.elsewhere_error),
+            "off": finite(self.off),
+        }
+
+
+def sizes(one: Candidate, effects: Collection[str], other: Ground) -> tuple[Size, ...]:
+    """Sizes of these effects (ids, or paths of a user's) that both sets of runs determine; the most different first.
+
+    The whole structure is fitted to the other runs, beginning at the candidate. None where they do not determine it:
+    a limit that they do not reach, an axis that they do not move.
+    """
+    structure = one.model.structure
+    asked = [effect for effect in structure.composed if (effect.path or effect.id) in effects]
+    found = _asked(one, asked, (), other)
+    if found is None and len(asked) > 1:  # one of them may not show there: each by itself
+        found = [
+            size
+            for effect in asked
+            for size in _asked(one, [effect], [each for each in asked if each is not effect], other) or ()
+        ]
+    return tuple(sorted(found or (), key=lambda size: -size.off))
+
+
+def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], other: Ground) -> list[Size] | None:
+    """Sizes of effects, those of `kept` ones held; None where the other runs do not determine the structure."""
+    model = one.model
+    held = {*one.held, *one.estimate.at_bound, *(name for effect in kept for name in effect.names)}
+    fixed = {name: model[name] for name in model.structure.names if name in held}
+    try:
+        again = estimate(
+            model.structure, [viewed(one, model.structure.inputs) for one in begun(model, other.spectra)], model, fixed
+        )
+    except (FitError, RelaxationError, np.linalg.LinAlgError):
+        return None
+    names = model.structure.names
+    here, there = (np.sqrt(np.maximum(np.diag(each.covariance), 0)) for each in (one.estimate, again))
+    found = []
+    for parameter in (each for effect in effects for each in effect.parameters):
+        if parameter.name not in names or parameter.name in {*fixed, *again.at_bound}:
+            continue
+        i = names.index(parameter.name)
+        values = (float(model.values[i]), float(here[i]), float(again.model.values[i]), float(there[i]))
+        if np.all(np.isfinite(values)):
+            found.append(Size(parameter, *values))
+    return found

@@ -1,0 +1,265 @@
+"""The checks an engineer makes before believing a fit: natural frequencies, agreement between runs, poles.
+
+Each check says in a sentence what it found, so that a screen or a report can show it as it is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
+from sysid.data.record import Record
+from sysid.fit import fast
+from sysid.fit.output_error import Estimate, FitError, estimate, held_stable, output_error, start
+from sysid.model.predict import stack
+from sysid.model.structure import FloatArray, Model, Structure
+
+POOR_PERCENT = 70.0
+SEPARATE = 4.0  # ratio of residual powers, both axes together
+ROTOR_SEPARATION = 3.0  # the averaging of section 3 wants the modes well below one per revolution (paper: 5.5)
+PAPER_FREQUENCY_CHANGE_PERCENT = 0.9
+PAPER_DAMPING_CHANGE_PERCENT = 1.8
+LARGEST_FREQUENCY_CHANGE_PERCENT = 3.0
+LARGEST_DAMPING_CHANGE_PERCENT = 15.0
+LARGEST_SPREAD = 3.0  # standard errors of a difference between two sets of runs
+SLOWEST_HZ = 1e-3  # below it a mode is an integrator of attitude or speed
+
+
+@dataclass(frozen=True)
+class Check:
+    """One finding; `passed` is None where the data did not allow the check."""
+
+    name: str
+    passed: bool | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Parameters of sets of runs fitted apart, compared in standard errors of their difference."""
+
+    sets: int
+    moves: tuple[tuple[str, float], ...]
+    """(name, largest difference between two sets over its standard error), the largest first; free parameters only."""
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        return tuple(name for name, times in self.moves if times > LARGEST_SPREAD)
+
+    def to_json(self) -> dict[str, Any]:
+        return {"sets": self.sets, "standard_errors": dict(self.moves), "moved": list(self.moved)}
+
+
+def eigenfrequency_checks(
+    model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+) -> tuple[Check, ...]:
+    """Modes inside the swept band, well below the rotor's frequency, and agreeing between sets of runs."""
+    return fit_checks(model, records, band_hz)[0][:3]
+
+
+def fit_checks(
+    model: Model,
+    records: Sequence[Record],
+    band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+    held: Collection[str] = (),
+) -> tuple[tuple[Check, ...], Spread | None]:
+    """The eigenfrequency checks and whether the parameters stay between sets of runs; `held` ones were not fitted.
+
+    The spread is None where the runs do not form sets that identify the model each for itself.
+    """
+    sets = _sets(model, records, band_hz, held)
+    spread = None if isinstance(sets, Check) else _spread(model.structure, sets)
+    return (
+        _inside_sweep(model, records),
+        _below_rotor(model, records),
+        sets if isinstance(sets, Check) else _agreement([one.model for one in sets]),
+        *([] if spread is None else [_same_parameters(spread)]),
+    ), spread
+
+
+def _inside_sweep(model: Model, records: Sequence[Record]) -> Check:
+    bands = [record.swept_band_hz for record in records if record.swept_band_hz is not None]
+    name = "inside the sweep"
+    if not bands:
+        return Check(name, None, "swept band not known: none of the runs is a chirp with its settings")
+    low, high = max(band[0] for band in bands), min(band[1] for band in bands)
+    found = [mode for mode in model.modes if mode.frequency_hz > SLOWEST_HZ]
+    outside = [mode for mode in found if not low <= mode.frequency_hz <= high]
+    if outside:
+        listed = ", ".join(f"{mode.frequency_hz:.2f} Hz" for mode in outside)
+        return Check(name, False, f"{listed} outside the swept {low:g}-{high:g} Hz: extrapolated, sweep there too")
+    return Check(name, True, f"every mode inside the swept {low:g}-{high:g} Hz")
+
+
+def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
+    name = "below the rotor"
+    speeds = [float(np.mean(record.channels["omega"])) for record in records if "omega" in record.channels]
+    if not speeds or min(speeds) <= 0:
+        return Check(name, None, "rotor speed not logged: compare the modes with it by hand")
+    rotor_hz = min(speeds) / (2 * np.pi)
+    highest = max(mode.frequency_hz for mode in model.modes)
+    ratio = rotor_hz / highest
+    text = f"rotor {rotor_hz:.1f} Hz, {ratio:.1f} times the highest mode"
+    if ratio < ROTOR_SEPARATION:
+        return Check(name, False, f"{text}: averaging over a revolution does not hold")
+    return Check(name, True, text)
+
+
+AGREEMENT = "agreement between runs"
+
+
+def _sets(
+    model: Model, records: Sequence[Record], band_hz: tuple[float, float], held: Collection[str]
+) -> list[Estimate] | Check:
+    """The structure fitted to the first run of every axis, then to the second; or why that is not possible."""
+    structure = model.structure
+    by_axis: dict[str | None, list[Record]] = {}
+    for record in records:
+        by_axis.setdefault(record.axis, []).append(record)
+    count = min((len(runs) for runs in by_axis.values()), default=0)
+    if None in by_axis or len(by_axis) < 2 or count < 2:
+        return Check(AGREEMENT, None, "needs two chirps on each axis: fly each twice")
+    fixed = {name: model[name] for name in held}
+    estimates = []
+    for index in range(count):
+        chosen = [runs[index] for runs in by_axis.values()]
+        found, _ = spectra(chosen, structure.inputs, structure.outputs, band_hz)
+        try:
+            estimates.append(estimate(structure, found, model, fixed))
+        except FitError as error:
+            return Check(AGREEMENT, False, f"a set of runs alone does not identify the model: {error}")
+    return estimates
+
+
+def _agreement(models: Sequence[Model]) -> Check:
+    """Natural frequencies and damping ratios of the sets (the paper: 0.9 and 1.8 %); integrators do not count."""
+    modes = [[mode for mode in model.modes if mode.frequency_hz > SLOWEST_HZ] for model in models]
+    if len({len(found) for found in modes}) > 1:
+        return Check(AGREEMENT, False, "the sets of runs do not even agree on which modes oscillate")
+    frequencies = np.array([[mode.frequency_hz for mode in found] for found in modes])
+    dampings = np.array([[mode.damping_ratio for mode in found] for found in modes])
+    change_f = 100 * float(np.max(np.ptp(frequencies, axis=0) / np.mean(frequencies, axis=0)))
+    change_z = 100 * float(np.max(np.ptp(dampings, axis=0) / np.max(np.abs(dampings), axis=0)))
+    text = (
+        f"{len(models)} sets of runs differ by {change_f:.1f} % in natural frequency, {change_z:.1f} % in damping "
+        f"(paper {PAPER_FREQUENCY_CHANGE_PERCENT} and {PAPER_DAMPING_CHANGE_PERCENT} %)"
+    )
+    good = change_f <= LARGEST_FREQUENCY_CHANGE_PERCENT and change_z <= LARGEST_DAMPING_CHANGE_PERCENT
+    return Check(AGREEMENT, good, text)
+
+
+def _spread(structure: Structure, sets: Sequence[Estimate]) -> Spread:
+    """How far each parameter moves between any two sets, in standard errors of the difference."""
+    largest: dict[str, float] = {}
+    for one, other in itertools.combinations(sets, 2):
+        for index, name in enumerate(structure.names):
+            variances = one.covariance[index, index], other.covariance[index, index]
+            if min(variances) > 0:  # held, and on a bound, have none
+                times = abs(float(one.model.values[index] - other.model.values[index])) / math.sqrt(sum(variances))
+                largest[name] = max(largest.get(name, 0.0), times)
+    return Spread(len(sets), tuple(sorted(largest.items(), key=lambda item: -item[1])))
+
+
+def _same_parameters(spread: Spread) -> Check:
+    """Runs of one vehicle give one set of numbers; where they do not, the structure lacks something."""
+    name = "spread between runs"
+    moved, count = len(spread.moved), len(spread.moves)
+    if not spread.moves:
+        return Check(name, None, "no parameter is free in every set of runs")
+    listed = ", ".join(f"{one} {times:.1f} σ" for one, times in spread.moves[: max(moved, 1)])
+    text = f"{moved} of {count} parameters moved more than {LARGEST_SPREAD:g} σ between runs"
+    if moved:
+        return Check(name, False, f"{text}: something is missing ({listed})")
+    return Check(name, True, f"{text} (at most {listed})")
+
+
+def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
+    """What to make of a fit with poles in the right half plane, in sentences.
+
+    Rate dynamics of a flyable rotorcraft are seldom that unstable; feedback through a pilot or controller on
+    data without independent excitation looks so. The refits show what stable poles and late commands would give.
+    """
+    real = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
+    stacks = stack(found)
+    free = output_error(model, stacks).nrmse_percent
+    said = [
+        f"the model is unstable (pole at {real:+.1f} 1/s): do not simulate it or design on it; "
+        "a pilot or controller in the loop, without independent excitation, makes data look so"
+    ]
+    try:
+        p, q = held_stable(model, stacks)[1].nrmse_percent
+        said.append(
+            f"with the poles held stable it reaches only p {p:.0f} / q {q:.0f} %, "
+            f"free p {free[0]:.0f} / q {free[1]:.0f} %"
+        )
+        if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
+            late = lateness(Structure(model.structure.base_), found)
+            if late is not None:
+                said.append(late)
+    except FitError as error:
+        said.append(f"no more can be said of why: {error}")
+    said.append("fly a chirp with independent noise on every axis, with the excitation logged, and fit that")
+    return said
+
+
+LATE_ALREADY = frozenset({"servo_lag", "servo_second_order", "transport_delay", "gyro_lag"})
+LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
+
+
+def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) -> list[str]:
+    """What to tell of a TPP fit that leaves much unexplained: often something is late, and then its numbers lie."""
+    if model.structure.composed or model.structure.base != "tpp" or np.min(nrmse) >= POOR_PERCENT:
+        return []
+    said = [
+        f"the model leaves much unexplained (p {nrmse[0]:.0f} / q {nrmse[1]:.0f} %): its standard errors do not hold"
+    ]
+    try:
+        late = lateness(model.structure, found)
+    except FitError:
+        late = None
+    if late is not None:
+        said.append(f"{late}: refit with --with servo_lag or --with transport_delay")
+    return said
+
+
+def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
+    """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not."""
+    base = _cost(structure, found)
+    parts, least = [], {}
+    for kind in ("lag", "delay"):
+        costs = []
+        for late_s in LATENESS_S:
+            delayed = [_late(one, kind, late_s) for one in found]
+            costs.append(_cost(structure, delayed))
+        late_s = LATENESS_S[int(np.argmin(costs))]
+        least[kind] = min(costs)
+        p, q = estimate(structure, [_late(one, kind, late_s) for one in found]).error.nrmse_percent
+        parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to p {p:.0f} / q {q:.0f} %")
+    if min(least.values()) > base + np.log(0.7):
+        return None
+    if abs(least["lag"] - least["delay"]) < np.log(SEPARATE):
+        verdict = "these data do not separate the two"
+    else:
+        verdict = f"the {min(least, key=lambda kind: least[kind])} explains far more"
+    return f"something is late between command and rate: {', '.join(parts)}; {verdict}"
+
+
+def _cost(structure: Structure, found: Sequence[Spectrum]) -> float:
+    stacks = stack(found)
+    if fast.applies(structure, stacks):
+        quick = fast.fit(structure, stacks[0])
+        if quick is not None:
+            return float(np.sum(np.log(quick.residual_power)))
+    return float(np.sum(np.log(output_error(start(structure, stacks), stacks).residual_power)))
+
+
+def _late(one: Spectrum, kind: str, late_s: float) -> Spectrum:
+    s = 2j * np.pi * one.frequency_hz
+    factor = 1 / (1 + s * late_s) if kind == "lag" else np.exp(-s * late_s)
+    return replace(one, U=one.U * factor)

@@ -1,0 +1,201 @@
+"""From records to a fit: several runs together, effect after effect, validated on others, with words for the user."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
+from sysid.data.record import Record
+from sysid.fit.checks import explain_instability, explain_poverty
+from sysid.fit.identifiable import structural, vague
+from sysid.fit.output_error import AXIS_OF, Estimate, FitError, OutputError, estimate, output_error
+from sysid.fit.result import Fit, RecordUsed, Rung
+from sysid.model.bases import compose
+from sysid.model.effect import Effect, EffectError
+from sysid.model.predict import stack
+from sysid.model.structure import Model, Structure
+
+LARGE_TILT = 5.0  # rad of flapping per full command
+
+
+def identify(
+    structure: Structure,
+    records: Sequence[Record],
+    validation: Sequence[Record] = (),
+    band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+    *,
+    effects: Sequence[str | Effect] = (),
+    fixed: Mapping[str, float] | None = None,
+    profile: str | None = None,
+    window_s: tuple[float | None, float | None] | None = None,
+    grown: Fit | None = None,
+    begin: Model | None = None,
+) -> Fit:
+    """Fit a bare base with effects to all records together; validation records only judge.
+
+    Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
+    lineage. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
+    their logs and are kept with the fit. `grown` is the fit of all effects but the last on the same records, which
+    need not be made again; `begin` a model of the whole composition to begin at. Raises FitError where an axis is not
+    identifiable, EffectError where an effect cannot act on these runs; the message says which and what to do.
+    """
+    refuse_mixed_sources([*records, *validation])
+    if not 0 <= band_hz[0] < band_hz[1]:
+        raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
+    if not records:
+        raise FitError("no run to fit")
+    rungs: list[Rung] = [] if grown is None else [*grown.lineage]
+    warnings: list[str] = []
+    parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
+    for count in range(0 if grown is None else len(effects), len(effects) + 1):
+        try:
+            composed = on_runs(structure.base, effects[:count], [*records, *validation], records)
+        except EffectError:
+            if count == len(effects):
+                raise
+            continue  # it needs one that is named after it
+        fitted, warnings = spectra(records, composed.inputs, composed.outputs, band_hz)
+        held = {name: value for name, value in (fixed or {}).items() if name in composed.names}
+        if count == len(effects):
+            held = dict(fixed or {})
+        open_to_all = structural(composed, held) if composed.composed else None
+        if open_to_all is not None:
+            raise FitError(open_to_all)
+        at = begin if count == len(effects) and begin is not None else parent
+        if at is not None and at.structure.base != composed.base:
+            at = None  # cylinder dynamics know nothing of flapping
+        found: Estimate = estimate(composed, fitted, at, held)
+        parent = found.model
+        judged: Mapping[str, float] | None = None
+        if validation:
+            judging, remarks = spectra(validation, composed.inputs, composed.outputs, band_hz)
+            warnings += remarks
+            if not judging:
+                raise FitError("no validation run has 2 s of gap-free samples")
+            judged = by_output(composed, output_error(found.model, stack(judging)))
+        rungs.append(Rung(composed.effects, by_output(composed, found.error), judged))
+    warnings += _resampling(fitted)
+    warnings += _suspicious_signs(found.model)
+    if not found.model.stable:
+        warnings += explain_instability(found.model, fitted)
+    else:
+        warnings += explain_poverty(found.model, found.error.nrmse_percent, fitted)
+    warnings += _vague_directions(found)
+    warnings += _missing_sweeps(records, composed)
+    warnings += _failed_validation(judged)
+    return Fit(
+        found.model,
+        found.covariance,
+        rungs[-1].nrmse_percent,
+        rungs[-1].validation_nrmse_percent,
+        tuple(RecordUsed.of(record, band_hz[1]) for record in records),
+        tuple(RecordUsed.of(record, band_hz[1]) for record in validation),
+        band_hz,
+        tuple(dict.fromkeys(warnings)),
+        profile,
+        window_s,
+        found.at_bound,
+        tuple(fixed or ()),
+        tuple(rungs),
+    )
+
+
+def on_runs(
+    base: str, effects: Sequence[str | Effect], records: Sequence[Record], fitted: Sequence[Record]
+) -> Structure:
+    """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
+    available = set.intersection(*(set(record.channels) for record in records))
+    return compose(base, effects, available, means(fitted))
+
+
+def means(records: Sequence[Record]) -> dict[str, float]:
+    """The mean flight condition, Omega_0 and V_0, as far as every run logs it."""
+    return {
+        name: float(np.mean(np.concatenate([record.channels[channel] for record in records])))
+        for name, channel in (("Omega_0", "omega"), ("V_0", "airspeed"))
+        if all(channel in record.channels for record in records)
+    }
+
+
+def judge(model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:
+    """NRMSE by output of a model on records; only trims and end states are estimated."""
+    found, _ = spectra(records, model.structure.inputs, model.structure.outputs, band_hz)
+    if not found:
+        raise FitError("no run has 2 s of gap-free samples: nothing to judge by")
+    return by_output(model.structure, output_error(model, stack(found)))
+
+
+def by_output(structure: Structure, error: OutputError) -> dict[str, float]:
+    return {name: float(x) for name, x in zip(structure.outputs, error.nrmse_percent, strict=True)}
+
+
+def refuse_mixed_sources(records: Sequence[Record]) -> None:
+    """p and q of all runs of one fit come from the same kind of message: two kinds differ in their filters."""
+    sources = sorted({record.rate_source for record in records})
+    if len(sources) > 1:
+        raise FitError(
+            f"the runs take p and q from different messages ({', '.join(sources)}), which differ by milliseconds; "
+            "fit runs of one kind together"
+        )
+
+
+def _vague_directions(found: Estimate) -> list[str]:
+    """What these runs hardly determine, with the direction in which the numbers may move together."""
+    return [
+        f"these runs do not determine {direction.moves[0][0]} (practical: too little power at this noise): "
+        f"one standard error moves {direction}; fly longer or harder there, or hold it with --fix"
+        for direction in vague(found.model.structure, found.model.values, found.covariance)
+    ]
+
+
+def _missing_sweeps(records: Sequence[Record], structure: Structure) -> list[str]:
+    """An axis that no run swept is known only through what the controller or the pilot did there."""
+    swept = {record.axis for record in records}
+    if None in swept or any(record.maneuver == "unknown" for record in records):
+        return []
+    missing = [AXIS_OF[name] for name in structure.commands if name in AXIS_OF and AXIS_OF[name] not in swept]
+    return [
+        f"no {axis} maneuver among the runs: what the {axis} command does is known only from the controller's "
+        "reactions; add a run that sweeps it"
+        for axis in missing
+    ]
+
+
+def _failed_validation(judged: Mapping[str, float] | None) -> list[str]:
+    if judged is None or min(judged.values()) > 0:
+        return []
+    return ["on the validation runs the model is worse than none at all: do not use it there"]
+
+
+def _resampling(found: Sequence[Spectrum]) -> list[str]:
+    moved = sum(one.segment.resampled for one in found)
+    total = sum(one.samples for one in found)
+    if moved <= 0.01 * total:
+        return []
+    return [f"time stamps are irregular: {moved} of {total} samples were put on a uniform clock"]
+
+
+def _suspicious_signs(model: Model) -> list[str]:
+    """Positive commands give positive steady rates by convention; a model that says otherwise met other signs."""
+    said = []
+    if model.stable and not model.structure.attitude_states:
+        A, B, C, D = model.matrices
+        steady = D - C @ np.linalg.solve(A, B)
+        for index, (command, rate) in enumerate(zip(("delta_x", "delta_y"), ("p", "q"), strict=True)):
+            if steady[index, index] < 0:
+                said.append(
+                    f"the steady {rate} answers {command} with the opposite sign: "
+                    f"check the sign of {command} or of {rate} ({AXIS_OF[command]} axis)"
+                )
+    for parameter, value in zip(model.structure.parameters, model.values, strict=True):
+        if parameter.implausible(float(value)):
+            low, high = parameter.plausible
+            said.append(f"{parameter.name} = {value:.4g} is outside what physics allows ({low:g} to {high:g})")
+    large = {
+        one.name for one, value in zip(model.structure.parameters, model.values, strict=True) if value > LARGE_TILT
+    }
+    if {"A_lon", "B_lat"} <= large:
+        said.append("both axes answer the cyclic tens of times too much: are p and q in degrees per second?")
+    return said

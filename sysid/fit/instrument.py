@@ -1,0 +1,62 @@
+"""The logged excitation as an instrument: estimates that feedback does not bias.
+
+With a controller on, gusts reach the commands, and least squares takes a little of them for the vehicle's answer. What
+the excitation alone did to the commands carries no gust; sensitivities to that part ask the residual only what the
+excitation can answer. Soederstrom and Stoica's instrumental-variable method, in the Fourier domain. For nonlinear
+effects the sensitivities are those of the vehicle as that part alone would move it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.preprocess import EXCITATIONS, ComplexArray
+from sysid.model.predict import Stack
+from sysid.model.structure import FloatArray
+
+FOLLOWING = ("alpha", "beta", "phi", "theta")
+"""Channels that follow the vehicle's own motion, and with it what gusts do to it."""
+WINDOW_HZ = 0.5
+"""Within it the closed loop from excitation to command counts as one complex gain."""
+
+
+def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[ComplexArray] | None:
+    """For every stack the inputs (m, bins) as far as the excitation caused them; those from outside as logged.
+
+    Commands and channels that follow the motion are caused; rotor speed, airspeed and yaw come from outside.
+
+    None where the excitation was not logged on every run, or did not excite every command.
+    """
+    found = []
+    for stack in stacks:
+        names = [name for name in EXCITATIONS if all(name in one.segment.channels for one in stack.spectra)]
+        wanted = [f"excitation_{command.removeprefix('delta_')}" for command in commands]
+        if not set(wanted) <= set(names):
+            return None
+        R: ComplexArray = np.concatenate(
+            [one.transform(np.stack([one.segment.channels[name] for name in wanted])) for one in stack.spectra], axis=1
+        )
+        if not np.all(np.any(R, axis=1)):
+            return None
+        rows = [i for i, name in enumerate(stack.inputs) if name in commands or name in FOLLOWING]
+        caused = stack.U.copy()
+        caused[rows] = caused_by(stack.U[rows], R, stack.scale, stack.frequency_hz)
+        found.append(caused)
+    return found
+
+
+def caused_by(U: ComplexArray, R: ComplexArray, scale: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
+    """The part of U (m, bins) that R (r, bins) explains linearly, window by window of frequency, all runs together."""
+    caused = np.zeros_like(U)
+    order = np.argsort(frequency_hz, kind="stable")
+    edges = np.arange(0.0, frequency_hz[order[-1]] + WINDOW_HZ, WINDOW_HZ)
+    starts = np.searchsorted(frequency_hz[order], edges)
+    for begin, end in zip(starts, [*starts[1:], order.size], strict=True):
+        here = order[begin:end]
+        if here.size:
+            r, u = scale[here] * R[:, here], scale[here] * U[:, here]
+            gain = (u @ r.conj().T) @ np.linalg.pinv(r @ r.conj().T, rcond=1e-9, hermitian=True)
+            caused[:, here] = gain @ R[:, here]
+    return caused

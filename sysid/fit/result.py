@@ -1,0 +1,332 @@
+"""A fit that saves itself: the numbers, what they were made from, and how far to trust them.
+
+The JSON is what other programs read (`tippath.fit/1`); keys are added, never changed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.preprocess import gaps, rate_hz
+from sysid.data.record import Record
+from sysid.errors import SysidError
+from sysid.fit.identifiable import undetermined
+from sysid.model.bases import compose
+from sysid.model.effect import EffectError
+from sysid.model.structure import FloatArray, Model
+
+FORMAT = "tippath.fit/1"
+HIGH_CORRELATION = 0.9
+
+
+class ResultError(SysidError):
+    """A result file that cannot be read; the message says why."""
+
+
+@dataclass(frozen=True)
+class RecordUsed:
+    """One run that entered the fit."""
+
+    id: str
+    path: str
+    sha256: str
+    maneuver: str
+    axis: str | None
+    duration_s: float
+    samples: int
+    rate_hz: float
+    gaps: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, record: Record, high_hz: float) -> RecordUsed:
+        found = gaps(record.t, high_hz)
+        return cls(
+            record.id,
+            record.path,
+            record.sha256,
+            record.maneuver,
+            record.axis,
+            record.duration_s,
+            record.t.size,
+            rate_hz(record.t, found),
+            found,
+        )
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step from the bare base to the fitted structure."""
+
+    effects: tuple[str, ...]
+    nrmse_percent: Mapping[str, float]
+    validation_nrmse_percent: Mapping[str, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model fitted to runs."""
+
+    model: Model
+    covariance: FloatArray
+    """(parameters, parameters), units of the parameters."""
+    nrmse_percent: Mapping[str, float]
+    """Eq. 10 by output on the fitted runs, in percent; 100 is perfect."""
+    validation_nrmse_percent: Mapping[str, float] | None
+    records: tuple[RecordUsed, ...]
+    validation: tuple[RecordUsed, ...]
+    band_hz: tuple[float, float]
+    warnings: tuple[str, ...] = field(default=())
+    profile: str | None = None
+    """The log profile that named the channels, where one was given."""
+    window_s: tuple[float | None, float | None] | None = None
+    """The part of every run that was used, in the log's own time."""
+    at_bound: tuple[str, ...] = ()
+    """Parameters that ended on a hard bound; they have no standard error."""
+    fixed: tuple[str, ...] = ()
+    """Parameters that were held."""
+    lineage: tuple[Rung, ...] = ()
+    """From the first structure to this one."""
+
+    @property
+    def standard_errors(self) -> FloatArray:
+        """(parameters,)"""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def insensitivity_percent(self) -> FloatArray:
+        """(parameters,): how far each may move alone before the cost shows it, percent of its value."""
+        free = np.flatnonzero(np.diag(self.covariance) > 0)
+        found = np.zeros(self.model.values.size)
+        information = np.linalg.inv(self.covariance[np.ix_(free, free)])
+        found[free] = 100 / np.sqrt(np.diag(information)) / np.maximum(np.abs(self.model.values[free]), 1e-300)
+        return found
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters whose standard error exceeds their own size: their values are not to be read as numbers."""
+        return undetermined(self.model.structure, self.model.values, self.covariance)
+
+    @property
+    def correlations(self) -> tuple[tuple[str, str, float], ...]:
+        """Pairs of parameters whose estimates move together, above 0.9 in size, the closest first; else the closest.
+
+        Empty where fewer than two parameters are free.
+        """
+        free = np.flatnonzero(np.diag(self.covariance) > 0)
+        errors = self.standard_errors[free]
+        correlation = self.covariance[np.ix_(free, free)] / np.outer(errors, errors)
+        names = [self.model.structure.names[i] for i in free]
+        pairs = sorted(
+            (
+                (names[i], names[j], float(np.clip(correlation[i, j], -1, 1)))
+                for i in range(len(names))
+                for j in range(i + 1, len(names))
+            ),
+            key=lambda pair: -abs(pair[2]),
+        )
+        close = [pair for pair in pairs if abs(pair[2]) > HIGH_CORRELATION]
+        return tuple(close or pairs[:1])
+
+    @property
+    def stable(self) -> bool:
+        return self.model.stable
+
+    def to_json(self, relative_to: Path) -> dict[str, Any]:
+        """The `tippath.fit/1` document; paths relative to the directory it will stand in."""
+        from importlib.metadata import version
+
+        structure = self.model.structure
+        matrices = self.model.matrices
+        parameters, vague = {}, self.undetermined
+        for parameter, value, error, insensitivity in zip(
+            structure.parameters, self.model.values, self.standard_errors, self.insensitivity_percent, strict=True
+        ):
+            bound = parameter.name not in self.at_bound and parameter.name not in self.fixed
+            parameters[parameter.name] = {
+                "value": float(value),
+                "unit": parameter.unit,
+                "standard_error": finite(error) if bound else None,
+                "cramer_rao_percent": finite(100 * error / abs(value)) if bound and value else None,
+                "insensitivity_percent": finite(insensitivity) if bound else None,
+                "at_bound": parameter.name in self.at_bound,
+                "implausible": parameter.implausible(float(value)),
+                "fixed": parameter.name in self.fixed,
+                "determined": parameter.name not in vague,
+            }
+
+        def nrmse(values: Mapping[str, float] | None) -> dict[str, float | None] | None:
+            return None if values is None else {name: finite(x) for name, x in values.items()}
+
+        return {
+            "format": FORMAT,
+            "structure": {
+                "base": structure.base,
+                "effects": [_relative(one, relative_to) if one.endswith(".py") else one for one in structure.effects],
+                "user_effects": {
+                    _relative(one.path, relative_to): one.sha256 for one in structure.composed if one.path is not None
+                },
+                "channels": list(structure.inputs),
+                "constants": dict(structure.constants),
+            },
+            "parameters": parameters,
+            "modes": [
+                {"frequency_hz": finite(mode.frequency_hz), "damping_ratio": finite(mode.damping_ratio)}
+                for mode in self.model.modes
+            ],
+            "stable": self.stable,
+            "nrmse_percent": nrmse(self.nrmse_percent),
+            "validation_nrmse_percent": nrmse(self.validation_nrmse_percent),
+            "records": [_record_json(one, relative_to) for one in self.records],
+            "validation_records": [_record_json(one, relative_to) for one in self.validation],
+            "lineage": [
+                {
+                    "effects": list(rung.effects),
+                    "nrmse_percent": nrmse(rung.nrmse_percent),
+                    "validation_nrmse_percent": nrmse(rung.validation_nrmse_percent),
+                }
+                for rung in self.lineage
+            ],
+            "outside_matrices": [
+                _relative(one, relative_to) if one.endswith(".py") else one for one in structure.outside_matrices
+            ],
+            "matrices": {name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
+            "covariance": [[finite(x) for x in row] for row in self.covariance],
+            "correlations": [
+                {"parameters": [one, other], "correlation": finite(value)} for one, other, value in self.correlations
+            ],
+            "band_hz": list(self.band_hz),
+            "profile": self.profile,
+            "window_s": None if self.window_s is None else list(self.window_s),
+            "warnings": list(self.warnings),
+            "version": version("tippath"),
+        }
+
+    @classmethod
+    def from_json(cls, document: Any, directory: Path, named: Sequence[str] = ()) -> Fit:
+        """Read what `to_json` wrote; record paths become usable from here. Raises ResultError.
+
+        A user's effect is code: it runs only where its path is among `named`, and only unchanged.
+        """
+        try:
+            if document["format"] != FORMAT:
+                raise ResultError(f"not a {FORMAT} document but {document['format']}")
+            said = document["structure"]
+            structure = compose(
+                said["base"],
+                _effects(said, directory, named),
+                [*said.get("channels", ())],
+                said.get("constants", {}),
+            )
+            values = structure.vector({name: one["value"] for name, one in document["parameters"].items()})
+            covariance = np.array(
+                [[math.nan if x is None else x for x in row] for row in document["covariance"]], dtype=float
+            )
+            if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
+                raise ResultError("parameters or covariance are not numbers of the right shape")
+            window = document.get("window_s")
+            return cls(
+                Model(structure, values),
+                covariance,
+                dict(document["nrmse_percent"]),
+                document["validation_nrmse_percent"],
+                tuple(_record_from(one, directory) for one in document["records"]),
+                tuple(_record_from(one, directory) for one in document.get("validation_records", ())),
+                (float(document["band_hz"][0]), float(document["band_hz"][1])),
+                tuple(document["warnings"]),
+                document["profile"],
+                None if window is None else (window[0], window[1]),
+                tuple(name for name, one in document["parameters"].items() if one["at_bound"]),
+                tuple(name for name, one in document["parameters"].items() if one["fixed"]),
+                tuple(
+                    Rung(tuple(one["effects"]), dict(one["nrmse_percent"]), one["validation_nrmse_percent"])
+                    for one in document["lineage"]
+                ),
+            )
+        except EffectError as error:
+            raise ResultError(f"its structure cannot be composed: {error}") from error
+        except (KeyError, TypeError, IndexError, AttributeError) as error:
+            raise ResultError(f"not a {FORMAT} document: {error!r} is missing or of the wrong kind") from error
+
+    @classmethod
+    def load(cls, path: Path, named: Sequence[str] = ()) -> Fit:
+        """Raises ResultError for a file that is not a fit, OSError for one that cannot be read."""
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ResultError(f"{path}: not JSON ({error})") from error
+        try:
+            return cls.from_json(document, path.parent, named)
+        except ResultError as error:
+            raise ResultError(f"{path}: {error}") from error
+
+
+def _effects(said: Any, directory: Path, named: Sequence[str]) -> list[Any]:
+    """The effects of a saved structure; users' files only where they are named and unchanged."""
+    from sysid.model.effect import load
+
+    allowed = {Path(word).resolve() for word in named}
+    found: list[Any] = []
+    for word in said["effects"]:
+        if word not in said.get("user_effects", {}):
+            found.append(word)
+            continue
+        path = directory / word
+        if path.resolve() not in allowed:
+            raise ResultError(f"it uses the effect file {path}, which is code: name it with --with {path} to run it")
+        effect = load(path)
+        if effect.sha256 != said["user_effects"][word]:
+            raise ResultError(f"the effect file {path} has changed since this fit was made")
+        found.append(effect)
+    return found
+
+
+def finite(x: float) -> float | None:
+    """JSON has no NaN or Infinity."""
+    return float(x) if math.isfinite(x) else None
+
+
+def _relative(path: str, directory: Path) -> str:
+    if not path:
+        return ""
+    try:
+        return Path(os.path.relpath(Path(path).resolve(), directory.resolve())).as_posix()
+    except ValueError:  # another drive
+        return Path(path).resolve().as_posix()
+
+
+def _record_json(one: RecordUsed, directory: Path) -> dict[str, Any]:
+    return {
+        "id": one.id,
+        "path": _relative(one.path, directory),
+        "sha256": one.sha256,
+        "maneuver": one.maneuver,
+        "axis": one.axis,
+        "duration_s": one.duration_s,
+        "samples": one.samples,
+        "rate_hz": one.rate_hz,
+        "gaps": [list(gap) for gap in one.gaps],
+    }
+
+
+def _record_from(one: Any, directory: Path) -> RecordUsed:
+    path = str(directory / one["path"]) if one["path"] else ""
+    gaps_of: Sequence[Sequence[float]] = one["gaps"]
+    return RecordUsed(
+        one["id"],
+        path,
+        one["sha256"],
+        one["maneuver"],
+        one.get("axis"),
+        one["duration_s"],
+        one["samples"],
+        one["rate_hz"],
+        tuple((gap[0], gap[1]) for gap in gaps_of),
+    )

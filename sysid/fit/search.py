@@ -1,0 +1,64 @@
+"""The best value of a parameter that the acting commands jump with, found without derivatives.
+
+Where one jump of a dead band falls elsewhere, all that follow do. So the cost over its width is rough, with one narrow
+cleft where the jumps are those that flew. Averaged over neighbouring widths the commands are smooth again, and the
+cost shows near which width the cleft is; there it is looked for point by point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.model.predict import Stack
+from sysid.model.structure import Model
+
+Trial = tuple[float, Model | None]
+"""Cost and model; infinite and None where there is no response."""
+WIDE, WINDOW, NARROW, FINEST = 1.2, 1.4, 1.02, 1.0002
+"""Ratios: between the values of the first look; from its best to the ends of the second; between the values of that
+one; and where halving the distance ends."""
+
+
+def cleft(
+    begin: Model,
+    name: str,
+    ends: tuple[float, float],
+    acted: Callable[[Mapping[str, float]], Sequence[Stack]],
+    tried: Callable[[Mapping[str, float], Sequence[Stack]], Trial],
+) -> Model:
+    """The model of lowest cost over one parameter, first between `ends` > 0; the others begin at `begin`.
+
+    `acted` gives the stacks with the commands as they act, `tried` fits what follows to them: on all bins, because a
+    simulation costs as much.
+    """
+
+    def at(model: Model, value: float) -> dict[str, float]:
+        return {**model.structure.named(model.values), name: value}
+
+    def lowest(trials: Sequence[Trial]) -> tuple[float, Model]:
+        cost, model = min(trials, key=lambda one: one[0])
+        return cost, model or begin
+
+    wide = np.geomspace(*ends, 1 + round(np.log(ends[1] / ends[0]) / np.log(WIDE))).tolist()
+    seen = [acted(at(begin, value)) for value in wide]
+    _, model = lowest(
+        [tried(at(begin, value), _mean(seen[max(i - 1, 0) : i + 2])) for i, value in enumerate(wide)],
+    )
+    most = round(np.log(WINDOW) / np.log(NARROW))
+    near = (model[name] * NARROW ** np.arange(-most, most + 1.0)).tolist()
+    trials = [tried(at(model, value), stacks) for value, stacks in zip(wide, seen, strict=True)]
+    best = lowest(trials + [tried(at(model, value), acted(at(model, value))) for value in near])
+    ratio = NARROW
+    while ratio > FINEST:
+        ratio = ratio**0.5
+        sides = [at(best[1], best[1][name] * factor) for factor in (1 / ratio, ratio)]
+        best = lowest([best, *(tried(side, acted(side)) for side in sides)])
+    return best[1]
+
+
+def _mean(several: Sequence[Sequence[Stack]]) -> list[Stack]:
+    """The stacks with the mean of their inputs."""
+    return [replace(groups[0], U=np.mean([one.U for one in groups], axis=0)) for groups in zip(*several, strict=True)]

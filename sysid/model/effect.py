@@ -1,0 +1,217 @@
+"""What a physical effect is: a declaration and one pure function, composed with others in the order of physics.
+
+`equations(s)` writes the effect in the paper's letters. It is evaluated three ways without the author's help: on unit
+vectors, which gives the matrices of a linear structure; on unit vectors with a complex step, which gives their exact
+derivatives; and on whole time histories, which gives nonlinear and time-varying responses. So it may use arithmetic,
+powers and NumPy's elementwise functions, and no branches on values; `magnitude` is |x| for all three.
+
+It returns a mapping. A key ending in `_dot` is *added* to that state's rate. Any other key *redefines* the signal or
+the parameter of that name for all that comes after.
+"""
+
+from __future__ import annotations
+
+import enum
+import hashlib
+import importlib.util
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.record import FloatArray
+from sysid.errors import SysidError
+from sysid.model.parameter import Parameter
+
+
+class EffectError(SysidError):
+    """An effect that does not exist, cannot be read, or cannot act on this base or these data."""
+
+
+class Stage(enum.IntEnum):
+    """When an effect acts within one instant; within a stage `order` decides, then the id."""
+
+    SCHEDULE = 0
+    """Redefines parameters with the flight condition."""
+    COMMAND = 1
+    """Between the logged command and the swashplate."""
+    DYNAMICS = 2
+    """Adds to the rates of the vehicle's states."""
+    INERTIA = 3
+    """Redefines p_dot and q_dot once all moments are known."""
+    MEASUREMENT = 4
+    """Redefines the measured rates p_m and q_m."""
+
+
+class Signals:
+    """The names an effect may read: parameters, states, commands, channels, the rates summed so far, constants.
+
+    Constants: `g` (m/s^2), `Omega_0` (rad/s) and `V_0` (m/s), the means over the fitted runs where they are logged.
+    """
+
+    def __init__(self, values: dict[str, Any]) -> None:
+        self._values = values
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self._values[name]
+        except KeyError:
+            raise AttributeError(name) from None
+
+    def has(self, name: str) -> bool:
+        """Whether this composition has a parameter, state, channel or constant of that name."""
+        return name in self._values
+
+
+def magnitude(x: Any) -> Any:
+    """|x| that a complex step passes through: it has the derivative sign(x)."""
+    return np.sqrt(x * x)
+
+
+Equations = Callable[[Signals], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What an effect is composed into."""
+
+    base: str
+    """`cd` or `tpp`."""
+    effects: tuple[str, ...]
+    """Ids of all effects composed, its own too, sorted."""
+    available: frozenset[str]
+    """Channels that every run has."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue."""
+
+    id: str
+    title: str
+    group: str
+    """rotor, fuselage, forward, actuators, sensors, or user."""
+    equation: str
+    """For people, in the paper's letters."""
+    source: str
+    signature: str
+    """What the residual looks like where the effect is missing."""
+    parameters: tuple[Parameter, ...]
+    stage: Stage
+    equations: Equations | None = None
+    states: tuple[str, ...] = ()
+    """Its own; each needs a `<state>_dot`."""
+    channels: tuple[str, ...] = ()
+    """That the log must have; a member may name alternatives as `a|b`, and `adapt` then chooses."""
+    attitude: bool = False
+    """Reads phi and theta: logged ones where there are, else integrated from p and q."""
+    needs: tuple[str, ...] = ()
+    """Effects that must be there too; a tuple's member may name alternatives as `a|b`."""
+    absorbed_by: tuple[str, ...] = ()
+    """Bases that contain it already."""
+    replaces: tuple[str, ...] = ()
+    """Parameters of the base that it does away with."""
+    slot: str | None = None
+    """The part of the base that it stands in for instead of adding to it (`rotor`)."""
+    order: float = 0.0
+    linear: bool = True
+    """Whether the response stays linear in states and inputs with constant coefficients."""
+    per_command: bool = False
+    """`equations` is written for one command `delta` with states of its own, and repeated for every command."""
+    samples: Callable[[FloatArray, float, Mapping[str, float]], FloatArray] | None = None
+    """For what equations cannot say (play, limits): commands (c, n), dt in s, parameters -> acting samples (c, n).
+
+    Absolute commands, not centred; rows in the structure's order, delta_x and delta_y first. The result is held over
+    each sample.
+    """
+    rests_within: str | None = None
+    """The parameter that says how far from the command `samples` may hold still, as it may have before a run began."""
+    response: Callable[[Any, Mapping[str, Any]], Any] | None = None
+    """For what no finite state can say (delay): frequency response of every command at s = j omega."""
+    adapt: Callable[[Surroundings], Effect] | None = None
+    """The declaration that fits the logged channels and the other effects, where one declaration cannot fit all.
+
+    Equal surroundings must give the same object (`functools.cache`), so that equal structures compare equal.
+    """
+    start: Callable[[Mapping[str, float], Mapping[str, float]], Mapping[str, float]] | None = None
+    """Where to begin, from the parent's parameter values and the constants; without it, `typical` and the grids."""
+    null_tolerance: float = 1e-9
+    """At the null, or 1e-9 of typical from one that divides by zero, the response is the base's to this tolerance."""
+    acts_at_null: bool = False
+    """Whether a part of it has no parameter, so that it does something with all of them at their nulls."""
+    path: str | None = None
+    """Of a user's effect; None in the catalogue."""
+    sha256: str | None = field(default=None)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def has_null(self) -> bool:
+        return any(parameter.null is not None for parameter in self.parameters)
+
+
+FOLDER = Path(__file__).with_name("effects")
+
+
+@cache
+def catalogue() -> Mapping[str, Effect]:
+    """Every effect in the folder, by id, in the order of groups and ids."""
+    import importlib
+
+    found: dict[str, Effect] = {}
+    for path in sorted(FOLDER.glob("[a-z]*.py")):
+        effect: Effect = importlib.import_module(f"sysid.effects.{path.stem}").EFFECT
+        if effect.id != path.stem:
+            raise EffectError(f"{path.name} declares {effect.id}: an effect's file bears its id")
+        found[effect.id] = effect
+    groups = ("rotor", "fuselage", "forward", "actuators", "sensors")
+    return dict(sorted(found.items(), key=lambda item: (groups.index(item[1].group), item[0])))
+
+
+def find(word: str) -> Effect:
+    """A catalogue id, or the path of a user's effect file (its code runs). Raises EffectError."""
+    known = catalogue()
+    if word in known:
+        return known[word]
+    if word.endswith(".py"):
+        return load(Path(word))
+    plain = word.replace("-", "_").lower()
+    close = [name for name in known if plain in name] or get_close_matches(plain, known, 3)
+    hint = f"; did you mean {', '.join(close)}" if close else "; `tippath effects` lists them"
+    raise EffectError(f"no effect {word!r}{hint}")
+
+
+def load(path: Path) -> Effect:
+    """A user's effect: a Python file that defines EFFECT. Raises EffectError for a file that does not."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise EffectError(f"{path}: cannot be read ({error.strerror or error})") from error
+    spec = importlib.util.spec_from_file_location(f"user_effect_{path.stem}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        effect = module.EFFECT
+    except (Exception, SystemExit) as error:  # a user's file may fail in any way; it must not take the tool down
+        raise EffectError(f"{path}: not an effect file ({type(error).__name__}: {error})") from error
+    if not isinstance(effect, Effect):
+        raise EffectError(f"{path}: EFFECT is not an Effect but {type(effect).__name__}")
+    import dataclasses
+
+    return dataclasses.replace(effect, path=str(path), sha256=hashlib.sha256(content).hexdigest())
+
+
+def at_null(effect: Effect) -> dict[str, float]:
+    """Parameter values at which the base is unchanged; infinite ones stay infinite, ones without a null are typical."""
+    return {
+        parameter.name: parameter.typical if parameter.null is None else parameter.null
+        for parameter in effect.parameters
+    }

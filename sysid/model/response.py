@@ -1,0 +1,66 @@
+"""Frequency responses of models: exact for linear structures, that of small motion at rest for others.
+
+`transfer` is what an engineer plots beside measured responses; `slopes` is how each parameter moves it, which tells
+what no flight whatever could tell apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid.data.preprocess import ComplexArray
+from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Structure, stepped
+
+RELATIVE_STEP = 1e-6
+
+
+def transfer(structure: Structure, values: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
+    """Outputs per input at s = j omega, shape (k, m, frequencies), inputs in the structure's order.
+
+    Delay is exact. Play and limits are left out, products and powers vanish: small motion in the mean condition.
+    """
+    s = 2j * np.pi * frequency_hz
+    A, B, C, D = structure.matrices(values)
+    H: ComplexArray = C @ np.linalg.solve(s[:, None, None] * np.eye(A.shape[0]) - A, B.astype(complex)) + D
+    return np.asarray((H * _late(structure, values, s)).transpose(1, 2, 0))
+
+
+def slopes(structure: Structure, values: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
+    """Derivatives of `transfer` to each parameter, (parameters, k, m, frequencies)."""
+    s = 2j * np.pi * frequency_hz
+    matrices = structure.matrices(stepped(values))
+    A, B, C, D = (x[0].real for x in matrices)
+    dA, dB, dC, dD = (x.imag[:, None] / COMPLEX_STEP for x in matrices)
+    R = np.linalg.inv(s[:, None, None] * np.eye(A.shape[0]) - A)
+    X = R @ B
+    found = (C @ R) @ (dA @ X + dB) + dC @ X + dD
+    late = _late(structure, values, s)
+    found = found * late
+    H = C @ X + D
+    for effect in structure.composed:
+        if effect.response is not None:
+            for name in effect.names:
+                index = structure.names.index(name)
+                step = RELATIVE_STEP * max(abs(float(values[index])), abs(structure.parameters[index].typical))
+                move = np.zeros(values.size)
+                move[index] = step
+                change = _late(structure, values + move, s) - _late(structure, values - move, s)
+                found[index] += H * change / (2 * step)
+    return np.asarray(found.transpose(0, 2, 3, 1))
+
+
+def behind_commands(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray:
+    """What effects that no matrix holds (delay) make of every command, (frequencies,)."""
+    factor = np.ones(s.size, dtype=complex)
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    for effect in structure.composed:
+        if effect.response is not None:
+            factor = factor * np.asarray(effect.response(s, {name: named[name] for name in effect.names}))
+    return factor
+
+
+def _late(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray:
+    """The same of every input, (frequencies, 1, m); channels pass."""
+    factor = np.ones((s.size, 1, len(structure.inputs)), dtype=complex)
+    factor[:, 0, : len(structure.commands)] = behind_commands(structure, values, s)[:, None]
+    return factor

@@ -1,0 +1,288 @@
+"""Structures and models: equations without and with numbers, and what follows from their matrices.
+
+A structure is a base and the physical effects composed onto it, in the order of physics. A model is a structure with
+numbers. Commands are held between samples, so discretisation by the matrix exponential is exact at any rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.model.effect import Effect, Signals, Stage
+from sysid.model.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+AnyArray = NDArray[Any]
+
+G = 9.80665  # m/s^2
+COMPLEX_STEP = 1e-30
+SMALL_MOTION = 2.0**-300
+"""Far below rounding, and exact to divide by: what is not proportional to the motion vanishes beside what is."""
+DRIFT_RAD_S = 2 * math.pi * 0.5
+"""Where the attitude has a part, slower roots are the hover's drift, which no rate shows and the pilot holds."""
+FLIGHT_CONDITION = {"omega": "Omega_0", "airspeed": "V_0"}
+"""Channels that do not vary about zero, and the constants that they are at rest."""
+
+
+class Matrices(NamedTuple):
+    """x' = A x + B u, y = C x + D u. Shapes (n, n), (n, m), (k, n), (k, m); a leading stack is allowed."""
+
+    A: AnyArray
+    B: AnyArray
+    C: AnyArray
+    D: AnyArray
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One natural mode: a complex pair, or a real pole (damping ratio +1 or -1)."""
+
+    frequency_hz: float
+    damping_ratio: float
+    pole: complex
+
+
+@dataclass(frozen=True)
+class Base:
+    """One of the paper's two structures, before any effect."""
+
+    name: str
+    """`cd` or `tpp`."""
+    states: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    equations: Callable[[Signals], Mapping[str, Any]]
+    """Rates by `<state>_dot`; may define signals that effects read (theta_s, theta_c)."""
+    slots: tuple[tuple[str, Callable[[Signals], Mapping[str, Any]]], ...]
+    """Parts, by name, that one effect each may stand in for: evaluated after `equations` where none does."""
+    uncoupled: tuple[float, ...]
+    """A stable point without coupling or control, to begin from where the poles are to be held stable."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Equations without numbers: a base with effects. Made by `sysid.model.bases.compose`."""
+
+    base_: Base
+    composed: tuple[Effect, ...] = ()
+    """In the order in which they act."""
+    commands: tuple[str, ...] = ("delta_x", "delta_y")
+    channels: tuple[str, ...] = ()
+    """Logged signals other than commands that the equations read."""
+    attitude_states: tuple[str, ...] = ()
+    """phi, theta where an effect reads them and they are not logged."""
+    constants: tuple[tuple[str, float], ...] = ()
+    """Omega_0, V_0: means over the fitted runs."""
+
+    states: tuple[str, ...] = field(init=False)
+    parameters: tuple[Parameter, ...] = field(init=False)
+    outputs: tuple[str, ...] = field(init=False, default=("p", "q"))
+
+    def __post_init__(self) -> None:
+        states = [*self.base_.states, *self.attitude_states]
+        dropped = {name for effect in self.composed for name in effect.replaces}
+        parameters = [one for one in self.base_.parameters if one.name not in dropped]
+        for effect in self.composed:
+            if effect.per_command:
+                states += [f"{state}_{command}" for command in self.commands for state in effect.states]
+            else:
+                states += effect.states
+            parameters += effect.parameters
+        object.__setattr__(self, "states", tuple(states))
+        object.__setattr__(self, "parameters", tuple(parameters))
+
+    @property
+    def base(self) -> str:
+        return self.base_.name
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Catalogue ids, or the paths of users' effects."""
+        return tuple(effect.path or effect.id for effect in self.composed)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What drives the equations: commands, then channels."""
+        return (*self.commands, *self.channels)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def outside_matrices(self) -> tuple[str, ...]:
+        """Effects on the commands that matrices leave out, and with them poles and modes: delay, play, limits."""
+        return tuple(one.path or one.id for one in self.composed if one.response is not None or one.samples is not None)
+
+    @property
+    def linear(self) -> bool:
+        """Constant coefficients throughout: the response is exact in matrices."""
+        return all(effect.linear for effect in self.composed)
+
+    def vector(self, values: Mapping[str, float]) -> FloatArray:
+        """Values by name -> values in order, shape (parameters,). Raises KeyError for a missing name."""
+        return np.array([values[name] for name in self.names], dtype=float)
+
+    def named(self, values: AnyArray) -> dict[str, Any]:
+        """Values (..., parameters) -> by name, each (...)."""
+        return {name: values[..., i] for i, name in enumerate(self.names)}
+
+    def matrices(self, values: AnyArray) -> Matrices:
+        """Parameter values (..., parameters), real or complex -> matrices (..., rows, columns).
+
+        Effects outside the matrices (delay, play, limits) are left out. Nonlinear terms are those of small motions
+        at rest, in the mean flight condition.
+        """
+        values = np.asarray(values)
+        n, m = len(self.states), len(self.inputs)
+        unit = SMALL_MOTION * np.eye(n + m)
+        signals = {name: unit[i] for i, name in enumerate((*self.states, *self.inputs))}
+        known = dict(self.constants)
+        signals.update(
+            {name: np.array(known[mean]) for name, mean in FLIGHT_CONDITION.items() if name in self.channels}
+        )
+        parameters = {name: value[..., None] for name, value in self.named(values).items()}
+        rates, outputs = self.evaluate(parameters, signals)
+        kind = np.result_type(values, float)
+        rows = np.empty((*values.shape[:-1], n, n + m), dtype=kind)
+        out = np.empty((*values.shape[:-1], len(self.outputs), n + m), dtype=kind)
+        for i, state in enumerate(self.states):
+            rows[..., i, :] = rates[f"{state}_dot"]
+        for i, name in enumerate(self.outputs):
+            out[..., i, :] = outputs[name]
+        rows, out = rows / SMALL_MOTION, out / SMALL_MOTION
+        return Matrices(rows[..., :n], rows[..., n:], out[..., :n], out[..., n:])
+
+    def evaluate(
+        self, parameters: Mapping[str, Any], signals: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Rates by `<state>_dot` and outputs p, q (a, b) by name, all effects applied in order.
+
+        Parameters and signals are whatever broadcasts: scalars, unit vectors, time histories.
+        """
+        env: dict[str, Any] = {"g": G, **dict(self.constants), **parameters, **signals}
+        rates: dict[str, Any] = {f"{state}_dot": 0.0 * env[state] for state in self.states}
+
+        def take(changes: Mapping[str, Any], redefine_rates: bool = False) -> None:
+            for key, value in changes.items():
+                if key in rates:
+                    rates[key] = env[key] = value if redefine_rates else rates[key] + value
+                elif key.endswith("_dot"):
+                    raise ValueError(f"{key}: there is no state {key.removesuffix('_dot')}")
+                else:
+                    env[key] = value
+
+        def take_base() -> None:
+            take(self.base_.equations(Signals(env)))
+            for slot, equations in self.base_.slots:
+                if all(effect.slot != slot for effect in self.composed):
+                    take(equations(Signals(env)))
+
+        based = False
+        for effect in self.composed:
+            if effect.stage >= Stage.DYNAMICS and not based:
+                take_base()
+                based = True
+            if effect.equations is None:
+                continue
+            if effect.per_command:
+                for command in self.commands:
+                    local = {**env, "delta": env[command]}
+                    local.update({state: env[f"{state}_{command}"] for state in effect.states})
+                    for key, value in effect.equations(Signals(local)).items():
+                        if key == "delta":
+                            env[command] = value
+                        else:
+                            take({f"{key.removesuffix('_dot')}_{command}_dot": value})
+                continue
+            if effect.stage is Stage.MEASUREMENT:
+                env.setdefault("p_m", env["p"])
+                env.setdefault("q_m", env["q"])
+            take(effect.equations(Signals(env)), effect.stage is Stage.INERTIA)
+        if not based:
+            take_base()
+        for axis, rate in (("phi", "p"), ("theta", "q")):
+            if axis in self.attitude_states:
+                rates[f"{axis}_dot"] = env[rate]
+        outputs = {"p": env.get("p_m", env["p"]), "q": env.get("q_m", env["q"])}
+        return rates, outputs
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A structure with numbers."""
+
+    structure: Structure
+    values: FloatArray
+    """Shape (parameters,), in the structure's order and units."""
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.values[self.structure.names.index(name)])
+
+    @cached_property
+    def matrices(self) -> Matrices:
+        return self.structure.matrices(self.values)
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Of the vehicle alone, from its commands on; what `outside_matrices` does to these moves none."""
+        return modes(self.matrices.A)
+
+    @cached_property
+    def stable(self) -> bool:
+        """Of the vehicle alone, from its commands: a delay of these, which no matrix holds, moves no pole.
+
+        With attitude states their integrals, and the drift below `DRIFT_RAD_S`, do not count.
+        """
+        poles = np.linalg.eigvals(self.matrices.A)
+        drift = DRIFT_RAD_S if self.structure.attitude_states else 0.0
+        return not np.any((poles.real >= -1e-9) & (np.abs(poles) >= drift))
+
+
+def modes(A: AnyArray) -> tuple[Mode, ...]:
+    """Natural modes of x' = A x, ascending in frequency, one entry for each complex pair."""
+    found = []
+    for pole in np.linalg.eigvals(A):
+        if pole.imag < -1e-9 * max(1.0, abs(pole)):
+            continue
+        magnitude = abs(pole)
+        ratio = -pole.real / magnitude if magnitude > 0 else 0.0
+        found.append(Mode(float(magnitude / (2 * np.pi)), float(ratio), complex(pole)))
+    return tuple(sorted(found, key=lambda mode: (mode.frequency_hz, mode.damping_ratio)))
+
+
+def discretise(A: AnyArray, B: AnyArray, dt: float) -> tuple[AnyArray, AnyArray]:
+    """Exact zero-order-hold equivalent over one sample of dt seconds.
+
+    A (..., n, n) and B (..., n, m), real or complex, stacks allowed; returns arrays of the same shapes.
+    Scaling and squaring of a Taylor series: SciPy's expm takes 0.2 ms a matrix, and these are small.
+    """
+    n, m = B.shape[-2:]
+    block = np.zeros((*A.shape[:-2], n + m, n + m), dtype=np.result_type(A, B))
+    block[..., :n, :n] = A * dt
+    block[..., :n, n:] = B * dt
+    norm = float(np.max(np.sum(np.abs(block), axis=-1))) if block.size else 0.0
+    if not math.isfinite(norm):
+        raise np.linalg.LinAlgError("the matrix to be exponentiated is not finite")
+    squarings = max(0, int(np.ceil(np.log2(norm / 0.25)))) if norm > 0 else 0
+    block = block / 2.0**squarings
+    identity = np.eye(n + m)
+    power = identity + block / 11
+    for k in range(10, 0, -1):
+        power = identity + block @ power / k
+    for _ in range(squarings):
+        power = power @ power
+    return power[..., :n, :n], power[..., :n, n:]
+
+
+def stepped(values: FloatArray) -> AnyArray:
+    """A stack (parameters, parameters) of complex steps, one parameter each, for exact derivatives."""
+    stack = np.repeat(values.astype(complex)[None, :], values.size, axis=0)
+    stack[np.diag_indices(values.size)] += 1j * COMPLEX_STEP
+    return stack
