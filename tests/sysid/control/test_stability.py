@@ -137,7 +137,7 @@ def test_gains_that_do_not_hold_are_no_document() -> None:
 def test_the_fit_of_the_finding_itself() -> None:
     from sysid.fit.result import Fit
 
-    path = Path(__file__).parents[3] / "shared/findings/unstable_design/heli_tpp-2.json"
+    path = Path(__file__).parents[4] / "shared/findings/unstable_design/heli_tpp-2.json"
     if not path.exists():
         pytest.skip(f"NOT CHECKED, {path.name} of the findings is not there: its numbers are checked above")
     with pytest.raises(NotHeldError):
