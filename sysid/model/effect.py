@@ -156,7 +156,7 @@ class Effect:
         return any(parameter.null is not None for parameter in self.parameters)
 
 
-FOLDER = Path(__file__).with_name("effects")
+FOLDER = Path(__file__).parents[1] / "effects"
 
 
 @cache
