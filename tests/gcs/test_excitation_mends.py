@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from excitation_rules import MUTATIONS, Act, History, Way, mutated, play
 
 from gcs.link.procedures import NoAnswerError
 from gcs.maneuver import Maneuver
@@ -62,3 +63,59 @@ def test_nothing_more_is_given_back_once_the_excitation_mode_shows(profile: Vehi
     words = give_back(session, profile, {AXIS: 10.0, MAGNITUDE: 0.1}, before)
     assert session.written == [(AXIS, 0.0)]
     assert any("nothing is written now" in word for word in words)
+
+
+HISTORIES = {
+    "shown again between two ticks is not seen": History(
+        seed=84,
+        up=Way(delay_s=0.02, swaps=0.1),
+        down=Way(loss=0.3),
+        acts=(Act(4.204998938285068, "stranger", 0, 8),),
+        tick_s=0.4,
+    ),
+    "an acceptance heard after a silence counts": History(
+        seed=306,
+        up=Way(loss=0.1, swaps=0.3),
+        down=Way(delay_s=0.2, loss=0.5),
+        acts=(Act(-1.4101221354962945, "stall", 5.0),),
+        tick_s=0.4,
+        attitude_s=1.0,
+    ),
+    "a silence between two ticks is not seen": History(
+        seed=117,
+        up=Way(delay_s=0.1, loss=0.3, delays=((0.0, 3.8434327445832084),)),
+        down=Way(delay_s=0.02, delays=((4.971239627698331, 5.849051835035093),)),
+        tick_s=0.25,
+        attitude_s=0.5,
+    ),
+    "asked again after a silence": History(
+        seed=262,
+        up=Way(delay_s=0.2, loss=0.3, repeats=0.1),
+        down=Way(delay_s=0.1),
+        acts=(Act(-1.598770438145039, "stall", 20.0),),
+        tick_s=0.4,
+        attitude_s=0.5,
+    ),
+    "asked again where it started and left": History(
+        seed=157,
+        up=Way(loss=0.1, delays=((-0.001, 4.6726694770962265),)),
+        down=Way(delay_s=0.02, swaps=0.3),
+        acts=(Act(0.6869326722618869, "mode", 1), Act(0.6143488875317185, "mode", 25)),
+        mode_before=1,
+        tick_s=0.4,
+        attitude_s=1.0,
+    ),
+    "an abort believes what was heard before a silence": History(
+        seed=448,
+        down=Way(delays=((0.69, 9.42), (0.82, 4.08)), outages=((1.72, 83.8),)),
+        stop_s=15.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HISTORIES)
+def test_what_was_wrong_is_right(name: str) -> None:
+    """Without the guard, as before the mend, the history breaks a rule."""
+    without = mutated(next(mutation for mutation in MUTATIONS if mutation.name == name))
+    assert play(HISTORIES[name], without).breaches
+    assert not play(HISTORIES[name]).breaches
