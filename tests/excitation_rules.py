@@ -847,6 +847,7 @@ class World:
         self._procedure: Any = None
         self._writing: Any = None
         self._blocks = 0
+        self._block_s = -math.inf
         self._newest = _Message(None, 0.0)
         self._recording = False
         self.at(0.0, self._ping, None)
@@ -957,6 +958,7 @@ class World:
         self._heard_s = now
         if isinstance(event, LogBlock):
             self._blocks += 1
+            self._block_s = now
             if message.newest_s > self._newest.newest_s or message.newest_s < self._newest.newest_s - 1.0:
                 self._newest = message
             return
@@ -1024,7 +1026,21 @@ class World:
         newest = self._newest
         t = _EMPTY if newest.content is None else np.array([newest.newest_s - last_s, newest.newest_s])
         zero = np.zeros(t.size)
-        return LiveWindow(t, zero, zero, zero, zero, zero, zero, sweep_s=newest.sweep_s)
+        return LiveWindow(
+            t,
+            zero,
+            zero,
+            zero,
+            zero,
+            zero,
+            zero,
+            sweep_s=newest.sweep_s,
+            sweep_entered_s=None if newest.sweep_s is None else newest.newest_s - newest.sweep_s,
+            log_s=None if newest.content is None else newest.newest_s,
+        )
+
+    def log_health(self) -> Any:
+        return _Log(None if self._newest.content is None else self.now - self._block_s)
 
     def start_recording(self, directory: Path) -> None:
         self._recording = True
@@ -1041,6 +1057,17 @@ class World:
 
 
 _EMPTY = np.zeros(0)
+
+
+class _Log:
+    """The health of a log that is recorded, as far as a run asks for it."""
+
+    __slots__ = ("silent_s",)
+    reported = ""
+    capacity = None
+
+    def __init__(self, silent_s: float | None) -> None:
+        self.silent_s = silent_s
 
 
 class _View:
