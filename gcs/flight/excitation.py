@@ -215,7 +215,7 @@ class RunState:
     """Times the excitation mode was asked for."""
     asked_at: float = UNKNOWN
     accepted_after: int | None = None
-    """Heartbeats heard when the vehicle said that it starts; None while it did not."""
+    """Heartbeats heard when the vehicle said that it starts; None while it did not, and after a silence."""
     flying_since: float | None = None
     ending: Ending | None = None
     reason: str = ""
@@ -236,11 +236,13 @@ class RunState:
     """Times the excitation mode showed again after another mode."""
 
     ticked_at: float = math.inf
+    heard_at: float = math.inf
+    """When anything was heard last."""
     settled_at: float = UNKNOWN
     """Until then a heartbeat counts only if the vehicle's clock says that it is new."""
     lost_since: float | None = None
     heard_since: float = UNKNOWN
-    """The link was not lost since then."""
+    """There was no silence since then, neither of the link nor of ourselves."""
     late_since: float | None = None
     """The link's lag is beyond the limit since then."""
     log_silent_since: float | None = None
@@ -256,6 +258,8 @@ class RunState:
     returned_at: float = UNKNOWN
     """When the way back was last asked for."""
     left_at: float = 0.0
+    left_after: int = -1
+    """Heartbeats heard until then."""
     cleared: bool = False
     """The vehicle is known to be out of the excitation mode, and no start of ours is under way any more."""
     mode_after: str = ""
@@ -282,16 +286,19 @@ def step(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Non
 
 
 def _listen(state: RunState, seen: Seen, plan: Plan) -> RunState:
-    if seen.lost or seen.now - state.ticked_at > STALL_S:
-        # What was heard before the silence is too old to act on.
-        state = replace(state, settled_at=seen.now + SETTLE_S, excited=False)
-    if state.heard_since == UNKNOWN or seen.lost:
+    heard_at = seen.now - seen.link_age_s
+    silent = seen.lost or seen.now - state.ticked_at > STALL_S or heard_at - state.heard_at > LOST_AFTER_S
+    if silent:
+        # What was heard before the silence is too old to act on; it may lie between two ticks.
+        state = replace(state, settled_at=seen.now + SETTLE_S, excited=False, accepted_after=None)
+    if state.heard_since == UNKNOWN or silent:
         state = replace(state, heard_since=seen.now)
     silent_log = seen.log_age_s is not None and seen.log_age_s > LAG_LIMIT_S and seen.link_age_s < LAG_LIMIT_S
     late = seen.lag_s is not None and seen.lag_s > LAG_LIMIT_S
     state = replace(
         state,
         ticked_at=seen.now,
+        heard_at=heard_at,
         lost_since=_since(seen.lost, state.lost_since, seen.now),
         late_since=_since(late and not seen.lost, state.late_since, seen.now),
         log_silent_since=_since(silent_log, state.log_silent_since, seen.now),
@@ -332,20 +339,21 @@ def _starting(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order 
     if not state.asks:
         return _not_asked_yet(state, seen, plan)
     started = any(text.startswith(STARTING) for text in seen.texts)
-    if state.excited or started or (seen.answer is not None and seen.answer.accepted):
-        state = replace(state, phase=Phase.FLYING, accepted_after=seen.heartbeats, flying_since=seen.now, others=0)
-        return _flying(state, replace(seen, answer=None), plan)
+    if state.confirmed or started or (seen.answer is not None and seen.answer.accepted):
+        return _flying(_started(state, seen), replace(seen, answer=None), plan)
     wanted = _wants_end(state, seen)
     if wanted is None and seen.answer is not None and seen.answer.accepted is False:
         wanted = Ending.REFUSED, seen.answer.reason
     if wanted is None and seen.mode not in (state.mode_before, plan.mode):
         wanted = Ending.PILOT, f"the mode is {seen.mode_name}: the pilot has it"
+    if wanted is None and state.settled_at > state.asked_at:
+        wanted = Ending.LINK, "nothing was heard for a while, or this program stood still: it is not asked for again"
     if wanted is None and state.asks >= START_TRIES and seen.now - state.asked_at >= START_EVERY_S:
         wanted = Ending.REFUSED, "the vehicle does not answer to the start"
     if wanted is not None:
         # Asked for already, it may still come about: only heartbeats will tell.
         return _returning(_end(state, seen, *wanted), seen, plan)
-    if seen.now - state.asked_at < START_EVERY_S or seen.now < state.settled_at:
+    if seen.now - state.asked_at < START_EVERY_S:
         return state, None
     return _ask(state, seen, plan)
 
@@ -371,6 +379,17 @@ def _not_asked_yet(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, O
 
 def _ask(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     return replace(state, asks=state.asks + 1, asked_at=seen.now, others=0), Order(plan.mode)
+
+
+def _started(state: RunState, seen: Seen) -> RunState:
+    """It said that it starts; word that came with a silence is too old to act on."""
+    return replace(
+        state,
+        phase=Phase.FLYING,
+        accepted_after=seen.heartbeats if seen.now >= state.settled_at else None,
+        flying_since=seen.now,
+        others=0,
+    )
 
 
 def _flying(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
@@ -425,7 +444,7 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
 
 def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     """Out of the excitation mode: until nothing of ours can bring it back, and nobody contradicts."""
-    if state.excited:
+    if state.excited_number > state.left_after:
         again = replace(state, reason=joined(state.reason, "the excitation mode showed again and was ended"))
         assert again.ending is not None
         return _returning(_end(again, seen, again.ending, again.reason, at_once=True), seen, plan)
@@ -491,7 +510,8 @@ def _end(state: RunState, seen: Seen, ending: Ending, reason: str, *, at_once: b
 
 
 def _leave(state: RunState, seen: Seen) -> tuple[RunState, Order | None]:
-    return replace(state, phase=Phase.WATCHING, left_at=seen.now, mode_after=state.mode_shown), None
+    left = replace(state, phase=Phase.WATCHING, left_at=seen.now, left_after=seen.heartbeats)
+    return replace(left, mode_after=state.mode_shown), None
 
 
 def _taken(state: RunState) -> tuple[Ending, str]:
@@ -703,18 +723,23 @@ def abort(
     first = session.snapshot()
     if first.mode != excitation_mode:
         return AbortResult(False, True, first.mode_name, first.mode_name, 0, "")
+    last = first.beats[-1] if first.beats else None
+    now = clock.now()
+    # A link found again may carry anything before the heartbeat that tells what became of the vehicle meanwhile.
+    new = last is not None and now - last.at_s <= STALL_S and (last.late_s is None or last.late_s <= FRESH_S)
     silent = Maneuver("quiet")
     plan = Plan(silent, (), {}, "", 0, excitation_mode, 0.0, silent.duration_s, silent.duration_s)
     returning = Excitation(session, plan, Limits(), clock, mode)
     returning.state = RunState(
         mode_before=mode,
         phase=Phase.RETURNING,
-        excited=True,
+        excited=new,
         excited_number=first.heartbeats,
         confirmed=True,
         mode_shown=first.mode_name,
+        settled_at=UNKNOWN if new else now + SETTLE_S,
         ending=Ending.ABORTED,
-        returning_since=clock.now(),
+        returning_since=now,
         fresh_after=first.heartbeats - 1,
     )
     while returning.tick(look_at_log=False):

@@ -117,7 +117,7 @@ def ordered(
 ) -> tuple[tuple[str, float], ...]:
     """The writes that lead from the settings `now` to those wanted, so that no step leaves a dangerous pair behind.
 
-    A magnitude of 0 goes in between where neither order would do.
+    A magnitude of 0 goes in between where neither order would do. What is NaN in `now` is not known, may be anything.
     """
     axis, magnitude = profile.parameters["axis"], profile.parameters["amplitude"]
     rest = tuple((name, value) for name, value in wanted.items() if name not in (axis, magnitude))
@@ -128,7 +128,7 @@ def ordered(
     to_axis, to_magnitude = (axis, after.axis), (magnitude, after.magnitude)
     if not profile.dangerous(after.axis, before.magnitude):
         first: tuple[tuple[str, float], ...] = (to_axis, to_magnitude)
-    elif not profile.dangerous(before.axis, after.magnitude):
+    elif not math.isnan(before.axis) and not profile.dangerous(before.axis, after.magnitude):
         first = (to_magnitude, to_axis)
     else:
         first = ((magnitude, 0.0), to_axis, to_magnitude)
@@ -138,11 +138,13 @@ def ordered(
 def write_plan(session: Asking, plan: Plan, profile: VehicleProfile, now: dict[str, float]) -> None:
     """Write a maneuver's parameters, each until the vehicle echoes its very bits, and note it in `now`.
 
+    One that was written and not echoed may be there or not: it is NaN in `now`.
     Raises ProcedureError where one is refused, TippathError in the excitation mode, which reads them at once.
     """
     for name, value in ordered(profile, now, dict(plan.writes)):
         if session.snapshot().mode == profile.excitation_mode:
             raise TippathError("the vehicle is in its excitation mode: no parameter is written now")
+        now[name] = math.nan
         session.call(WriteParameter(name, value))
         now[name] = value
 
@@ -211,6 +213,10 @@ def give_back(
         wanted[magnitude] = kept
     settings = dict(now)
     for name, value in ordered(profile, now, wanted):
+        snapshot = session.snapshot()
+        if snapshot.mode == profile.excitation_mode:
+            words.append(f"{name} is not as it was before: the mode is {snapshot.mode_name}, nothing is written now")
+            break
         try:
             session.call(WriteParameter(name, value))
         except (NoAnswerError, RefusedError) as error:
@@ -219,7 +225,8 @@ def give_back(
                 f"{name} is not as it was before: {error}" if refused else f"{name} may not be as before: {error}"
             )
             if name == axis:
-                words.append(f"{magnitude} stays {settings.get(magnitude, 0.0):g} with it")
+                held = settings.get(magnitude, 0.0)
+                words.append(f"{magnitude} stays {'as it is' if math.isnan(held) else f'{held:g}'} with it")
             break
         settings[name] = value
     return words

@@ -1,0 +1,121 @@
+"""What the checker of rules found wrong, each as the history that showed it, and small."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from excitation_rules import MUTATIONS, Act, History, Way, mutated, play
+
+from gcs.link.procedures import NoAnswerError
+from gcs.maneuver import Maneuver
+from gcs.profile import VehicleProfile, bundled_profiles
+from gcs.settings import give_back, ordered, write_plan
+from gcs.vehicle import VehicleSnapshot
+
+AXIS, MAGNITUDE = "SID_AXIS", "SID_MAGNITUDE"
+
+
+class Silent:
+    """A session whose vehicle takes writes and answers the first few only."""
+
+    def __init__(self, answers: int, mode_after: int = 0) -> None:
+        self.answers = answers
+        self.mode_after = mode_after
+        self.written: list[tuple[str, float]] = []
+
+    def snapshot(self) -> VehicleSnapshot:
+        return replace(VehicleSnapshot(1, 1), mode=self.mode_after if self.written else 0, mode_name="SystemID")
+
+    def call(self, procedure: Any, timeout_s: float | None = None) -> Any:
+        self.written.append((procedure.name, procedure.value))
+        if len(self.written) > self.answers:
+            raise NoAnswerError("no answer")
+        return None
+
+
+@pytest.fixture
+def profile() -> VehicleProfile:
+    return next(p for p in bundled_profiles() if not p.kinds)
+
+
+def test_a_write_without_an_answer_may_have_arrived(profile: VehicleProfile) -> None:
+    plan = profile.plan(Maneuver("chirp", "roll", 0.1, 10.0))
+    now = {AXIS: 8.0, MAGNITUDE: 30.0}
+    with pytest.raises(NoAnswerError):
+        write_plan(Silent(0), plan, profile, now)
+    assert math.isnan(now[MAGNITUDE])
+    assert now[AXIS] == 8.0
+
+
+def test_what_is_not_known_is_taken_for_dangerous(profile: VehicleProfile) -> None:
+    wanted = {AXIS: 10.0, MAGNITUDE: 0.05}
+    assert ordered(profile, {AXIS: 8.0, MAGNITUDE: math.nan}, wanted)[0] == (MAGNITUDE, 0.05)
+    unknown_axis = ordered(profile, {AXIS: math.nan, MAGNITUDE: 30.0}, wanted)
+    assert unknown_axis == ((MAGNITUDE, 0.0), (AXIS, 10.0), (MAGNITUDE, 0.05))
+
+
+def test_nothing_more_is_given_back_once_the_excitation_mode_shows(profile: VehicleProfile) -> None:
+    session = Silent(99, mode_after=25)
+    before = {AXIS: 0.0, MAGNITUDE: 15.0}
+    words = give_back(session, profile, {AXIS: 10.0, MAGNITUDE: 0.1}, before)
+    assert session.written == [(AXIS, 0.0)]
+    assert any("nothing is written now" in word for word in words)
+
+
+HISTORIES = {
+    "shown again between two ticks is not seen": History(
+        seed=84,
+        up=Way(delay_s=0.02, swaps=0.1),
+        down=Way(loss=0.3),
+        acts=(Act(4.204998938285068, "stranger", 0, 8),),
+        tick_s=0.4,
+    ),
+    "an acceptance heard after a silence counts": History(
+        seed=306,
+        up=Way(loss=0.1, swaps=0.3),
+        down=Way(delay_s=0.2, loss=0.5),
+        acts=(Act(-1.4101221354962945, "stall", 5.0),),
+        tick_s=0.4,
+        attitude_s=1.0,
+    ),
+    "a silence between two ticks is not seen": History(
+        seed=117,
+        up=Way(delay_s=0.1, loss=0.3, delays=((0.0, 3.8434327445832084),)),
+        down=Way(delay_s=0.02, delays=((4.971239627698331, 5.849051835035093),)),
+        tick_s=0.25,
+        attitude_s=0.5,
+    ),
+    "asked again after a silence": History(
+        seed=262,
+        up=Way(delay_s=0.2, loss=0.3, repeats=0.1),
+        down=Way(delay_s=0.1),
+        acts=(Act(-1.598770438145039, "stall", 20.0),),
+        tick_s=0.4,
+        attitude_s=0.5,
+    ),
+    "asked again where it started and left": History(
+        seed=157,
+        up=Way(loss=0.1, delays=((-0.001, 4.6726694770962265),)),
+        down=Way(delay_s=0.02, swaps=0.3),
+        acts=(Act(0.6869326722618869, "mode", 1), Act(0.6143488875317185, "mode", 25)),
+        mode_before=1,
+        tick_s=0.4,
+        attitude_s=1.0,
+    ),
+    "an abort believes what was heard before a silence": History(
+        seed=448,
+        down=Way(delays=((0.69, 9.42), (0.82, 4.08)), outages=((1.72, 83.8),)),
+        stop_s=15.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HISTORIES)
+def test_what_was_wrong_is_right(name: str) -> None:
+    """Without the guard, as before the mend, the history breaks a rule."""
+    without = mutated(next(mutation for mutation in MUTATIONS if mutation.name == name))
+    assert play(HISTORIES[name], without).breaches
+    assert not play(HISTORIES[name]).breaches
