@@ -1,8 +1,8 @@
-"""A checker of the rules of `gcs.excitation`: histories of messages between the real engine and a modelled vehicle.
+"""A checker of the rules of `gcs.flight.excitation`: histories of messages between the real engine and a model vehicle.
 
-In a history everything of the ground is the real code: `gcs.link.clock`, `gcs.vehicle.reduce`, the procedures, and
-`gcs.sweep` with the settings and the runs of a card. The vehicle, its pilot, other stations and the link are a model
-here, in fake time, and the rules are judged from what happened, not from what the ground believed:
+In a history everything of the ground is the real code: `gcs.link.clock`, `gcs.vehicle.snapshot.reduce`, the procedures,
+and `gcs.flight.sweep` with the settings and the runs of a card. The vehicle, its pilot, other stations and the link are
+a model here, in fake time, and the rules are judged from what happened, not from what the ground believed:
 
 - **write**: no parameter that we wrote reaches a vehicle that one of our starts excites; none is written by us that
   makes axis and magnitude a dangerous pair; what is in the vehicle when our start excites it is what was shown.
@@ -45,13 +45,17 @@ from typing import Any
 
 import numpy as np
 
-import gcs.excitation
+import gcs.flight.excitation
+import gcs.flight.settings
+import gcs.flight.sweep
 import gcs.link.clock
-import gcs.settings
-import gcs.sweep
-from gcs.envelope import Limits
+from gcs.cards.envelope import Limits
+from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.errors import TippathError
-from gcs.link.clock import SWAP_S
+from gcs.flight.live import LiveWindow
+from gcs.flight.preflight import LAG_LIMIT_S, LinkLoss
+from gcs.flight.recorder import RecordingSummary
+from gcs.link.clock import LOST_AFTER_S, SWAP_S
 from gcs.link.encode import DO_SET_MODE, BlockStatus, Command, ParamRead, ParamWrite, Ping, Send
 from gcs.link.events import (
     Attitude,
@@ -66,12 +70,8 @@ from gcs.link.events import (
     float_of_bits,
 )
 from gcs.link.procedures import NoAnswerError
-from gcs.logs.live import LiveWindow
-from gcs.maneuver import Maneuver, TestCard
-from gcs.preflight import LAG_LIMIT_S, LinkLoss
-from gcs.profile import VehicleProfile, bundled_profiles
-from gcs.recorder import RecordingSummary
-from gcs.vehicle import LOST_AFTER_S, Text, VehicleSnapshot, reduce
+from gcs.vehicle.profile import VehicleProfile, bundled_profiles
+from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
 STABILIZE, ACRO, ALT_HOLD, RTL, EXCITED = 0, 1, 2, 6, 25
 POLL_S = 0.05
@@ -248,7 +248,7 @@ def _random_act(chance: random.Random) -> Act:
 
 # ------------------------------------------------------------------------------------------------ the code under test
 
-MODULES = ("gcs.link.clock", "gcs.settings", "gcs.excitation", "gcs.sweep")
+MODULES = ("gcs.link.clock", "gcs.flight.settings", "gcs.flight.excitation", "gcs.flight.sweep")
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +261,7 @@ class Code:
     sweep: Any
 
 
-REAL = Code(gcs.link.clock, gcs.settings, gcs.excitation, gcs.sweep)
+REAL = Code(gcs.link.clock, gcs.flight.settings, gcs.flight.excitation, gcs.flight.sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,7 +306,7 @@ def _of(module: str, *rows: tuple[str, str, str]) -> tuple[Mutation, ...]:
 
 MUTATIONS = (
     *_of(
-        "gcs.excitation",
+        "gcs.flight.excitation",
         (
             "a heartbeat from before the start is believed",
             "if state.asks and not state.confirmed and beat.mode == state.mode_before and beat.known_s",
@@ -450,7 +450,7 @@ MUTATIONS = (
         ("an abort after a silence does not settle", "settled_at=UNKNOWN if new else now + SETTLE_S,", ""),
     ),
     *_of(
-        "gcs.settings",
+        "gcs.flight.settings",
         (
             "axis and magnitude in any order",
             "    if not profile.dangerous(after.axis, before.magnitude):",
@@ -484,7 +484,7 @@ MUTATIONS = (
         ),
     ),
     *_of(
-        "gcs.sweep",
+        "gcs.flight.sweep",
         (
             "given back before it is cleared",
             "        if flown is None:\n            return True\n        while flown",

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from gcs.flightdir import create
+from gcs.cards.maneuver import Maneuver, single_card
+from gcs.demo.pilot import SimulatedVehicle
+from gcs.flight.folder import create
+from gcs.flight.session import Session
+from gcs.flight.sweep import Ending, Progress, RunProgress, fly_card
 from gcs.link.procedures import ReadParameter
-from gcs.maneuver import Maneuver, single_card
-from gcs.pilot import SimulatedVehicle
-from gcs.session import Session
-from gcs.sweep import Ending, Progress, RunProgress, fly_card
-from gcs.vehicle import SYSTEMID
+from gcs.vehicle.snapshot import SYSTEMID
 
 CARD = single_card(Maneuver("chirp", "roll", 0.1, 20.0))
 TIMES = 7

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from excitation_rules import MUTATIONS, Act, History, Way, mutated, play
 
+from gcs.cards.maneuver import Maneuver
+from gcs.flight.settings import give_back, ordered, write_plan
 from gcs.link.procedures import NoAnswerError
-from gcs.maneuver import Maneuver
-from gcs.profile import VehicleProfile, bundled_profiles
-from gcs.settings import give_back, ordered, write_plan
-from gcs.vehicle import VehicleSnapshot
+from gcs.vehicle.profile import VehicleProfile, bundled_profiles
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 AXIS, MAGNITUDE = "SID_AXIS", "SID_MAGNITUDE"
 
