@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +38,20 @@ VEHICLE = VehicleSnapshot(
 )  # fmt: skip
 
 
+def beat(number: int, mode: int) -> Beat:
+    now = time.monotonic()
+    return Beat(
+        number=number,
+        at_s=now,
+        mode=mode,
+        mode_name="Stabilize" if mode == 0 else "SystemID",
+        armed=True,
+        status=4,
+        known_s=now,
+        late_s=0.1,
+    )
+
+
 class FakeSession:
     link = "udpin:127.0.0.1:1"
 
@@ -57,10 +72,8 @@ class FakeSession:
     def call(self, procedure, timeout_s=None, *, cancelled=None):
         self.called.append(type(procedure).__name__)
         if type(procedure).__name__ == "SetMode":
-            beats = tuple(
-                Beat(number=n, at_s=n, mode=0, mode_name="Stabilize", armed=True, status=4, known_s=n) for n in (1, 2)
-            )
-            self.now = replace(self.now, mode=0, mode_name="Stabilize", beats=beats, heartbeats=2)
+            beats = (beat(2, 0), beat(3, 0))
+            self.now = replace(self.now, mode=0, mode_name="Stabilize", beats=beats, heartbeats=3)
             return None
         return type("Value", (), {"value": 0.0})()
 
@@ -83,16 +96,17 @@ class FakeCard:
         self.flying = threading.Event()
         self.land = threading.Event()
         self.folder: Path | None = None
+        self.probe: bool | None = None
         self.leave = None
         """What flies a log into the folder, where there is to be one."""
 
-    def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about):
-        self.folder = folder.path
-        planned = [(run, _plan(run)) for run in card.runs()[:2]]
+    def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about, probe):
+        self.folder, self.probe = folder.path, probe
+        planned = [(run, _plan(run)) for run in card.runs()]
         loss = LinkLoss("link lost: RETURNS after 5 s", True)
         assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None))
         results: list[RunResult] = []
-        for run, plan in planned:
+        for run, plan in planned[:2]:
             on_progress(RunReady(run, plan))
             self.aborts.append(aborted())
             ending = Ending.FINISHED if aborted() is None else Ending.ABORTED
@@ -178,6 +192,7 @@ def test_ready_then_start_flies_and_each_run_asks_again(engine):
     assert (state.current, state.link_loss) == (1, "link lost: RETURNS after 5 s")
     assert state.checks == ((True, "trim: centred"),)
     assert engine.fake_card.flown == []
+    assert engine.fake_card.probe is True, "the app did not start this vehicle itself"
     engine.start()
     assert engine.fake_card.flying.wait(WITHIN_S)
     assert engine.state().progress.frequency_hz == 1.5
@@ -288,7 +303,8 @@ def test_a_card_that_cannot_be_flown_leaves_no_folder(engine, monkeypatch, tmp_p
 
 
 def test_f12_ends_an_excitation_of_somebody_else(engine):
-    engine.fake_session.now = replace(VEHICLE, mode=SYSTEMID, mode_name="SystemID")
+    excited = (beat(1, SYSTEMID),)
+    engine.fake_session.now = replace(VEHICLE, mode=SYSTEMID, mode_name="SystemID", beats=excited, heartbeats=1)
     engine.abort()
     until(lambda: "SetMode" in engine.fake_session.called)
     until(lambda: engine.state().said == "the mode is Stabilize")
