@@ -115,6 +115,7 @@ class RunResult:
             "number": self.run.number,
             "label": self.run.label,
             "purpose": self.run.maneuver.purpose,
+            "probe": self.run.probe,
             "maneuver": self.run.maneuver.to_json(),
             "flew": self.plan.words,
             "parameters": dict(self.plan.writes),

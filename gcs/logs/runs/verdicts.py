@@ -60,7 +60,9 @@ def _judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
 
 
 def _against(flown: Mapping[str, Any]) -> str:
-    """Why it is to be flown again; empty where it is kept."""
+    """Why it does not enter a fit unasked; empty where it does."""
+    if flown.get("probe") is True:
+        return "a probe, a small step flown to see that the vehicle answers as it should"
     verdict = flown.get("verdict")
     ending, reason = str(flown.get("ending", "")), str(flown.get("reason", ""))
     if isinstance(verdict, dict):

@@ -73,6 +73,17 @@ def test_an_aborted_run_is_taken_when_it_is_named(
     assert "used because it was named, against the sweep's verdict: fly again: aborted: Ctrl-C" in record.notes
 
 
+def test_a_probe_enters_no_fit_unasked(two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path) -> None:
+    first, second = flown_about["runs"]
+    assert first["probe"] is False
+    path = flight(tmp_path / "flight-0001", two_chirps, flown_about | {"runs": [first | {"probe": True}, second]})
+    probe, _ = ingest([path]).runs
+    assert not probe.usable
+    assert "a probe, a small step" in probe.reasons[0]
+    (record,) = resolve_runs([f"{path}#1"])
+    assert record.id == "flight.BIN#1"
+
+
 def test_a_flight_of_nothing_but_refused_runs_says_how_to_take_one(
     two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path
 ) -> None:
