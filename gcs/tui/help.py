@@ -49,7 +49,7 @@ _LINES = """\
 the line at the top
   LINK           since anything was heard; LINK LOST after 3.5 s, and then
                  nothing restarts by itself
-  lag            how late the link is, the worse way; above 0.5 s nothing is
+  lag, or |      how late the link is, the worse way; above 0.5 s nothing is
                  started, and for a second of it a run is ended. NO ANSWER: the
                  vehicle is heard, and does not answer
   (pilot)        who commands the mode: pilot, autopilot, tippath (a run of

@@ -103,7 +103,7 @@ def _top_parts(state: State, level: int) -> list[str]:
     if vehicle.lost:
         link = f"LINK LOST {_age(vehicle.link_age_s)}"
     else:
-        link = f"LINK {vehicle.link_age_s:.1f} s{_lag(vehicle, level)}"
+        link = f"LINK {vehicle.link_age_s:.1f}{_lag(vehicle, level)}"
     mode = f"{sanitise(vehicle.mode_name)} ({who(state)})"
     rpm = "RPM ?" if vehicle.rpm is None else f"RPM {vehicle.rpm:.0f}"
     if vehicle.rpm is not None and state.rpm_reference and level < 2:
@@ -114,14 +114,14 @@ def _top_parts(state: State, level: int) -> list[str]:
 
 
 def _lag(vehicle: VehicleSnapshot, level: int) -> str:
-    """How late the link is; where it is too late to fly on, always."""
+    """How late the link is, behind its age: in full where there is room, or where it is too late to fly on."""
     if deaf(vehicle):
-        return " NO ANSWER"
+        return " s NO ANSWER"
     if vehicle.lag_s is None:
-        return ""
+        return " s"
     if vehicle.lag_s > LAG_LIMIT_S:
-        return f" LATE {vehicle.lag_s:.1f} s"
-    return f" lag {vehicle.lag_s:.2f}" if level < 1 else ""
+        return f" s LATE {vehicle.lag_s:.1f} s"
+    return f" s lag {vehicle.lag_s:.2f} s" if level < 1 else f"|{vehicle.lag_s:.1f}"
 
 
 def deaf(vehicle: VehicleSnapshot) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fake_app import FLYING as IN_FLIGHT
 from fake_desk import DESKS
 from rich.cells import cell_len
 
@@ -15,6 +16,7 @@ from gcs.cards.envelope import Use
 from gcs.desk import DeskState
 from gcs.tui import next_step, words
 from gcs.tui.state import Mark, Progress, RunView, Stage, State, joined
+from gcs.tui.words import rings, top_line
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
@@ -192,3 +194,23 @@ def test_too_small_is_said_in_what_fits(width):
     assert width < 12 or "too small" in words.too_small((width, 20), (80, 24))
     top = words.top_line(STATE, width).plain
     assert top.strip().endswith("F12 ABORT"[:width].strip())
+
+
+@pytest.mark.parametrize(
+    ("width", "changes", "words"),
+    [
+        (120, {}, "LINK 0.1 s lag 0.02 s"),
+        (80, {}, "LINK 0.1|0.0  "),
+        (80, {"lag_s": 1.23}, "LINK 0.1 s LATE 1.2 s"),
+        (80, {"answer_age_s": 5.0}, "LINK 0.1 s NO ANSWER"),
+    ],
+)
+def test_the_links_lag_stands_beside_its_age(width: int, changes: dict[str, float], words: str) -> None:
+    vehicle = replace(IN_FLIGHT.vehicle, lag_s=0.02, answer_age_s=0.2)  # type: ignore[type-var]
+    before = replace(IN_FLIGHT, vehicle=vehicle, rpm_reference=1650.0)
+    state = replace(before, vehicle=replace(vehicle, **changes))  # type: ignore[arg-type]
+    line = top_line(state, width).plain
+    assert words in line
+    assert len(line) == width
+    assert ("RPM 1648 -0.1 %" in line) is not bool(changes)
+    assert rings(before, state) is bool(changes), "it is told by the bell, too"
