@@ -358,7 +358,7 @@ MUTATIONS = (
         ("what was written need not have landed", " or not seen.landed:", ":"),
         (
             "old heartbeats are believed after a silence",
-            "if seen.now >= state.settled_at or (beat.late_s is not None and beat.late_s <= FRESH_S):",
+            "if seen.now >= state.settled_at or (age_s is not None and age_s <= FRESH_S):",
             "if True:",
         ),
         (
@@ -373,8 +373,18 @@ MUTATIONS = (
         ),
         (
             "an acceptance heard after a silence counts",
+            "accepted_after=seen.heartbeats if seen.now >= state.settled_at and not state.others else None,",
+            "accepted_after=None if state.others else seen.heartbeats,",
+        ),
+        (
+            "a heartbeat beside the acceptance is not heard",
+            "accepted_after=seen.heartbeats if seen.now >= state.settled_at and not state.others else None,",
             "accepted_after=seen.heartbeats if seen.now >= state.settled_at else None,",
-            "accepted_after=seen.heartbeats,",
+        ),
+        (
+            "a heartbeat ages only on its way",
+            "else beat.late_s + seen.now - beat.at_s",
+            "else beat.late_s",
         ),
         (
             "a silence between two ticks is not seen",
@@ -1148,6 +1158,7 @@ class _Judge:
         self._counted_s = -math.inf
         """When the last of them was."""
         self._strangers = 0
+        self._deceived: Any = False
         self._beats = 0
         self._others = 0
         self._settled_others = 0
@@ -1181,7 +1192,8 @@ class _Judge:
 
     def _unless_deceived(self, rule: str, words: str) -> None:
         """Where strangers spoke and the vehicle itself was not heard meanwhile, nobody could know."""
-        if self._strangers and self._world.now - self._shown_s > 3.0:
+        if self._strangers and (self._world.now - self._shown_s > 3.0 or self._deceived is self._flown):
+            self._deceived = self._flown  # and so are the writes that follow
             self._world.counts["excused"] += 1
         else:
             self.broken(rule, words)

@@ -307,7 +307,8 @@ def _listen(state: RunState, seen: Seen, plan: Plan) -> RunState:
         if "failsafe" in text.lower():
             state = replace(state, failsafe=text)
     for beat in seen.beats:
-        if seen.now >= state.settled_at or (beat.late_s is not None and beat.late_s <= FRESH_S):
+        age_s = None if beat.late_s is None else beat.late_s + seen.now - beat.at_s
+        if seen.now >= state.settled_at or (age_s is not None and age_s <= FRESH_S):
             state = _hear(state, beat, plan)
     return state
 
@@ -382,13 +383,12 @@ def _ask(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Non
 
 
 def _started(state: RunState, seen: Seen) -> RunState:
-    """It said that it starts; word that came with a silence is too old to act on."""
+    """It said that it starts: to be acted on unless that came with a silence, or a heartbeat shows another mode."""
     return replace(
         state,
         phase=Phase.FLYING,
-        accepted_after=seen.heartbeats if seen.now >= state.settled_at else None,
+        accepted_after=seen.heartbeats if seen.now >= state.settled_at and not state.others else None,
         flying_since=seen.now,
-        others=0,
     )
 
 
