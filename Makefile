@@ -46,7 +46,7 @@ tests: $(STAMP)  # what flies in real time comes last, with the machine to itsel
 bench: $(STAMP)  ## speed, as ratios against peers in the same run
 	$(BIN)/python -m pytest tests/benchmarks --override-ini 'python_files=bench_*.py' --override-ini 'python_functions=bench_*' -s -q
 
-study: $(STAMP)  ## what only many flights show: optimum, honest errors, every effect planted; a quarter of an hour
+study: $(STAMP)  ## what only many flights show: optimum, honest errors, every effect planted; an hour
 	$(BIN)/python -m pytest tests/study --override-ini 'python_files=study_*.py' --override-ini 'python_functions=study_*' -s -q
 
 blind: $(STAMP)  ## the whole blind study on both plants: some 250 flights with something hidden or nothing, an hour

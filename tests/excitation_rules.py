@@ -300,8 +300,8 @@ def mutated(mutation: Mutation) -> Code:
     return Code(*made)
 
 
-def _of(module: str, *rows: tuple[str, str, str]) -> tuple[Mutation, ...]:
-    return tuple(Mutation(name, module, text, instead) for name, text, instead in rows)
+def _of(module: str, *rows: tuple[str, ...]) -> tuple[Mutation, ...]:
+    return tuple(Mutation(name, module, *rest) for name, *rest in rows)
 
 
 MUTATIONS = (
@@ -419,6 +419,7 @@ MUTATIONS = (
             "started where somebody excites it already",
             "    if seen.mode == plan.mode:\n        wanted = Ending.PILOT",
             "    if False:\n        wanted = Ending.PILOT",
+            "any mode but the one before forbids the start; this guard only has better words",
         ),
         (
             "asked again in the pilot's other mode",
@@ -432,6 +433,7 @@ MUTATIONS = (
             "a lost link does not end a run",
             "    if seen.lost:\n        return Ending.LINK",
             "    if False:\n        return Ending.LINK",
+            "a run without answers ends as well; so does a start after a silence",
         ),
         ("nobody's wish ends a run", "if seen.abort is not None:", "if False:"),
         ("no limit ends a run", "if seen.violations:", "if False:"),
@@ -504,6 +506,7 @@ MUTATIONS = (
             "given back in whatever mode",
             "if cleared and not snapshot.lost and snapshot.mode != self.profile.excitation_mode:",
             "if cleared:",
+            "`give_back` looks at the mode before each write",
         ),
         (
             "the clock does not know what was written",
@@ -535,7 +538,12 @@ MUTATIONS = (
             "            self._fences.append((sent, boot_s))",
             "            self.known_s = max(self.known_s, now - SWAP_S)",
         ),
-        ("the way there is never late", "max(self._down_s, self._up_s)", "self._down_s"),
+        (
+            "the way there is never late",
+            "max(self._down_s, self._up_s)",
+            "self._down_s",
+            "a run without answers ends as well, later",
+        ),
         ("the way back is never late", "max(self._down_s, self._up_s)", "self._up_s"),
     ),
 )
@@ -543,6 +551,19 @@ MUTATIONS = (
 
 
 SEEN_IN = {
+    "time without a link counts against stuck": 281,
+    "an acceptance heard after a silence counts": 306,
+    "our own silence is none": 308,
+    "asked again after a silence": 262,
+    "no answers do not end a run": 490,
+    "the way back is asked for on the start's word again and again": 454,
+    "an unanswered write counts as not done": 1081,
+    "started on a dead log": 442,
+    "a late link does not end a run": 1078,
+    "the way back is never late": 1078,
+    "no last look": 916,
+    "the last look does not wait for proof": 916,
+    "an answer need not be later than the question": 743,
     "a heartbeat from before the start is believed": 53,
     "one other heartbeat is a takeover in flight": 25,
     "no takeover in flight": 47,
@@ -921,8 +942,8 @@ class World:
                 self.pressed += 1
             case "interrupt":
                 self._interrupt = True
-            case "stall":
-                self._stalled_until = max(self._stalled_until, self.now + act.value)
+            case "stall" if self.now >= self._stalled_until:
+                self._stalled_until = self.now + act.value
                 self.judge.stall(act.value)
 
     def _stranger(self, mode: int) -> None:
