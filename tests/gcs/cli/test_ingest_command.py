@@ -225,8 +225,9 @@ def test_a_log_that_says_nothing_leaves_no_empty_table(tmp_path: Path, capsys: p
 
 
 @pytest.mark.data
-def test_all_the_real_logs_at_once(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    logs = sorted((shared_data / "ardupilot").glob("*.[Bb][Ii][Nn]"))
+def test_five_real_logs_at_once(shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names = ("heli_roll_sweep.BIN", "heli_pitch_sweep.BIN", "quad_roll_sweep.BIN", "quad_pitch_sweep.BIN", "log171.bin")
+    logs = sorted(shared_data / "ardupilot" / name for name in names)
     assert call(*logs, "--json") == 0
     document = json.loads(capsys.readouterr().out)
     jsonschema.validate(document, SCHEMA)
