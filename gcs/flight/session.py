@@ -217,7 +217,6 @@ class Session:
             lost=age > LOST_AFTER_S,
             lag_s=clock.lag_s,
             answer_age_s=now - clock.answered_s,
-            known_age_s=now - clock.known_s,
             link_problem=problem,
         )
 

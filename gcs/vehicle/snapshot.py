@@ -109,8 +109,6 @@ class VehicleSnapshot:
     """How late what is heard or said arrives, the worse way; None while the vehicle answered no ping."""
     answer_age_s: float = math.inf
     """Since the newest ping that was answered was sent: grows where the vehicle is heard and does not hear."""
-    known_age_s: float = math.inf
-    """What the vehicle says now, it says knowing of all that was sent longer ago than this, if it arrived at all."""
 
     mode: int = -1
     """The autopilot's number; -1 before its first heartbeat."""
