@@ -343,11 +343,37 @@ MUTATIONS = (
             "if state.heard_since == UNKNOWN or silent:",
             "if state.heard_since == UNKNOWN or seen.lost:",
         ),
-        ("cleared without proof", "if looked and state.known_s >= state.asked_at:", "if looked:"),
+        ("cleared without proof", " and state.known_s >= state.ordered_at:", ":"),
+        (
+            "an old heartbeat with another mode stops nothing",
+            "        elif beat.mode != plan.mode:\n",
+            "        elif False:\n",
+        ),
+        (
+            "a proof outlives a silence",
+            "        state = replace(state, known_s=UNKNOWN, proved_at=None)\n    if state.heard_since",
+            "    if state.heard_since",
+        ),
+        (
+            "a late start's own word does not undo the proof",
+            "    if any(text.startswith(STARTING) for text in seen.texts):\n        state",
+            "    if False:\n        state",
+        ),
+        ("an acceptance that changed nothing is believed", "state.accepted == 1 and", "state.accepted and"),
+        (
+            "cleared at once after a silence",
+            " and state.heard_since <= state.left_at\n",
+            "\n",
+        ),
+        (
+            "cleared with the start's proof alone",
+            "return max(self.asked_at, self.returned_at)",
+            "return self.asked_at",
+        ),
         (
             "contradictions are not looked at",
-            "looked = seen.now - state.left_at > (0.0 if ours or not state.asks else LOOK_S)",
-            "looked = True",
+            "look_s = 0.0 if ours or not state.asks else LOOK_S",
+            "look_s = 0.0",
         ),
         ("shown again after it left, and left alone", "if state.excited_number > state.left_after:", "if False:"),
         (
@@ -450,8 +476,8 @@ MUTATIONS = (
         ),
         (
             "the way back is one mode for all",
-            "returned_at=seen.now), Order(state.mode_before)",
-            "returned_at=seen.now), Order(0)",
+            "proved_at=None), Order(state.mode_before)",
+            "proved_at=None), Order(0)",
         ),
         ("no end where nothing is known", "    if waited > UNKNOWN_S:", "    if False:"),
         (
@@ -538,6 +564,8 @@ MUTATIONS = (
             "            self._fences.append((sent, boot_s))",
             "            self.known_s = max(self.known_s, now - SWAP_S)",
         ),
+        ("a heartbeat's age is the likely one", "now - boot_s - earliest)", "now - boot_s - (self._offset or 0.0))"),
+        ("a stamp from the future is believed", "if back or ahead:", "if back:"),
         (
             "the way there is never late",
             "max(self._down_s, self._up_s)",
@@ -1321,6 +1349,8 @@ class _Judge:
             or (message.own and message.made_s > self._start_arrived_s + SWAP_S and self._known_of_start(message))
         ):
             self._telling = mode
+        if mode != EXCITED and self._world.now - self._counted_s <= self._world.history.tick_s:
+            self._unanswered -= self._unanswered > 0  # both in one tick: the last one stops every order
 
     def _count_others(self, message: _Message, mode: int) -> None:
         """In a row, with another mode; not those that date from before a silence, or from before the start."""

@@ -230,6 +230,8 @@ class RunState:
     """Heartbeats in a row with another mode that do not date from before the start."""
     known_s: float = UNKNOWN
     """Of the last one of them: what was sent up to then had reached the vehicle."""
+    proved_at: float | None = None
+    """Since when they are known to be later than every order of ours, without silence or contradiction since."""
     mode_shown: str = ""
     """By the last heartbeat that can be believed."""
     contradictions: int = 0
@@ -255,6 +257,9 @@ class RunState:
     """Returning: only a heartbeat after this many decides."""
     held: int = -1
     """Heartbeats heard when the way back was accepted; -1 while it was not."""
+    accepted: int = 0
+    """Times it was accepted: more than once, and the vehicle does not do what it accepts, or the answer was another's.
+    """
     returned_at: float = UNKNOWN
     """When the way back was last asked for."""
     left_at: float = 0.0
@@ -264,6 +269,11 @@ class RunState:
     """The vehicle is known to be out of the excitation mode, and no start of ours is under way any more."""
     mode_after: str = ""
     """What the heartbeat that ended the run showed; `unknown` where none did."""
+
+    @property
+    def ordered_at(self) -> float:
+        """When a mode was asked for last, either one."""
+        return max(self.asked_at, self.returned_at)
 
 
 def step(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
@@ -291,6 +301,7 @@ def _listen(state: RunState, seen: Seen, plan: Plan) -> RunState:
     if silent:
         # What was heard before the silence is too old to act on; it may lie between two ticks.
         state = replace(state, settled_at=seen.now + SETTLE_S, excited=False, accepted_after=None)
+        state = replace(state, known_s=UNKNOWN, proved_at=None)
     if state.heard_since == UNKNOWN or silent:
         state = replace(state, heard_since=seen.now)
     silent_log = seen.log_age_s is not None and seen.log_age_s > LAG_LIMIT_S and seen.link_age_s < LAG_LIMIT_S
@@ -310,6 +321,12 @@ def _listen(state: RunState, seen: Seen, plan: Plan) -> RunState:
         age_s = None if beat.late_s is None else beat.late_s + seen.now - beat.at_s
         if seen.now >= state.settled_at or (age_s is not None and age_s <= FRESH_S):
             state = _hear(state, beat, plan)
+        elif beat.mode != plan.mode:
+            state = replace(state, excited=False)  # too old to act on; not too old to wait for the next
+    if any(text.startswith(STARTING) for text in seen.texts):
+        state = replace(state, known_s=UNKNOWN, proved_at=None)  # a start of ours came late
+    if state.proved_at is None and state.others and state.known_s >= state.ordered_at:
+        state = replace(state, proved_at=seen.now)
     return state
 
 
@@ -326,6 +343,8 @@ def _hear(state: RunState, beat: Beat, plan: Plan) -> RunState:
             confirmed=True,
             contradictions=state.contradictions + (state.others > 0 and state.confirmed),
             others=0,
+            known_s=UNKNOWN,
+            proved_at=None,
             mode_shown=beat.mode_name,
         )
     if state.asks and not state.confirmed and beat.mode == state.mode_before and beat.known_s < state.asked_at:
@@ -379,7 +398,7 @@ def _not_asked_yet(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, O
 
 
 def _ask(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
-    return replace(state, asks=state.asks + 1, asked_at=seen.now, others=0), Order(plan.mode)
+    return replace(state, asks=state.asks + 1, asked_at=seen.now, others=0, proved_at=None), Order(plan.mode)
 
 
 def _started(state: RunState, seen: Seen) -> RunState:
@@ -419,7 +438,7 @@ def _said(seen: Seen, plan: Plan) -> tuple[Ending, str] | None:
 
 def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     if seen.answer is not None and seen.answer.accepted:
-        state = replace(state, held=seen.heartbeats)
+        state = replace(state, held=seen.heartbeats, accepted=state.accepted + 1)
     if seen.answer is not None and seen.answer.accepted is False:
         state = replace(state, reason=joined(state.reason, seen.answer.reason))
     lost = _given_up(state, seen)
@@ -438,7 +457,7 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
     newly_started = not state.confirmed and state.accepted_after == seen.heartbeats and seen.now >= state.settled_at
     fresh = state.excited and state.excited_number > max(state.fresh_after, state.held)
     if (fresh or (newly_started and state.held < 0)) and seen.now - state.returned_at >= ASK_EVERY_S:
-        return replace(state, returned_at=seen.now), Order(state.mode_before)
+        return replace(state, returned_at=seen.now, proved_at=None), Order(state.mode_before)
     return state, None
 
 
@@ -451,9 +470,9 @@ def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order 
     lost = _given_up(state, seen)
     if lost is not None:
         return lost, None
-    ours = state.held >= 0 and not state.contradictions
-    looked = seen.now - state.left_at > (0.0 if ours or not state.asks else LOOK_S)
-    if looked and state.known_s >= state.asked_at:
+    ours = state.accepted == 1 and not state.contradictions and state.heard_since <= state.left_at
+    look_s = 0.0 if ours or not state.asks else LOOK_S
+    if state.proved_at is not None and seen.now - state.proved_at >= look_s:
         return replace(state, phase=Phase.ENDED, cleared=True), None
     if seen.now - max(state.left_at, state.heard_since) > UNKNOWN_S:
         reason = joined(state.reason, "whether a late start of ours still arrives is not known")

@@ -714,7 +714,7 @@ class _Flight:
             return True
         last = snapshot.beats[-2:]
         return len(last) == 2 and all(
-            beat.mode != self.profile.excitation_mode and beat.known_s >= flown.state.asked_at for beat in last
+            beat.mode != self.profile.excitation_mode and beat.known_s >= flown.state.ordered_at for beat in last
         )
 
     def write(self) -> None:

@@ -37,15 +37,18 @@ class LinkClock:
         self.answered_s = UNKNOWN
         """When the newest ping that was answered was sent."""
         self.restarts = 0
-        """How often the vehicle's clock went back: a reboot, or two vehicles that take turns."""
+        """How often the vehicle's clock jumped: a reboot, or two vehicles that take turns."""
         self._sent: dict[int, float] = {}
         self._next = UNKNOWN
         self._boot_s: float | None = None
         self._fences: deque[tuple[float, float]] = deque()
         """Sent, arrived (boot_s): answered pings that nothing was stamped later than yet."""
         self._replies: deque[tuple[float, float, float]] = deque()
-        """Heard, round trip, offset."""
+        """Heard, round trip, offset at least."""
         self._offset: float | None = None
+        """Most likely: the ping with the shortest round trip was answered in the middle of it."""
+        self._earliest: float | None = None
+        """At least: no ping was answered before it was sent."""
         self._down_s = 0.0
         self._up_s = 0.0
 
@@ -79,16 +82,18 @@ class LinkClock:
         return None if self._offset is None else max(self._down_s, self._up_s)
 
     def stamp_age_s(self, now: float) -> float | None:
-        """How long ago the newest stamp was made; None as in `lag_s`."""
-        boot_s, offset = self._boot_s, self._offset  # may be asked for from another thread
-        return None if offset is None or boot_s is None else max(0.0, now - boot_s - offset)
+        """How long ago the newest stamp was made, at most; None as in `lag_s`."""
+        boot_s, earliest = self._boot_s, self._earliest  # may be asked for from another thread
+        return None if earliest is None or boot_s is None else max(0.0, now - boot_s - earliest)
 
     def _stamp(self, boot_s: float, now: float) -> None:
-        if self._boot_s is not None and boot_s < self._boot_s - REBOOT_STEP_S:
+        back = self._boot_s is not None and boot_s < self._boot_s - REBOOT_STEP_S
+        ahead = self._earliest is not None and boot_s + self._earliest > now + REBOOT_STEP_S  # not made yet
+        if back or ahead:
             self.restarts += 1
             self._fences.clear()
             self._replies.clear()
-            self._offset, self._boot_s = None, boot_s
+            self._offset, self._earliest, self._boot_s = None, None, boot_s
         if self._boot_s is None or boot_s >= self._boot_s:
             self._boot_s = boot_s
             self._down_s = 0.0 if self._offset is None else max(0.0, now - boot_s - self._offset)
@@ -96,10 +101,12 @@ class LinkClock:
             self.known_s = max(self.known_s, self._fences.popleft()[0] - SWAP_S)
 
     def _answer(self, sent: float, boot_s: float, now: float) -> None:
-        self._replies.append((now, now - sent, 0.5 * (now + sent) - boot_s))
+        self._replies.append((now, now - sent, sent - boot_s))
         while now - self._replies[0][0] > PATIENCE_S:
             self._replies.popleft()
-        self._offset = min(self._replies, key=lambda reply: reply[1])[2]
+        _, trip_s, least = min(self._replies, key=lambda reply: reply[1])
+        self._offset = least + 0.5 * trip_s
+        self._earliest = max(least for _, _, least in self._replies)
         if sent > self.answered_s:
             self.answered_s = sent
             self._up_s = max(0.0, boot_s + self._offset - sent)
