@@ -185,6 +185,22 @@ def random_history(seed: int, *, whole: bool = False) -> History:
     )
 
 
+def hard_history(seed: int) -> History:
+    """A random history with what the others have seldom: strangers and silences about the end of a run, while half of
+    the vehicle's own words are lost, and a vehicle that accepts the way back and stays."""
+    chance = random.Random(-1 - seed)
+    history = random_history(seed)
+    down = replace(history.down, loss=chance.choice((0.2, 0.4, 0.5)))
+    acts = [
+        Act(chance.uniform(-1, 35), "stranger", chance.choice((history.mode_before, RTL, EXCITED)), 8)
+        for _ in range(chance.choice((1, 1, 2)))
+    ]
+    for what in chance.sample(("stall", "reboot", "mode", "abort"), chance.choice((0, 1, 2))):
+        value = {"stall": chance.choice((2.0, 5.0)), "mode": chance.choice((STABILIZE, RTL, EXCITED))}.get(what, 0.0)
+        acts.append(Act(chance.uniform(0, 15), what, value))
+    return replace(history, down=down, acts=(*history.acts, *acts), never_leaves=chance.random() < 0.2)
+
+
 def _wild(chance: random.Random) -> Way:
     """Everything that a link may do."""
     span = chance.choice((2.0, 8.0, 25.0))
@@ -365,6 +381,12 @@ MUTATIONS = (
             " and state.heard_since <= state.left_at\n",
             "\n",
         ),
+        ("cleared against the vehicle's own log", "if looked and seen.log_mode != plan.mode:", "if looked:"),
+        (
+            "cleared at once without a word of the log",
+            "not state.asks or (ours and seen.log_mode is not None)",
+            "not state.asks or ours",
+        ),
         (
             "cleared with the start's proof alone",
             "return max(self.asked_at, self.returned_at)",
@@ -372,7 +394,7 @@ MUTATIONS = (
         ),
         (
             "contradictions are not looked at",
-            "look_s = 0.0 if ours or not state.asks else LOOK_S",
+            "look_s = 0.0 if not state.asks or (ours and seen.log_mode is not None) else LOOK_S",
             "look_s = 0.0",
         ),
         ("shown again after it left, and left alone", "if state.excited_number > state.left_after:", "if False:"),
@@ -546,6 +568,16 @@ MUTATIONS = (
         ),
         ("no last look", "        self._last_look()\n", ""),
         (
+            "Ctrl-C ends the way back",
+            "if not flown.out_of_hand or interrupted >= 3:",
+            "if True:",
+        ),
+        (
+            "the last look believes contradicting heartbeats",
+            "        if flown.state.contradictions:\n            return False\n",
+            "",
+        ),
+        (
             "the last look does not wait for proof",
             "        if not ours or flown is None:\n            return True\n",
             "        return True\n",
@@ -644,7 +676,7 @@ class Breach:
 class _Message:
     """On its way, either way; its truth is for the judge."""
 
-    __slots__ = ("content", "made_s", "newest_s", "own", "sweep_s", "up_s")
+    __slots__ = ("content", "made_s", "mode", "newest_s", "own", "sweep_s", "up_s")
 
     def __init__(self, content: Any, made_s: float, own: bool = True) -> None:
         self.content = content
@@ -654,8 +686,9 @@ class _Message:
         self.up_s = 0.0
         """How late the question was that it answers."""
         self.newest_s = 0.0
-        """A log block's newest sample, and the time in the maneuver then."""
+        """A log block's newest sample, and the time in the maneuver and the mode then."""
         self.sweep_s: float | None = None
+        self.mode: int | None = None
 
 
 class _Queue:
@@ -775,6 +808,7 @@ class _Vehicle:
             self._blocks += 1
             message.newest_s = self._boot_s()
             message.sweep_s = world.now - self.entered_s if self.mode == EXCITED else None
+            message.mode = self.mode
             world.downlink.send(message)
 
     # what it does
@@ -1096,6 +1130,7 @@ class World:
             sweep_s=newest.sweep_s,
             sweep_entered_s=None if newest.sweep_s is None else newest.newest_s - newest.sweep_s,
             log_s=None if newest.content is None else newest.newest_s,
+            mode=newest.mode,
         )
 
     def log_health(self) -> Any:
@@ -1739,5 +1774,5 @@ def _simpler(history: History) -> Iterator[History]:
 
 __all__ = [
     "MUTATIONS", "SEEN_IN", "Act", "Breach", "History", "Mutation", "Outcome", "Way", "World", "found_by",
-    "in_words", "mutated",    "play", "random_history", "short_histories", "shrunk", "told",
+    "hard_history", "in_words", "mutated",    "play", "random_history", "short_histories", "shrunk", "told",
 ]  # fmt: skip

@@ -182,6 +182,8 @@ class Seen:
     """Since the last new block of the log; None where none is recorded."""
     log_stopped: str = ""
     """The vehicle's own words about having stopped its log."""
+    log_mode: int | None = None
+    """The mode by the vehicle's own log, which no stranger writes; None where that is old, or not told."""
     texts: tuple[str, ...] = ()
     """New since the last tick."""
     answer: Answer | None = None
@@ -471,8 +473,9 @@ def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order 
     if lost is not None:
         return lost, None
     ours = state.accepted == 1 and not state.contradictions and state.heard_since <= state.left_at
-    look_s = 0.0 if ours or not state.asks else LOOK_S
-    if state.proved_at is not None and seen.now - state.proved_at >= look_s:
+    look_s = 0.0 if not state.asks or (ours and seen.log_mode is not None) else LOOK_S
+    looked = state.proved_at is not None and seen.now - state.proved_at >= look_s
+    if looked and seen.log_mode != plan.mode:
         return replace(state, phase=Phase.ENDED, cleared=True), None
     if seen.now - max(state.left_at, state.heard_since) > UNKNOWN_S:
         reason = joined(state.reason, "whether a late start of ours still arrives is not known")
@@ -570,7 +573,8 @@ class Excitation:
         written_at: float = UNKNOWN,
     ) -> None:
         """`clock` is the session's; `written_at` is when something was written to the vehicle last."""
-        self.state = RunState(mode_before=mode_before)
+        # Who stood still a moment ago may have heard nothing new yet.
+        self.state = RunState(mode_before=mode_before, settled_at=clock.now() + SETTLE_S)
         self.peaks = Peaks()
         self.log_start_s: float | None = None
         self.frequency_hz: float | None = None
@@ -589,6 +593,7 @@ class Excitation:
         self._log_before_s = UNKNOWN
         """The log's newest time when the run began: what is older belongs to an earlier run."""
         self._looked_at_log_s = UNKNOWN
+        self._log_mode: int | None = None
         self._other_settings = ""
 
     def __enter__(self) -> Self:
@@ -627,7 +632,7 @@ class Excitation:
 
     def watch(self, *, given_up: bool = False) -> bool:
         """As `tick`, after the vehicle has left the mode; false once nothing of ours can bring it back any more."""
-        self.tick("the run is over", look_at_log=False, given_up=given_up)
+        self.tick("the run is over", given_up=given_up)
         return self.state.phase is not Phase.ENDED
 
     def tick(self, abort: str | None = None, *, look_at_log: bool = True, given_up: bool = False) -> bool:
@@ -651,6 +656,7 @@ class Excitation:
             landed=now - self._written_at >= snapshot.answer_age_s + SWAP_S,
             log_age_s=None if log is None else log.silent_s,
             log_stopped="" if log is None else log.reported,
+            log_mode=None if log is None or (log.silent_s or 0.0) > LOG_SILENCE_S else self._log_mode,
             texts=tuple(text.text for text in texts),
             answer=self._answer,
             sweep_s=sweep_s,
@@ -689,6 +695,7 @@ class Excitation:
         if self.state.phase is Phase.FLYING:
             self.peaks = self.peaks.with_telemetry(snapshot.p, snapshot.q, snapshot.roll, snapshot.pitch)
         window = self._session.samples(1.0)
+        self._log_mode = window.mode
         if not window.t.size:
             return None
         newest = float(window.t[-1])

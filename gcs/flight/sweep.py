@@ -617,16 +617,25 @@ class _Flight:
         return ""
 
     def _clear(self, interruptions: Callable[[], int] = lambda: 0) -> bool:
-        """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known."""
-        flown, began, told, pressed = self.flown, self.clock.now(), False, interruptions()
+        """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known.
+
+        Ctrl-C ends the watch, but while the vehicle is being brought back only the third does.
+        """
+        flown, began, told, pressed, interrupted = self.flown, self.clock.now(), False, interruptions(), 0
         if flown is None:
             return True
-        while flown.watch(given_up=interruptions() > pressed):
-            if not told and self.clock.now() - began > TELL_AFTER_S:
-                told = True
-                self.on_progress(Note("watching the mode until no order of ours can be under way any more"))
-            self.clock.sleep(TICK_S)
-        return flown.state.cleared
+        while True:
+            try:
+                if not flown.watch(given_up=interruptions() > pressed):
+                    return flown.state.cleared
+                if not told and self.clock.now() - began > TELL_AFTER_S:
+                    told = True
+                    self.on_progress(Note("watching the mode until no order of ours can be under way any more"))
+                self.clock.sleep(TICK_S)
+            except KeyboardInterrupt:
+                interrupted += 1
+                if not flown.out_of_hand or interrupted >= 3:
+                    raise
 
     @property
     def _uncleared(self) -> str:
@@ -692,12 +701,7 @@ class _Flight:
             ours = flown is not None and flown.state.asks > 0 and not flown.state.cleared
             if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
                 if ours and flown is not None and flown.state.ending is not Ending.STUCK:
-                    ended = abort(
-                        self.session, flown.state.mode_before, excitation_mode=snapshot.mode, clock=self.clock
-                    )
-                    self.on_progress(
-                        Note(f"it was still excited: {ended.reason or f'brought back to {ended.mode_after}'}")
-                    )
+                    self._bring_back(flown)
                 else:
                     self.on_progress(Note(f"the mode is {snapshot.mode_name} again: `tippath abort` ends it"))
             if self.unrestored is not None and self._out(ours):
@@ -705,13 +709,28 @@ class _Flight:
         if self.unrestored is not None:
             self.on_progress(Note("the maneuver's parameters stay in the vehicle: it could not be told otherwise"))
 
+    def _bring_back(self, flown: Excitation) -> None:
+        """A vehicle that a start of ours still excites after its run was given up; in words what came of it."""
+        try:
+            ended = abort(self.session, flown.state.mode_before, excitation_mode=flown.plan.mode, clock=self.clock)
+        except KeyboardInterrupt:
+            self.on_progress(Note("it was still excited, and bringing it back was interrupted: the pilot must take it"))
+            raise
+        words = ended.reason or f"brought back to {ended.mode_after}"
+        if flown.state.contradictions:
+            words += ", as far as heartbeats of two vehicles with one id show: which of them is not known"
+        self.on_progress(Note(f"it was still excited: {words}"))
+
     def _out(self, ours: bool) -> bool:
-        """Whether the vehicle shows another mode, and where a start is `ours`, said so knowing of it, twice."""
+        """Whether the vehicle shows another mode, and where a start is `ours`, said so knowing of it, twice, and was
+        never contradicted: its log, which would tell it from a stranger, has ended."""
         snapshot, flown = self.session.snapshot(), self.flown
         if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
             return False
         if not ours or flown is None:
             return True
+        if flown.state.contradictions:
+            return False
         last = snapshot.beats[-2:]
         return len(last) == 2 and all(
             beat.mode != self.profile.excitation_mode and beat.known_s >= flown.state.ordered_at for beat in last

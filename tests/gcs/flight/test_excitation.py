@@ -165,6 +165,9 @@ def test_a_start_that_arrives_late_is_brought_back_and_only_then_cleared(plan: P
     run.tick(20.0, STABILIZE, known_s=12.0, answer=Answer(True))
     run.tick(21.0, STABILIZE, known_s=13.0)
     run.ticks(21.0, 21.1 + LOOK_S)
+    assert not run.state.cleared, "the way back itself may still be under way"
+    run.tick(25.2, STABILIZE, known_s=16.0)
+    run.ticks(25.25, 25.3 + LOOK_S)
     assert run.state.cleared
     assert {mode for _, mode in run.orders[START_TRIES:]} == {STABILIZE}
 
@@ -246,8 +249,7 @@ def test_another_mode_twice_in_mid_run_ends_it_without_a_command(plan: Plan, mod
     assert run.state.phase is Phase.RETURNING, "a first one stops every order, and decides nothing yet"
     run.tick(5.0, mode)
     assert run.state.phase is Phase.WATCHING
-    run.tick(5.1 + LOOK_S, mode)
-    run.tick(5.2 + LOOK_S)
+    run.ticks(5.05, 5.1 + LOOK_S)
     assert run.state.phase is Phase.ENDED
     assert run.state.cleared
     run.tick(6.3 + LOOK_S, SYSTEMID, abort="Ctrl-C")
@@ -297,14 +299,68 @@ def test_a_failsafe_is_told_apart_from_the_pilot(plan: Plan) -> None:
     assert run.orders == []
 
 
-def test_a_vehicle_that_left_by_our_order_is_cleared_by_its_second_heartbeat(plan: Plan) -> None:
+def left_by_our_order(plan: Plan, **more: Any) -> Run:
+    """Brought back at 4.0 s, and shown so twice, the second time knowing of the order."""
     run = Run.flying(plan)
     assert run.tick(4.0, SYSTEMID, abort="Ctrl-C") == STABILIZE
-    run.tick(4.1, STABILIZE, answer=Answer(True))
-    run.tick(5.1, STABILIZE)
-    run.tick(5.15)
+    run.tick(4.1, STABILIZE, answer=Answer(True), **more)
+    run.tick(5.1, STABILIZE, known_s=3.95, **more)
+    run.tick(5.15, **more)
+    assert run.state.phase is Phase.WATCHING, "said before it is shown that the order has arrived"
+    run.tick(6.1, STABILIZE, known_s=4.9, **more)
+    return run
+
+
+def test_a_vehicle_that_left_by_our_order_is_cleared_once_its_heartbeat_and_its_log_know_of_it(plan: Plan) -> None:
+    run = left_by_our_order(plan, log_mode=STABILIZE)
     assert run.outcome == (Phase.ENDED, Ending.ABORTED, "Stabilize")
     assert run.state.cleared
+
+
+def test_without_a_word_of_the_log_heartbeats_alone_are_watched_longer(plan: Plan) -> None:
+    run = left_by_our_order(plan)
+    assert run.state.phase is Phase.WATCHING, "they may be a stranger's"
+    run.ticks(6.15, 6.05 + LOOK_S)
+    assert not run.state.cleared
+    run.ticks(6.05 + LOOK_S, 6.2 + LOOK_S)
+    assert run.state.cleared
+
+
+def test_while_its_own_log_shows_the_excitation_no_heartbeat_clears_it(plan: Plan) -> None:
+    run = left_by_our_order(plan, log_mode=SYSTEMID)
+    run.ticks(6.15, 8.0 + LOOK_S, log_mode=SYSTEMID)
+    assert run.state.phase is Phase.WATCHING
+    run.tick(8.05 + LOOK_S, log_mode=STABILIZE)
+    assert run.state.cleared
+
+
+def test_a_silence_undoes_the_proof_that_it_has_left(plan: Plan) -> None:
+    run = left_by_our_order(plan)
+    run.tick(11.5, STABILIZE, late_s=3.0, log_mode=STABILIZE)  # this program stood still for five seconds
+    run.ticks(11.55, 12.6, log_mode=STABILIZE)
+    assert not run.state.cleared
+    run.tick(12.65, STABILIZE, log_mode=STABILIZE)
+    run.ticks(12.7, 12.8 + LOOK_S, log_mode=STABILIZE)
+    assert run.state.cleared
+
+
+def test_a_late_start_that_says_so_undoes_the_proof(plan: Plan) -> None:
+    run = Run.flying(plan)
+    run.tick(4.0, RTL)
+    run.tick(5.0, RTL)
+    run.ticks(5.05, 3.9 + LOOK_S)
+    run.tick(3.9 + LOOK_S, texts=("SystemID Starting: axis=10",))
+    run.ticks(3.95 + LOOK_S, 6.0 + LOOK_S)
+    assert not run.state.cleared
+
+
+def test_right_after_a_silence_an_old_heartbeat_with_another_mode_still_stops_orders(plan: Plan) -> None:
+    run = Run.flying(plan)
+    run.tick(9.0, SYSTEMID, abort="Ctrl-C")  # stood still since 3.9 s
+    assert len(run.orders) == 1
+    run.tick(9.1, STABILIZE, late_s=1.4)
+    run.ticks(9.15, 9.9)
+    assert len(run.orders) == 1
 
 
 # ------------------------------------------------------------------------------------------------ the way back
@@ -340,8 +396,8 @@ def test_an_abort_before_the_first_heartbeat_of_the_run_goes_by_the_vehicles_acc
     run.tick(5.0, STABILIZE, known_s=-0.1)
     assert run.state.phase is Phase.RETURNING
     run.tick(6.0, STABILIZE, known_s=0.9)
-    run.tick(7.0, STABILIZE, known_s=1.9)
-    run.tick(7.1)
+    run.tick(7.0, STABILIZE, known_s=5.8, log_mode=STABILIZE)
+    run.tick(7.05, log_mode=STABILIZE)
     assert run.outcome == (Phase.ENDED, Ending.ABORTED, "Stabilize")
 
 
@@ -511,8 +567,9 @@ def test_time_without_a_link_does_not_count_against_a_vehicle_that_does_not_leav
     run.ticks(47.65, 48.6)
     assert len(run.orders) > 2
     run.tick(48.6, STABILIZE, answer=Answer(True))
-    run.tick(49.6, STABILIZE)
-    run.tick(49.7)
+    run.ticks(48.65, 49.6)
+    run.tick(49.6, STABILIZE, known_s=48.6, log_mode=STABILIZE)
+    run.tick(49.65, log_mode=STABILIZE)
     assert run.outcome == (Phase.ENDED, Ending.LINK, "Stabilize")
     assert run.state.cleared
 

@@ -107,7 +107,19 @@ def test_old_repeated_and_foreign_answers_change_nothing() -> None:
     assert isinstance(again, Ping)
     clock.on_event(TimeReply(1, 1, again.nonce, 3.0), 10.4)
     clock.on_event(TimeReply(1, 1, again.nonce, 50.0), 12.0)
-    assert clock.stamp_age_s(10.4) == pytest.approx(0.05)
+    assert clock.lag_s == pytest.approx(0.05)
+    assert clock.stamp_age_s(10.4) == pytest.approx(0.1), "at most: the ping may have arrived at once"
+
+
+def test_a_stamp_from_the_future_is_of_another_clock() -> None:
+    """The last words of before a reboot, swapped with the first of after it."""
+    clock = LinkClock()
+    (ping,) = clock.poll(10.0)
+    assert isinstance(ping, Ping)
+    clock.on_event(TimeReply(1, 1, ping.nonce, 0.1), 15.0)
+    assert clock.stamp_age_s(15.0) == pytest.approx(5.0)
+    clock.on_event(attitude(106.0), 15.1)
+    assert clock.stamp_age_s(15.1) is None, "not known rather than new"
 
 
 def test_a_vehicle_that_restarts_is_measured_anew_and_what_was_known_stays_known() -> None:
