@@ -574,7 +574,7 @@ MUTATIONS = (
         ),
         (
             "the last look believes contradicting heartbeats",
-            "        if flown.state.contradictions:\n            return False\n",
+            "        if flown.state.contradictions or back_again:\n            return False\n",
             "",
         ),
         (

@@ -10,6 +10,7 @@ replaced after each run; a run is not started, and does not go on, without fresh
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -729,11 +730,14 @@ class _Flight:
             return False
         if not ours or flown is None:
             return True
-        if flown.state.contradictions:
+        excited = [b.mode == flown.plan.mode for b in snapshot.beats if b.at_s >= flown.state.asked_at]
+        first = excited.index(True) if True in excited else len(excited)
+        back_again = any(now and not before for before, now in itertools.pairwise(excited[first:]))
+        if flown.state.contradictions or back_again:
             return False
         last = snapshot.beats[-2:]
         return len(last) == 2 and all(
-            beat.mode != self.profile.excitation_mode and beat.known_s >= flown.state.ordered_at for beat in last
+            beat.mode != flown.plan.mode and beat.known_s >= flown.state.ordered_at for beat in last
         )
 
     def write(self) -> None:
