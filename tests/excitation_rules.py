@@ -568,6 +568,11 @@ MUTATIONS = (
         ),
         ("no last look", "        self._last_look()\n", ""),
         (
+            "no watch while the rest of the log arrives",
+            "stop_recording(meanwhile=self._watch_on)",
+            "stop_recording(meanwhile=lambda: None)",
+        ),
+        (
             "Ctrl-C ends the way back",
             "if not flown.out_of_hand or interrupted >= 3:",
             "if True:",
@@ -1143,9 +1148,12 @@ class World:
     def shed_log(self) -> None:
         self._send([BlockStatus(2147483645, True)])
 
-    def stop_recording(self) -> RecordingSummary:
+    def stop_recording(self, *, meanwhile: Callable[[], None]) -> RecordingSummary:
         self._send([BlockStatus(2147483645, True)])
-        self.advance(self.now + self.history.stop_s)
+        end = self.now + self.history.stop_s
+        while self.now < end:
+            meanwhile()
+            self.advance(min(end, self.now + self.history.tick_s))
         self._recording = False
         return RecordingSummary(_Folder.path, (), None, 0, "", ())
 

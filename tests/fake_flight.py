@@ -414,7 +414,8 @@ class FakeSession:
         self.recordings.append(directory)
         self.vehicle.samples.clear()  # a new log
 
-    def stop_recording(self) -> RecordingSummary:
+    def stop_recording(self, *, meanwhile: Callable[[], None] = lambda: None) -> RecordingSummary:
+        meanwhile()
         self.ended_recordings += 1
         directory = self.recordings[-1]
         end = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=self.now(), clock_s=self.now())

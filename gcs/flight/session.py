@@ -354,10 +354,12 @@ class Session:
         blocks = recording.blocks
         return Tally(at_s=now, kept=blocks.received, numbered=blocks.numbered, read=read, log_s=log_s)
 
-    def stop_recording(self, within_s: float = STOP_WITHIN_S) -> RecordingSummary:
+    def stop_recording(
+        self, within_s: float = STOP_WITHIN_S, *, meanwhile: Callable[[], None] = lambda: None
+    ) -> RecordingSummary:
         """End the log and say what is on disk; waits until the vehicle has sent the rest, or has nothing more.
 
-        Raises TippathError where nothing is being recorded.
+        `meanwhile` is called some times a second while it waits. Raises TippathError where nothing is being recorded.
         """
         with self._lock:
             recording = self._recording
@@ -368,6 +370,7 @@ class Session:
         while not recording.over.wait(0.05) and time.monotonic() < end:
             if self._ending.is_set() or self._crash is not None:
                 break
+            meanwhile()
         with self._lock:
             self._log_sent()
             self._recording = None

@@ -435,7 +435,7 @@ class _Flight:
         if error is not None and not self.stopped:
             self.stopped = str(error) or type(error).__name__
         try:
-            self.recording = self.session.stop_recording()
+            self.recording = self.session.stop_recording(meanwhile=self._watch_on)
         except TippathError as problem:
             self.stopped = self.stopped or str(problem)
         self._last_look()
@@ -709,6 +709,12 @@ class _Flight:
                 self._give_back(self.unrestored)
         if self.unrestored is not None:
             self.on_progress(Note("the maneuver's parameters stay in the vehicle: it could not be told otherwise"))
+
+    def _watch_on(self) -> None:
+        """A watch that Ctrl-C cut short goes on while the rest of the log arrives."""
+        if self.flown is not None and self.flown.state.phase in (Phase.WATCHING, Phase.RETURNING):
+            with contextlib.suppress(TippathError):
+                self.flown.watch()
 
     def _bring_back(self, flown: Excitation) -> None:
         """A vehicle that a start of ours still excites after its run was given up; in words what came of it."""

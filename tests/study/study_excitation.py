@@ -1,6 +1,6 @@
 """The rules of the excitation over 100,000 random histories, and every guard removed until a history finds it.
 
-    python tests/study/study_excitation.py [FIRST [COUNT]]
+    python tests/study/study_excitation.py [FIRST [COUNT [random|hard|whole]]]
 
 prints what happened in the histories, so that one sees that they exercise something. Half an hour of one core.
 """
@@ -17,21 +17,38 @@ ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT)]  # before tests/, which has a folder of the same name
 sys.path.append(str(ROOT / "tests"))
 
-from excitation_rules import MUTATIONS, found_by, in_words, play, random_history, short_histories, shrunk, told  # noqa: E402
+from excitation_rules import (  # noqa: E402
+    MUTATIONS,
+    History,
+    found_by,
+    hard_history,
+    in_words,
+    play,
+    random_history,
+    short_histories,
+    shrunk,
+    told,
+)
 
 HISTORIES = 100_000
+HARD = 20_000
 WHOLE = 5_000
 MOST = 20_000
 """So many histories are tried on a mutation."""
 CHUNK = 500
 
 
-def _chunk(job: tuple[int, int, bool]) -> tuple[Counter[str], list[int]]:
-    first, count, whole = job
+def _history(kind: str, seed: int) -> History:
+    """`random`, `hard` (strangers and silences about the end) or `whole` (through fly_card)."""
+    return hard_history(seed) if kind == "hard" else random_history(seed, whole=kind == "whole")
+
+
+def _chunk(job: tuple[int, int, str]) -> tuple[Counter[str], list[int]]:
+    first, count, kind = job
     counts: Counter[str] = Counter()
     broken = []
     for seed in range(first, first + count):
-        outcome = play(random_history(seed, whole=whole))
+        outcome = play(_history(kind, seed))
         counts += outcome.counts
         if outcome.breaches:
             broken.append(seed)
@@ -53,8 +70,8 @@ NOT_SHOWN = frozenset(
 """No history has shown yet that these guards are needed: either they are not, or the checker is too weak for them."""
 
 
-def _many(first: int, count: int, *, whole: bool = False) -> tuple[Counter[str], list[int]]:
-    jobs = [(at, min(CHUNK, first + count - at), whole) for at in range(first, first + count, CHUNK)]
+def _many(first: int, count: int, kind: str) -> tuple[Counter[str], list[int]]:
+    jobs = [(at, min(CHUNK, first + count - at), kind) for at in range(first, first + count, CHUNK)]
     counts: Counter[str] = Counter()
     broken: list[int] = []
     with ProcessPoolExecutor() as pool:
@@ -64,10 +81,10 @@ def _many(first: int, count: int, *, whole: bool = False) -> tuple[Counter[str],
     return counts, broken
 
 
-def _told(seeds: Iterable[int], *, whole: bool = False) -> str:
+def _told(seeds: Iterable[int], kind: str) -> str:
     stories = []
     for seed in list(seeds)[:3]:
-        history = shrunk(random_history(seed, whole=whole))
+        history = shrunk(_history(kind, seed))
         stories.append(told(history, play(history, story=True)))
     return "\n\n".join(stories)
 
@@ -76,15 +93,19 @@ def study_no_rule_is_broken_in_random_histories() -> None:
     _study(0, HISTORIES)
 
 
+def study_no_rule_is_broken_in_hard_histories() -> None:
+    _study(0, HARD, "hard")
+
+
 def study_no_rule_is_broken_in_whole_flights() -> None:
-    _study(0, WHOLE, whole=True)
+    _study(0, WHOLE, "whole")
 
 
-def _study(first: int, count: int, *, whole: bool = False) -> None:
-    counts, broken = _many(first, count, whole=whole)
-    print(f"\n{count} histories from {first}{' through fly_card' if whole else ''}: {len(broken)} with a broken rule")
+def _study(first: int, count: int, kind: str = "random") -> None:
+    counts, broken = _many(first, count, kind)
+    print(f"\n{count} {kind} histories from {first}: {len(broken)} with a broken rule")
     print(in_words(counts))
-    assert not broken, f"{len(broken)} histories, such as {broken[:10]}\n{_told(broken, whole=whole)}"
+    assert not broken, f"{len(broken)} histories: {broken}\n{_told(broken, kind)}"
 
 
 def study_no_rule_is_broken_in_any_short_history() -> None:
@@ -110,4 +131,4 @@ def study_every_guard_removed_is_found() -> None:
 
 if __name__ == "__main__":
     given = [int(word) for word in sys.argv[1:3]]
-    _study(*(given + [0, HISTORIES][len(given) :]))
+    _study(*(given + [0, HISTORIES][len(given) :]), *sys.argv[3:4])

@@ -350,9 +350,9 @@ def test_settings_are_put_back_if_a_link_lost_before_a_start_is_found(
         elif isinstance(progress, Note):
             notes.append(progress.words)
 
-    def waited_for() -> RecordingSummary:
+    def waited_for(*, meanwhile: Callable[[], None]) -> RecordingSummary:
         session.sleep(25.0)
-        return stop()
+        return stop(meanwhile=meanwhile)
 
     monkeypatch.setattr(session, "stop_recording", waited_for)
     fly(session, folder, CHIRP, on_progress=on_progress, aborted=lambda: "lost" if session.snapshot().lost else None)
@@ -872,9 +872,9 @@ def test_a_vehicle_left_excited_by_a_lost_link_is_looked_at_once_more_before_the
 ) -> None:
     stop = session.stop_recording
 
-    def waited_for() -> RecordingSummary:
+    def waited_for(*, meanwhile: Callable[[], None]) -> RecordingSummary:
         session.sleep(20.0)
-        return stop()
+        return stop(meanwhile=meanwhile)
 
     def lose() -> None:
         session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 70.0
@@ -894,8 +894,8 @@ def test_a_log_that_is_not_shown_to_be_whole_is_not_complete(
 ) -> None:
     stop = session.stop_recording
 
-    def cut() -> RecordingSummary:
-        summary = stop()
+    def cut(*, meanwhile: Callable[[], None]) -> RecordingSummary:
+        summary = stop(meanwhile=meanwhile)
         short = tuple(replace(log, end=LogEnd()) for log in summary.logs)
         return replace(summary, logs=short, problems=("flight.BIN ends 9.7 s before the recording did",))
 
