@@ -1,4 +1,4 @@
-"""A checker of the rules of `gcs.flight.excitation`: histories of messages between the real engine and a model vehicle.
+"""A checker of the rules of `gcs.flight.rules`: histories of messages between the real engine and a model vehicle.
 
 In a history everything of the ground is the real code: `gcs.link.clock`, `gcs.vehicle.snapshot.reduce`, the procedures,
 and `gcs.flight.sweep` with the settings and the runs of a card. The vehicle, its pilot, other stations and the link are
@@ -45,8 +45,6 @@ from typing import Any
 
 import numpy as np
 
-import gcs.flight.excitation
-import gcs.flight.settings
 import gcs.flight.sweep
 import gcs.link.clock
 from gcs.cards.envelope import Limits
@@ -264,7 +262,18 @@ def _random_act(chance: random.Random) -> Act:
 
 # ------------------------------------------------------------------------------------------------ the code under test
 
-MODULES = ("gcs.link.clock", "gcs.flight.settings", "gcs.flight.excitation", "gcs.flight.sweep")
+MODULES = (
+    "gcs.link.clock",
+    "gcs.flight.settings",
+    "gcs.flight.run_state",
+    "gcs.flight.rules",
+    "gcs.flight.excitation",
+    "gcs.flight.run",
+    "gcs.flight.flown_card",
+    "gcs.flight.handback",
+    "gcs.flight.sweep",
+)
+"""In the order in which they import each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,12 +281,10 @@ class Code:
     """The modules that a history runs through: the real ones, or with a rule removed."""
 
     clock: Any
-    settings: Any
-    excitation: Any
     sweep: Any
 
 
-REAL = Code(gcs.link.clock, gcs.flight.settings, gcs.flight.excitation, gcs.flight.sweep)
+REAL = Code(gcs.link.clock, gcs.flight.sweep)
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,7 +292,6 @@ class Mutation:
     """One rule removed: the text in the module, and what stands there instead."""
 
     name: str
-    module: str
     text: str
     instead: str
     beside: str = ""
@@ -293,17 +299,17 @@ class Mutation:
 
 
 def mutated(mutation: Mutation) -> Code:
-    """The code with the rule removed. Raises ValueError where its text is not there exactly once."""
+    """The code with the rule removed. Raises ValueError where its text is not in the modules exactly once."""
     kept = {name: sys.modules[name] for name in MODULES}
     parents = {name: name.rpartition(".")[0] for name in MODULES}
+    sources = {name: Path(str(kept[name].__file__)).read_text("utf-8") for name in MODULES}
+    times = sum(source.count(mutation.text) for source in sources.values())
+    if times != 1:
+        raise ValueError(f"{mutation.name}: its text is there {times} times")
     made = []
     try:
         for name in MODULES:
-            source = Path(str(kept[name].__file__)).read_text("utf-8")
-            if name == mutation.module:
-                if source.count(mutation.text) != 1:
-                    raise ValueError(f"{mutation.name}: its text is {source.count(mutation.text)} times in {name}")
-                source = source.replace(mutation.text, mutation.instead)
+            source = sources[name].replace(mutation.text, mutation.instead)
             module = ModuleType(name)
             module.__file__ = kept[name].__file__
             sys.modules[name] = module
@@ -313,16 +319,12 @@ def mutated(mutation: Mutation) -> Code:
         for name, module in kept.items():
             sys.modules[name] = module
             setattr(sys.modules[parents[name]], name.rpartition(".")[2], module)
-    return Code(*made)
+    return Code(made[0], made[-1])
 
 
-def _of(module: str, *rows: tuple[str, ...]) -> tuple[Mutation, ...]:
-    return tuple(Mutation(name, module, *rest) for name, *rest in rows)
-
-
-MUTATIONS = (
-    *_of(
-        "gcs.flight.excitation",
+MUTATIONS = tuple(
+    Mutation(*row)
+    for row in (
         (
             "a heartbeat from before the start is believed",
             "if state.asks and not state.confirmed and beat.mode == state.mode_before and beat.known_s",
@@ -346,8 +348,8 @@ MUTATIONS = (
         ),
         (
             "two in a row need not be in a row",
-            "            others=0,\n            mode_shown",
-            "            mode_shown",
+            "            others=0,\n            known_s",
+            "            known_s",
         ),
         (
             "time without a link counts against stuck",
@@ -362,8 +364,8 @@ MUTATIONS = (
         ("cleared without proof", " and state.known_s >= state.ordered_at:", ":"),
         (
             "an old heartbeat with another mode stops nothing",
-            "        elif beat.mode != plan.mode:\n",
-            "        elif False:\n",
+            "    if beat.mode != plan.mode:\n",
+            "    if False:\n",
         ),
         (
             "a proof outlives a silence",
@@ -406,7 +408,7 @@ MUTATIONS = (
         ("what was written need not have landed", " or not seen.landed:", ":"),
         (
             "old heartbeats are believed after a silence",
-            "if seen.now >= state.settled_at or (age_s is not None and age_s <= FRESH_S):",
+            "if now >= state.settled_at or (age_s is not None and age_s <= FRESH_S):",
             "if True:",
         ),
         (
@@ -431,7 +433,7 @@ MUTATIONS = (
         ),
         (
             "a heartbeat ages only on its way",
-            "else beat.late_s + seen.now - beat.at_s",
+            "else beat.late_s + now - beat.at_s",
             "else beat.late_s",
         ),
         (
@@ -508,9 +510,6 @@ MUTATIONS = (
             "excited=True,",
         ),
         ("an abort after a silence does not settle", "settled_at=UNKNOWN if new else now + SETTLE_S,", ""),
-    ),
-    *_of(
-        "gcs.flight.settings",
         (
             "axis and magnitude in any order",
             "    if not profile.dangerous(after.axis, before.magnitude):",
@@ -542,13 +541,10 @@ MUTATIONS = (
             "    for name, value in plan.writes:\n        held",
             "    for name, value in ():\n        held",
         ),
-    ),
-    *_of(
-        "gcs.flight.sweep",
         (
             "given back before it is cleared",
-            "        if flown is None:\n            return True\n        while flown",
-            "        return True\n        while flown",
+            "        if flown is None:\n            return True\n        while True",
+            "        return True\n        while True",
         ),
         (
             "given back in whatever mode",
@@ -558,18 +554,18 @@ MUTATIONS = (
         ),
         (
             "the clock does not know what was written",
-            "self.clock, mode_before, self.written_at)",
-            "self.clock, mode_before)",
+            "self.clock, mode_before, self.written_at\n",
+            "self.clock, mode_before\n",
         ),
         (
             "started on a dead log",
             "self.stopped = self._changed(plan) or self._log_dead()",
             "self.stopped = self._changed(plan)",
         ),
-        ("no last look", "        self._last_look()\n", ""),
+        ("no last look", "        self.handback.last_look()\n", ""),
         (
             "no watch while the rest of the log arrives",
-            "stop_recording(meanwhile=self._watch_on)",
+            "stop_recording(meanwhile=self.handback.watch_on)",
             "stop_recording(meanwhile=lambda: None)",
         ),
         (
@@ -587,9 +583,6 @@ MUTATIONS = (
             "        if not ours or flown is None:\n            return True\n",
             "        return True\n",
         ),
-    ),
-    *_of(
-        "gcs.link.clock",
         (
             "no room for swaps at the vehicle",
             "while self._fences and self._fences[0][1] + SWAP_S <= self._boot_s:",
@@ -610,7 +603,7 @@ MUTATIONS = (
             "a run without answers ends as well, later",
         ),
         ("the way back is never late", "max(self._down_s, self._up_s)", "self._up_s"),
-    ),
+    )
 )
 """Every guard of the rules, each removed or weakened."""
 
@@ -829,7 +822,7 @@ class _Vehicle:
             self.excited_by = "us" if who == "us" else "other"
             self.entered_s, self.sweep_over = world.now, False
             self.text(f"SystemID Starting: axis={self.parameters['SID_AXIS']:.0f}")
-            flown = None if world.flight is None else world.flight.flown
+            flown = None if world.flight is None else world.flight.handback.flown
             world.at(world.now + (3.5 if flown is None else flown.plan.finished_s), self._finish, self.entered_s)
         if self._history.shows_at_once:
             self.show()
@@ -1292,7 +1285,7 @@ class _Judge:
 
     @property
     def _flown(self) -> Any:
-        return None if self._world.flight is None else self._world.flight.flown
+        return None if self._world.flight is None else self._world.flight.handback.flown
 
     def _new_run(self) -> None:
         flown = self._flown
@@ -1664,9 +1657,13 @@ def _said(world: World) -> str:
     if flight is None:
         return ""
     parts = [flight.stopped, *world.notes]
-    if flight.flown is not None:
-        parts.append(flight.flown.state.reason)
-        if not flight.flown.state.cleared and flight.flown.state.asks and flight.flown.state.ending is None:
+    if flight.handback.flown is not None:
+        parts.append(flight.handback.flown.state.reason)
+        if (
+            not flight.handback.flown.state.cleared
+            and flight.handback.flown.state.asks
+            and flight.handback.flown.state.ending is None
+        ):
             parts.append("(no ending)")
     return "; ".join(filter(None, parts))
 
@@ -1680,12 +1677,12 @@ def _count(world: World, ended: str) -> None:
     for run in flight.runs:
         counts[f"ended: {run.ending.value}"] += 1
         counts["mode not known after"] += run.mode_after == "unknown"
-    if flight.flown is not None:
-        state = flight.flown.state
+    if flight.handback.flown is not None:
+        state = flight.handback.flown.state
         counts["with contradicting heartbeats"] += state.contradictions > 0
         counts["not cleared"] += not state.cleared
         counts["showed again after it had left"] += "showed again" in state.reason
-    counts["settings not given back"] += flight.unrestored is not None
+    counts["settings not given back"] += flight.handback.unrestored is not None
     counts["left excited, and so said"] += world.vehicle.excited_by == "us"
 
 

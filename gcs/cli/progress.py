@@ -8,7 +8,7 @@ import time
 from typing import TextIO
 
 from gcs.cards.envelope import Limits
-from gcs.flight.excitation import LOST_PATIENCE_S
+from gcs.flight.rules import LOST_PATIENCE_S
 from gcs.flight.sweep import Briefing, Ending, Note, Phase, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.link.clock import LOST_AFTER_S
 from gcs.logs.reading import Progress as Reading

@@ -1,7 +1,7 @@
 """Flying a card: what is looked at first, run after run, the recording, and the file that tells what was flown.
 
-The vehicle is left as it was found: in the mode before the run (see `gcs.flight.excitation`), and with its own values
-in every parameter that a maneuver wrote (see `gcs.flight.settings`). Nothing is written while it may be excited,
+The vehicle is left as it was found: in the mode before the run (see `gcs.flight.rules`), and with its own values
+in every parameter that a maneuver wrote (see `gcs.flight.handback`). Nothing is written while it may be excited,
 because the vehicle reads some parameters in every loop: only after the last run is cleared, and a run is started only
 after all that was written has landed and was read back. Recording goes on during the whole card, and `flight.json` is
 replaced after each run; a run is not started, and does not go on, without fresh blocks of the log.
@@ -10,7 +10,6 @@ replaced after each run; a run is not started, and does not go on, without fresh
 from __future__ import annotations
 
 import contextlib
-import itertools
 import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -21,33 +20,26 @@ from statistics import median
 from types import TracebackType
 from typing import Any, Self
 
-from gcs.cards.envelope import Limits, Peaks, Use, use
+from gcs.cards.envelope import Limits, use
 from gcs.cards.maneuver import CardRun, TestCard, preceded
 from gcs.errors import TippathError
 from gcs.flight import preflight
-from gcs.flight.excitation import (
-    LOG_SILENCE_S,
-    TICK_S,
-    AbortResult,
-    Clock,
-    Connection,
-    Ending,
-    Excitation,
-    Phase,
-    WallClock,
-    abort,
-    joined,
-)
+from gcs.flight.connection import Clock, Connection, WallClock
+from gcs.flight.excitation import AbortResult, Excitation, abort
+from gcs.flight.flown_card import Briefing, SweepResult, limits_document, recording_document, vehicle_document
 from gcs.flight.folder import FlightFolder
+from gcs.flight.handback import Handback
 from gcs.flight.preflight import Check, LinkLoss
 from gcs.flight.probe import QUIET_S, ProbeResult, ProbeStep, Samples, judge_probe, largest_amplitude, probe_card
 from gcs.flight.recorder import RecordingSummary
-from gcs.flight.settings import ask_all, changed_since, give_back, read_settings, recognise, write_plan
-from gcs.flight.verdict import Verdict, cut, judge
+from gcs.flight.rules import LOG_SILENCE_S, TICK_S, joined
+from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult, fly_run
+from gcs.flight.run_state import Ending, Phase
+from gcs.flight.settings import ask_all, changed_since, read_settings, recognise, write_plan
+from gcs.flight.verdict import cut
 from gcs.link.clock import UNKNOWN
 from gcs.link.procedures import ProcedureError
 from gcs.vehicle.profile import Plan, VehicleProfile
-from gcs.vehicle.snapshot import VehicleSnapshot
 
 LOG_WAIT_S = 8.0
 HOVER_LOOK_S = 2.0
@@ -57,243 +49,9 @@ ABORT_S = 0.15
 """From seeing that a run must end to the order on a link without lag, heartbeats not waited for."""
 PROBE_AROUND_S = 1.0
 """Hover before and after a probe's step that is judged with it."""
-TELL_AFTER_S = 2.0
-"""A run that takes longer to clear is told of."""
-
-
-@dataclass(frozen=True, slots=True)
-class RunProgress:
-    """A run under way, for a screen or a line."""
-
-    run: CardRun
-    plan: Plan
-    phase: Phase
-    elapsed_s: float
-    """Of the maneuver itself; negative before it begins."""
-    frequency_hz: float | None
-    peaks: Peaks
-    use: Use
-    snapshot: VehicleSnapshot
-    ending: Ending | None = None
-    """Why it is being ended, once it is."""
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class RunReady:
-    """Its parameters are in the vehicle, bit for bit."""
-
-    run: CardRun
-    plan: Plan
-
-
-@dataclass(frozen=True, slots=True)
-class RunResult:
-    """A run that was flown, or not."""
-
-    run: CardRun
-    plan: Plan
-    ending: Ending
-    reason: str
-    """What went otherwise than planned, empty where nothing did."""
-    mode_after: str
-    started: str
-    """UTC."""
-    duration_s: float
-    """From entering the excitation mode to its end."""
-    log_start_s: float | None
-    """The log's own time of entering the mode; None where no samples came."""
-    peaks: Peaks
-    verdict: Verdict | None
-    """None where nothing was flown."""
-
-    @property
-    def clean(self) -> bool:
-        return self.ending is Ending.FINISHED and self.verdict is not None and self.verdict.keep
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "number": self.run.number,
-            "label": self.run.label,
-            "purpose": self.run.maneuver.purpose,
-            "probe": self.run.probe,
-            "maneuver": self.run.maneuver.to_json(),
-            "flew": self.plan.words,
-            "parameters": dict(self.plan.writes),
-            "ending": self.ending.value,
-            "reason": self.reason,
-            "mode_after": self.mode_after,
-            "started": self.started,
-            "duration_s": round(self.duration_s, 3),
-            "log_start_s": None if self.log_start_s is None else round(self.log_start_s, 6),
-            "peaks": {
-                name: None if value is None else round(value, 5)
-                for name, value in (
-                    ("p", self.peaks.p),
-                    ("q", self.peaks.q),
-                    ("roll", self.peaks.roll),
-                    ("pitch", self.peaks.pitch),
-                    ("delta_x", self.peaks.delta_x),
-                    ("delta_y", self.peaks.delta_y),
-                )
-            },
-            "verdict": None if self.verdict is None else self.verdict.to_json(),
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Probed:
-    """The probe was flown; where it is `wrong`, the card is not."""
-
-    result: ProbeResult
-
-
-@dataclass(frozen=True, slots=True)
-class Note:
-    """Something to tell the user."""
-
-    words: str
-
-
-Progress = Note | Probed | RunReady | RunProgress | RunResult
-
-
-def fly_run(
-    session: Connection,
-    run: CardRun,
-    flown: Excitation,
-    *,
-    clock: Clock,
-    on_progress: Callable[[Progress], None],
-    aborted: Callable[[], str | None],
-    rate_hz: float | None,
-    interruptions: Callable[[], int] = lambda: 0,
-) -> RunResult:
-    """Fly one run whose parameters are in the vehicle, from the mode that the pilot left it in.
-
-    `interruptions` counts how often somebody pressed Ctrl-C: once more while the link is lost, and it is not waited for
-    any longer. Afterwards `flown` is to be watched until it is cleared, before anything is written. Raises what
-    `on_progress` raises, after the excitation ended.
-    """
-    started = datetime.now(UTC).isoformat(timespec="milliseconds")
-    contradicted = False
-    with flown:
-        pressed_before: int | None = None  # the link was lost
-        while flown.tick(aborted(), given_up=pressed_before is not None and interruptions() > pressed_before):
-            if not flown.snapshot.lost:
-                pressed_before = None
-            elif pressed_before is None:
-                pressed_before = interruptions()
-            if flown.state.contradictions and not contradicted:
-                contradicted = True
-                on_progress(Note(contradiction(flown)))
-            on_progress(_progress(run, flown))
-            clock.sleep(TICK_S)
-    state = flown.state
-    assert state.ending is not None
-    verdict = None if state.flying_since is None else _verdict(session, flown, rate_hz)
-    return RunResult(
-        run,
-        flown.plan,
-        state.ending,
-        joined(state.reason, contradiction(flown)),
-        state.mode_after,
-        started,
-        flown.elapsed_s,
-        flown.log_start_s,
-        flown.peaks,
-        verdict,
-    )
-
-
-def _progress(run: CardRun, flown: Excitation) -> RunProgress:
-    return RunProgress(
-        run,
-        flown.plan,
-        flown.state.phase,
-        flown.elapsed_s - flown.plan.lead_s,
-        flown.frequency_hz,
-        flown.peaks,
-        use(flown.limits, flown.peaks, flown.snapshot.link_age_s),
-        flown.snapshot,
-        flown.state.ending,
-        flown.state.reason,
-    )
-
-
-def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> Verdict:
-    state, plan, start = flown.state, flown.plan, flown.log_start_s
-    window = session.samples(flown.elapsed_s + 5.0)
-    first = math.inf if start is None else start + plan.lead_s
-    finished = state.ending is None or state.ending is Ending.FINISHED
-    interruption = None if finished or state.ending is None else f"{state.ending.value}: {state.reason}"
-    samples = cut(window, first, first + plan.maneuver.duration_s)
-    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption, start_s=first)
-
-
-def contradiction(flown: Excitation) -> str:
-    """What heartbeats that contradict each other may mean; empty where they do not."""
-    count = flown.state.contradictions
-    if not count:
-        return ""
-    return f"heartbeats contradicted each other {count} time(s): two vehicles with id {flown.snapshot.system}?"
 
 
 # ------------------------------------------------------------------------------------------------ a whole card
-
-
-@dataclass(frozen=True, slots=True)
-class Briefing:
-    """What is about to happen, for whoever confirms it."""
-
-    card: TestCard
-    plans: tuple[tuple[CardRun, Plan], ...]
-    checks: tuple[Check, ...]
-    link_loss: LinkLoss
-    profile: VehicleProfile
-
-
-@dataclass(frozen=True, slots=True)
-class SweepResult:
-    """A card that was flown, as far as it went."""
-
-    card: TestCard
-    profile: VehicleProfile
-    runs: tuple[RunResult, ...]
-    planned: int
-    folder: FlightFolder
-    recording: RecordingSummary | None
-    stopped: str
-    """Why the card was not flown to its end; empty where it was."""
-    ending: Ending | None = None
-    """Of the run that stopped the card."""
-    link_loss: LinkLoss | None = None
-    """What the vehicle does when it no longer hears this station."""
-
-    @property
-    def complete(self) -> bool:
-        """Every run was flown to its end, and all of it is on disk, as far as the log's own stamps show."""
-        recorded = self.recording is not None and self.recording.complete
-        return not self.stopped and len(self.runs) == self.planned and recorded
-
-    @property
-    def missing_blocks(self) -> int:
-        return 0 if self.recording is None else self.recording.missing_blocks
-
-    @property
-    def missing_words(self) -> str:
-        """`0 samples missing`, or what is: blocks of the log, samples that were to be flown and did not come, an end
-        of the log that is not there."""
-        verdicts = [run.verdict for run in self.runs if run.verdict is not None]
-        samples, planned = sum(v.missing for v in verdicts), sum(v.expected for v in verdicts)
-        parts = [f"{self.missing_blocks} blocks of the log missing"] if self.missing_blocks else []
-        if any(not v.keep and v.missing for v in verdicts):
-            parts.append(f"{samples:,} of {planned:,} planned samples not flown or not received")
-        if not parts and (self.recording is None or not self.recording.complete):
-            parts.append("that nothing is missing is not shown")
-        if not parts and samples:
-            parts.append("0 blocks of the log missing")  # a sample more or less at the ends of a run
-        return ", ".join(parts) or "0 samples missing"
 
 
 class NotReadyError(TippathError):
@@ -412,17 +170,19 @@ class _Flight:
     stopped: str = ""
     ending: Ending | None = None
     started: str = ""
-    settings: dict[str, float] = field(default_factory=dict)
-    """What is in the vehicle now, of what a maneuver writes."""
     written_at: float = UNKNOWN
-    flown: Excitation | None = None
-    """The last run, which is watched until it is cleared before anything is written."""
-    unrestored: Mapping[str, float] | None = None
-    """The vehicle's own settings, where they could not be put back."""
     quiet: Samples | None = None
     """Hover before the first probe."""
     steps: list[ProbeStep] = field(default_factory=list)
     probed: ProbeResult | None = None
+
+    def __post_init__(self) -> None:
+        self.handback = Handback(
+            session=self.session,
+            profile=self.profile,
+            clock=self.clock,
+            tell=lambda words: self.on_progress(Note(words)),
+        )
 
     def __enter__(self) -> Self:
         self.started = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -435,10 +195,10 @@ class _Flight:
         if error is not None and not self.stopped:
             self.stopped = str(error) or type(error).__name__
         try:
-            self.recording = self.session.stop_recording(meanwhile=self._watch_on)
+            self.recording = self.session.stop_recording(meanwhile=self.handback.watch_on)
         except TippathError as problem:
             self.stopped = self.stopped or str(problem)
-        self._last_look()
+        self.handback.last_look()
         if error is None:
             self.write()
         else:
@@ -485,7 +245,7 @@ class _Flight:
     ) -> None:
         """Run after run, until one of them says stop; then the parameters as they were."""
         mode_before = self.session.snapshot().mode
-        self.settings = dict(parameters)
+        self.handback.settings, self.handback.own = dict(parameters), parameters
         try:
             for run, plan in self.planned:
                 self.stopped = (
@@ -502,8 +262,8 @@ class _Flight:
                     self.ending = result.ending
                     self.stopped = joined(f"{run.label} {result.ending.value}", result.reason)
                     return
-                if not self._clear(interruptions):
-                    self.stopped = joined(f"after {run.label} nothing more is written", self._uncleared)
+                if not self.handback.clear(interruptions):
+                    self.stopped = joined(f"after {run.label} nothing more is written", self.handback.uncleared)
                     return
                 self._rest(mode_before, aborted)
                 if run.probe:
@@ -511,7 +271,7 @@ class _Flight:
                     if self.stopped:
                         return
         finally:
-            self._restore(parameters, interruptions)
+            self.handback.restore(interruptions)
 
     def _fly_next(
         self,
@@ -524,7 +284,7 @@ class _Flight:
         """Write, wait until somebody starts it, read back, fly; None where it was not started."""
         try:
             self.written_at = self.clock.now()
-            write_plan(self.session, plan, self.profile, self.settings)
+            write_plan(self.session, plan, self.profile, self.handback.settings)
             self.written_at = self.clock.now()
         except TippathError as error:
             # Between two runs nothing is excited; what was flown stays.
@@ -536,15 +296,17 @@ class _Flight:
             if self.stopped:
                 return None
             self._audit(f"starting {run.label}: {run.maneuver.numbers}, {plan.words}")
-        self.flown = Excitation(self.session, plan, self.limits, self.clock, mode_before, self.written_at)
+        flown = self.handback.flown = Excitation(
+            self.session, plan, self.limits, self.clock, mode_before, self.written_at
+        )
         result = fly_run(
             self.session,
             run,
-            self.flown,
+            flown,
             clock=self.clock,
             on_progress=self.on_progress,
             aborted=aborted,
-            rate_hz=self.settings.get("SCHED_LOOP_RATE"),
+            rate_hz=self.handback.settings.get("SCHED_LOOP_RATE"),
             interruptions=interruptions,
         )
         self.runs.append(result)
@@ -573,7 +335,7 @@ class _Flight:
         self.steps.append(ProbeStep(run.maneuver, samples, start if math.isfinite(start) else None))
         if any(later.probe and later.number > run.number for later, _ in self.planned) or self.quiet is None:
             return ""
-        self.probed = judge_probe(self.quiet, self.steps, self.settings.get("SCHED_LOOP_RATE"))
+        self.probed = judge_probe(self.quiet, self.steps, self.handback.settings.get("SCHED_LOOP_RATE"))
         self.write()
         self._audit(f"probe: {'; '.join(self.probed.words)}")
         self.on_progress(Probed(self.probed))
@@ -617,31 +379,6 @@ class _Flight:
             self.clock.sleep(TICK_S)
         return ""
 
-    def _clear(self, interruptions: Callable[[], int] = lambda: 0) -> bool:
-        """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known.
-
-        Ctrl-C ends the watch, but while the vehicle is being brought back only the third does.
-        """
-        flown, began, told, pressed, interrupted = self.flown, self.clock.now(), False, interruptions(), 0
-        if flown is None:
-            return True
-        while True:
-            try:
-                if not flown.watch(given_up=interruptions() > pressed):
-                    return flown.state.cleared
-                if not told and self.clock.now() - began > TELL_AFTER_S:
-                    told = True
-                    self.on_progress(Note("watching the mode until no order of ours can be under way any more"))
-                self.clock.sleep(TICK_S)
-            except KeyboardInterrupt:
-                interrupted += 1
-                if not flown.out_of_hand or interrupted >= 3:
-                    raise
-
-    @property
-    def _uncleared(self) -> str:
-        return "" if self.flown is None else self.flown.state.reason or "whether the vehicle is excited is not known"
-
     def _audit(self, did: str) -> None:
         """A disk that does not take it is told by what else is written, and is no reason to stop in flight."""
         by = "app" if self.about.get("command") == "fly" else "command"
@@ -682,71 +419,8 @@ class _Flight:
             self.clock.sleep(TICK_S)
         self.ending = None  # told again, and acted on, before the next run
 
-    def _restore(self, parameters: Mapping[str, float], interruptions: Callable[[], int] = lambda: 0) -> None:
-        """The vehicle's own settings again, once it is certainly not excited."""
-        self.unrestored = parameters
-        cleared = self._clear(interruptions)
-        snapshot = self.session.snapshot()
-        if cleared and not snapshot.lost and snapshot.mode != self.profile.excitation_mode:
-            self._give_back(parameters)
-
-    def _give_back(self, parameters: Mapping[str, float]) -> None:
-        for words in give_back(self.session, self.profile, self.settings, parameters):
-            self.on_progress(Note(words))
-        self.unrestored = None
-
-    def _last_look(self) -> None:
-        """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
-        with contextlib.suppress(TippathError):
-            snapshot, flown = self.session.snapshot(), self.flown
-            ours = flown is not None and flown.state.asks > 0 and not flown.state.cleared
-            if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
-                if ours and flown is not None and flown.state.ending is not Ending.STUCK:
-                    self._bring_back(flown)
-                else:
-                    self.on_progress(Note(f"the mode is {snapshot.mode_name} again: `tippath abort` ends it"))
-            if self.unrestored is not None and self._out(ours):
-                self._give_back(self.unrestored)
-        if self.unrestored is not None:
-            self.on_progress(Note("the maneuver's parameters stay in the vehicle: it could not be told otherwise"))
-
-    def _watch_on(self) -> None:
-        """A watch that Ctrl-C cut short goes on while the rest of the log arrives."""
-        if self.flown is not None and self.flown.state.phase in (Phase.WATCHING, Phase.RETURNING):
-            with contextlib.suppress(TippathError):
-                self.flown.watch()
-
-    def _bring_back(self, flown: Excitation) -> None:
-        """A vehicle that a start of ours still excites after its run was given up; in words what came of it."""
-        try:
-            ended = abort(self.session, flown.state.mode_before, excitation_mode=flown.plan.mode, clock=self.clock)
-        except KeyboardInterrupt:
-            self.on_progress(Note("it was still excited, and bringing it back was interrupted: the pilot must take it"))
-            raise
-        words = ended.reason or f"brought back to {ended.mode_after}"
-        if flown.state.contradictions:
-            words += ", as far as heartbeats of two vehicles with one id show: which of them is not known"
-        self.on_progress(Note(f"it was still excited: {words}"))
-
-    def _out(self, ours: bool) -> bool:
-        """Whether the vehicle shows another mode, and where a start is `ours`, said so knowing of it, twice, and was
-        never contradicted: its log, which would tell it from a stranger, has ended."""
-        snapshot, flown = self.session.snapshot(), self.flown
-        if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
-            return False
-        if not ours or flown is None:
-            return True
-        excited = [b.mode == flown.plan.mode for b in snapshot.beats if b.at_s >= flown.state.asked_at]
-        first = excited.index(True) if True in excited else len(excited)
-        back_again = any(now and not before for before, now in itertools.pairwise(excited[first:]))
-        if flown.state.contradictions or back_again:
-            return False
-        last = snapshot.beats[-2:]
-        return len(last) == 2 and all(
-            beat.mode != flown.plan.mode and beat.known_s >= flown.state.ordered_at for beat in last
-        )
-
     def write(self) -> None:
+        """flight.json, as far as the flight has come."""
         snapshot = self.session.snapshot()
         self.folder.write(
             {
@@ -754,58 +428,32 @@ class _Flight:
                 "started": self.started,
                 "written": datetime.now(UTC).isoformat(timespec="milliseconds"),
                 "card": self.card.name,
-                "vehicle": {
-                    "system": snapshot.system,
-                    "component": snapshot.component,
-                    "type": snapshot.vehicle_type,
-                    "autopilot": snapshot.autopilot,
-                    "version": snapshot.version,
-                    "profile": self.profile.name,
-                },
+                "vehicle": vehicle_document(snapshot, self.profile),
                 "station": self.session.station,
                 "link_loss": self.loss.words,
-                "limits": {
-                    "rate_rad_s": self.limits.rate,
-                    "attitude_deg": round(math.degrees(self.limits.attitude), 6),
-                    "command": self.limits.command,
-                },
+                "limits": limits_document(self.limits),
                 "checks": [{"name": c.name, "ok": c.ok, "words": c.words} for c in self.checks],
                 "planned": len(self.planned),
                 "runs": [run.to_json() for run in self.runs],
                 "probe": None if self.probed is None else self.probed.to_json(),
                 "stopped": self.stopped,
-                "recording": None if self.recording is None else _portable(self.recording, self.folder.path),
+                "recording": None if self.recording is None else recording_document(self.recording, self.folder.path),
                 "missing_blocks": snapshot.missing if self.recording is None else self.recording.missing_blocks,
             }
         )
 
     def result(self) -> SweepResult:
         return SweepResult(
-            self.card,
-            self.profile,
-            tuple(self.runs),
-            len(self.planned),
-            self.folder,
-            self.recording,
-            self.stopped,
-            self.ending,
-            self.loss,
+            card=self.card,
+            profile=self.profile,
+            runs=tuple(self.runs),
+            planned=len(self.planned),
+            folder=self.folder,
+            recording=self.recording,
+            stopped=self.stopped,
+            ending=self.ending,
+            link_loss=self.loss,
         )
-
-
-def _portable(summary: RecordingSummary, folder: Path) -> dict[str, Any]:
-    """The summary with paths relative to the folder, which may be moved."""
-
-    def relative(path: str) -> str:
-        try:
-            return str(Path(path).relative_to(folder))
-        except ValueError:
-            return path
-
-    about = summary.to_json()
-    about["logs"] = [{**log, "path": relative(log["path"])} for log in about["logs"]]
-    about["tlog"] = None if about["tlog"] is None else relative(about["tlog"])
-    return about
 
 
 __all__ = [

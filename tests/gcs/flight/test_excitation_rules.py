@@ -1,4 +1,4 @@
-"""The rules of `gcs.flight.excitation` over histories of messages, and that the checker sees when a rule is gone.
+"""The rules of `gcs.flight.rules` over histories of messages, and that the checker sees when a rule is gone.
 
 `tests/study/study_excitation.py` does the same over 100,000 histories, and tells how soon each rule is missed.
 """

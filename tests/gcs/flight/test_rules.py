@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gcs.cards.maneuver import Maneuver
-from gcs.flight.excitation import (
+from gcs.flight.rules import (
     ASK_EVERY_S,
     LAG_PATIENCE_S,
     LOG_SILENCE_S,
@@ -19,14 +19,9 @@ from gcs.flight.excitation import (
     START_TRIES,
     STUCK_S,
     UNKNOWN_S,
-    Answer,
-    Ending,
-    Order,
-    Phase,
-    RunState,
-    Seen,
     step,
 )
+from gcs.flight.run_state import Answer, Ending, Order, Phase, RunState, Seen
 from gcs.vehicle.profile import Plan, bundled_profiles
 from gcs.vehicle.snapshot import Beat
 

@@ -1,0 +1,108 @@
+"""A card that was flown: what is told before it, what it came to, and the parts of its flight.json."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gcs.cards.envelope import Limits
+from gcs.cards.maneuver import CardRun, TestCard
+from gcs.flight.folder import FlightFolder
+from gcs.flight.preflight import Check, LinkLoss
+from gcs.flight.recorder import RecordingSummary
+from gcs.flight.run import RunResult
+from gcs.flight.run_state import Ending
+from gcs.vehicle.profile import Plan, VehicleProfile
+from gcs.vehicle.snapshot import VehicleSnapshot
+
+
+@dataclass(frozen=True, slots=True)
+class Briefing:
+    """What is about to happen, for whoever confirms it."""
+
+    card: TestCard
+    plans: tuple[tuple[CardRun, Plan], ...]
+    checks: tuple[Check, ...]
+    link_loss: LinkLoss
+    profile: VehicleProfile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepResult:
+    """A card that was flown, as far as it went."""
+
+    card: TestCard
+    profile: VehicleProfile
+    runs: tuple[RunResult, ...]
+    planned: int
+    folder: FlightFolder
+    recording: RecordingSummary | None
+    stopped: str
+    """Why the card was not flown to its end; empty where it was."""
+    ending: Ending | None = None
+    """Of the run that stopped the card."""
+    link_loss: LinkLoss | None = None
+    """What the vehicle does when it no longer hears this station."""
+
+    @property
+    def complete(self) -> bool:
+        """Every run was flown to its end, and all of it is on disk, as far as the log's own stamps show."""
+        recorded = self.recording is not None and self.recording.complete
+        return not self.stopped and len(self.runs) == self.planned and recorded
+
+    @property
+    def missing_blocks(self) -> int:
+        return 0 if self.recording is None else self.recording.missing_blocks
+
+    @property
+    def missing_words(self) -> str:
+        """`0 samples missing`, or what is: blocks of the log, samples that were to be flown and did not come, an end
+        of the log that is not there."""
+        verdicts = [run.verdict for run in self.runs if run.verdict is not None]
+        samples, planned = sum(v.missing for v in verdicts), sum(v.expected for v in verdicts)
+        parts = [f"{self.missing_blocks} blocks of the log missing"] if self.missing_blocks else []
+        if any(not v.keep and v.missing for v in verdicts):
+            parts.append(f"{samples:,} of {planned:,} planned samples not flown or not received")
+        if not parts and (self.recording is None or not self.recording.complete):
+            parts.append("that nothing is missing is not shown")
+        if not parts and samples:
+            parts.append("0 blocks of the log missing")  # a sample more or less at the ends of a run
+        return ", ".join(parts) or "0 samples missing"
+
+
+def vehicle_document(snapshot: VehicleSnapshot, profile: VehicleProfile) -> dict[str, Any]:
+    """Which vehicle it was."""
+    return {
+        "system": snapshot.system,
+        "component": snapshot.component,
+        "type": snapshot.vehicle_type,
+        "autopilot": snapshot.autopilot,
+        "version": snapshot.version,
+        "profile": profile.name,
+    }
+
+
+def limits_document(limits: Limits) -> dict[str, Any]:
+    """Which limits it was flown within."""
+    return {
+        "rate_rad_s": limits.rate,
+        "attitude_deg": round(math.degrees(limits.attitude), 6),
+        "command": limits.command,
+    }
+
+
+def recording_document(summary: RecordingSummary, folder: Path) -> dict[str, Any]:
+    """The summary with paths relative to the folder, which may be moved."""
+
+    def relative(path: str) -> str:
+        try:
+            return str(Path(path).relative_to(folder))
+        except ValueError:
+            return path
+
+    about = summary.to_json()
+    about["logs"] = [{**log, "path": relative(log["path"])} for log in about["logs"]]
+    about["tlog"] = None if about["tlog"] is None else relative(about["tlog"])
+    return about

@@ -1,0 +1,130 @@
+"""The vehicle as it was found: out of the excitation mode, and with its own values in all that a maneuver wrote.
+
+Nothing is written while it may be excited, because the vehicle reads some parameters in every loop: only after the last
+run is cleared (see `gcs.flight.rules`). What could not be given back is said.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from gcs.errors import TippathError
+from gcs.flight.connection import Clock, Connection
+from gcs.flight.excitation import Excitation, abort
+from gcs.flight.rules import TICK_S
+from gcs.flight.run_state import Ending, Phase
+from gcs.flight.settings import give_back
+from gcs.vehicle.profile import VehicleProfile
+
+TELL_AFTER_S = 2.0
+"""A run that takes longer to clear is told of."""
+
+
+@dataclass(kw_only=True)
+class Handback:
+    """What is in the vehicle now, what was before, and the last run, until all is as it was."""
+
+    session: Connection
+    profile: VehicleProfile
+    clock: Clock
+    tell: Callable[[str], None]
+    settings: dict[str, float] = field(default_factory=dict)
+    """What is in the vehicle now, of what a maneuver writes."""
+    own: Mapping[str, float] = field(default_factory=dict)
+    """What was there before the first run."""
+    flown: Excitation | None = None
+    """The last run, which is watched until it is cleared before anything is written."""
+    unrestored: Mapping[str, float] | None = None
+    """The vehicle's own settings, where they could not be put back."""
+
+    def clear(self, interruptions: Callable[[], int] = lambda: 0) -> bool:
+        """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known.
+
+        Ctrl-C ends the watch, but while the vehicle is being brought back only the third does.
+        """
+        flown, began, told, pressed, interrupted = self.flown, self.clock.now(), False, interruptions(), 0
+        if flown is None:
+            return True
+        while True:
+            try:
+                if not flown.watch(given_up=interruptions() > pressed):
+                    return flown.state.cleared
+                if not told and self.clock.now() - began > TELL_AFTER_S:
+                    told = True
+                    self.tell("watching the mode until no order of ours can be under way any more")
+                self.clock.sleep(TICK_S)
+            except KeyboardInterrupt:
+                interrupted += 1
+                if not flown.out_of_hand or interrupted >= 3:
+                    raise
+
+    @property
+    def uncleared(self) -> str:
+        return "" if self.flown is None else self.flown.state.reason or "whether the vehicle is excited is not known"
+
+    def restore(self, interruptions: Callable[[], int] = lambda: 0) -> None:
+        """The vehicle's own settings again, once it is certainly not excited."""
+        self.unrestored = self.own
+        cleared = self.clear(interruptions)
+        snapshot = self.session.snapshot()
+        if cleared and not snapshot.lost and snapshot.mode != self.profile.excitation_mode:
+            self._give_back(self.own)
+
+    def _give_back(self, parameters: Mapping[str, float]) -> None:
+        for words in give_back(self.session, self.profile, self.settings, parameters):
+            self.tell(words)
+        self.unrestored = None
+
+    def last_look(self) -> None:
+        """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
+        with contextlib.suppress(TippathError):
+            snapshot, flown = self.session.snapshot(), self.flown
+            ours = flown is not None and flown.state.asks > 0 and not flown.state.cleared
+            if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
+                if ours and flown is not None and flown.state.ending is not Ending.STUCK:
+                    self._bring_back(flown)
+                else:
+                    self.tell(f"the mode is {snapshot.mode_name} again: `tippath abort` ends it")
+            if self.unrestored is not None and self._out(ours):
+                self._give_back(self.unrestored)
+        if self.unrestored is not None:
+            self.tell("the maneuver's parameters stay in the vehicle: it could not be told otherwise")
+
+    def watch_on(self) -> None:
+        """A watch that Ctrl-C cut short goes on while the rest of the log arrives."""
+        if self.flown is not None and self.flown.state.phase in (Phase.WATCHING, Phase.RETURNING):
+            with contextlib.suppress(TippathError):
+                self.flown.watch()
+
+    def _bring_back(self, flown: Excitation) -> None:
+        """A vehicle that a start of ours still excites after its run was given up; in words what came of it."""
+        try:
+            ended = abort(self.session, flown.state.mode_before, excitation_mode=flown.plan.mode, clock=self.clock)
+        except KeyboardInterrupt:
+            self.tell("it was still excited, and bringing it back was interrupted: the pilot must take it")
+            raise
+        words = ended.reason or f"brought back to {ended.mode_after}"
+        if flown.state.contradictions:
+            words += ", as far as heartbeats of two vehicles with one id show: which of them is not known"
+        self.tell(f"it was still excited: {words}")
+
+    def _out(self, ours: bool) -> bool:
+        """Whether the vehicle shows another mode, and where a start is `ours`, said so knowing of it, twice, and was
+        never contradicted: its log, which would tell it from a stranger, has ended."""
+        snapshot, flown = self.session.snapshot(), self.flown
+        if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
+            return False
+        if not ours or flown is None:
+            return True
+        excited = [b.mode == flown.plan.mode for b in snapshot.beats if b.at_s >= flown.state.asked_at]
+        first = excited.index(True) if True in excited else len(excited)
+        back_again = any(now and not before for before, now in itertools.pairwise(excited[first:]))
+        if flown.state.contradictions or back_again:
+            return False
+        last = snapshot.beats[-2:]
+        return len(last) == 2 and all(
+            beat.mode != flown.plan.mode and beat.known_s >= flown.state.ordered_at for beat in last
+        )

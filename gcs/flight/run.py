@@ -1,0 +1,198 @@
+"""One run of a card: flown with an excitation, told of while it goes, judged after it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from gcs.cards.envelope import Peaks, Use, use
+from gcs.cards.maneuver import CardRun
+from gcs.flight.connection import Clock, Connection
+from gcs.flight.excitation import Excitation
+from gcs.flight.probe import ProbeResult
+from gcs.flight.rules import TICK_S, joined
+from gcs.flight.run_state import Ending, Phase
+from gcs.flight.verdict import Verdict, cut, judge
+from gcs.vehicle.profile import Plan
+from gcs.vehicle.snapshot import VehicleSnapshot
+
+
+@dataclass(frozen=True, slots=True)
+class RunProgress:
+    """A run under way, for a screen or a line."""
+
+    run: CardRun
+    plan: Plan
+    phase: Phase
+    elapsed_s: float
+    """Of the maneuver itself; negative before it begins."""
+    frequency_hz: float | None
+    peaks: Peaks
+    use: Use
+    snapshot: VehicleSnapshot
+    ending: Ending | None = None
+    """Why it is being ended, once it is."""
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunReady:
+    """Its parameters are in the vehicle, bit for bit."""
+
+    run: CardRun
+    plan: Plan
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """A run that was flown, or not."""
+
+    run: CardRun
+    plan: Plan
+    ending: Ending
+    reason: str
+    """What went otherwise than planned, empty where nothing did."""
+    mode_after: str
+    started: str
+    """UTC."""
+    duration_s: float
+    """From entering the excitation mode to its end."""
+    log_start_s: float | None
+    """The log's own time of entering the mode; None where no samples came."""
+    peaks: Peaks
+    verdict: Verdict | None
+    """None where nothing was flown."""
+
+    @property
+    def clean(self) -> bool:
+        return self.ending is Ending.FINISHED and self.verdict is not None and self.verdict.keep
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "number": self.run.number,
+            "label": self.run.label,
+            "purpose": self.run.maneuver.purpose,
+            "probe": self.run.probe,
+            "maneuver": self.run.maneuver.to_json(),
+            "flew": self.plan.words,
+            "parameters": dict(self.plan.writes),
+            "ending": self.ending.value,
+            "reason": self.reason,
+            "mode_after": self.mode_after,
+            "started": self.started,
+            "duration_s": round(self.duration_s, 3),
+            "log_start_s": None if self.log_start_s is None else round(self.log_start_s, 6),
+            "peaks": {
+                name: None if value is None else round(value, 5)
+                for name, value in (
+                    ("p", self.peaks.p),
+                    ("q", self.peaks.q),
+                    ("roll", self.peaks.roll),
+                    ("pitch", self.peaks.pitch),
+                    ("delta_x", self.peaks.delta_x),
+                    ("delta_y", self.peaks.delta_y),
+                )
+            },
+            "verdict": None if self.verdict is None else self.verdict.to_json(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Probed:
+    """The probe was flown; where it is `wrong`, the card is not."""
+
+    result: ProbeResult
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something to tell the user."""
+
+    words: str
+
+
+Progress = Note | Probed | RunReady | RunProgress | RunResult
+
+
+def fly_run(
+    session: Connection,
+    run: CardRun,
+    flown: Excitation,
+    *,
+    clock: Clock,
+    on_progress: Callable[[Progress], None],
+    aborted: Callable[[], str | None],
+    rate_hz: float | None,
+    interruptions: Callable[[], int] = lambda: 0,
+) -> RunResult:
+    """Fly one run whose parameters are in the vehicle, from the mode that the pilot left it in.
+
+    `interruptions` counts how often somebody pressed Ctrl-C: once more while the link is lost, and it is not waited for
+    any longer. Afterwards `flown` is to be watched until it is cleared, before anything is written. Raises what
+    `on_progress` raises, after the excitation ended.
+    """
+    started = datetime.now(UTC).isoformat(timespec="milliseconds")
+    contradicted = False
+    with flown:
+        pressed_before: int | None = None  # the link was lost
+        while flown.tick(aborted(), given_up=pressed_before is not None and interruptions() > pressed_before):
+            if not flown.snapshot.lost:
+                pressed_before = None
+            elif pressed_before is None:
+                pressed_before = interruptions()
+            if flown.state.contradictions and not contradicted:
+                contradicted = True
+                on_progress(Note(contradiction(flown)))
+            on_progress(_progress(run, flown))
+            clock.sleep(TICK_S)
+    state = flown.state
+    assert state.ending is not None
+    verdict = None if state.flying_since is None else _verdict(session, flown, rate_hz)
+    return RunResult(
+        run,
+        flown.plan,
+        state.ending,
+        joined(state.reason, contradiction(flown)),
+        state.mode_after,
+        started,
+        flown.elapsed_s,
+        flown.log_start_s,
+        flown.peaks,
+        verdict,
+    )
+
+
+def _progress(run: CardRun, flown: Excitation) -> RunProgress:
+    return RunProgress(
+        run,
+        flown.plan,
+        flown.state.phase,
+        flown.elapsed_s - flown.plan.lead_s,
+        flown.frequency_hz,
+        flown.peaks,
+        use(flown.limits, flown.peaks, flown.snapshot.link_age_s),
+        flown.snapshot,
+        flown.state.ending,
+        flown.state.reason,
+    )
+
+
+def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> Verdict:
+    state, plan, start = flown.state, flown.plan, flown.log_start_s
+    window = session.samples(flown.elapsed_s + 5.0)
+    first = math.inf if start is None else start + plan.lead_s
+    finished = state.ending is None or state.ending is Ending.FINISHED
+    interruption = None if finished or state.ending is None else f"{state.ending.value}: {state.reason}"
+    samples = cut(window, first, first + plan.maneuver.duration_s)
+    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption, start_s=first)
+
+
+def contradiction(flown: Excitation) -> str:
+    """What heartbeats that contradict each other may mean; empty where they do not."""
+    count = flown.state.contradictions
+    if not count:
+        return ""
+    return f"heartbeats contradicted each other {count} time(s): two vehicles with id {flown.snapshot.system}?"
