@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,8 @@ SAFETY = 1.25
 
 _GRID_S = 0.01
 _SMOOTH_HZ = 5.0
+_NEGLIGIBLE = 1e-6
+"""Of the largest singular value."""
 _REACHED_S = (0.25, 0.75)
 """After a step of the command: what is reached there is called the gain."""
 _LATEST_S = 0.4
@@ -567,26 +570,41 @@ class _Problem:
         free: FloatArray = kept - self.drift @ (self.drift.T @ kept)
         return free
 
+    def instrumented(self, columns: FloatArray) -> FloatArray:
+        """What the instruments find in columns of shape (n, ...); offsets and slopes are not in it, shape (k, ...)."""
+        found: FloatArray = self.instruments.T @ columns[self.rows]
+        return found
+
+    def answers(self, w: float, zeta: float) -> tuple[FloatArray, ...]:
+        """For each step the filter's output and its derivative over w for each command, at once: (2 m, n)."""
+        moved = (np.stack([grid.u[k] - grid.u[k][:10].mean() for k in self.letters]) for grid in self.grids)
+        return tuple(_lag(values, w, zeta) for values in moved)
+
     def filtered(self, w: float, zeta: float, delay_s: float) -> FloatArray:
-        """The filter's output and its derivative over w for each command, shape (n, 2 m)."""
-        blocks = []
-        for grid in self.grids:
-            values = np.stack([grid.u[letter] - grid.u[letter][:10].mean() for letter in self.letters])
-            blocks.append(_lag(values, w, zeta, delay_s))
-        return np.concatenate(blocks, axis=1).T
+        """The answers of all steps, late by `delay_s`, shape (n, 2 m)."""
+        return _late(self.answers(w, zeta), delay_s)
 
 
-def _lag(values: FloatArray, w: float, zeta: float, delay_s: float) -> FloatArray:
-    """Rows (m, n) through w^2 / (s^2 + 2 zeta w s + w^2) and its derivative over w, late by `delay_s`: (2 m, n)."""
+def _lag(values: FloatArray, w: float, zeta: float) -> FloatArray:
+    """Rows (m, n) through w^2 / (s^2 + 2 zeta w s + w^2) and its derivative over w: (2 m, n)."""
     k = 2 / _GRID_S
     denominator = np.array([k * k + 2 * zeta * w * k + w * w, 2 * (w * w - k * k), k * k - 2 * zeta * w * k + w * w])
     position = signal.lfilter(w * w * np.array([1.0, 2.0, 1.0]), denominator, values)
     speed = signal.lfilter(w * k * np.array([1.0, 0.0, -1.0]), denominator, values)
-    both = np.concatenate([position, speed])
+    return np.concatenate([position, speed])
+
+
+def _late(answers: Sequence[FloatArray], delay_s: float) -> FloatArray:
+    """Rows (2 m, n) of each step, late by `delay_s` after its beginning at rest; columns, one step after the other."""
     whole = int(delay_s / _GRID_S)
     part = delay_s / _GRID_S - whole
-    padded = np.pad(both, ((0, 0), (whole + 1, 0)))[:, : both.shape[1] + 1]
-    late: FloatArray = (1 - part) * padded[:, 1:] + part * padded[:, :-1]
+    late = np.zeros((sum(rows.shape[1] for rows in answers), answers[0].shape[0]))
+    start = 0
+    for rows in answers:
+        size = rows.shape[1]
+        late[start + whole : start + size] = (1 - part) * rows.T[: max(size - whole, 0)]
+        late[start + whole + 1 : start + size] += part * rows.T[: max(size - whole - 1, 0)]
+        start += size
     return late
 
 
@@ -611,10 +629,12 @@ def _problem(grids: tuple[_Gridded, ...], letters: tuple[str, ...], rate: str) -
 
 def _fit_row(quiet: Samples, grids: tuple[_Gridded, ...], letters: tuple[str, ...], rate: str) -> _Row:
     problem = _problem(grids, letters, rate)
-    y = problem.free(problem.y)
+    z = problem.instrumented(problem.y)
+    answers = lru_cache(maxsize=1)(problem.answers)  # a delay moves them, and asks for no new ones
 
     def misfit(point: FloatArray) -> float:
-        return _solve(problem, y, *_natural(point))[2]
+        w, zeta, delay_s = _natural(point)
+        return _solve(len(letters), problem.instrumented(_late(answers(w, zeta), delay_s)), z)[2]
 
     def early(point: FloatArray) -> float:
         return misfit(point) if point[2] <= LATE_S else math.inf
@@ -629,7 +649,7 @@ def _fit_row(quiet: Samples, grids: tuple[_Gridded, ...], letters: tuple[str, ..
     point = _refined(misfit, starts[int(np.argmin(errors))])
     in_time = np.where([start[2] <= LATE_S for start in starts], errors, math.inf)
     worse = early(_refined(early, starts[int(np.argmin(in_time))])) - misfit(point)
-    return _finished(problem, y, _natural(point), _quiet_noise(quiet, rate), max(worse, 0.0))
+    return _finished(problem, _natural(point), _quiet_noise(quiet, rate), max(worse, 0.0))
 
 
 def _natural(point: FloatArray) -> tuple[float, float, float]:
@@ -653,35 +673,26 @@ def _refined(misfit: Any, point: FloatArray) -> FloatArray:
     return point
 
 
-def _solve(
-    problem: _Problem, y: FloatArray, w: float, zeta: float, delay_s: float
-) -> tuple[FloatArray, NDArray[np.intp], float]:
+def _solve(m: int, R: FloatArray, z: FloatArray) -> tuple[FloatArray, NDArray[np.intp], float]:
     """Coefficients, which columns they belong to, and the squares that the instruments find in what is left: gusts that
     reach the commands by feedback are not in them.
 
-    A numerator that turns the strongest gain the other way round at first stands for a delay: it is left out.
+    `R` and `z` are what the instruments find in the answers to `m` commands, (k, 2 m), and in the rate. A numerator
+    that turns the strongest gain the other way round at first stands for a delay: it is left out.
     """
-    m = len(problem.letters)
-    X = problem.free(problem.filtered(w, zeta, delay_s))
-    b, used = _two_stage(problem, X, y), np.arange(2 * m)
+    b, used = np.linalg.lstsq(R, z, rcond=_NEGLIGIBLE)[0], np.arange(2 * m)
     strongest = int(np.argmax(np.abs(b[:m]) + np.abs(b[m:])))
     if b[strongest] * b[m + strongest] < 0:
         used = np.delete(used, m + strongest)
-        b = _two_stage(problem, X[:, used], y)
-    unexplained = problem.instruments.T @ (y - X[:, used] @ b)
+        b = np.linalg.lstsq(R[:, used], z, rcond=_NEGLIGIBLE)[0]
+    unexplained = z - R[:, used] @ b
     return b, used, float(unexplained @ unexplained)
-
-
-def _two_stage(problem: _Problem, X: FloatArray, y: FloatArray) -> FloatArray:
-    b: FloatArray = _inverse(problem, X) @ y
-    return b
 
 
 def _inverse(problem: _Problem, X: FloatArray) -> FloatArray:
     """What takes the rate to the coefficients: the pseudoinverse of that part of X that was added."""
     Q = problem.instruments
-    R = Q.T @ X
-    inverse: FloatArray = np.linalg.pinv(R, rcond=1e-6) @ Q.T
+    inverse: FloatArray = np.linalg.pinv(Q.T @ X, rcond=_NEGLIGIBLE) @ Q.T
     return inverse
 
 
@@ -704,19 +715,18 @@ def _autocovariance(residual: FloatArray, quiet: FloatArray) -> FloatArray:
     return out
 
 
-def _finished(
-    problem: _Problem, y: FloatArray, point: tuple[float, float, float], quiet: FloatArray, worse: float
-) -> _Row:
+def _finished(problem: _Problem, point: tuple[float, float, float], quiet: FloatArray, worse: float) -> _Row:
     """The fit at its best point, with errors that hold for coloured noise.
 
     `worse` is the squares that the best fit in time leaves more than this one.
     """
-    b, used, _ = _solve(problem, y, *point)
-    X = problem.free(problem.filtered(*point)[:, used])
-    noise = _autocovariance(y - X @ b, quiet)
+    m = len(problem.letters)
+    answers = problem.filtered(*point)
+    b, used, _ = _solve(m, problem.instrumented(answers), problem.instrumented(problem.y))
+    X = problem.free(answers[:, used])
+    noise = _autocovariance(problem.free(problem.y) - X @ b, quiet)
     inverse = _inverse(problem, X)
     covariance = inverse @ matmul_toeplitz(noise, inverse.T)
-    m = len(problem.letters)
     reached = _reached(m, *point[:2])[:, used]
     delay_error = _delay_error(problem, X, b, used, point, noise)
     if point[2] > LATE_S:
@@ -739,7 +749,7 @@ def _finished(
 def _reached(m: int, w: float, zeta: float) -> FloatArray:
     """The filter's and its derivative's mean answer to a step within `_REACHED_S`, shape (m, 2 m)."""
     start, stop = (round(at / _GRID_S) for at in _REACHED_S)
-    position, speed = _lag(np.ones((1, stop)), w, zeta, 0.0)[:, start:].mean(axis=1)
+    position, speed = _lag(np.ones((1, stop)), w, zeta)[:, start:].mean(axis=1)
     return np.hstack([position * np.eye(m), speed * np.eye(m)])
 
 
