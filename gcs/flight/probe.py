@@ -685,8 +685,8 @@ def _solve(m: int, R: FloatArray, z: FloatArray) -> tuple[FloatArray, NDArray[np
     if b[strongest] * b[m + strongest] < 0:
         used = np.delete(used, m + strongest)
         b = np.linalg.lstsq(R[:, used], z, rcond=_NEGLIGIBLE)[0]
-    unexplained = z - R[:, used] @ b
-    return b, used, float(unexplained @ unexplained)
+    unexplained: FloatArray = z - R[:, used] @ b
+    return np.asarray(b), used, float(unexplained @ unexplained)
 
 
 def _inverse(problem: _Problem, X: FloatArray) -> FloatArray:

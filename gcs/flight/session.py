@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 from gcs.errors import LinkError, TippathError
 from gcs.flight.live import LiveLog, LiveWindow
@@ -63,6 +63,7 @@ PRIMARY_SYSTEM = 255
 """The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
 STATION_SYSTEM = 254
 
+BEAT_S = 1.0
 RECEIVE_S = 0.01
 """How long the engine waits for bytes before it looks at what is due."""
 OTHERS_FOR_S = 10.0
@@ -78,6 +79,62 @@ STOP_WITHIN_S = 15.0
 TELEMETRY = {30: 0.1, 1: 1.0, 226: 0.2}
 TELEMETRY_CHECK_S = 2.5
 TELEMETRY_TRIES = 3
+
+
+class Pace(Protocol):
+    """How time goes by while somebody waits for the vehicle, and who does a session's work meanwhile."""
+
+    def now(self) -> float:
+        """Seconds that never go back."""
+        ...
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        """Until it is set, but no longer; whether it is."""
+        ...
+
+    def begin(self, turn: Callable[[], None], beat: Callable[[], None]) -> None:
+        """From now on take `turn` after `turn`, and every second `beat`; neither raises."""
+        ...
+
+    def end(self) -> None:
+        """No more of either once this returns."""
+        ...
+
+
+class RealTime:
+    """The wall clock and two threads: turns wait for bytes, beats wait for nothing else."""
+
+    def __init__(self) -> None:
+        self._ending = threading.Event()
+        self._threads: tuple[threading.Thread, ...] = ()
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        return event.wait(seconds)
+
+    def begin(self, turn: Callable[[], None], beat: Callable[[], None]) -> None:
+        def take_turns() -> None:
+            while not self._ending.is_set():
+                turn()
+
+        def keep_beating() -> None:
+            beat()
+            while not self._ending.wait(BEAT_S):
+                beat()
+
+        self._threads = (
+            threading.Thread(target=take_turns, name="tippath engine", daemon=True),
+            threading.Thread(target=keep_beating, name="tippath heartbeat", daemon=True),
+        )
+        for thread in self._threads:
+            thread.start()
+
+    def end(self) -> None:
+        self._ending.set()
+        for thread in self._threads:
+            thread.join(2.0)
 
 
 class _Call:
@@ -100,8 +157,7 @@ class _Recording:
 class Session:
     """A vehicle, connected. A context manager: leaving it ends recording and threads, and closes the link.
 
-    Made by `open`, or in tests from a transport of their own. `clock` gives seconds that never go back, `wall_clock`
-    seconds since 1970.
+    Made by `open`, or in tests from a transport and a pace of their own. `wall_clock` gives seconds since 1970.
     """
 
     def __init__(
@@ -109,13 +165,14 @@ class Session:
         transport: Transport,
         *,
         primary: bool = False,
-        clock: Callable[[], float] = time.monotonic,
+        pace: Pace | None = None,
         wall_clock: Callable[[], float] = time.time,
     ) -> None:
         self.link = transport.name
         self.station = PRIMARY_SYSTEM if primary else STATION_SYSTEM
         self._transport = transport
-        self._clock = clock
+        self._pace = pace or RealTime()
+        self._clock = self._pace.now
         self._wall_clock = wall_clock
         self._encoder = Encoder(self.station)
         self._send_lock = threading.Lock()
@@ -139,12 +196,7 @@ class Session:
         self._telemetry_at: dict[int, float] = {}
         self._telemetry_asked: dict[int, int] = {}
         self._next_telemetry = math.inf
-        self._threads = (
-            threading.Thread(target=self._engine, name="tippath engine", daemon=True),
-            threading.Thread(target=self._beat, name="tippath heartbeat", daemon=True),
-        )
-        for thread in self._threads:
-            thread.start()
+        self._pace.begin(self._turn, self._beat)
 
     @classmethod
     def open(
@@ -154,14 +206,12 @@ class Session:
         primary: bool = False,
         recorder: Recorder | None = None,
         connect_timeout_s: float = 5.0,
-        clock: Callable[[], float] = time.monotonic,
-        wall_clock: Callable[[], float] = time.time,
     ) -> Session:
         """Open a LINK and wait for a vehicle; with a recorder, record from the start.
 
         Raises LinkError where the link makes no sense or cannot be opened, or no vehicle is heard.
         """
-        session = cls(open_transport(link), primary=primary, clock=clock, wall_clock=wall_clock)
+        session = cls(open_transport(link), primary=primary)
         try:
             session.wait_for_vehicle(connect_timeout_s)
             if recorder is not None:
@@ -173,7 +223,7 @@ class Session:
 
     def wait_for_vehicle(self, timeout_s: float) -> None:
         """Wait for the first heartbeat of an autopilot and ask what it is. Raises LinkError where none comes."""
-        if not self._found.wait(timeout_s):
+        if not self._pace.wait(self._found, timeout_s):
             raise LinkError(self._silence(timeout_s))
         # A vehicle that does not tell its version can still be flown.
         with contextlib.suppress(ProcedureError):
@@ -229,8 +279,8 @@ class Session:
     ) -> T:
         """Run a procedure to its end and give its value.
 
-        Raises ProcedureError: refused, unanswered, not done in `timeout_s` (real seconds; the procedure's own patience
-        where it is None), or `cancelled()` became true.
+        Raises ProcedureError: refused, unanswered, not done in `timeout_s` (the procedure's own patience where it is
+        None), or `cancelled()` became true.
         """
         call = _Call(procedure)
         with self._lock:
@@ -244,12 +294,13 @@ class Session:
                 self._calls.append(call)
             else:
                 call.ended.set()
-        give_up = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        pace = self._pace
+        give_up = math.inf if timeout_s is None else pace.now() + timeout_s
         try:
-            while not call.ended.wait(min(0.05, max(0.0, give_up - time.monotonic()))):
+            while not pace.wait(call.ended, min(0.05, max(0.0, give_up - pace.now()))):
                 if cancelled is not None and cancelled():
                     raise ProcedureError("cancelled")
-                if time.monotonic() >= give_up:
+                if pace.now() >= give_up:
                     raise NoAnswerError(f"not done in {timeout_s:g} s")
                 if self._ending.is_set() or self._crash is not None:
                     raise ProcedureError(f"the link is closed ({self._crash or self.link})")
@@ -366,8 +417,8 @@ class Session:
             if recording is None:
                 raise TippathError("nothing is being recorded")
             self._say(recording.blocks.stop(self._clock()))
-        end = time.monotonic() + within_s
-        while not recording.over.wait(0.05) and time.monotonic() < end:
+        end = self._pace.now() + within_s
+        while not self._pace.wait(recording.over, 0.05) and self._pace.now() < end:
             if self._ending.is_set() or self._crash is not None:
                 break
             meanwhile()
@@ -388,27 +439,25 @@ class Session:
             # The vehicle keeps intervals for the next one on this link: give its own back.
             self._say(Command(SET_MESSAGE_INTERVAL, (float(m), 0.0)) for m in self._telemetry_asked)
         self._ending.set()
-        for thread in self._threads:
-            thread.join(2.0)
+        self._pace.end()
         self._transport.close()
 
-    # The two threads.
+    # The two threads' work.
 
     def _beat(self) -> None:
-        while True:
-            self._say([StationHeartbeat()])
-            if self._ending.wait(1.0):
-                return
+        self._say([StationHeartbeat()])
 
-    def _engine(self) -> None:
+    def _turn(self) -> None:
+        if self._crash is not None:
+            self._pace.wait(self._ending, BEAT_S)
+            return
         try:
-            while not self._ending.is_set():
-                frames = self._transport.receive(RECEIVE_S)
-                with self._lock:
-                    now = self._clock()
-                    for frame in frames:
-                        self._hear(frame, now)
-                    self._poll(now)
+            frames = self._transport.receive(RECEIVE_S)
+            with self._lock:
+                now = self._clock()
+                for frame in frames:
+                    self._hear(frame, now)
+                self._poll(now)
         except Exception as error:
             self._crash = error  # shown by the snapshot, told to every call
 

@@ -1,17 +1,19 @@
-"""A vehicle of a few lines, scripted over loopback with pymavlink, so that the ground's engine is judged by packets."""
+"""A vehicle of a few lines, scripted with pymavlink on a link in fake time: the engine is judged by packets."""
 
 from __future__ import annotations
 
-import socket
 import struct
 import threading
 import time
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from gcs.flight.session import Session
+from gcs.link.transport import Frame, FrameFinder
 
 START, STOP = 2147483646, 2147483645
 BANK_NAMES = (
@@ -22,13 +24,88 @@ BANK_NAMES = (
 )
 
 
-def hasty() -> float:
-    """A clock ten times as fast: patience of seconds is tried in tenths."""
-    return time.monotonic() * 10.0
+class FakeTime:
+    """A session's pace: 10 ms go by with every turn of the engine, and only while somebody waits."""
+
+    TURN_S = 0.01
+
+    def __init__(self) -> None:
+        self.at = 100.0
+        self.vehicles: list[ScriptedVehicle] = []
+        self._turns: list[Callable[[], None]] = []
+        self._beats: list[Callable[[], None]] = []
+        self._next_beat = 0.0
+
+    def now(self) -> float:
+        return self.at
+
+    def wall_clock(self) -> float:
+        return 1.7e9 + self.at
+
+    def begin(self, turn: Callable[[], None], beat: Callable[[], None]) -> None:
+        self._turns, self._beats, self._next_beat = [turn], [beat], self.at
+
+    def end(self) -> None:
+        self._turns, self._beats = [], []
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        end = self.at + seconds
+        while not event.is_set() and self.at < end:
+            self.pass_by()
+        return event.is_set()
+
+    def pass_by(self) -> None:
+        """One turn, of the vehicles and of the session that there is."""
+        self.at += self.TURN_S
+        for vehicle in self.vehicles:
+            vehicle.live(self.at)
+        if self.at >= self._next_beat:
+            self._next_beat = self.at + 1.0
+            for beat in self._beats:
+                beat()
+        for turn in self._turns:
+            turn()
+
+    def until(self, condition: Callable[[], Any], timeout_s: float = 30.0) -> Any:
+        """Let time pass until something holds; a test that waits in vain fails here."""
+        end = self.at + timeout_s
+        while self.at < end:
+            if value := condition():
+                return value
+            self.pass_by()
+        raise AssertionError(f"did not happen in {timeout_s} s of fake time")
+
+
+class Wire:
+    """A link without a socket: what the vehicle said since the last turn, and what it is told in its next."""
+
+    strangers = 0
+    receive_buffer = None
+    problem: str | None = None
+
+    def __init__(self, vehicle: ScriptedVehicle) -> None:
+        self.name = vehicle.link
+        self._vehicle = vehicle
+        self._finder = FrameFinder()
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        return self._finder.frames, self._finder.bad_bytes
+
+    def receive(self, timeout_s: float) -> list[Frame]:
+        data, self._vehicle.said = self._vehicle.said, b""
+        return self._finder.feed(data)
+
+    def send(self, data: bytes) -> None:
+        self._vehicle.told.append(data)
+
+    def close(self) -> None:
+        """What was sent last still arrives."""
+        self._vehicle.hear()
 
 
 def until(condition: Callable[[], Any], timeout_s: float = 4.0) -> Any:
-    """Wait for something that another thread does; a test that waits in vain fails here."""
+    """Wait by the wall clock for what another thread or process does; a test that waits in vain fails here."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         value = condition()
@@ -39,16 +116,13 @@ def until(condition: Callable[[], Any], timeout_s: float = 4.0) -> Any:
 
 
 class ScriptedVehicle:
-    """Answers parameters, commands and log blocks from one thread; every knob is an attribute."""
+    """Answers parameters, commands and log blocks, a turn after it heard of them; every knob is an attribute."""
 
-    def __init__(self, system: int = 1, component: int = 1, target: tuple[str, int] | None = None) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.settimeout(0.005)
-        self.ground = target
-        self._fixed = target is not None
-        self.mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        self.log_mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=155)
+    link = "udpout:127.0.0.1:14550"
+
+    def __init__(self) -> None:
+        self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self.log_mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=155)
         self.parser = mavlink.MAVLink(None)
         self.parser.robust_parsing = True
         self.parameters: dict[str, tuple[int, int]] = {}
@@ -65,37 +139,25 @@ class ScriptedVehicle:
         self.mute = False
         self.previous: dict[str, tuple[int, int]] | None = None
         self.heard: list[Any] = []
+        self.said = b""
+        """What is on its way to the ground."""
+        self.told: list[bytes] = []
+        """What is on its way from there."""
+        self.boot_ms: Callable[[], int] | None = None
+        """Where it is known, its attitude is said thirty times a second with it."""
         self.blocks: list[bytes] = []
         self._unacked: dict[int, float] = {}
         self.streaming = False
-        self._send_lock = threading.Lock()
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="scripted vehicle", daemon=True)
-        self._thread.start()
-
-    @property
-    def port(self) -> int:
-        return int(self.socket.getsockname()[1])
-
-    @property
-    def link(self) -> str:
-        return f"udpout:127.0.0.1:{self.port}"
-
-    def close(self) -> None:
-        self._ending.set()
-        self._thread.join(2.0)
-        self.socket.close()
+        self._next_beat = self._next_attitude = 0.0
 
     def raw(self, data: bytes) -> None:
-        if self.ground is not None and not self.mute:
-            self.socket.sendto(data, self.ground)
+        if not self.mute:
+            self.said += data
 
     def say(self, message: Any, mav: Any = None) -> None:
         mav = mav or self.mav
-        with self._send_lock:
-            data = message.pack(mav)
-            mav.seq = (mav.seq + 1) % 256
-            self.raw(data)
+        self.raw(message.pack(mav))
+        mav.seq = (mav.seq + 1) % 256
 
     def text(self, text: str, severity: int = 4) -> None:
         self.say(mavlink.MAVLink_statustext_message(severity, text.encode()))
@@ -117,27 +179,24 @@ class ScriptedVehicle:
     def echo(self, name: str, index: int = 65535) -> None:
         bits, kind = self.parameters[name]
         message = mavlink.MAVLink_param_value_message(name.encode(), 0.0, kind, len(self.parameters), index)
-        with self._send_lock:
-            payload = struct.pack("<IHH16sB", bits, len(self.parameters), index, name.encode(), kind)
-            data = message._pack(self.mav, message.crc_extra, payload)
-            self.mav.seq = (self.mav.seq + 1) % 256
-            self.raw(data)
+        payload = struct.pack("<IHH16sB", bits, len(self.parameters), index, name.encode(), kind)
+        self.raw(message._pack(self.mav, message.crc_extra, payload))
+        self.mav.seq = (self.mav.seq + 1) % 256
 
-    def _run(self) -> None:
-        next_beat = 0.0
-        while not self._ending.is_set():
-            now = time.monotonic()
-            if now >= next_beat:
-                next_beat = now + 0.05
-                base = 1 | (128 if self.armed else 0)
-                self.say(mavlink.MAVLink_heartbeat_message(4, 3, base, self.mode, 4, 3))
-            self._send_blocks(now)
-            try:
-                data, address = self.socket.recvfrom(2048)
-            except TimeoutError:
-                continue
-            if not self._fixed:
-                self.ground = address
+    def live(self, now: float) -> None:
+        if now >= self._next_beat:
+            self._next_beat = now + 0.05
+            base = 1 | (128 if self.armed else 0)
+            self.say(mavlink.MAVLink_heartbeat_message(4, 3, base, self.mode, 4, 3))
+        if self.boot_ms is not None and now >= self._next_attitude:
+            self._next_attitude = now + 0.03
+            self.say(mavlink.MAVLink_attitude_message(self.boot_ms(), 0, 0, 0, 0, 0, 0))
+        self._send_blocks(now)
+        self.hear()
+
+    def hear(self) -> None:
+        told, self.told = self.told, []
+        for data in told:
             for message in self.parser.parse_buffer(data) or []:
                 self.heard.append(message)
                 if not self.deaf(message):
@@ -227,31 +286,35 @@ class ScriptedVehicle:
 
 
 @pytest.fixture
-def vehicles() -> Iterator[Callable[..., ScriptedVehicle]]:
-    made: list[ScriptedVehicle] = []
-
-    def make(**options: Any) -> ScriptedVehicle:
-        made.append(ScriptedVehicle(**options))
-        return made[-1]
-
-    yield make
-    for vehicle in made:
-        vehicle.close()
+def fake_time() -> FakeTime:
+    return FakeTime()
 
 
 @pytest.fixture
-def vehicle(vehicles: Callable[..., ScriptedVehicle]) -> ScriptedVehicle:
-    return vehicles()
+def vehicle(fake_time: FakeTime) -> ScriptedVehicle:
+    fake_time.vehicles.append(ScriptedVehicle())
+    return fake_time.vehicles[0]
+
+
+@pytest.fixture
+def connect(fake_time: FakeTime, vehicle: ScriptedVehicle) -> Callable[..., Session]:
+    """A session with the vehicle, in fake time; leave it as one leaves `Session.open`."""
+
+    def open_session(*_: object, timeout_s: float = 5.0, **options: Any) -> Session:
+        session = Session(Wire(vehicle), pace=fake_time, wall_clock=fake_time.wall_clock, **options)
+        try:
+            session.wait_for_vehicle(timeout_s)
+        except BaseException:
+            session.close()
+            raise
+        return session
+
+    return open_session
 
 
 @pytest.fixture(name="until")
 def _until() -> Callable[..., Any]:
     return until
-
-
-@pytest.fixture(name="hasty")
-def _hasty() -> Callable[[], float]:
-    return hasty
 
 
 @pytest.fixture(scope="session")

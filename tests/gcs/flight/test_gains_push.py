@@ -22,9 +22,9 @@ from gcs.link.procedures import RefusedError
 
 
 @pytest.fixture
-def session(vehicle: Any, hasty: Callable[[], float]) -> Iterator[Session]:
+def session(vehicle: Any, connect: Callable[..., Session]) -> Iterator[Session]:
     vehicle.offer_bank()
-    with Session.open(vehicle.link, clock=hasty) as opened:
+    with connect() as opened:
         yield opened
 
 
@@ -86,10 +86,10 @@ def test_a_refused_commit_says_why_and_changes_nothing(
 
 
 def test_nothing_is_written_to_an_armed_vehicle(
-    session: Session, vehicle: Any, gains_document: dict[str, Any], until: Callable[..., Any]
+    session: Session, vehicle: Any, gains_document: dict[str, Any], fake_time: Any
 ) -> None:
     vehicle.armed = True
-    until(lambda: session.snapshot().armed)
+    fake_time.until(lambda: session.snapshot().armed)
     for move in (lambda: push(session, gains_of(gains_document)), lambda: revert(session)):
         with pytest.raises(GainsError, match="the vehicle is armed: land and disarm first"):
             move()
@@ -172,30 +172,26 @@ def test_nothing_to_go_back_to(session: Session) -> None:
         revert(session)
 
 
-def test_a_vehicle_without_the_bank(vehicle: Any, gains_document: dict[str, Any], hasty: Any) -> None:
+def test_a_vehicle_without_the_bank(connect: Any, gains_document: dict[str, Any]) -> None:
     with (
-        Session.open(vehicle.link, clock=hasty) as session,
+        connect() as session,
         pytest.raises(GainsError, match="this vehicle offers no LQR bank"),
     ):
         push(session, gains_of(gains_document))
 
 
-def test_a_link_lost_under_way_is_called_that(vehicle: Any, gains_document: dict[str, Any]) -> None:
-    import time
+def test_a_link_lost_under_way_is_called_that(
+    session: Session, vehicle: Any, gains_document: dict[str, Any], fake_time: Any
+) -> None:
+    def leave(m: Any) -> bool:
+        if m.get_type() == "PARAM_SET" and m.param_id == "LQS_L11":
+            vehicle.mute = True
+            fake_time.at += 5.0
+        return False
 
-    vehicle.offer_bank()
-    ahead = [0.0]
-    with Session.open(vehicle.link, clock=lambda: time.monotonic() + ahead[0]) as session:
-
-        def leave(m: Any) -> bool:
-            if m.get_type() == "PARAM_SET" and m.param_id == "LQS_L11":
-                vehicle.mute = True
-                ahead[0] += 5.0
-            return False
-
-        vehicle.deaf = leave
-        with pytest.raises(LinkError, match="link to the vehicle is lost"):
-            push(session, gains_of(gains_document))
+    vehicle.deaf = leave
+    with pytest.raises(LinkError, match="link to the vehicle is lost"):
+        push(session, gains_of(gains_document))
 
 
 BAD: list[tuple[Callable[[dict[str, Any]], object], str]] = [
@@ -255,8 +251,14 @@ def command(module: Any, words: list[str]) -> int:
 
 
 def test_the_commands(
-    vehicle: Any, gains_document: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    connect: Any,
+    vehicle: Any,
+    gains_document: dict[str, Any],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(Session, "open", connect)
     vehicle.offer_bank()
     path = tmp_path / "gains.json"
     path.write_text(json.dumps(gains_document))

@@ -1,13 +1,9 @@
-"""The engine against a scripted vehicle over loopback; the clock is passed in, so nothing waits for a lost link."""
+"""The engine against a scripted vehicle in fake time. Real threads and sockets are in `test_session_for_real.py`."""
 
 from __future__ import annotations
 
-import contextlib
 import math
-import threading
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,49 +23,27 @@ from gcs.link.procedures import (
     SetMode,
     WriteParameter,
 )
-from gcs.link.transport import open_transport
 
 STOP = 2147483645
 
 
-@dataclass
-class Clock:
-    """Real time plus what a test adds."""
-
-    ahead: float = 0.0
-
-    def __call__(self) -> float:
-        return time.monotonic() + self.ahead
-
-
-@contextlib.contextmanager
-def telling_its_clock(vehicle: Any, boot_ms: int) -> Iterator[None]:
-    """Inside, the vehicle says its attitude thirty times a second, with its clock starting from `boot_ms`."""
-    began, over = time.monotonic(), threading.Event()
-
-    def tell() -> None:
-        while not over.wait(0.03):
-            now_ms = boot_ms + round(1000 * (time.monotonic() - began))
-            vehicle.say(mavlink.MAVLink_attitude_message(now_ms, 0, 0, 0, 0, 0, 0))
-
-    thread = threading.Thread(target=tell, name="vehicle's clock", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join(2.0)
-
-
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-@pytest.fixture
-def session(vehicle: Any, clock: Clock) -> Iterator[Session]:
-    with Session.open(vehicle.link, clock=clock) as opened:
+def session(connect: Callable[..., Session]) -> Iterator[Session]:
+    with connect() as opened:
         yield opened
+
+
+@pytest.fixture(name="until")
+def _until(fake_time: Any) -> Callable[..., Any]:
+    """Of fake time."""
+    until: Callable[..., Any] = fake_time.until
+    return until
+
+
+def tell_its_clock(vehicle: Any, fake_time: Any, boot_ms: int) -> None:
+    """From now on the vehicle says its attitude, with its clock starting from `boot_ms`."""
+    began = fake_time.now()
+    vehicle.boot_ms = lambda: boot_ms + round(1000 * (fake_time.now() - began))
 
 
 def test_a_vehicle_is_found_named_and_told_that_we_are_here(session: Session, vehicle: Any, until: Any) -> None:
@@ -89,45 +63,25 @@ def test_a_vehicle_is_found_named_and_told_that_we_are_here(session: Session, ve
     assert {(m.get_srcSystem(), m.type, m.autopilot) for m in beats} == {(254, 6, 8)}
 
 
-def test_the_primary_station_is_255(vehicle: Any) -> None:
-    with Session.open(vehicle.link, primary=True):
+def test_the_primary_station_is_255(connect: Any, vehicle: Any) -> None:
+    with connect(primary=True):
         assert {m.get_srcSystem() for m in vehicle.heard} == {255}
 
 
-def test_no_vehicle_says_so(vehicles: Any) -> None:
-    with pytest.raises(LinkError, match=r"no vehicle at udpin:127\.0\.0\.1:\d+: nothing heard"):
-        Session.open("udpin:127.0.0.1:0", connect_timeout_s=0.1)
-    silent = vehicles()
-    silent.mute = True
-    with pytest.raises(LinkError, match="nothing heard"):
-        Session.open(silent.link, connect_timeout_s=0.1)
-
-
-def test_a_station_alone_is_no_vehicle(until: Any) -> None:
-    import socket
-
-    transport = open_transport("udpin:127.0.0.1:0")
-    ground = ("127.0.0.1", int(transport.name.rsplit(":", 1)[1]))
-    session = Session(transport)
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
-            mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
-            station.sendto(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mav), ground)
-            until(lambda: transport.strangers)
-            with pytest.raises(LinkError, match="none of an autopilot"):
-                session.wait_for_vehicle(0.05)
-    finally:
-        session.close()
+def test_no_vehicle_says_so(connect: Any, vehicle: Any) -> None:
+    vehicle.mute = True
+    with pytest.raises(LinkError, match=r"no vehicle at udpout:127\.0\.0\.1:14550: nothing heard in 4 s"):
+        connect(timeout_s=4.0)
 
 
 def test_a_lost_link_is_shown_within_three_and_a_half_seconds_and_so_is_its_return(
-    session: Session, vehicle: Any, clock: Clock, until: Any
+    session: Session, vehicle: Any, fake_time: Any, until: Any
 ) -> None:
     vehicle.mute = True
     until(lambda: session.snapshot().link_age_s > 0.1)
-    clock.ahead += 3.0
+    fake_time.at += 3.0
     assert not session.snapshot().lost
-    clock.ahead += 0.5
+    fake_time.at += 0.5
     assert session.snapshot().lost
     assert session.snapshot().link_age_s == pytest.approx(3.6, abs=0.3)
     vehicle.mute = False
@@ -135,7 +89,7 @@ def test_a_lost_link_is_shown_within_three_and_a_half_seconds_and_so_is_its_retu
 
 
 def test_another_station_and_another_vehicle_change_nothing_and_are_counted(
-    session: Session, vehicle: Any, clock: Clock, until: Any
+    session: Session, vehicle: Any, fake_time: Any, until: Any
 ) -> None:
     # Both arrive over the vehicle's own link, forwarded, and by a stranger's address.
     other = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
@@ -158,7 +112,7 @@ def test_another_station_and_another_vehicle_change_nothing_and_are_counted(
             0.2,
             cancelled=lambda: vehicle.say(bad, other) or vehicle.say(bad, camera),
         )
-    clock.ahead += 11.0
+    fake_time.at += 11.0
     until(lambda: (session.snapshot().other_stations, session.snapshot().other_vehicles) == (0, 0))
 
 
@@ -167,20 +121,6 @@ def test_answers_to_another_stations_commands_are_not_ours(session: Session, veh
     theirs = mavlink.MAVLink_command_ack_message(176, 0, 0, 0, 255, 190)
     with pytest.raises(ProcedureError, match="not done"):
         session.call(SetMode(25), 0.2, cancelled=lambda: vehicle.say(theirs))
-
-
-def test_a_vehicle_on_udpin_is_pinned(vehicles: Any, until: Any) -> None:
-    transport = open_transport("udpin:127.0.0.1:0")
-    ground = ("127.0.0.1", int(transport.name.rsplit(":", 1)[1]))
-    with Session(transport) as session:
-        first = vehicles(target=ground)
-        session.wait_for_vehicle(3.0)
-        second = vehicles(system=2, target=ground)
-        until(lambda: session.snapshot().strangers > 3)
-        first.set("A", 1.0)
-        second.set("A", 2.0)
-        assert session.call(ReadParameter("A")).value == 1.0
-        assert second.heard == []
 
 
 def test_parameters_modes_and_refusals(session: Session, vehicle: Any) -> None:
@@ -204,10 +144,10 @@ def test_bits_survive_the_whole_way(session: Session, vehicle: Any, bits: int) -
     assert session.call(ReadParameter("N")).bits == bits
 
 
-def test_a_bytewise_vehicle_gets_integers_bytewise(vehicle: Any) -> None:
+def test_a_bytewise_vehicle_gets_integers_bytewise(connect: Any, vehicle: Any) -> None:
     vehicle.capabilities = 16
     vehicle.parameters["COUNT"] = (7, 6)
-    with Session.open(vehicle.link) as session:
+    with connect() as session:
         assert session.call(ReadParameter("COUNT")).value == 7.0
         session.call(WriteParameter("COUNT", -2.0))
     assert vehicle.parameters["COUNT"] == (0xFFFFFFFE, 6)
@@ -254,7 +194,7 @@ def test_a_reboot_is_counted(session: Session, vehicle: Any, until: Any) -> None
 
 
 def test_a_log_is_recorded_byte_for_byte_and_shown_live(
-    session: Session, vehicle: Any, tmp_path: Path, dataflash: Callable[..., bytes], until: Any
+    session: Session, vehicle: Any, tmp_path: Path, dataflash: Callable[..., bytes], until: Any, fake_time: Any
 ) -> None:
     data = dataflash(1500)
     vehicle.blocks = [data[at : at + 200] for at in range(0, len(data), 200)]
@@ -270,17 +210,17 @@ def test_a_log_is_recorded_byte_for_byte_and_shown_live(
     assert window.t.size == pytest.approx(500, abs=1)
     assert np.array_equal(np.round(window.p), np.arange(1500 - window.t.size, 1500))
     assert (window.log_s, window.sweep_entered_s) == (pytest.approx(3.998), pytest.approx(1.0))
-    with telling_its_clock(vehicle, boot_ms=3990):
-        until(lambda: (health := session.log_health()) and health.clock_s)
-        health = session.log_health()
-        assert health is not None
-        assert (health.file, health.blocks, health.open, health.problem) == (0, len(vehicle.blocks), 0, None)
-        assert (health.log_s, health.reported) == (pytest.approx(3.998), "")
-        assert health.silent_s is not None
-        assert health.behind_s is not None
-        vehicle.text("Log stream stopped: tired")
-        until(lambda: (health := session.log_health()) and health.reported == "Log stream stopped: tired")
-        summary = session.stop_recording()
+    tell_its_clock(vehicle, fake_time, boot_ms=3990)
+    until(lambda: (health := session.log_health()) and health.clock_s)
+    health = session.log_health()
+    assert health is not None
+    assert (health.file, health.blocks, health.open, health.problem) == (0, len(vehicle.blocks), 0, None)
+    assert (health.log_s, health.reported) == (pytest.approx(3.998), "")
+    assert health.silent_s is not None
+    assert health.behind_s is not None
+    vehicle.text("Log stream stopped: tired")
+    until(lambda: (health := session.log_health()) and health.reported == "Log stream stopped: tired")
+    summary = session.stop_recording()
     assert (tmp_path / "flight.BIN").read_bytes() == data
     assert (summary.missing_blocks, summary.complete) == (0, False)
     assert "(the vehicle: Log stream stopped: tired)" in summary.problems[0]
@@ -291,7 +231,7 @@ def test_a_log_is_recorded_byte_for_byte_and_shown_live(
     kinds = []
     while (message := log.recv_msg()) is not None:
         kinds.append((message.get_type(), message.get_srcSystem()))
-        assert abs(message._timestamp - time.time()) < 60
+        assert abs(message._timestamp - fake_time.wall_clock()) < 60
     log.close()
     assert len(kinds) == summary.tlog_frames
     assert ("HEARTBEAT", 1) in kinds
@@ -306,6 +246,7 @@ def test_a_log_is_complete_where_it_reaches_the_vehicles_clock(
     tmp_path: Path,
     dataflash: Callable[..., bytes],
     until: Any,
+    fake_time: Any,
     boot_ms: int,
     end: str,
 ) -> None:
@@ -313,19 +254,19 @@ def test_a_log_is_complete_where_it_reaches_the_vehicles_clock(
     vehicle.blocks = [data[at : at + 200] for at in range(0, len(data), 200)]
     session.start_recording(tmp_path)
     until(lambda: session.snapshot().blocks_received == len(vehicle.blocks))
-    with telling_its_clock(vehicle, boot_ms):
-        summary = session.stop_recording()
+    tell_its_clock(vehicle, fake_time, boot_ms)
+    summary = session.stop_recording()
     assert summary.logs[0].end.state.value == end
     assert summary.complete == (end == "reached")
     assert bool(summary.problems) != summary.complete
 
 
 def test_a_second_recording_is_a_second_file(
-    vehicle: Any, tmp_path: Path, dataflash: Callable[..., bytes], until: Any, hasty: Any
+    connect: Any, vehicle: Any, tmp_path: Path, dataflash: Callable[..., bytes], until: Any
 ) -> None:
     data = dataflash(20)
     vehicle.blocks = [data[at : at + 200] for at in range(0, len(data), 200)]
-    with Session.open(vehicle.link, clock=hasty) as session:
+    with connect() as session:
         for name in ("flight.BIN", "flight-2.BIN"):
             vehicle.streaming = False
             session.start_recording(tmp_path)
@@ -342,37 +283,22 @@ def test_a_folder_that_cannot_be_leaves_the_link_alone(session: Session, vehicle
     assert session.call(ReadParameter("A")).value == 3.0
 
 
-def test_closing_stops_the_stream_gives_intervals_back_and_ends_threads(
-    vehicle: Any, tmp_path: Path, hasty: Any, until: Any
+def test_closing_stops_the_stream_and_gives_intervals_back(
+    connect: Any, vehicle: Any, tmp_path: Path, until: Any
 ) -> None:
-    before = set(threading.enumerate())
-    with Session.open(vehicle.link, clock=hasty) as session:
-        asked = set(threading.enumerate()) - before
+    with connect() as session:
         vehicle.blocks = [bytes(200)]
         session.start_recording(tmp_path)
         until(lambda: session.snapshot().blocks_received == 1)
         # The vehicle sends no attitude: it is asked for.
         until(lambda: any(m.get_type() == "COMMAND_LONG" and m.command == 511 for m in vehicle.heard))
         vehicle.heard.clear()
-    assert len(asked) == 2
-    assert not any(thread.is_alive() for thread in asked)
-    until(lambda: len([m for m in vehicle.heard if m.get_type() == "COMMAND_LONG" and m.command == 511]) >= 3)
     intervals = {m.param1: m.param2 for m in vehicle.heard if m.get_type() == "COMMAND_LONG" and m.command == 511}
     assert intervals == {30.0: 0.0, 1.0: 0.0, 226.0: 0.0}
     assert any(m.get_type() == "REMOTE_LOG_BLOCK_STATUS" and m.seqno == STOP for m in vehicle.heard)
     session.close()
     with pytest.raises(ProcedureError, match="closed"):
         session.call(ReadParameter("A"))
-
-
-def test_heartbeats_come_from_a_thread_of_their_own(vehicle: Any, until: Any) -> None:
-    def beats() -> int:
-        return sum(m.get_type() == "HEARTBEAT" for m in list(vehicle.heard))
-
-    with Session.open(vehicle.link) as session, session._lock:
-        # The engine is held up, as by a slow disk.
-        held = beats()
-        until(lambda: beats() >= held + 2)
 
 
 def test_a_hundred_random_peers_worth_of_noise_does_not_stop_the_engine(session: Session, vehicle: Any) -> None:
