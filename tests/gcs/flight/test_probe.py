@@ -22,16 +22,9 @@ from scipy import signal
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard, load_card
 from gcs.flight.live import LiveLog, LiveWindow
-from gcs.flight.probe import (
-    FRACTION,
-    LEAST_AMPLITUDE,
-    ProbeResult,
-    ProbeStep,
-    judge_probe,
-    largest_amplitude,
-    predicted_attitude,
-    probe_card,
-)
+from gcs.flight.probe import ProbeResult, ProbeStep, judge_probe, largest_amplitude, probe_card
+from gcs.flight.probe.card import FRACTION, LEAST_AMPLITUDE
+from gcs.flight.probe.prediction import predicted_attitude
 from gcs.flight.verdict import cut
 from gcs.logs import ingest
 from gcs.vehicle.profile import VehicleProfile, bundled_profiles

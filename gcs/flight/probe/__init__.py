@@ -1,0 +1,16 @@
+"""A probe before the card: a small step on each axis, judged before thirty seconds at full amplitude are flown.
+
+From a few quiet seconds of hover and one small run on each axis: do the rates answer at all, with the right sign, on
+the right axis, in time, in the right unit, and does the log hold what it must. What cannot be seen above the noise is
+said to be so: it is neither right nor wrong.
+
+Ignored: play and friction, which make a small step's answer smaller than the card's (see `prediction.SAFETY`), the sign
+of an elevator, for which there is no convention, and yaw.
+"""
+
+from gcs.flight.probe.card import QUIET_S, probe_card
+from gcs.flight.probe.judge import judge_probe
+from gcs.flight.probe.prediction import largest_amplitude
+from gcs.flight.probe.values import ProbeResult, ProbeStep, Samples
+
+__all__ = ["QUIET_S", "ProbeResult", "ProbeStep", "Samples", "judge_probe", "largest_amplitude", "probe_card"]

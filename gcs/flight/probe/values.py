@@ -1,0 +1,144 @@
+"""What a probe is given, and what it says: its steps, its findings, each axis' answer, the result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.cards.maneuver import Maneuver
+
+FloatArray = NDArray[np.float64]
+Samples = Mapping[str, FloatArray]
+
+LETTERS = {"roll": "x", "pitch": "y", "elevator": "e"}
+"""An axis' command and excitation: delta_x, excitation_x."""
+RATES = {"roll": "p", "pitch": "q", "elevator": "q"}
+"""The rate that should answer it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeStep:
+    """One small run with its samples."""
+
+    maneuver: Maneuver
+    samples: Samples
+    """Arrays of shape (n,) as `gcs.flight.verdict.cut` gives them, best with a second before and after the excitation;
+    phi and theta (rad, NaN between their samples) where known."""
+    start_s: float | None = None
+    """When the excitation began, on the samples' clock: lets it be worked out where the vehicle does not log it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeFinding:
+    """One thing that a probe found."""
+
+    kind: str
+    """`no samples`, `slow log`, `gaps`, `frozen`, `units`, `noisy`, `no excitation`, `reversed`, `swapped`, `turned`,
+    `late` or `unseen`."""
+    axis: str | None
+    """None where it concerns the whole vehicle."""
+    words: str
+    serious: bool = True
+    """Whether the card must not be flown before it is mended."""
+    numbers: Mapping[str, float] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        numbers = {key: _rounded(value) for key, value in (self.numbers or {}).items()}
+        return {
+            "kind": self.kind, "axis": self.axis, "words": self.words, "serious": self.serious, "numbers": numbers
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisAnswer:
+    """How a vehicle answered the step on one axis; numbers are None where nothing was seen above the noise."""
+
+    axis: str
+    amplitude: float
+    """Flown, of full command."""
+    signal_to_noise: float
+    """The answer over its standard error; seen from `fit.SEEN` on."""
+    seen: bool
+    rate: str = "p"
+    """The rate that answers: p or q."""
+    gain: float | None = None
+    """Rate half a second after a step of full command, rad/s."""
+    gain_error: float | None = None
+    delay_s: float | None = None
+    """Dead time between command and rate, beside its own dynamics."""
+    delay_error_s: float | None = None
+    peak_rate: float | None = None
+    """Largest p or q per full command added, feedback at work, rad/s; its error included."""
+    peak_attitude: float | None = None
+    """Largest swing of attitude in this step per full command, rad, gusts included."""
+    rate_gains: tuple[tuple[float, float], ...] = ()
+    """Frequency in Hz, and p or q (the larger) per command added there, rad/s, feedback at work."""
+
+    @property
+    def words(self) -> str:
+        if self.gain is None or self.gain_error is None:
+            return f"{self.axis}: not seen above the noise ({self.signal_to_noise:.1f} times its error)"
+        parts = [f"{self.axis}: {self.rate} follows delta_{LETTERS[self.axis]}"]
+        if self.delay_s is not None and self.delay_error_s is not None:
+            parts.append(f" after {1000 * self.delay_s:.0f} ± {1000 * self.delay_error_s:.0f} ms")
+        parts.append(f", {self.gain:.1f} ± {self.gain_error:.1f} rad/s per full command")
+        return "".join(parts)
+
+    def to_json(self) -> dict[str, Any]:
+        keys = ("amplitude", "signal_to_noise", "gain", "gain_error", "delay_s", "delay_error_s", "peak_rate")
+        numbers = {key: _rounded(getattr(self, key)) for key in (*keys, "peak_attitude")}
+        return {"axis": self.axis, "seen": self.seen, "rate": self.rate, **numbers}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProbeResult:
+    """What a probe says about a vehicle."""
+
+    findings: tuple[ProbeFinding, ...]
+    answers: tuple[AxisAnswer, ...]
+    noise: Mapping[str, float]
+    """Standard deviation in quiet hover of p, q (rad/s), delta_x, delta_y; a channel that is not known is absent."""
+    rate_hz: float | None
+    """Of the log."""
+    turn_deg: float | None = None
+    """How far commands and rates are turned against each other: 0 in order, 90 a quarter turn; None where not known."""
+
+    @property
+    def wrong(self) -> bool:
+        """Something serious was found."""
+        return any(finding.serious for finding in self.findings)
+
+    @property
+    def ok(self) -> bool:
+        """Nothing serious was found, and every axis was seen to answer. Neither ok nor wrong: not known."""
+        return not self.wrong and bool(self.answers) and all(answer.seen for answer in self.answers)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """A few short lines: what is wrong first."""
+        serious = [finding.words for finding in self.findings if finding.serious]
+        rest = [finding.words for finding in self.findings if not finding.serious and finding.kind != "unseen"]
+        rates = [f"{name} {self.noise[name]:.3f}" for name in ("p", "q") if name in self.noise]
+        noise = [f"noise in hover: {', '.join(rates)} rad/s"] if rates else []
+        return (*serious, *(answer.words for answer in self.answers), *noise, *rest)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "ok": self.ok,
+            "wrong": self.wrong,
+            "findings": [finding.to_json() for finding in self.findings],
+            "answers": [answer.to_json() for answer in self.answers],
+            "noise": {name: _rounded(value) for name, value in self.noise.items()},
+            "rate_hz": _rounded(self.rate_hz),
+            "turn_deg": _rounded(self.turn_deg),
+            "words": list(self.words),
+        }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(f"{value:.4g}")
