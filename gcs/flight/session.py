@@ -1,4 +1,4 @@
-"""The engine: one vehicle on one link, heard and spoken to without a screen.
+"""The session: one vehicle on one link, heard and spoken to without a screen.
 
 Two threads. The engine's reads the link, reduces what it hears to a snapshot, runs procedures and writes what is
 recorded. The heartbeat's does nothing else, so that neither a slow disk nor a busy fit lets the vehicle believe the
@@ -16,23 +16,24 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from gcs.errors import LinkError, TippathError
 from gcs.flight.live import LiveLog, LiveWindow
-from gcs.flight.log_health import LogHealth, Tally, capacity
+from gcs.flight.log_health import LogHealth
+from gcs.flight.pace import BEAT_S, Pace, RealTime
 from gcs.flight.recorder import Recorder, RecordingSummary
+from gcs.flight.recording import Recording
+from gcs.flight.telemetry import TelemetryRequests
 from gcs.link.clock import LOST_AFTER_S, LinkClock
 from gcs.link.decode import TextAssembly, decode
 from gcs.link.encode import (
-    SET_MESSAGE_INTERVAL,
     STATION_COMPONENT,
     STOP_BLOCKS,
     BlockStatus,
-    Command,
     Encoder,
     Send,
     StationHeartbeat,
@@ -48,7 +49,6 @@ from gcs.link.events import (
 )
 from gcs.link.procedures import (
     Failed,
-    LogBlocks,
     NoAnswerError,
     Procedure,
     ProcedureError,
@@ -63,78 +63,13 @@ PRIMARY_SYSTEM = 255
 """The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
 STATION_SYSTEM = 254
 
-BEAT_S = 1.0
 RECEIVE_S = 0.01
 """How long the engine waits for bytes before it looks at what is due."""
 OTHERS_FOR_S = 10.0
 """How long a second station or vehicle counts as being there after it was heard."""
 KEPT_TEXTS = 1000
-TALLY_EVERY_S = 0.2
-KEPT_TALLIES = 64
-"""More than two times what a rate is counted over."""
 STOP_WITHIN_S = 15.0
 """The longest that the end of a recording may take: the sender drops a stream after 10 s."""
-
-# Message -> wanted interval, s. Asked for only while the vehicle does not send it, because intervals outlive us.
-TELEMETRY = {30: 0.1, 1: 1.0, 226: 0.2}
-TELEMETRY_CHECK_S = 2.5
-TELEMETRY_TRIES = 3
-
-
-class Pace(Protocol):
-    """How time goes by while somebody waits for the vehicle, and who does a session's work meanwhile."""
-
-    def now(self) -> float:
-        """Seconds that never go back."""
-        ...
-
-    def wait(self, event: threading.Event, seconds: float) -> bool:
-        """Until it is set, but no longer; whether it is."""
-        ...
-
-    def begin(self, turn: Callable[[], None], beat: Callable[[], None]) -> None:
-        """From now on take `turn` after `turn`, and every second `beat`; neither raises."""
-        ...
-
-    def end(self) -> None:
-        """No more of either once this returns."""
-        ...
-
-
-class RealTime:
-    """The wall clock and two threads: turns wait for bytes, beats wait for nothing else."""
-
-    def __init__(self) -> None:
-        self._ending = threading.Event()
-        self._threads: tuple[threading.Thread, ...] = ()
-
-    def now(self) -> float:
-        return time.monotonic()
-
-    def wait(self, event: threading.Event, seconds: float) -> bool:
-        return event.wait(seconds)
-
-    def begin(self, turn: Callable[[], None], beat: Callable[[], None]) -> None:
-        def take_turns() -> None:
-            while not self._ending.is_set():
-                turn()
-
-        def keep_beating() -> None:
-            beat()
-            while not self._ending.wait(BEAT_S):
-                beat()
-
-        self._threads = (
-            threading.Thread(target=take_turns, name="tippath engine", daemon=True),
-            threading.Thread(target=keep_beating, name="tippath heartbeat", daemon=True),
-        )
-        for thread in self._threads:
-            thread.start()
-
-    def end(self) -> None:
-        self._ending.set()
-        for thread in self._threads:
-            thread.join(2.0)
 
 
 class _Call:
@@ -144,14 +79,6 @@ class _Call:
         self.procedure = procedure
         self.ended = threading.Event()
         self.crash: BaseException | None = None
-
-
-@dataclass
-class _Recording:
-    recorder: Recorder
-    blocks: LogBlocks
-    over: threading.Event
-    tallies: deque[Tally]
 
 
 class Session:
@@ -190,12 +117,9 @@ class Session:
         self._texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
         self._others: dict[tuple[bool, int, int], float] = {}
         self._sent: deque[bytes] = deque(maxlen=10_000)
-        self._recording: _Recording | None = None
+        self._recording: Recording | None = None
         self._live = LiveLog()
-        self._live_file = 0
-        self._telemetry_at: dict[int, float] = {}
-        self._telemetry_asked: dict[int, int] = {}
-        self._next_telemetry = math.inf
+        self._telemetry = TelemetryRequests()
         self._pace.begin(self._turn, self._beat)
 
     @classmethod
@@ -333,22 +257,7 @@ class Session:
     def log_health(self) -> LogHealth | None:
         """How the log being recorded arrives, at this moment; None while nothing is recorded. Cheap: ask every tick."""
         with self._lock:
-            recording = self._recording
-            if recording is None:
-                return None
-            now, blocks = self._clock(), recording.blocks
-            present = self._tally(recording, now)
-            return LogHealth(
-                file=blocks.file,
-                blocks=blocks.received,
-                open=blocks.open,
-                silent_s=None if blocks.kept_at is None else max(0.0, now - blocks.kept_at),
-                log_s=present.log_s,
-                clock_s=blocks.vehicle_clock_s(now),
-                capacity=capacity([*recording.tallies, present]),
-                reported=blocks.reported,
-                problem=recording.recorder.problem,
-            )
+            return None if self._recording is None else self._recording.health()
 
     @property
     def receive_buffer(self) -> int | None:
@@ -370,40 +279,19 @@ class Session:
     def _record(self, recorder: Recorder) -> None:
         with self._lock:
             self._refuse_second()
-            self._live.restart()
-            self._live_file = 0
             self._sent.clear()
-            blocks = LogBlocks(self._store, self._live.end_s)
-            self._recording = _Recording(recorder, blocks, threading.Event(), deque(maxlen=KEPT_TALLIES))
-            self._recording.tallies.append(self._tally(self._recording, self._clock()))
-            self._say(blocks.start(self._clock()))
+            self._recording = Recording(recorder, self._live, self._clock)
+            self._say(self._recording.blocks.start(self._clock()))
 
     def _refuse_second(self) -> None:
         if self._recording is not None:
             raise TippathError(f"already recording into {self._recording.recorder.directory}")
-
-    def _store(self, file: int, number: int, data: bytes) -> bool:
-        assert self._recording is not None
-        if file != self._live_file:
-            self._live.restart()
-            self._live_file = file
-            self._recording.tallies.clear()
-        self._live.feed(number, data)
-        tallies, now = self._recording.tallies, self._clock()
-        if not tallies or now - tallies[-1].at_s >= TALLY_EVERY_S:
-            tallies.append(self._tally(self._recording, now))
-        return self._recording.recorder.store(file, number, data)
 
     def shed_log(self) -> None:
         """Ask the vehicle to send no more of its log: the link is too late to carry it. The recording ends as usual."""
         with self._lock:
             if self._recording is not None:
                 self._say(self._recording.blocks.stop(self._clock()))
-
-    def _tally(self, recording: _Recording, now: float) -> Tally:
-        log_s, read = self._live.progress()
-        blocks = recording.blocks
-        return Tally(at_s=now, kept=blocks.received, numbered=blocks.numbered, read=read, log_s=log_s)
 
     def stop_recording(
         self, within_s: float = STOP_WITHIN_S, *, meanwhile: Callable[[], None] = lambda: None
@@ -426,7 +314,7 @@ class Session:
             self._log_sent()
             self._recording = None
             self._update(recording=None)
-            return recording.recorder.finish(recording.blocks.results(self._clock()))
+            return recording.finish()
 
     def close(self) -> None:
         """End the stream of blocks, both threads and the link; what is recorded stays. Twice is no harm."""
@@ -436,8 +324,7 @@ class Session:
             lost = self._snapshot is None or self.snapshot().lost
             self.stop_recording(0.5 if lost else 3.0)
         if self._snapshot is not None:
-            # The vehicle keeps intervals for the next one on this link: give its own back.
-            self._say(Command(SET_MESSAGE_INTERVAL, (float(m), 0.0)) for m in self._telemetry_asked)
+            self._say(self._telemetry.given_back())
         self._ending.set()
         self._pace.end()
         self._transport.close()
@@ -473,8 +360,8 @@ class Session:
         if snapshot is None or frame.message.get_srcSystem() != snapshot.system:
             return
         self._last_heard = now
-        if frame.message.get_srcComponent() == snapshot.component and frame.message.get_msgId() in TELEMETRY:
-            self._telemetry_at[frame.message.get_msgId()] = now
+        if frame.message.get_srcComponent() == snapshot.component:
+            self._telemetry.heard(frame.message.get_msgId(), now)
         if isinstance(event, StatusTextPart):
             for text in self._assembly.add(event, now):
                 self._on_event(text, now)
@@ -484,7 +371,7 @@ class Session:
     def _pin(self, event: Heartbeat, now: float) -> VehicleSnapshot:
         self._encoder.target = (event.system, event.component)
         self._snapshot = VehicleSnapshot(event.system, event.component)
-        self._next_telemetry = now + TELEMETRY_CHECK_S
+        self._telemetry.begin(now)
         return self._snapshot
 
     def _note_others(self, event: Heartbeat, now: float) -> None:
@@ -535,28 +422,11 @@ class Session:
         for call in list(self._calls):
             self._step(call, lambda procedure: procedure.poll(now))
         if self._recording is not None:
-            self._say(self._recording.blocks.poll(now))
-            if self._recording.blocks.outcome is not None:
-                self._recording.over.set()
+            self._say(self._recording.poll(now))
             self._log_sent()
         self._say(self._link_clock.poll(now))
-        self._ask_for_telemetry(now)
+        self._say(self._telemetry.poll(now, self._last_heard))
         self._refresh(now)
-
-    def _ask_for_telemetry(self, now: float) -> None:
-        """Ask for what the screens need where the vehicle does not send it, a few times; not on a lost link."""
-        if now < self._next_telemetry:
-            return
-        self._next_telemetry = now + TELEMETRY_CHECK_S
-        if now - self._last_heard > 1.5:
-            return
-        for message, interval_s in TELEMETRY.items():
-            if now - self._telemetry_at.get(message, -math.inf) < max(2.0, 2.5 * interval_s):
-                continue
-            asked = self._telemetry_asked.get(message, 0)
-            if asked < TELEMETRY_TRIES:
-                self._telemetry_asked[message] = asked + 1
-                self._say([Command(SET_MESSAGE_INTERVAL, (float(message), interval_s * 1e6))])
 
     def _refresh(self, now: float) -> None:
         for key in [key for key, heard in self._others.items() if now - heard > OTHERS_FOR_S]:
@@ -570,14 +440,7 @@ class Session:
             bad_bytes=bad_bytes,
         )
         if self._recording is not None:
-            recorder, blocks = self._recording.recorder, self._recording.blocks
-            self._update(
-                recording=recorder.log_path or recorder.directory / "flight.BIN",
-                blocks_received=blocks.received,
-                blocks_open=blocks.open,
-                duplicates=blocks.duplicates,
-                recording_problem=recorder.problem,
-            )
+            self._update(**self._recording.seen())
 
     def _update(self, **changes: Any) -> None:
         if self._snapshot is not None and any(getattr(self._snapshot, k) != v for k, v in changes.items()):
