@@ -1118,13 +1118,13 @@ class World:
         t = _EMPTY if newest.content is None else np.array([newest.newest_s - last_s, newest.newest_s])
         zero = np.zeros(t.size)
         return LiveWindow(
-            t,
-            zero,
-            zero,
-            zero,
-            zero,
-            zero,
-            zero,
+            t=t,
+            p=zero,
+            q=zero,
+            delta_x=zero,
+            delta_y=zero,
+            excitation_x=zero,
+            excitation_y=zero,
             sweep_s=newest.sweep_s,
             sweep_entered_s=None if newest.sweep_s is None else newest.newest_s - newest.sweep_s,
             log_s=None if newest.content is None else newest.newest_s,
@@ -1148,7 +1148,7 @@ class World:
             meanwhile()
             self.advance(min(end, self.now + self.history.tick_s))
         self._recording = False
-        return RecordingSummary(_Folder.path, (), None, 0, "", ())
+        return RecordingSummary(directory=_Folder.path, logs=(), tlog=None, tlog_frames=0, how="", problems=())
 
 
 _EMPTY = np.zeros(0)

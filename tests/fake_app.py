@@ -116,7 +116,15 @@ class FakeEngine:
         self.desk.now = state.desk
         t = np.arange(10_000) / 500
         quiet = np.zeros(t.size)
-        self.samples = LiveWindow(t, np.sin(9 * t), np.cos(5 * t), 0.1 * np.sin(9 * t), quiet, quiet, quiet)
+        self.samples = LiveWindow(
+            t=t,
+            p=np.sin(9 * t),
+            q=np.cos(5 * t),
+            delta_x=0.1 * np.sin(9 * t),
+            delta_y=quiet,
+            excitation_x=quiet,
+            excitation_y=quiet,
+        )
 
     def state(self) -> State:
         self.desk.now = self.now.desk

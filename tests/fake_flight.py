@@ -28,6 +28,7 @@ T = TypeVar("T")
 
 DT = 0.01
 RATE_HZ = 100.0
+COLUMNS = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y")
 STABILIZE, ALT_HOLD, RTL, SYSTEMID = 0, 2, 6, 25
 
 PARAMETERS = {
@@ -321,7 +322,7 @@ class FakeSession:
         entered = self.vehicle.entered
         sweep = None if entered is None or not rows else float(table[-1, 0] - entered)
         return LiveWindow(
-            *table.T,
+            **dict(zip(COLUMNS, table.T, strict=True)),
             sweep_s=sweep,
             sweep_hz=None if sweep is None else 1.0,
             sweep_entered_s=entered,
@@ -419,5 +420,12 @@ class FakeSession:
         self.ended_recordings += 1
         directory = self.recordings[-1]
         end = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=self.now(), clock_s=self.now())
-        log = RecordedLog(directory / "flight.BIN", 100, 100, (), 0, end)
-        return RecordingSummary(directory, (log,), directory / "flight.tlog", 10, "log blocks", ())
+        log = RecordedLog(path=directory / "flight.BIN", blocks=100, expected=100, missing=(), duplicates=0, end=end)
+        return RecordingSummary(
+            directory=directory,
+            logs=(log,),
+            tlog=directory / "flight.tlog",
+            tlog_frames=10,
+            how="log blocks",
+            problems=(),
+        )

@@ -68,7 +68,7 @@ class SweepSettings:
     pulse_s: float | None = None
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class LiveWindow:
     """The last samples of a growing log, oldest first; all arrays have shape (n,)."""
 

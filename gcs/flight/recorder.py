@@ -28,7 +28,7 @@ from gcs.link.procedures import StreamResult
 HOW = "log blocks streamed by the vehicle (REMOTE_LOG_DATA_BLOCK), acknowledged one by one"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedLog:
     """One log of the vehicle, as it came."""
 
@@ -63,7 +63,7 @@ class RecordedLog:
         return self.expected * BLOCK_SIZE
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingSummary:
     """What a recording left on disk."""
 
@@ -200,7 +200,14 @@ class Recorder:
         for file, (path, _) in sorted(self._logs.items()):
             stream = known.get(file, StreamResult(file, 0, 0, (), 0))
             logs.append(
-                RecordedLog(path, stream.blocks, stream.expected, stream.missing, stream.duplicates, stream.end)
+                RecordedLog(
+                    path=path,
+                    blocks=stream.blocks,
+                    expected=stream.expected,
+                    missing=stream.missing,
+                    duplicates=stream.duplicates,
+                    end=stream.end,
+                )
             )
         for path, opened in [*self._logs.values(), *([self._tlog] if self._tlog else [])]:
             try:
@@ -218,7 +225,14 @@ class Recorder:
         if len(logs) > 1:
             problems.append(f"the vehicle began a new log {len(logs) - 1} time(s) while it was recorded")
         tlog = self._tlog[0] if self._tlog else None
-        return RecordingSummary(self.directory, tuple(logs), tlog, self._tlog_frames, HOW, tuple(problems))
+        return RecordingSummary(
+            directory=self.directory,
+            logs=tuple(logs),
+            tlog=tlog,
+            tlog_frames=self._tlog_frames,
+            how=HOW,
+            problems=tuple(problems),
+        )
 
     def _report(self, problem: str) -> None:
         self.problem = problem

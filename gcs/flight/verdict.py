@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.cards.envelope import Limits, Peaks, Use, use
+from gcs.cards.maneuver import Maneuver
 from gcs.flight.live import LiveWindow
 from gcs.vehicle.profile import Plan
 from sysid.data.coherence import coherence
@@ -35,7 +36,7 @@ RATE_SPREAD = 0.008
 """rad/s: a rate that varies by less did not answer; the gyro's own noise is near 0.004."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """What a run is worth, and why."""
 
@@ -106,38 +107,92 @@ def judge(
     `rate_hz` is the log's nominal rate, None where it is not known; `interruption` says why the run ended early.
     `start_s` is the log's time of the maneuver's begin: with it a log that ends before the run did is told from gaps.
     """
-    t = samples["t"]
-    reasons = [interruption] if interruption is not None else []
+    came = _arrival(samples["t"], rate_hz, plan.maneuver.duration_s, start_s)
+    peak_use = use(limits, peaks)
+    if interruption is None:
+        lost = _lost(came, plan.maneuver)
+        band, part, unlike = _excited(plan, samples, came)
+    else:
+        lost, band, part, unlike = interruption, None, None, []
+    beyond = f"{peak_use.largest:.0f} % of the limits" if peak_use.largest > 100 else None
+    reasons = (*(reason for reason in (lost, beyond) if reason is not None), *unlike)
+    return Verdict(
+        keep=not reasons,
+        reasons=reasons,
+        samples=came.samples,
+        expected=came.expected,
+        missing=came.missing,
+        gaps=came.gaps,
+        use=peak_use,
+        coherent_hz=band,
+        coherent_share=part,
+        ends_early_s=came.ends_early_s if interruption is None else None,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Arrival:
+    """What came of the samples that a maneuver should have."""
+
+    samples: int
+    expected: int
+    """0 where the log's rate is not known."""
+    rate_hz: float
+    """As given, else by the samples; 0 where neither tells."""
+    gaps: int
+    widest_gap: float
+    """Samples missing in it."""
+    ends_early_s: float | None
+
+    @property
+    def missing(self) -> int:
+        return max(0, self.expected - self.samples)
+
+
+def _arrival(t: FloatArray, rate_hz: float | None, duration_s: float, start_s: float | None) -> _Arrival:
     spacing = float(np.median(np.diff(t))) if t.size > 2 else None
     if rate_hz is None and spacing:
         rate_hz = 1 / spacing
-    expected = round(plan.maneuver.duration_s * rate_hz) if rate_hz else 0
-    gaps, lost_inside = _gaps(t, spacing)
-    missing = max(0, expected - int(t.size))
-    early_s = _ends_early(t, spacing, start_s, plan.maneuver.duration_s)
-    if interruption is None:
-        if not expected or t.size < 3:
-            reasons.append(NO_SAMPLES)
-        elif early_s is not None and early_s > min(FEW_AT_END_S, FEW_MISSING * plan.maneuver.duration_s):
-            lost = f" ({missing} of {expected} samples are missing)" if missing else ""
-            reasons.append(f"the log ends {early_s:.1f} s before the run did{lost}")
-        elif missing > FEW_MISSING * expected:
-            reasons.append(f"{missing} of {expected} samples are missing")
-        elif gaps and lost_inside > max(3.0, 0.25 / plan.maneuver.f_stop_hz * (rate_hz or 0.0)):
-            reasons.append(f"{gaps} gaps")
-    share = use(limits, peaks)
-    if share.largest > 100:
-        reasons.append(f"{share.largest:.0f} % of the limits")
-    band, part = None, None
-    if interruption is None and t.size >= 3 and rate_hz:
-        if plan.maneuver.kind == "chirp":
-            band, part = coherent_band(plan, samples, rate_hz)
-            if part < ENOUGH_BAND:
-                reasons.append(f"the rates follow the excitation in only {100 * part:.0f} % of the band")
-        elif plan.maneuver.kind == "doublet":
-            reasons += _unanswered(plan, samples)
-    ends_early_s = early_s if interruption is None else None
-    return Verdict(not reasons, tuple(reasons), int(t.size), expected, missing, gaps, share, band, part, ends_early_s)
+    gaps, widest_gap = _gaps(t, spacing)
+    return _Arrival(
+        samples=int(t.size),
+        expected=round(duration_s * rate_hz) if rate_hz else 0,
+        rate_hz=rate_hz or 0.0,
+        gaps=gaps,
+        widest_gap=widest_gap,
+        ends_early_s=_ends_early(t, spacing, start_s, duration_s),
+    )
+
+
+def _lost(came: _Arrival, maneuver: Maneuver) -> str | None:
+    """Why too few samples came, None where enough did."""
+    if not came.expected or came.samples < 3:
+        return NO_SAMPLES
+    few = f"{came.missing} of {came.expected} samples are missing"
+    early_s = came.ends_early_s
+    if early_s is not None and early_s > min(FEW_AT_END_S, FEW_MISSING * maneuver.duration_s):
+        return f"the log ends {early_s:.1f} s before the run did" + (f" ({few})" if came.missing else "")
+    if came.missing > FEW_MISSING * came.expected:
+        return few
+    if came.gaps and came.widest_gap > max(3.0, 0.25 / maneuver.f_stop_hz * came.rate_hz):
+        return f"{came.gaps} gaps"
+    return None
+
+
+def _excited(
+    plan: Plan, samples: Mapping[str, FloatArray], came: _Arrival
+) -> tuple[tuple[float, float] | None, float | None, list[str]]:
+    """A chirp's coherent band and its share, and why the vehicle was not excited as planned."""
+    if came.samples < 3 or not came.rate_hz:
+        return None, None, []
+    if plan.maneuver.kind == "doublet":
+        return None, None, _unanswered(plan, samples)
+    if plan.maneuver.kind != "chirp":
+        return None, None, []
+    band, part = coherent_band(plan, samples, came.rate_hz)
+    if part >= ENOUGH_BAND:
+        return band, part, []
+    return band, part, [f"the rates follow the excitation in only {100 * part:.0f} % of the band"]
 
 
 def _ends_early(t: FloatArray, spacing: float | None, start_s: float | None, duration_s: float) -> float | None:

@@ -176,7 +176,8 @@ class FlightEngine:
             rows = np.array(self._telemetry, dtype=float).reshape(-1, 3)
         rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
         unknown = np.full(len(rows), np.nan)
-        return LiveWindow(rows[:, 0], rows[:, 1], rows[:, 2], unknown, unknown, unknown, unknown)
+        commands = dict.fromkeys(("delta_x", "delta_y", "excitation_x", "excitation_y"), unknown)
+        return LiveWindow(t=rows[:, 0], p=rows[:, 1], q=rows[:, 2], **commands)
 
     # What keys wish.
 

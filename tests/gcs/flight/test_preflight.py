@@ -95,7 +95,15 @@ def test_a_disk_needs_room_for_the_whole_card() -> None:
 def window(trim: float = 0.0, spread: float = 0.02, n: int = 1000) -> LiveWindow:
     noise = np.random.default_rng(1).normal(0, spread, n)
     zero = np.zeros(n)
-    return LiveWindow(np.arange(n) * 0.002, noise, noise, zero + trim, zero, zero, zero)
+    return LiveWindow(
+        t=np.arange(n) * 0.002,
+        p=noise,
+        q=noise,
+        delta_x=zero + trim,
+        delta_y=zero,
+        excitation_x=zero,
+        excitation_y=zero,
+    )
 
 
 def test_a_quiet_centred_hover_may_start() -> None:

@@ -119,7 +119,7 @@ def test_a_doublet_that_was_not_flown_or_not_answered_is_told() -> None:
 
 def test_a_window_is_cut_to_the_maneuver() -> None:
     t = np.arange(0, 10, 0.01)
-    window = LiveWindow(t, *[t] * 6)
+    window = LiveWindow(t=t, p=t, q=t, delta_x=t, delta_y=t, excitation_x=t, excitation_y=t)
     samples = cut(window, 2.0, 3.0)
     assert samples["t"][0] == pytest.approx(2.0)
     assert samples["t"][-1] == pytest.approx(3.0)

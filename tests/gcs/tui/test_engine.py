@@ -67,7 +67,7 @@ class FakeSession:
 
     def samples(self, last_s: float) -> LiveWindow:
         none = np.empty(0)
-        return LiveWindow(none, none, none, none, none, none, none)
+        return LiveWindow(t=none, p=none, q=none, delta_x=none, delta_y=none, excitation_x=none, excitation_y=none)
 
     def call(self, procedure, timeout_s=None, *, cancelled=None):
         self.called.append(type(procedure).__name__)
@@ -126,8 +126,9 @@ class FakeCard:
         recording = None
         if self.leave is not None:
             log = self.leave(folder.path).log
+            recorded = RecordedLog(path=log, blocks=1, expected=1, missing=(), duplicates=0, end=REACHED)
             recording = RecordingSummary(
-                folder.path, (RecordedLog(log, 1, 1, (), 0, REACHED),), None, 0, "streamed", ()
+                directory=folder.path, logs=(recorded,), tlog=None, tlog_frames=0, how="streamed", problems=()
             )
         return SweepResult(
             card=card,
@@ -147,7 +148,17 @@ def _plan(run) -> Plan:
 
 def _result(run, plan, ending, reason) -> RunResult:
     keep = ending is Ending.FINISHED
-    verdict = Verdict(keep, () if keep else (reason,), 100, 100, 0, 0, Use(1.0, 1.0, 1.0), (0.5, 9.0), 0.9)
+    verdict = Verdict(
+        keep=keep,
+        reasons=() if keep else (reason,),
+        samples=100,
+        expected=100,
+        missing=0,
+        gaps=0,
+        use=Use(1.0, 1.0, 1.0),
+        coherent_hz=(0.5, 9.0),
+        coherent_share=0.9,
+    )
     return RunResult(run, plan, ending, reason, "Stabilize", "now", 1.0, 1.0, Peaks(), verdict)
 
 

@@ -226,7 +226,9 @@ async def test_another_theme_gives_other_colours():
 async def test_the_live_charts_say_where_no_value_is_now():
     charts = Charts("braille", "charts")
     nothing = np.full(T.size, np.nan)
-    window = LiveWindow(T, WAVE, WAVE, nothing, nothing, nothing, nothing)
+    window = LiveWindow(
+        t=T, p=WAVE, q=WAVE, delta_x=nothing, delta_y=nothing, excitation_x=nothing, excitation_y=nothing
+    )
     async with Shown(charts).run_test(size=(80, 8)) as pilot:
         charts.draw(window, 20.0)
         await pilot.pause()

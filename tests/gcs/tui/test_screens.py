@@ -385,7 +385,9 @@ async def test_any_size_is_survived_and_the_layout_comes_back():
 async def test_no_vehicle_no_samples():
     app, engine = app_on(MOMENTS["no vehicle"])
     none = np.empty(0)
-    engine.samples = LiveWindow(none, none, none, none, none, none, none)
+    engine.samples = LiveWindow(
+        t=none, p=none, q=none, delta_x=none, delta_y=none, excitation_x=none, excitation_y=none
+    )
     async with app.run_test() as pilot:
         for key in ("r", "s", "e", "f12", "4", "f", "8", "d", "p", "r"):
             await pilot.press(key)
