@@ -187,7 +187,7 @@ def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> V
     finished = state.ending is None or state.ending is Ending.FINISHED
     interruption = None if finished or state.ending is None else f"{state.ending.value}: {state.reason}"
     samples = cut(window, first, first + plan.maneuver.duration_s)
-    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption, start_s=first)
+    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption=interruption, start_s=first)
 
 
 def contradiction(flown: Excitation) -> str:

@@ -97,6 +97,7 @@ def judge(
     peaks: Peaks,
     samples: Mapping[str, FloatArray],
     rate_hz: float | None,
+    *,
     interruption: str | None = None,
     start_s: float | None = None,
 ) -> Verdict:

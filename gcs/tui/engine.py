@@ -176,8 +176,15 @@ class FlightEngine:
             rows = np.array(self._telemetry, dtype=float).reshape(-1, 3)
         rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
         unknown = np.full(len(rows), np.nan)
-        commands = dict.fromkeys(("delta_x", "delta_y", "excitation_x", "excitation_y"), unknown)
-        return LiveWindow(t=rows[:, 0], p=rows[:, 1], q=rows[:, 2], **commands)
+        return LiveWindow(
+            t=rows[:, 0],
+            p=rows[:, 1],
+            q=rows[:, 2],
+            delta_x=unknown,
+            delta_y=unknown,
+            excitation_x=unknown,
+            excitation_y=unknown,
+        )
 
     # What keys wish.
 

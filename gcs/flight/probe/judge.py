@@ -31,18 +31,8 @@ def judge_probe(
         if not any(finding.kind in ("no samples", "no excitation") for finding in trouble):
             usable.append(step)
     frozen = {finding.axis for finding in findings if finding.kind == "frozen"}
-    rates = tuple(name for name in ("p", "q") if name not in frozen)
-    cyclic = [step for step in usable if step.maneuver.axis != "elevator"]
-    answers: dict[str, AxisAnswer] = {}
-    turn_deg = None
-    if cyclic and rates:
-        fit = fit_steps(quiet, cyclic, rates)
-        wrong, turn_deg = axes_findings(fit)
-        findings += wrong
-        answers |= axis_answers(fit, cyclic, swapped=any(finding.kind == "swapped" for finding in wrong))
-    for step in usable:
-        if step.maneuver.axis == "elevator" and "q" in rates:
-            answers |= axis_answers(fit_steps(quiet, [step], ("q",)), [step], swapped=False)
+    answers, wrong, turn_deg = _answered(quiet, usable, tuple(name for name in ("p", "q") if name not in frozen))
+    findings += wrong
     flown = [step.maneuver.axis for step in steps if step.maneuver.axis in answers]
     in_order = tuple(answers[axis] for axis in dict.fromkeys(flown))
     findings += [finding for answer in in_order for finding in answer_findings(answer)]
@@ -53,6 +43,24 @@ def judge_probe(
         rate_hz=log_rate_hz(quiet["t"]),
         turn_deg=turn_deg,
     )
+
+
+def _answered(
+    quiet: Samples, steps: Sequence[ProbeStep], rates: tuple[str, ...]
+) -> tuple[dict[str, AxisAnswer], list[ProbeFinding], float | None]:
+    """Answers by axis, what is wrong with signs and axes, and by how much they are turned, of the rates that live."""
+    answers: dict[str, AxisAnswer] = {}
+    findings: list[ProbeFinding] = []
+    turn_deg = None
+    cyclic = [step for step in steps if step.maneuver.axis != "elevator"]
+    if cyclic and rates:
+        fit = fit_steps(quiet, cyclic, rates)
+        findings, turn_deg = axes_findings(fit)
+        answers |= axis_answers(fit, cyclic, swapped=any(finding.kind == "swapped" for finding in findings))
+    for step in steps:
+        if step.maneuver.axis == "elevator" and "q" in rates:
+            answers |= axis_answers(fit_steps(quiet, [step], ("q",)), [step], swapped=False)
+    return answers, findings, turn_deg
 
 
 def _once(findings: Sequence[ProbeFinding]) -> Iterator[ProbeFinding]:

@@ -104,7 +104,7 @@ def test_beyond_the_limits_is_flown_again() -> None:
 
 
 def test_a_run_that_was_interrupted_says_so_first() -> None:
-    verdict = judge(CHIRP, Limits(), Peaks(), flown(CHIRP), RATE_HZ, "aborted: Ctrl-C")
+    verdict = judge(CHIRP, Limits(), Peaks(), flown(CHIRP), RATE_HZ, interruption="aborted: Ctrl-C")
     assert verdict.reasons == ("aborted: Ctrl-C",)
     assert verdict.coherent_hz is None
 
@@ -175,6 +175,6 @@ def test_samples_missing_at_the_beginning_are_not_called_an_early_end() -> None:
 def test_where_no_sample_came_no_gaps_are_counted() -> None:
     nothing = {name: values[:0] for name, values in flown(CHIRP).items()}
     for interruption in (None, "link lost: the link was lost"):
-        words = judge(CHIRP, Limits(), Peaks(), nothing, RATE_HZ, interruption, start_s=0.0).words
+        words = judge(CHIRP, Limits(), Peaks(), nothing, RATE_HZ, interruption=interruption, start_s=0.0).words
         assert "gaps" not in words
         assert "no samples" in words
