@@ -1686,14 +1686,20 @@ def _count(world: World, ended: str) -> None:
     counts["left excited, and so said"] += world.vehicle.excited_by == "us"
 
 
-def found_by(mutation: Mutation, most: int, first: int = 0) -> tuple[int, Breach | None]:
-    """How many random histories it took until one broke a rule, and which; None where `most` did not."""
+def history_of(kind: str, seed: int) -> History:
+    """`random`, `hard`, or `whole` (a random one through fly_card)."""
+    return hard_history(seed) if kind == "hard" else random_history(seed, whole=kind == "whole")
+
+
+def found_by(mutation: Mutation, most: int) -> tuple[str, int, Breach] | None:
+    """The first history that breaks a rule without the guard: its kind, its seed, and what it breaks."""
     code = mutated(mutation)
-    for count in range(1, most + 1):
-        breaches = play(random_history(first + count - 1), code).breaches
-        if breaches:
-            return count, breaches[0]
-    return most, None
+    for seed in range(most):
+        for kind in ("random", "hard"):
+            breaches = play(history_of(kind, seed), code).breaches
+            if breaches:
+                return kind, seed, breaches[0]
+    return None
 
 
 SHORT_S = 1.5
@@ -1779,5 +1785,5 @@ def _simpler(history: History) -> Iterator[History]:
 
 __all__ = [
     "MUTATIONS", "SEEN_IN", "Act", "Breach", "History", "Mutation", "Outcome", "Way", "World", "found_by",
-    "hard_history", "in_words", "mutated",    "play", "random_history", "short_histories", "shrunk", "told",
+    "history_of", "in_words", "mutated",    "play", "random_history", "short_histories", "shrunk", "told",
 ]  # fmt: skip

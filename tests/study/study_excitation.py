@@ -19,12 +19,10 @@ sys.path.append(str(ROOT / "tests"))
 
 from excitation_rules import (  # noqa: E402
     MUTATIONS,
-    History,
     found_by,
-    hard_history,
+    history_of,
     in_words,
     play,
-    random_history,
     short_histories,
     shrunk,
     told,
@@ -38,17 +36,12 @@ MOST = 20_000
 CHUNK = 500
 
 
-def _history(kind: str, seed: int) -> History:
-    """`random`, `hard` (strangers and silences about the end) or `whole` (through fly_card)."""
-    return hard_history(seed) if kind == "hard" else random_history(seed, whole=kind == "whole")
-
-
 def _chunk(job: tuple[int, int, str]) -> tuple[Counter[str], list[int]]:
     first, count, kind = job
     counts: Counter[str] = Counter()
     broken = []
     for seed in range(first, first + count):
-        outcome = play(_history(kind, seed))
+        outcome = play(history_of(kind, seed))
         counts += outcome.counts
         if outcome.breaches:
             broken.append(seed)
@@ -84,7 +77,7 @@ def _many(first: int, count: int, kind: str) -> tuple[Counter[str], list[int]]:
 def _told(seeds: Iterable[int], kind: str) -> str:
     stories = []
     for seed in list(seeds)[:3]:
-        history = shrunk(_history(kind, seed))
+        history = shrunk(history_of(kind, seed))
         stories.append(told(history, play(history, story=True)))
     return "\n\n".join(stories)
 
@@ -116,16 +109,18 @@ def study_no_rule_is_broken_in_any_short_history() -> None:
 
 
 def study_every_guard_removed_is_found() -> None:
-    print("\nhistories until found, and the rule that was broken")
+    """Prints what `SEEN_IN` is made of."""
+    print("\nthe first history that shows a guard to be gone, and the rule that was broken")
     survived = []
     with ProcessPoolExecutor() as pool:
-        for mutation, (count, breach) in zip(
-            MUTATIONS, pool.map(found_by, MUTATIONS, [MOST] * len(MUTATIONS)), strict=True
-        ):
-            if breach is None and not mutation.beside and mutation.name not in NOT_SHOWN:
-                survived.append(mutation.name)
-            words = f"{breach.rule}: {breach.words}" if breach else f"not found; {mutation.beside or 'SURVIVED'}"
-            print(f"  {count:6d}  {mutation.name:62s} {words}")
+        for mutation, seen in zip(MUTATIONS, pool.map(found_by, MUTATIONS, [MOST] * len(MUTATIONS)), strict=True):
+            if seen is None:
+                print(f"    {mutation.name}: not found; {mutation.beside or 'SURVIVED'}")
+                if not mutation.beside and mutation.name not in NOT_SHOWN:
+                    survived.append(mutation.name)
+            else:
+                kind, seed, breach = seen
+                print(f'    "{mutation.name}": ("{kind}", {seed}),  # {breach.rule}: {breach.words}', flush=True)
     assert not survived, survived
 
 
