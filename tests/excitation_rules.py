@@ -554,8 +554,8 @@ MUTATIONS = tuple(
         ),
         (
             "the clock does not know what was written",
-            "self.clock, mode_before, self.written_at\n",
-            "self.clock, mode_before\n",
+            "mode_before=mode_before, written_at=self.written_at",
+            "mode_before=mode_before",
         ),
         (
             "started on a dead log",
@@ -1626,7 +1626,7 @@ def _fly(world: World) -> str:
     if history.whole:
         world.advance(2.0)
         made = sweep._Flight
-        sweep._Flight = lambda *more: _kept(world, made(*more))
+        sweep._Flight = lambda **more: _kept(world, made(**more))
         try:
             sweep.fly_card(
                 world, card, _profile(), limits, folder=folder, on_progress=on_progress, aborted=aborted,
@@ -1636,7 +1636,18 @@ def _fly(world: World) -> str:
             sweep._Flight = made
         return world.flight.stopped
     planned = tuple((run, _profile().plan(run.maneuver)) for run in card.runs())
-    flight = sweep._Flight(world, card, _profile(), limits, planned, folder, LinkLoss("", None), {}, clock, on_progress)
+    flight = sweep._Flight(
+        session=world,
+        card=card,
+        profile=_profile(),
+        limits=limits,
+        planned=planned,
+        folder=folder,
+        loss=LinkLoss("", None),
+        about={},
+        clock=clock,
+        on_progress=on_progress,
+    )
     world.flight = flight
     with flight:
         world.advance(2.5)

@@ -51,6 +51,7 @@ class Excitation:
         plan: Plan,
         limits: Limits,
         clock: Clock,
+        *,
         mode_before: int,
         written_at: float = UNKNOWN,
     ) -> None:
@@ -201,7 +202,7 @@ class Excitation:
 # ------------------------------------------------------------------------------------------------ ending one
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class AbortResult:
     """What an abort from outside came to."""
 
@@ -230,14 +231,16 @@ def abort(
     clock = clock or WallClock()
     first = session.snapshot()
     if first.mode != excitation_mode:
-        return AbortResult(False, True, first.mode_name, first.mode_name, 0, "")
+        return AbortResult(
+            was_excited=False, ended=True, mode_before=first.mode_name, mode_after=first.mode_name, asked=0, reason=""
+        )
     last = first.beats[-1] if first.beats else None
     now = clock.now()
     # A link found again may carry anything before the heartbeat that tells what became of the vehicle meanwhile.
     new = last is not None and now - last.at_s <= STALL_S and (last.late_s is None or last.late_s <= FRESH_S)
     silent = Maneuver("quiet")
     plan = Plan(silent, (), {}, "", 0, excitation_mode, 0.0, silent.duration_s, silent.duration_s)
-    returning = Excitation(session, plan, Limits(), clock, mode)
+    returning = Excitation(session, plan, Limits(), clock, mode_before=mode)
     returning.state = RunState(
         mode_before=mode,
         phase=Phase.RETURNING,
@@ -254,5 +257,10 @@ def abort(
         clock.sleep(TICK_S)
     state = returning.state
     return AbortResult(
-        True, state.phase is Phase.WATCHING, first.mode_name, state.mode_after, returning.orders, state.reason
+        was_excited=True,
+        ended=state.phase is Phase.WATCHING,
+        mode_before=first.mode_name,
+        mode_after=state.mode_after,
+        asked=returning.orders,
+        reason=state.reason,
     )

@@ -20,7 +20,7 @@ from gcs.vehicle.profile import Plan
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunProgress:
     """A run under way, for a screen or a line."""
 
@@ -46,7 +46,7 @@ class RunReady:
     plan: Plan
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunResult:
     """A run that was flown, or not."""
 
@@ -152,31 +152,31 @@ def fly_run(
     assert state.ending is not None
     verdict = None if state.flying_since is None else _verdict(session, flown, rate_hz)
     return RunResult(
-        run,
-        flown.plan,
-        state.ending,
-        joined(state.reason, contradiction(flown)),
-        state.mode_after,
-        started,
-        flown.elapsed_s,
-        flown.log_start_s,
-        flown.peaks,
-        verdict,
+        run=run,
+        plan=flown.plan,
+        ending=state.ending,
+        reason=joined(state.reason, contradiction(flown)),
+        mode_after=state.mode_after,
+        started=started,
+        duration_s=flown.elapsed_s,
+        log_start_s=flown.log_start_s,
+        peaks=flown.peaks,
+        verdict=verdict,
     )
 
 
 def _progress(run: CardRun, flown: Excitation) -> RunProgress:
     return RunProgress(
-        run,
-        flown.plan,
-        flown.state.phase,
-        flown.elapsed_s - flown.plan.lead_s,
-        flown.frequency_hz,
-        flown.peaks,
-        use(flown.limits, flown.peaks, flown.snapshot.link_age_s),
-        flown.snapshot,
-        flown.state.ending,
-        flown.state.reason,
+        run=run,
+        plan=flown.plan,
+        phase=flown.state.phase,
+        elapsed_s=flown.elapsed_s - flown.plan.lead_s,
+        frequency_hz=flown.frequency_hz,
+        peaks=flown.peaks,
+        use=use(flown.limits, flown.peaks, flown.snapshot.link_age_s),
+        snapshot=flown.snapshot,
+        ending=flown.state.ending,
+        reason=flown.state.reason,
     )
 
 

@@ -124,7 +124,18 @@ def fly_card(
     parameters = read_settings(session, clock, profile)
     controller = (*controller, preflight.lean_stop(parameters))
     loss = preflight.link_loss(parameters, session.station)
-    flight = _Flight(session, card, profile, limits, planned, folder, loss, dict(about or {}), clock, on_progress)
+    flight = _Flight(
+        session=session,
+        card=card,
+        profile=profile,
+        limits=limits,
+        planned=planned,
+        folder=folder,
+        loss=loss,
+        about=dict(about or {}),
+        clock=clock,
+        on_progress=on_progress,
+    )
     folder.write_card(card.text)
     with flight:
         checks = flight.look(disk_free, controller, parameters.get("SCHED_LOOP_RATE"))
@@ -150,7 +161,7 @@ def _require(checks: Sequence[Check]) -> None:
         raise NotReadyError("not ready: " + "; ".join(f"{check.name}: {check.words}" for check in failed))
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Flight:
     """Recording, the runs so far, and flight.json: a context that ends the one and writes the other."""
 
@@ -297,7 +308,7 @@ class _Flight:
                 return None
             self._audit(f"starting {run.label}: {run.maneuver.numbers}, {plan.words}")
         flown = self.handback.flown = Excitation(
-            self.session, plan, self.limits, self.clock, mode_before, self.written_at
+            self.session, plan, self.limits, self.clock, mode_before=mode_before, written_at=self.written_at
         )
         result = fly_run(
             self.session,

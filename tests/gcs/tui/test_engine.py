@@ -112,7 +112,18 @@ class FakeCard:
             ending = Ending.FINISHED if aborted() is None else Ending.ABORTED
             if aborted() is None:
                 self.flown.append(run.label)
-                on_progress(RunProgress(run, plan, Phase.FLYING, 3.0, 1.5, Peaks(p=0.5), Use(16.0, 1.0, 2.0), VEHICLE))
+                on_progress(
+                    RunProgress(
+                        run=run,
+                        plan=plan,
+                        phase=Phase.FLYING,
+                        elapsed_s=3.0,
+                        frequency_hz=1.5,
+                        peaks=Peaks(p=0.5),
+                        use=Use(16.0, 1.0, 2.0),
+                        snapshot=VEHICLE,
+                    )
+                )
                 self.flying.set()
                 while aborted() is None and not self.land.wait(0.01):
                     pass
@@ -159,7 +170,18 @@ def _result(run, plan, ending, reason) -> RunResult:
         coherent_hz=(0.5, 9.0),
         coherent_share=0.9,
     )
-    return RunResult(run, plan, ending, reason, "Stabilize", "now", 1.0, 1.0, Peaks(), verdict)
+    return RunResult(
+        run=run,
+        plan=plan,
+        ending=ending,
+        reason=reason,
+        mode_after="Stabilize",
+        started="now",
+        duration_s=1.0,
+        log_start_s=1.0,
+        peaks=Peaks(),
+        verdict=verdict,
+    )
 
 
 @pytest.fixture
