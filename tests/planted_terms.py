@@ -18,9 +18,9 @@ from planted_fits import records
 from sysid.data.record import Record
 from sysid.diagnose.evidence import Candidate, candidate, ground, metric
 from sysid.diagnose.terms import Library, Selection, library, select
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import on_runs
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import compose
 
 HUB_STIFFENING = 40.0

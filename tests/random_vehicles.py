@@ -16,9 +16,11 @@ from scipy.signal import lfilter, lsim
 
 from sysid.data.preprocess import low_pass, spectra
 from sysid.data.record import Record
-from sysid.fit.output_error import estimate, minimise, output_error
+from sysid.data.stacks import stack
+from sysid.fit.estimate import estimate
+from sysid.fit.gauss_newton import minimise
+from sysid.fit.output_error import output_error
 from sysid.model.bases import TPP
-from sysid.model.predict import stack
 from sysid.model.structure import FloatArray, Model
 
 DURATION_S = 20.0

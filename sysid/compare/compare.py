@@ -34,16 +34,18 @@ from sysid.compare.values import (
     Trend,
     WindowError,
 )
+from sysid.data.instrument import causes
 from sysid.data.preprocess import ComplexArray, Spectrum, spectra
-from sysid.data.record import Record
+from sysid.data.record import AXIS_OF, Record
+from sysid.data.stacks import Stack, stack
 from sysid.errors import SysidError
-from sysid.fit.noise import LEAST_FREEDOM, Division, causes, divide
-from sysid.fit.output_error import AXIS_OF, OutputError, output_error
-from sysid.model.predict import RelaxationError, Stack, respond, stack
+from sysid.fit.noise import LEAST_FREEDOM, Division, divide
+from sysid.fit.output_error import OutputError, output_error
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model
 
 __all__ = ["CompareError", "Comparison", "band_edges", "compare"]
-
 OCTAVE_PARTS = 2.5
 """Bands wider than this factor are cut."""
 CLOSE_EDGES = 1.3

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from sysid.compare.spectrum import Responses, judged, windows
 from sysid.data.preprocess import DEFAULT_BAND_HZ, ComplexArray, Spectrum
+from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
 from sysid.fit.result import finite
-from sysid.model.predict import respond, stack
+from sysid.model.predict import respond
 from sysid.model.response import transfer
 from sysid.model.structure import FloatArray, Model
 
@@ -33,7 +34,6 @@ PHASE_WEIGHT = 0.01745
 FEWEST_POINTS = 3
 BRIDGED = 4
 """Points of the grid, a third of an octave."""
-
 BoolArray = NDArray[np.bool_]
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray, Spectrum
-from sysid.model.predict import Stack, stack
+from sysid.data.stacks import Stack, stack
 from sysid.model.structure import FloatArray
 
 POINTS = 50

@@ -24,7 +24,6 @@ RATE_COST = 1.0
 FLAPPING_COST = 0.001
 INPUT_COST = 5.0
 OBSERVER_POLES = (-50.0, -50.0, -51.0, -51.0)
-
 COSTS = tuple(
     size * times for size in (1.0, 10.0, 100.0, 1e3, 1e4) for times in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 )

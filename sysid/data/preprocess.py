@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from sysid.data.record import FloatArray, Record
 
 ComplexArray = NDArray[np.complex128]
-
 MINIMUM_SEGMENT_S = 2.0
 OFF_CLOCK = 0.1  # of a sample
 DEFAULT_BAND_HZ = (0.0, 15.0)

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from sysid.errors import SysidError
 
 FloatArray = NDArray[np.float64]
-
 CHANNELS: Mapping[str, str] = MappingProxyType(
     {
         "t": "s",
@@ -53,9 +52,7 @@ CHANNELS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Every channel name a record may have, with its unit. Only `REQUIRED` must be there."""
-
 REQUIRED = ("t", "p", "q", "delta_x", "delta_y")
-
 FORMAT = "tippath.record/1"
 
 
@@ -193,3 +190,13 @@ class Record:
             None if band is None else (band[0], band[1]),
             tuple(about["notes"]),
         )
+
+
+COMMANDS = ("delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "delta_a")
+AXIS_OF = {
+    "delta_x": "roll",
+    "delta_y": "pitch",
+    "delta_e": "elevator",
+    "p": "roll",
+    "q": "pitch",
+}

@@ -35,7 +35,8 @@ from sysid.fit.result import finite
 from sysid.model.bases import compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import Parameter
-from sysid.model.predict import RelaxationError, respond
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Mode, Model, Structure, modes
 
 HARM = 0.1

@@ -41,12 +41,14 @@ from sysid.diagnose.evidence import (
 from sysid.diagnose.initial_states import judged
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.terms import Selection, search, select
+from sysid.errors import FitError
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division
-from sysid.fit.output_error import FitError, OutputError, estimate
+from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
 from sysid.model.bases import adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
-from sysid.model.predict import RelaxationError
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
 FORMAT = "tippath.diagnosis/1"
@@ -96,7 +98,6 @@ UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
 """How often these verdicts were right there."""
 IN_A_LOOP_RIGHT = 0.5
 """At most, where the model that was found is unstable: a loop that nothing excited made the data what they are."""
-
 Progress = Callable[[str], None]
 Simple = Callable[[Candidate], Selection]
 """The simple terms beside a candidate; each is asked once."""

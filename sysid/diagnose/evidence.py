@@ -19,17 +19,23 @@ from functools import cached_property
 
 import numpy as np
 
+from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes
 from sysid.data.preprocess import ComplexArray, Spectrum, spectra
-from sysid.data.record import Record
+from sysid.data.record import COMMANDS, Record
+from sysid.data.stacks import Stack, stack
+from sysid.errors import FitError
+from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
 from sysid.fit.identify import means
-from sysid.fit.instrument import FOLLOWING, caused_by
-from sysid.fit.noise import Causes, Division, causes, divide
-from sysid.fit.output_error import Estimate, FitError, OutputError, estimate, rows
-from sysid.model.bases import COMMANDS, compose
+from sysid.fit.noise import Division, divide
+from sysid.fit.output_error import OutputError
+from sysid.fit.rows import orthonormal, rows
+from sysid.model.acting import jumping
+from sysid.model.bases import compose
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
-from sysid.model.predict import RelaxationError, Stack, jumping, respond, stack
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
 CYCLIC = ("delta_x", "delta_y")
@@ -170,7 +176,7 @@ def metric(model: Model, stacks: Sequence[Stack], division: Division) -> Metric:
         E = np.concatenate([respond(model.structure, model.values, group, False).E, _jumps(group)])
         E = np.einsum("fij,cjf->cif", white, group.scale * E)
         whitener.append(white)
-        ends.append([_basis(rows(E[..., part])) for part in group.slices])
+        ends.append([orthonormal(rows(E[..., part])) for part in group.slices])
     return Metric(tuple(stacks), whitener, ends)
 
 
@@ -179,14 +185,6 @@ def _jumps(group: Stack) -> ComplexArray:
     k = group.Y.shape[0]
     step = 1 / (group.z - 1)
     return np.concatenate([column * np.eye(k)[:, :, None] for column in (step, group.z * step**2)])
-
-
-def _basis(E: FloatArray) -> FloatArray:
-    size = np.sqrt(np.einsum("ij,ij->i", E, E))
-    E = E[size > 0] / size[size > 0][:, None]
-    inner, axes = np.linalg.eigh(E @ E.T)
-    keep = inner > 1e-10 * inner[-1]
-    return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).T @ E)
 
 
 # ------------------------------------------------------------------------------------------------ the parent
@@ -242,7 +240,7 @@ def candidate(found: Estimate, held: Collection[str], on: Ground, added: Sequenc
     fixed = {*held, *found.at_bound, *jumping(structure, values, on.stacks[0])}  # a jump has no slope to follow
     loose = [i for i, name in enumerate(structure.names) if name not in fixed]
     flown = [respond(structure, values, group, True) for group in on.stacks]
-    J = [_slopes(one.J, one.to) for one in flown]
+    J = [one.slopes for one in flown]
     Y_imposed, J_imposed = _imposed_answers(structure, values, on, [one.Y for one in flown], J)
     return Candidate(
         found,
@@ -271,7 +269,7 @@ def _imposed_answers(
     """
     if all(effect.samples is None for effect in structure.composed):
         found = [respond(structure, values, group, J is not None) for group in on.imposed]
-        return [one.Y for one in found], [] if J is None else [_slopes(one.J, one.to) for one in found]
+        return [one.Y for one in found], [] if J is None else [one.slopes for one in found]
     steady = [one for one in structure.composed if one.linear and one.samples is None]
     smooth = compose(structure.base, steady, on.available, dict(structure.constants))
     inner = np.array([values[structure.names.index(name)] for name in smooth.names])
@@ -282,7 +280,7 @@ def _imposed_answers(
         Ys.append(Y[number] - gusts.Y)
         if J is not None:
             changed = J[number].copy()
-            changed[rows] -= _slopes(gusts.J, gusts.to)
+            changed[rows] -= gusts.slopes
             Js.append(changed)
     return Ys, Js
 
@@ -335,13 +333,6 @@ def gain(better: Settled, worse: Settled) -> tuple[float, float]:
     """
     apart = better.imposed - worse.imposed
     return float(apart @ (better.residual + worse.residual)), float(apart @ apart)
-
-
-def _slopes(J: ComplexArray | None, to: FloatArray | None) -> ComplexArray:
-    assert J is not None
-    if to is None:
-        return J
-    return np.asarray((to @ J.reshape(J.shape[0], -1).view(float)).view(complex).reshape(-1, *J.shape[1:]))
 
 
 # ------------------------------------------------------------------------------------------------ the score

@@ -22,13 +22,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.compare.metrics import Mismatch, Mismatches, mismatch
+from sysid.data.instrument import causes
+from sysid.data.record import AXIS_OF, COMMANDS
 from sysid.diagnose.evidence import Candidate
-from sysid.fit.noise import causes, divide
-from sysid.fit.output_error import AXIS_OF
-from sysid.model.bases import COMMANDS
+from sysid.fit.noise import divide
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
-from sysid.model.predict import RelaxationError
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Mode, Model
 
 if TYPE_CHECKING:

@@ -13,9 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.data.preprocess import Spectrum
+from sysid.data.stacks import stack
 from sysid.diagnose.evidence import Ground
 from sysid.fit.output_error import OutputError, output_error
-from sysid.model.predict import RelaxationError, divided, jumping, stack
+from sysid.model.acting import divided, jumping
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model
 
 PLACES = (-1.0, -0.5, 0.5, 1.0)

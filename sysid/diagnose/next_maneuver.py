@@ -27,12 +27,15 @@ import numpy as np
 
 from sysid.data.preprocess import ComplexArray, Spectrum, spectra
 from sysid.data.record import CHANNELS, Record
+from sysid.data.stacks import Stack, stack
 from sysid.diagnose.evidence import Candidate, Ground, Metric, metric
 from sysid.diagnose.explain import quantity
 from sysid.fit.noise import Division
+from sysid.model.acting import in_time
 from sysid.model.bases import compose
 from sysid.model.effect import Effect, EffectError, Stage, catalogue
-from sysid.model.predict import RelaxationError, Stack, in_time, respond, stack
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
 from sysid.model.response import transfer
 from sysid.model.structure import FloatArray, Model, Structure
 
@@ -429,14 +432,9 @@ class _Pair:
         theirs = by([one.Y[None] for one in answers])[0]
         added = [name for name in rival.structure.names if name not in self.rival.model.structure.names]
         at = [rival.structure.names.index(name) for name in (*self.rival.free, *added)]
-        J = by([_slopes(one.J, one.to)[at] for one in answers])
+        J = by([one.slopes[at] for one in answers])
         old = np.concatenate([self.J, np.zeros((len(added), self.J.shape[1]))])
         return ours - theirs, J, old
-
-
-def _slopes(J: ComplexArray | None, to: FloatArray | None) -> ComplexArray:
-    assert J is not None
-    return J if to is None else np.asarray(np.einsum("pc,ckf->pkf", to, J))
 
 
 def _left(old: FloatArray, J_old: FloatArray, new: FloatArray, J_new: FloatArray, repeats: int) -> float:

@@ -15,11 +15,12 @@ import numpy as np
 
 from sysid.diagnose.evidence import Candidate, Ground, viewed
 from sysid.diagnose.initial_states import begun
-from sysid.fit.output_error import FitError, estimate
+from sysid.errors import FitError
+from sysid.fit.estimate import estimate
 from sysid.fit.result import finite
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
-from sysid.model.predict import RelaxationError
+from sysid.model.relaxation import RelaxationError
 
 CERTAIN = 3.0
 """Standard errors of a difference that chance may make."""

@@ -23,12 +23,16 @@ from typing import Any
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray, Spectrum
+from sysid.data.record import COMMANDS
 from sysid.diagnose.evidence import Candidate, Metric, Settled, error_share, metric
 from sysid.fit.noise import divide
-from sysid.fit.output_error import OutputError, rows
-from sysid.model.bases import COMMANDS, compose
+from sysid.fit.output_error import OutputError
+from sysid.fit.rows import rows
+from sysid.model.acting import divided, in_time
+from sysid.model.bases import compose
 from sysid.model.effect import Effect, Signals, Stage, magnitude
-from sysid.model.predict import RELAXATION_HZ, divided, in_time, respond
+from sysid.model.predict import respond
+from sysid.model.relaxation import RELAXATION_HZ
 from sysid.model.structure import AnyArray, FloatArray, Structure
 
 MIRROR = {"p": "q", "a": "b", "delta_x": "delta_y", "theta_s": "theta_c", "p_dot": "q_dot", "a_dot": "b_dot"}

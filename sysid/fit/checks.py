@@ -15,9 +15,13 @@ import numpy as np
 
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
 from sysid.data.record import Record
+from sysid.data.stacks import stack
+from sysid.errors import FitError
 from sysid.fit import fast
-from sysid.fit.output_error import Estimate, FitError, estimate, held_stable, output_error, start
-from sysid.model.predict import stack
+from sysid.fit.estimate import Estimate, estimate
+from sysid.fit.output_error import output_error
+from sysid.fit.stable import held_stable
+from sysid.fit.start import start
 from sysid.model.structure import FloatArray, Model, Structure
 
 POOR_PERCENT = 70.0

@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
+from sysid.data.stacks import Stack
+from sysid.fit.rows import smooth
 from sysid.model.polynomial import FORMS, Form, exact_enough, inverse, signals
-from sysid.model.predict import Stack
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
 
 THINNING = 4
@@ -402,9 +403,7 @@ def _descend(
 
 
 def _covariance(grid: _Grid, stack: Stack, last: _Normal) -> FloatArray:
-    """As `sysid.fit.output_error._covariance`, of the coefficients; the last pass's signals are still in the room."""
-    from sysid.fit.output_error import smooth
-
+    """As `sysid.fit.estimate`, of the coefficients; the last pass's signals are still in the room."""
     e = np.sqrt(last.weight)[:, None] * last.rest
     cross = e[:, 0] * e[:, 1].conj()
     own = e.view(float) ** 2

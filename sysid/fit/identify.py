@@ -7,14 +7,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
-from sysid.data.record import Record
+from sysid.data.record import AXIS_OF, Record
+from sysid.data.stacks import stack
+from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
+from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural, vague
-from sysid.fit.output_error import AXIS_OF, Estimate, FitError, OutputError, estimate, output_error
+from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.result import Fit, RecordUsed, Rung
 from sysid.model.bases import compose
 from sysid.model.effect import Effect, EffectError
-from sysid.model.predict import stack
 from sysid.model.structure import Model, Structure
 
 LARGE_TILT = 5.0  # rad of flapping per full command

@@ -16,10 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.instrument import Causes
 from sysid.data.preprocess import EXCITATIONS, ComplexArray
-from sysid.fit.instrument import caused_by
+from sysid.data.stacks import Stack
 from sysid.fit.output_error import OutputError
-from sysid.model.predict import Stack
+from sysid.fit.rows import orthonormal
 from sysid.model.structure import FloatArray
 
 WINDOW_HZ = 0.5
@@ -27,6 +28,7 @@ NEIGHBOURS = 1
 """Windows to either side that share in a window's noise spectrum where it weighs residuals."""
 FEWEST_FOR_ENDS = 6
 """Bins of a segment in a window from which on its ends are taken out."""
+REFERENCES_RANK = 1e-9
 LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
 
@@ -76,42 +78,6 @@ class Division:
         return all(name in EXCITATIONS for name in self.references)
 
 
-@dataclass(frozen=True, eq=False)
-class Causes:
-    """Commands on all bins of all stacks, as far as what was logged beside them caused them."""
-
-    commands: tuple[str, ...]
-    references: tuple[str, ...]
-    caused: list[ComplexArray]
-    """For every stack (m, bins)."""
-    reference: list[ComplexArray]
-    """The bins of the references, for every stack (m, bins)."""
-
-
-def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
-    """What the excitation caused in each command that the stacks have among their inputs."""
-    whole = [one.segment.channels for group in stacks for one in group.spectra]
-    references = []
-    for name in commands:
-        excitation = f"excitation_{name.removeprefix('delta_')}"
-        moved = all(excitation in channels for channels in whole) and any(
-            np.any(channels[excitation]) for channels in whole
-        )
-        references.append(excitation if moved else name)
-    found, logged = [], []
-    for group in stacks:
-        U = group.U[[group.inputs.index(name) for name in commands]]
-        R = np.concatenate(
-            [one.transform(np.stack([one.segment.channels[name] for name in references])) for one in group.spectra],
-            axis=1,
-        )
-        if R.shape[1] != U.shape[1]:
-            raise ValueError("causes want whole stacks, not thinned ones")
-        found.append(caused_by(U, R, group.scale, group.frequency_hz))
-        logged.append(R)
-    return Causes(tuple(commands), tuple(references), found, logged)
-
-
 def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     """Divide what a model leaves of the stacks into what the commands explain and noise."""
     scale = np.concatenate([group.scale for group in stacks])
@@ -145,7 +111,7 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
         y, x, z = (_less(rows, ends) for rows in (y, x, z))
         left = y @ y.conj().T
         # what the references span: nothing of the gusts has a share in it
-        basis = _orthonormal(_less(np.concatenate([z, place * z]), ends))
+        basis = orthonormal(_less(np.concatenate([z, place * z]), ends), REFERENCES_RANK)
         if at.size < basis.shape[0] + ends.shape[0] + LEAST_FREEDOM:
             basis = basis[:0]
         there = y @ basis.conj().T
@@ -153,7 +119,7 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
         rest[number] = left - found[number]
         unknown[number], free[number] = basis.shape[0], at.size - basis.shape[0] - ends.shape[0]
         for column in range(m if basis.size else 0):
-            alone = y @ _orthonormal(np.stack([x[column], place * x[column]])).conj().T
+            alone = y @ orthonormal(np.stack([x[column], place * x[column]]), REFERENCES_RANK).conj().T
             each[number, :, column] = np.sum(np.abs(alone) ** 2, axis=1)
     around = np.array([_neighbours(rest, number) for number in range(windows)])
     freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(windows)])
@@ -197,17 +163,6 @@ def _surprise(
     variance = float(np.sum(4 * k * u * (u + n - 1) / (n - k - 1)))
     beyond = float(np.sum(2 * (n - k) * trace)) - mean
     return max(0.0, mean + beyond * np.sqrt(2 * mean / variance)), int(mean)
-
-
-def _orthonormal(rows: ComplexArray) -> ComplexArray:
-    """Rows (r, n) as an orthonormal basis of what they span; rows that follow from the others drop out."""
-    size = np.sqrt(np.sum(np.abs(rows) ** 2, axis=1))
-    rows = rows[size > 0] / size[size > 0][:, None]
-    if not rows.size:
-        return rows
-    inner, axes = np.linalg.eigh(rows @ rows.conj().T)
-    keep = inner > 1e-9 * inner[-1]
-    return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).conj().T @ rows)
 
 
 def _ends(segment: NDArray[np.int64]) -> ComplexArray:

@@ -20,7 +20,7 @@ from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.fit.identifiable import undetermined
 from sysid.model.bases import compose
-from sysid.model.effect import EffectError
+from sysid.model.effect import EffectError, load
 from sysid.model.structure import FloatArray, Model
 
 FORMAT = "tippath.fit/1"
@@ -270,8 +270,6 @@ class Fit:
 
 def _effects(said: Any, directory: Path, named: Sequence[str]) -> list[Any]:
     """The effects of a saved structure; users' files only where they are named and unchanged."""
-    from sysid.model.effect import load
-
     allowed = {Path(word).resolve() for word in named}
     found: list[Any] = []
     for word in said["effects"]:

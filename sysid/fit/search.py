@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.model.predict import Stack
+from sysid.data.stacks import Stack
 from sysid.model.structure import Model
 
 Trial = tuple[float, Model | None]

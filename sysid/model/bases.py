@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.record import COMMANDS
 from sysid.model.effect import Effect, EffectError, Signals, Surroundings, find
 from sysid.model.parameter import Parameter
 from sysid.model.structure import Base, Model, Structure
@@ -74,9 +75,7 @@ CD_BASE = Base(
     slots=(),
     uncoupled=(-5.0, 0, 0, -5.0, 0, 0, 0, 0),
 )
-
 BASES = {"cd": CD_BASE, "tpp": TPP_BASE}
-COMMANDS = ("delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "delta_a")
 
 
 def compose(

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
-from sysid.model.predict import Ends, Response, Stack
+from sysid.data.stacks import Stack
+from sysid.model.response import Ends, Response
 from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Structure, stepped
 
 SLOWEST_RATIO = 20.0
 """Sample rate over highest frequency from which on the closed form is exact enough."""
-
 Entries = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
 Places = tuple[tuple[tuple[int, int, int], ...], ...]
 Regressors = tuple[tuple[tuple[int, ComplexArray], ...], ...]
@@ -133,32 +133,6 @@ FORMS = {
         lambda c: c[:4].reshape(2, 2),
     ),
 }
-
-
-class Sampling(NamedTuple):
-    """What holding and sampling do on the bins of a stack."""
-
-    s: ComplexArray
-    hold: ComplexArray
-    """Of a command between samples."""
-    images: ComplexArray
-    """Of the response's leading term, per unit of its coefficient."""
-    jump: ComplexArray
-    """Of an end state's leading term 1/s, its first sample included."""
-    bend: FloatArray
-    """Of its second term, 1/s^2."""
-
-
-def sampling(stack: Stack, order: int) -> Sampling:
-    """Sums over all images of the spectrum, in closed form: trigonometric functions of half a sample."""
-    dt, omega = stack.dt, 2 * np.pi * stack.frequency_hz
-    s = np.asarray(1j * omega, dtype=np.complex128)
-    sine, cosine = np.sin(0.5 * omega * dt) / (0.5 * dt), np.cos(0.5 * omega * dt)
-    back = 1 - 1 / stack.z
-    bend = 1 / omega**2 - 1 / sine**2
-    every = 1j * (cosine / (sine * sine**2) - 1 / (omega * omega**2)) if order == 2 else bend
-    jump = np.asarray(0.5 * dt + 1j * (1 / omega - cosine / sine), dtype=np.complex128)
-    return Sampling(s, back / (s * dt), back / dt * every, jump, bend)
 
 
 def exact_enough(stack: Stack) -> bool:

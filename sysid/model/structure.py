@@ -20,7 +20,6 @@ from sysid.model.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 AnyArray = NDArray[Any]
-
 G = 9.80665  # m/s^2
 COMPLEX_STEP = 1e-30
 SMALL_MOTION = 2.0**-300

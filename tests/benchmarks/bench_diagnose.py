@@ -8,9 +8,9 @@ from timing import best_of
 
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import candidate, ground, metric, score, settle
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import TPP, compose
 from sysid.model.effect import EffectError, catalogue
 

@@ -15,8 +15,8 @@ from sysid.control.regulator import design
 from sysid.control.stability import closed_loop
 from sysid.diagnose.could_hide import HARM, Hidden, Hiding, could_hide
 from sysid.diagnose.evidence import Candidate, Metric, Settled, candidate, ground, metric, score, settle
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import compose
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter

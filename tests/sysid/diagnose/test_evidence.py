@@ -8,8 +8,8 @@ from planted import PLANTED, Run, fly_many
 from planted_fits import records
 
 from sysid.diagnose.evidence import Candidate, Metric, Settled, candidate, gain, ground, metric, refit, score, settle
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import TPP, compose
 from sysid.model.effect import catalogue
 

@@ -15,8 +15,8 @@ from planted_fits import records
 from sysid.diagnose.diagnose import Judged
 from sysid.diagnose.evidence import Candidate, candidate, gain, ground, metric, refit, settle
 from sysid.diagnose.explain import Explanation, amount, explain, plausible_range, quantity
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import compose
 from sysid.model.effect import find
 from sysid.model.parameter import Parameter

@@ -10,7 +10,8 @@ from planted_fits import records
 from sysid.data.record import Record
 from sysid.diagnose.evidence import ground
 from sysid.diagnose.initial_states import begun, judged
-from sysid.fit.output_error import estimate, output_error
+from sysid.fit.estimate import estimate
+from sysid.fit.output_error import output_error
 from sysid.model.bases import compose
 
 WIDTH = 0.04

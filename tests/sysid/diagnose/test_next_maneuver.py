@@ -16,8 +16,9 @@ from planted_fits import records
 from gcs.cards.maneuver import parse_card
 from sysid.diagnose.evidence import Candidate, Metric, candidate, gain, ground, metric, refit, settle
 from sysid.diagnose.next_maneuver import NextManeuver, _Flown, _plans, chirp, linear_or_not, next_maneuver
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
-from sysid.fit.output_error import estimate, output_error
+from sysid.fit.output_error import output_error
 from sysid.model.bases import compose
 from sysid.model.structure import Model
 

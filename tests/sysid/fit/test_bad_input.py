@@ -13,9 +13,9 @@ from planted import PLANTED, TABLE_4, fly
 from scipy.signal import lsim
 
 from sysid.data.record import Record
+from sysid.errors import FitError
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import identify
-from sysid.fit.output_error import FitError
 from sysid.fit.result import Fit
 from sysid.model.bases import CD, TPP
 from sysid.model.effect import EffectError

@@ -11,11 +11,14 @@ from scipy.signal import dlsim, lsim
 from gcs.analysis.fits import PAPER_PARAMETERS
 from sysid.data.preprocess import low_pass, spectra
 from sysid.data.record import Record
+from sysid.data.stacks import stack
+from sysid.errors import FitError
+from sysid.fit.axes import independent_share
 from sysid.fit.checks import eigenfrequency_checks
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, judge
-from sysid.fit.output_error import FitError, estimate, independent_share, output_error
+from sysid.fit.output_error import output_error
 from sysid.model.bases import CD, TPP
-from sysid.model.predict import stack
 from sysid.model.structure import Model, discretise
 
 Card = tuple[list[Record], list[Record]]

@@ -11,9 +11,9 @@ import pytest
 from planted import PLANTED, TABLE_4, fly
 
 from sysid.data.record import CHANNELS, Record
+from sysid.errors import FitError
 from sysid.fit.identifiable import structural, undetermined, vague
 from sysid.fit.identify import identify
-from sysid.fit.output_error import FitError
 from sysid.model.bases import TPP, compose
 from sysid.model.effect import EffectError, catalogue, find
 from sysid.model.response import transfer

@@ -7,14 +7,16 @@ import pytest
 from planted import TABLE_4, fly
 from scipy.signal import lfilter
 
+from sysid.data.instrument import instruments
 from sysid.data.preprocess import EXCITATIONS, spectra
 from sysid.data.record import Record
-from sysid.fit.instrument import instruments
+from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
+from sysid.model.acting import divided, in_time, jumping
 from sysid.model.bases import CD, TPP, compose
 from sysid.model.effect import find
 from sysid.model.polynomial import exact_enough
-from sysid.model.predict import divided, in_time, jumping, respond, stack
+from sysid.model.predict import respond
 from sysid.model.structure import Model, discretise
 
 TRUTH = np.array(list(TABLE_4.values()))
