@@ -25,8 +25,9 @@ from gcs.analysis.diagnosis import (
     together,
 )
 from gcs.analysis.fits import wrapped
-from sysid.diagnose.diagnose import EXPLAINED, SURE, Diagnosis, Judged
-from sysid.diagnose.explain import amount, listed, plausible_range, quantity
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.quantities import amount, listed, plausible_range, quantity
+from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.fit.result import Fit
 from sysid.model.effect import catalogue
 from sysid.model.parameter import Parameter
@@ -184,11 +185,11 @@ def _short(effect: str) -> str:
     return Path(effect).name
 
 
-def _name(judged: Judged) -> str:
+def _name(judged: Ranked) -> str:
     return " + ".join(map(_short, judged.effects))
 
 
-def _which(winner: Judged) -> list[str]:
+def _which(winner: Ranked) -> list[str]:
     """What the ids stand for."""
     assert winner.fit is not None
     titles = {one.path or one.id: one.title for one in (*catalogue().values(), *winner.fit.model.structure.composed)}
@@ -212,7 +213,7 @@ def _others(last: Diagnosis) -> list[str]:
     return lines
 
 
-def _sizes(winner: Judged) -> list[str]:
+def _sizes(winner: Ranked) -> list[str]:
     assert winner.fit is not None
     parameters = {one.name: one for one in winner.fit.model.structure.parameters}
     lines = []

@@ -27,8 +27,10 @@ import numpy as np
 from sysid.control.regulator import DesignError, Gains, lqr
 from sysid.control.stability import Margins, closed_loop
 from sysid.data.preprocess import ComplexArray
-from sysid.diagnose.evidence import INDEPENDENT, Candidate, Metric, Settled, metric
-from sysid.diagnose.explain import quantity
+from sysid.diagnose.evidence import Candidate, Stepped
+from sysid.diagnose.quantities import quantity
+from sysid.diagnose.score import INDEPENDENT
+from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.identifiable import size as whole
 from sysid.fit.noise import Division
 from sysid.fit.result import finite
@@ -219,11 +221,11 @@ def _grouped(found: Sequence[Hidden]) -> list[tuple[Hidden, ...]]:
 
 
 def could_hide(
-    parent: Candidate, settled: Settled, by: Metric, division: Division, users: Sequence[Effect] = ()
+    parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, users: Sequence[Effect] = ()
 ) -> Hiding:
     """Ask every testable effect that the parent lacks; `division` is that of the metric's noise."""
     structures = _testable(parent, users)
-    asking = _Asking.of(parent, settled, by, division, len(structures))
+    asking = _Asking.of(parent, stepped, whitening, division, len(structures))
     asked = [asking.ask(effect, composed) for effect, composed in structures]
     groups = _grouped([one for one in asked if one is not None])
     harmful = sum(group[0].harm >= HARM for group in groups[:MOST])
@@ -231,7 +233,7 @@ def could_hide(
 
 
 def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, Structure]]:
-    structure, available = parent.model.structure, parent.ground.available
+    structure, available = parent.model.structure, parent.dataset.available
     present = {one.id for one in structure.composed}
     linear = [one for one in structure.composed if one.linear]
     forward = "airspeed" in available or any(one.group == "forward" for one in structure.composed)
@@ -256,9 +258,9 @@ class _Asking:
     """What all questions share."""
 
     parent: Candidate
-    settled: Settled
-    by: Metric
-    by_fit: Metric
+    stepped: Stepped
+    whitening: Whitening
+    by_fit: Whitening
     """The fit's own criterion: each output weighed as a whole."""
     answer: FloatArray
     """(free, N), from a change of the outputs in the fit's criterion to that of the parameters."""
@@ -274,13 +276,15 @@ class _Asking:
     """Standard errors from which on the diagnosis finds an effect four times in five."""
 
     @classmethod
-    def of(cls, parent: Candidate, settled: Settled, by: Metric, division: Division, questions: int) -> _Asking:
+    def of(
+        cls, parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, questions: int
+    ) -> _Asking:
         from scipy.stats import norm
 
         structure, estimate = parent.model.structure, parent.estimate
         power = np.diag(np.maximum(estimate.error.residual_power, 1e-300))
         flat = replace(division, level=np.broadcast_to(power.astype(complex), division.level.shape))
-        by_fit = metric(parent.model, parent.ground.stacks, flat)
+        by_fit = noise_whitening(parent.model, parent.dataset.stacks, flat)
         moved = by_fit(parent.J)
         asked = by_fit(parent.J_imposed) if estimate.instrumented else moved
         try:
@@ -289,13 +293,13 @@ class _Asking:
             gains = None
         return cls(
             parent,
-            settled,
-            by,
+            stepped,
+            whitening,
             by_fit,
             np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
             parent.free,
             _by_linear_part(parent),
-            np.asarray(np.linalg.pinv(settled.asked @ settled.moved.T, rcond=1e-12).T @ settled.moved),
+            np.asarray(np.linalg.pinv(stepped.Z @ stepped.J.T, rcond=1e-12).T @ stepped.J),
             gains,
             None if gains is None else gains.loop.margins,
             float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
@@ -341,7 +345,7 @@ class _Asking:
         """The largest size that could hide, on the scale where null is 0 and typical 1; the change of the outputs."""
         columns = [self._column(point, unit) for unit in np.eye(len(point.sized))]
         together = [np.stack(parts) for parts in zip(*columns, strict=True)]
-        Z = self.by(together)
+        Z = self.whitening(together)
         if not np.all(np.isfinite(Z)) or not np.any(Z):
             return None
         slopes = self._shift(together)
@@ -377,7 +381,7 @@ class _Asking:
         gram = Z1 @ Z1.T
         scale = np.sqrt(np.diag(gram))
         C = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
-        guess = C @ (Z1 @ self.settled.residual)
+        guess = C @ (Z1 @ self.stepped.residual)
         best, most = np.zeros(len(scale)), -1.0
         for each in g if np.any(g) else np.eye(len(scale)):
             spread = math.sqrt(max(float(each @ C @ each), 1e-300))
@@ -413,18 +417,18 @@ class _Asking:
         return last, [grown * one for one in closer]
 
     def _distance(self, change: Sequence[ComplexArray]) -> float:
-        return float(np.linalg.norm(self._beyond(self.by([one[None] for one in change]))))
+        return float(np.linalg.norm(self._beyond(self.whitening([one[None] for one in change]))))
 
     def _change(self, point: _Point, x: FloatArray) -> list[ComplexArray]:
         return [one - base for one, base in zip(self._predicted(point, x), self.base, strict=True)]
 
     def _predicted(self, point: _Point, x: FloatArray) -> list[ComplexArray]:
         values = point.composed.vector(point.at(x))
-        return [respond(point.composed, values, group, False).Y for group in self.parent.ground.imposed]
+        return [respond(point.composed, values, group, False).Y for group in self.parent.dataset.imposed]
 
     def _beyond(self, Z: FloatArray) -> FloatArray:
         """Less what the parent's own parameters would do."""
-        return np.asarray(Z - (Z @ self.own.T) @ self.settled.asked)
+        return np.asarray(Z - (Z @ self.own.T) @ self.stepped.Z)
 
     def _shift(self, change: Sequence[ComplexArray]) -> FloatArray:
         """What a change of the outputs does to the fitted parameters, (columns, free)."""
@@ -442,9 +446,9 @@ def _by_linear_part(parent: Candidate) -> list[ComplexArray]:
     if structure.linear:
         return parent.Y_imposed
     linear = [one for one in structure.composed if one.linear]
-    core = compose(structure.base, linear, parent.ground.available, dict(structure.constants))
+    core = compose(structure.base, linear, parent.dataset.available, dict(structure.constants))
     values = np.array([parent.model[name] for name in core.names])
-    return [respond(core, values, group, False).Y for group in parent.ground.imposed]
+    return [respond(core, values, group, False).Y for group in parent.dataset.imposed]
 
 
 def _of(structure: Structure, name: str) -> Parameter:

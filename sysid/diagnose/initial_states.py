@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.data.dataset import Dataset
 from sysid.data.preprocess import Spectrum
 from sysid.data.stacks import stack
-from sysid.diagnose.evidence import Ground
 from sysid.fit.output_error import OutputError, output_error
 from sysid.model.acting import divided, jumping
 from sysid.model.relaxation import RelaxationError
@@ -27,7 +27,7 @@ STEPS = tuple(x / 10 for x in range(-10, 11) if x)
 there."""
 
 
-def judged(model: Model, on: Ground) -> OutputError:
+def judged(model: Model, on: Dataset) -> OutputError:
     """What a model leaves of runs that it was not fitted to."""
     return output_error(model, stack(begun(model, on.spectra)) if _reaches(model) else on.stacks)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sysid.data.dataset import means
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
 from sysid.data.record import AXIS_OF, Record
 from sysid.data.stacks import stack
@@ -110,15 +111,6 @@ def on_runs(
     """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
     available = set.intersection(*(set(record.channels) for record in records))
     return compose(base, effects, available, means(fitted))
-
-
-def means(records: Sequence[Record]) -> dict[str, float]:
-    """The mean flight condition, Omega_0 and V_0, as far as every run logs it."""
-    return {
-        name: float(np.mean(np.concatenate([record.channels[channel] for record in records])))
-        for name, channel in (("Omega_0", "omega"), ("V_0", "airspeed"))
-        if all(channel in record.channels for record in records)
-    }
 
 
 def judge(model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:

@@ -13,8 +13,11 @@ from planted_fits import records
 
 from sysid.control.regulator import design
 from sysid.control.stability import closed_loop
+from sysid.data.dataset import dataset
 from sysid.diagnose.could_hide import HARM, Hidden, Hiding, could_hide
-from sysid.diagnose.evidence import Candidate, Metric, Settled, candidate, ground, metric, score, settle
+from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
+from sysid.diagnose.score import score
+from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
 from sysid.model.bases import compose
@@ -33,16 +36,16 @@ def rough(effect: str | None, size: tuple[tuple[str, float], ...] = ()) -> list[
     """Fits of the bare structure in rough air: the same gusts whatever is planted."""
     found = []
     for flight in fly_many(effect, dict(size), seeds=SEEDS, **ROUGH):
-        on = ground(records(flight), (0.0, 15.0))
+        on = dataset(records(flight), (0.0, 15.0))
         structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
-        found.append(candidate(estimate(structure, on.viewed(structure)), (), on))
+        found.append(candidate(estimate(structure, on.viewed(structure.inputs)), (), on))
     return found
 
 
-def seen(parent: Candidate) -> tuple[Settled, Metric, Division]:
-    division = divide(parent.estimate.error, parent.ground.stacks, parent.ground.causes)
-    by = metric(parent.model, parent.ground.stacks, division)
-    return settle(parent, by), by, division
+def seen(parent: Candidate) -> tuple[Stepped, Whitening, Division]:
+    division = divide(parent.estimate.error, parent.dataset.stacks, parent.dataset.causes)
+    whitening = noise_whitening(parent.model, parent.dataset.stacks, division)
+    return instrumental_step(parent, whitening), whitening, division
 
 
 @cache
@@ -78,9 +81,9 @@ def test_what_is_said_to_hide_is_at_the_edge_of_what_is_seen() -> None:
         flights = rough("servo_lag", larger)
         count = 0
         for parent in flights:
-            settled, by, _ = seen(parent)
-            effect = compose("tpp", ("servo_lag",), parent.ground.available, {})
-            answer = score(effect.composed[0], effect, parent, settled, by)
+            stepped, whitening, _ = seen(parent)
+            effect = compose("tpp", ("servo_lag",), parent.dataset.available, {})
+            answer = score(effect.composed[0], effect, parent, stepped, whitening)
             count += answer is not None and answer.log_p < threshold
         return count
 
@@ -119,9 +122,9 @@ def test_forward_flight_is_not_asked_in_hover() -> None:
 
 def test_a_calm_flight_hides_nothing_that_does_harm() -> None:
     (flight,) = fly_many(None, {}, seeds=[5], duration_s=15.0)
-    on = ground(records(flight), (0.0, 15.0))
+    on = dataset(records(flight), (0.0, 15.0))
     structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
-    parent = candidate(estimate(structure, on.viewed(structure)), (), on)
+    parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
     found = could_hide(parent, *seen(parent))
     assert not found.harmful
     (said,) = found.sentences

@@ -8,11 +8,12 @@ import pytest
 from planted import fly_many
 from planted_fits import records
 
+from sysid.data.dataset import dataset
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
-from sysid.diagnose.diagnose import UNHELD, Diagnosis, diagnose
-from sysid.diagnose.evidence import ground
+from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.size_check import Size, sizes
+from sysid.diagnose.verdict import UNHELD, Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.effect import catalogue
 
@@ -68,9 +69,9 @@ def test_runs_that_do_not_determine_a_size_say_nothing() -> None:
         )
         for one in flight
     ]
-    other = ground(gentle, DEFAULT_BAND_HZ, found.parent.ground)
+    other = dataset(gentle, DEFAULT_BAND_HZ, found.parent.dataset)
     assert sizes(found.winner.fit, ["servo_saturation"], other) == ()
-    (same,) = sizes(found.winner.fit, ["servo_saturation"], found.parent.ground)
+    (same,) = sizes(found.winner.fit, ["servo_saturation"], found.parent.dataset)
     assert same.elsewhere == pytest.approx(same.fitted, rel=0.02)
 
 

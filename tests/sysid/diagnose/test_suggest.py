@@ -10,7 +10,8 @@ import pytest
 from planted_terms import TERMS, flights, searched
 
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
-from sysid.diagnose.terms import Entry, Factor, Term
+from sysid.diagnose.term_search import Term
+from sysid.diagnose.terms import Entry, Factor
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
 from sysid.model.bases import compose
