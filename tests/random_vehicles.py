@@ -84,7 +84,7 @@ def _run(truth: Model, axis: str, kind: str, share: float, rng: np.random.Genera
         inside = [float(np.std(low_pass(one[:, i], dt, BAND_HZ))) for one in (y, residual)]
         y[:, i] += residual[:, i] * share * inside[0] / inside[1]
     channels = {"t": t, "p": y[:, 0], "q": y[:, 1], "delta_x": u[:, 0], "delta_y": u[:, 1]}
-    return Record(axis, channels, "chirp", axis)
+    return Record(axis, channels, maneuver="chirp", axis=axis)
 
 
 def _coloured(rng: np.random.Generator, corner_hz: float, n: int, dt: float) -> FloatArray:

@@ -88,20 +88,20 @@ def band_errors(
 
             found.append(
                 BandError(
-                    AXIS_OF[output],
-                    float(edges[number]),
-                    float(edges[number + 1]),
-                    float(np.sum(here) / total),
-                    None
+                    axis=AXIS_OF[output],
+                    low_hz=float(edges[number]),
+                    high_hz=float(edges[number + 1]),
+                    error_share=float(np.sum(here) / total),
+                    noise_share=None
                     if noise.share is None
                     else float(np.clip(np.sum(noise.levels[window[at], k]) / whole, 0, 1))
                     if np.any(at)
                     else 0.0,
-                    {
+                    coherence={
                         name: share(division.by_command[:, k, m] / floor[:, k])
                         for m, name in enumerate(division.commands)
                     },
-                    share(division.explained[:, k] / floor[:, k]),
+                    coherence_together=share(division.explained[:, k] / floor[:, k]),
                 )
             )
     return tuple(found)
@@ -132,14 +132,14 @@ def response_errors(model: Model, found: Sequence[Spectrum]) -> tuple[tuple[Resp
             noticed = np.abs(missing[k, m]) > NOTICED * np.sqrt(noise[k] / own[m])
             each.append(
                 ResponseError(
-                    one,
-                    cut.frequency_hz,
-                    decibels,
-                    degrees,
-                    np.asarray(20 * np.log10(1 + allowed)),
-                    np.asarray(np.degrees(np.arcsin(allowed))),
-                    _stretches(cut.frequency_hz, noticed),
-                    measured,
+                    mismatch=one,
+                    frequency_hz=cut.frequency_hz,
+                    decibels=decibels,
+                    degrees=degrees,
+                    allowed_db=np.asarray(20 * np.log10(1 + allowed)),
+                    allowed_deg=np.asarray(np.degrees(np.arcsin(allowed))),
+                    noticed=_stretches(cut.frequency_hz, noticed),
+                    measured=measured,
                 )
             )
     return tuple(each), mistaken_signs(judged.measured)

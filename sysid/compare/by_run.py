@@ -82,17 +82,19 @@ class RunsAlone:
                 noise = dict(zip(self.outputs, map(float, self.divided([number])[0].noise_share), strict=True))
             found.append(
                 RunError(
-                    record.id,
-                    record.maneuver,
-                    record.axis,
-                    float(sum(one.segment.duration_s for one, _ in each)),
-                    dict(
+                    id=record.id,
+                    maneuver=record.maneuver,
+                    axis=record.axis,
+                    duration_s=float(sum(one.segment.duration_s for one, _ in each)),
+                    nrmse_percent=dict(
                         zip(self.outputs, map(float, 100 * (1 - np.sqrt(self.power[number] / measured))), strict=True)
                     ),
-                    dict(zip(self.outputs, map(float, self.power[number] / total), strict=True)),
-                    noise,
-                    dict(zip(commands, map(float, np.sqrt(energy / samples)), strict=True)),
-                    {name: float(np.mean(record.channels[name])) for name in CONDITIONS if name in record.channels},
+                    error_share=dict(zip(self.outputs, map(float, self.power[number] / total), strict=True)),
+                    noise_share=noise,
+                    command_rms=dict(zip(commands, map(float, np.sqrt(energy / samples)), strict=True)),
+                    conditions={
+                        name: float(np.mean(record.channels[name])) for name in CONDITIONS if name in record.channels
+                    },
                 )
             )
         return tuple(found)
@@ -135,14 +137,14 @@ def growth_with_amplitude(runs: Sequence[RunError], alone: RunsAlone, outputs: S
             changes = float((separate[k] - together[k]) / np.sum(alone.power[at, k]))
             found.append(
                 Growth(
-                    AXIS_OF[output],
-                    command,
-                    bool(np.any(unseen)),
-                    float(sizes.min()),
-                    float(sizes.max()),
-                    float(np.exp(slope)),
-                    sd,
-                    changes,
+                    axis=AXIS_OF[output],
+                    command=command,
+                    at_least=bool(np.any(unseen)),
+                    low=float(sizes.min()),
+                    high=float(sizes.max()),
+                    per_doubling=float(np.exp(slope)),
+                    standard_error=sd,
+                    changes=changes,
                 )
             )
     return tuple(found)

@@ -77,7 +77,14 @@ def level_errors(
         total = max(float(np.sum(power)), 1e-300)
         times, errors = np.bincount(number, minlength=LEVELS), np.bincount(number, power, LEVELS)
         found += [
-            LevelError(axis, channel, float(low), float(high), float(time / power.size), float(part / total))
+            LevelError(
+                axis=axis,
+                channel=channel,
+                low=float(low),
+                high=float(high),
+                time_share=float(time / power.size),
+                error_share=float(part / total),
+            )
             for low, high, time, part in zip(edges[:-1], edges[1:], times, errors, strict=True)
         ]
     return tuple(found)
@@ -116,7 +123,17 @@ def trends(
         significant = (
             errors > TREND_ERRORS and abs(correlation) > TREND_CORRELATION and max(factor, 1 / factor) > TREND_FACTOR
         )
-        found.append(Trend(axis, channel, low, high, factor, correlation, bool(significant)))
+        found.append(
+            Trend(
+                axis=axis,
+                channel=channel,
+                low=low,
+                high=high,
+                factor=factor,
+                correlation=correlation,
+                significant=bool(significant),
+            )
+        )
     return tuple(found)
 
 

@@ -83,7 +83,7 @@ def _compared(
     responses, suspected = response_errors(model, found)
     power = power_of_bins(error, stacks)
     whole = np.maximum(error.residual_power, 1e-300)
-    controls, division = other_controls(model, flown, band_hz, stacks, error, commanded)
+    controls, division = other_controls(model, flown, band_hz, stacks=stacks, error=error, division=commanded)
     levels = Levels.of(division, stacks)
     calm = quiet_levels(model, still, band_hz, division.edges_hz, remarks)
     noise = NoiseShare.of(division, commanded.measured, levels, calm, power)
@@ -100,7 +100,7 @@ def _compared(
     if mixture:
         # what a response of their own explains of the runs is no noise
         noise = noise.at_most(1 - np.sum([alone.explained([i]) for i in range(len(runs))], axis=0) / whole)
-    bands = band_errors(model, flown, band_hz, stacks, power, division, noise)
+    bands = band_errors(model, flown, band_hz, stacks=stacks, power=power, division=division, noise=noise)
     traces = tuple(
         trace_of(structure.commands, one, residual) for one, residual in zip(parts, error.residuals, strict=True)
     )
@@ -117,33 +117,33 @@ def _compared(
     left = whole / error.measured_power
     floor = None if noise.share is None else 100 * (1 - np.sqrt(noise.share * left))
     result = Comparison(
-        outputs,
-        structure.commands,
-        by.references,
-        band_hz,
-        dict(zip(outputs, map(float, error.nrmse_percent), strict=True)),
-        shares,
-        None if floor is None else dict(zip(outputs, map(float, floor), strict=True)),
-        "measured" if commanded.measured or calm is not None else "upper bound, closed loop",
-        noise.source,
-        None if noise.ratio is None else dict(zip(outputs, map(float, noise.ratio), strict=True)),
-        dict(zip(outputs, map(float, noise.distortion), strict=True)),
-        dict(zip(outputs, map(bool, noise.more), strict=True)),
-        noise.explained,
-        bands,
-        in_time,
-        level_errors(traces, parts, amplitudes(outputs)),
-        level_errors(traces, parts, varied_conditions(flown)),
-        trends(traces, parts, varied_conditions(flown)),
-        runs,
-        growth,
-        controls,
-        responses,
-        densities(stacks, error, levels, noise),
-        traces,
-        tuple(suspicions),
-        tuple(dict.fromkeys(remarks)),
-        (),
+        outputs=outputs,
+        commands=structure.commands,
+        references=by.references,
+        band_hz=band_hz,
+        nrmse_percent=dict(zip(outputs, map(float, error.nrmse_percent), strict=True)),
+        noise_share=shares,
+        noise_floor_percent=None if floor is None else dict(zip(outputs, map(float, floor), strict=True)),
+        noise_share_is="measured" if commanded.measured or calm is not None else "upper bound, closed loop",
+        noise_from=noise.source,
+        quiet_ratio=None if noise.ratio is None else dict(zip(outputs, map(float, noise.ratio), strict=True)),
+        distortion=dict(zip(outputs, map(float, noise.distortion), strict=True)),
+        more=dict(zip(outputs, map(bool, noise.more), strict=True)),
+        explained=noise.explained,
+        bands=bands,
+        windows=in_time,
+        levels=level_errors(traces, parts, amplitudes(outputs)),
+        conditions=level_errors(traces, parts, varied_conditions(flown)),
+        trends=trends(traces, parts, varied_conditions(flown)),
+        runs=runs,
+        growth=growth,
+        controls=controls,
+        responses=responses,
+        densities=densities(stacks, error, levels, noise),
+        traces=traces,
+        suspicions=tuple(suspicions),
+        remarks=tuple(dict.fromkeys(remarks)),
+        findings=(),
     )
     return replace(result, findings=findings(result, own_runs))
 

@@ -124,7 +124,7 @@ def mismatch(model: Model, spectra: Sequence[Spectrum]) -> Mismatches:
             decibels, degrees = _apart(ratio[use])
             frequency = cut.frequency_hz[use]
             cost = integrated_cost(frequency, decibels, degrees, coherence[use])
-            found.append(Mismatch(output, command, frequency, decibels, degrees, coherence[use], cost))
+            found.append(Mismatch(output, command, frequency, decibels, degrees, coherence=coherence[use], cost=cost))
     return Mismatches(tuple(found), measured)
 
 

@@ -39,7 +39,7 @@ def power_of_bins(error: OutputError, stacks: Sequence[Stack]) -> FloatArray:
     return np.asarray((scale * np.abs(np.concatenate(error.residuals, axis=1))) ** 2)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Levels:
     """The division's windows with the bins in them."""
 
@@ -65,14 +65,21 @@ class Levels:
         noise = np.maximum(division.power - division.explained, 0) / np.maximum(count, 1)[:, None]
         unknowns = 2 * len(division.commands)
         filled = count[count > 0]
-        return cls(frequency, window, count, noise, unknowns, float(np.mean(filled >= unknowns + LEAST_FREEDOM)))
+        return cls(
+            frequency_hz=frequency,
+            window=window,
+            count=count,
+            noise=noise,
+            unknowns=unknowns,
+            testable=float(np.mean(filled >= unknowns + LEAST_FREEDOM)),
+        )
 
 
 def window_of(frequency_hz: FloatArray, edges_hz: FloatArray) -> Any:
     return np.clip(np.searchsorted(edges_hz, frequency_hz, side="right") - 1, 0, edges_hz.size - 2)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseShare:
     """What of the error is noise, from the best source there is."""
 
@@ -105,20 +112,28 @@ class NoiseShare:
         none = np.zeros(whole.size)
         if calm is None:
             share = division.noise_share if testable else None
-            return cls(share, levels.noise, source, None, none, explained, axes)
+            return cls(
+                share=share,
+                levels=levels.noise,
+                source=source,
+                ratio=None,
+                distortion=none,
+                explained=explained,
+                axes=axes,
+            )
         quiet = np.sum(calm.power * levels.count[:, None], axis=0)
         spread = np.sqrt(np.sum((calm.power * levels.count[:, None]) ** 2 / calm.count[:, None], axis=0))
         less = quiet + QUIET_ERRORS * spread < left
         # rougher air than in the sweeps must not hide what the logged excitation shows to be error
         use = less if measured and testable else np.ones(whole.size, dtype=bool)
         return cls(
-            np.clip(np.where(use, quiet, left) / whole, 0, 1),
-            np.where(use, calm.power, levels.noise),
-            "quiet hover" if np.any(use) else source,
-            quiet / np.maximum(left, 1e-300) if testable else None,
-            np.where(less & testable, (left - quiet) / whole, 0.0),
-            explained,
-            axes,
+            share=np.clip(np.where(use, quiet, left) / whole, 0, 1),
+            levels=np.where(use, calm.power, levels.noise),
+            source="quiet hover" if np.any(use) else source,
+            ratio=quiet / np.maximum(left, 1e-300) if testable else None,
+            distortion=np.where(less & testable, (left - quiet) / whole, 0.0),
+            explained=explained,
+            axes=axes,
         )
 
     @property

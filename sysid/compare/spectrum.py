@@ -37,7 +37,7 @@ LEAST_RELATIVE_POWER = 0.03
 """Of the strongest command's own power; a command that is its own reference and moves less is feedback alone."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Responses:
     """Outputs per command on a grid of frequencies; NaN where the runs do not separate the commands."""
 
@@ -64,7 +64,7 @@ class Responses:
         return all(name in EXCITATIONS for name in self.references)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Windows:
     """Commands and what caused them, on all bins of all runs, cut into windows around each grid frequency."""
 
@@ -146,7 +146,15 @@ def windows(stacks: Sequence[Stack], commands: Sequence[str], points: int = POIN
         half = max(HALF_WIDTH_HZ, RELATIVE_HALF_WIDTH * float(centre))
         at = np.flatnonzero(np.abs(frequency - centre) <= half)
         chosen.append(np.stack([at, (frequency[at] - centre) / half]))
-    return Windows(grid, tuple(commands), tuple(references), U, R, scale, tuple(chosen))
+    return Windows(
+        frequency_hz=grid,
+        commands=tuple(commands),
+        references=tuple(references),
+        U=U,
+        R=R,
+        scale=scale,
+        chosen=tuple(chosen),
+    )
 
 
 def measure(
@@ -172,4 +180,12 @@ def judged(cut: Windows, outputs: tuple[str, ...], H: ComplexArray, noise: Float
         power[:, :, number] = caused @ caused.conj().T
     together = np.maximum(np.einsum("kif,ijf,kjf->kf", H, power, H.conj()).real - m * noise, 0)
     multiple = together / (together + counts * noise)
-    return Responses(cut.frequency_hz, outputs, cut.commands, H, multiple, partial, cut.references)
+    return Responses(
+        frequency_hz=cut.frequency_hz,
+        outputs=outputs,
+        commands=cut.commands,
+        H=H,
+        multiple_coherence=multiple,
+        partial_coherence=partial,
+        references=cut.references,
+    )

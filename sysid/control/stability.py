@@ -156,7 +156,7 @@ def loop_of(gains: Gains, vehicle: Model) -> Loop:
     now = np.block([[A, np.zeros((n, m))], [L @ C, a - L @ c - b[:, :2] @ K]])
     late = np.block([[np.zeros((n, n)), -B @ K], [np.zeros((m, n)), -L @ D @ K]])
     now, late = _balanced(now, late)
-    return Loop(now, late, vehicle, plant, unseen, DRIFT_RAD_S if attitude else 0.0)
+    return Loop(now=now, late=late, vehicle=vehicle, plant=plant, unseen=unseen, drift=DRIFT_RAD_S if attitude else 0.0)
 
 
 def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:

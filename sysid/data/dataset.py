@@ -25,7 +25,7 @@ LEAST_COMMAND = 1e-3
 STILL = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Dataset:
     """Runs as every candidate sees them: their bins with every input that any may read."""
 
@@ -77,13 +77,13 @@ def dataset(
     stacks = stack(found)
     made_by = causes(stacks, [name for name in inputs if name in CYCLIC or f"excitation_{name[-1]}" in common])
     return Dataset(
-        tuple(found),
-        tuple(stacks),
-        tuple(_imposed(stacks, made_by)),
-        made_by,
-        frozenset({*moving, *(common & {"t", "p", "q"})}),
-        frozenset(still),
-        means(records) if like is None else like.constants,
+        spectra=tuple(found),
+        stacks=tuple(stacks),
+        imposed=tuple(_imposed(stacks, made_by)),
+        causes=made_by,
+        available=frozenset({*moving, *(common & {"t", "p", "q"})}),
+        still=frozenset(still),
+        constants=means(records) if like is None else like.constants,
     )
 
 

@@ -47,7 +47,7 @@ class Segment:
         return np.asarray(self.start_s + self.dt * np.arange(self.samples))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Spectrum:
     """The Fourier bins of one segment inside the band, without bin zero."""
 
@@ -177,7 +177,17 @@ def spectrum(
         return np.ascontiguousarray(rfft(rows, axis=1)[:, first : last + 1])
 
     z = np.exp(2j * np.pi * dt * frequency_hz)
-    return Spectrum(segment, dt, n, frequency_hz, z, bins(inputs), bins(outputs), first, tuple(inputs))
+    return Spectrum(
+        segment=segment,
+        dt=dt,
+        samples=n,
+        frequency_hz=frequency_hz,
+        z=z,
+        U=bins(inputs),
+        Y=bins(outputs),
+        first=first,
+        inputs=tuple(inputs),
+    )
 
 
 def low_pass(values: FloatArray, dt: float, high_hz: float) -> FloatArray:

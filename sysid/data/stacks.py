@@ -14,7 +14,7 @@ from sysid.data.record import FloatArray
 FEWEST_BINS = 60
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Stack:
     """The bins of all segments of one sample rate, side by side."""
 
@@ -51,15 +51,15 @@ class Stack:
             length += some.size
         at = np.concatenate(kept)
         return Stack(
-            self.spectra,
-            self.dt,
-            tuple(slices),
-            self.frequency_hz[at],
-            self.z[at],
-            self.U[:, at],
-            self.Y[:, at],
-            self.inputs,
-            self.scale[at],
+            spectra=self.spectra,
+            dt=self.dt,
+            slices=tuple(slices),
+            frequency_hz=self.frequency_hz[at],
+            z=self.z[at],
+            U=self.U[:, at],
+            Y=self.Y[:, at],
+            inputs=self.inputs,
+            scale=self.scale[at],
         )
 
     def sampling(self, order: int) -> Sampling:
@@ -86,15 +86,15 @@ def _stacked(group: Sequence[Spectrum]) -> Stack:
     ends = np.cumsum([one.frequency_hz.size for one in group])
     slices = tuple(slice(int(end) - one.frequency_hz.size, int(end)) for end, one in zip(ends, group, strict=True))
     return Stack(
-        tuple(group),
-        float(np.mean([one.dt for one in group])),
-        slices,
-        np.concatenate([one.frequency_hz for one in group]),
-        np.concatenate([one.z for one in group]),
-        np.concatenate([one.U for one in group], axis=1),
-        np.concatenate([one.Y for one in group], axis=1),
-        group[0].inputs,
-        np.concatenate([np.full(one.frequency_hz.size, np.sqrt(2 / one.samples)) for one in group]),
+        spectra=tuple(group),
+        dt=float(np.mean([one.dt for one in group])),
+        slices=slices,
+        frequency_hz=np.concatenate([one.frequency_hz for one in group]),
+        z=np.concatenate([one.z for one in group]),
+        U=np.concatenate([one.U for one in group], axis=1),
+        Y=np.concatenate([one.Y for one in group], axis=1),
+        inputs=group[0].inputs,
+        scale=np.concatenate([np.full(one.frequency_hz.size, np.sqrt(2 / one.samples)) for one in group]),
     )
 
 

@@ -35,7 +35,7 @@ LARGEST_BIN = 1e60
 """Of what a term may be in any bin: its square, and that by another, must stay a number."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CandidateTerms:
     """All entries on a candidate's runs: what every expression is on the bins, and how rows answer."""
 
@@ -102,13 +102,13 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
         return numbers[:, 0], numbers[:, 1]
 
     return CandidateTerms(
-        tuple(made),
-        terms[0],
-        terms[1],
-        [_transfer(parent, at, group.frequency_hz) for group in on.stacks],
-        _plain(parent),
-        numbered([one.parts[0] for one in made]),
-        numbered([one.parts[1] for one in made if len(one.parts) == 2]),
+        entries=tuple(made),
+        flown=terms[0],
+        imposed=terms[1],
+        transfer=[_transfer(parent, at, group.frequency_hz) for group in on.stacks],
+        plain=_plain(parent),
+        first=numbered([one.parts[0] for one in made]),
+        second=numbered([one.parts[1] for one in made if len(one.parts) == 2]),
     )
 
 
@@ -195,7 +195,18 @@ def _transfer(parent: Candidate, at: Sequence[str], frequency_hz: FloatArray) ->
 
 def _probing(name: str, stage: Stage, equations: Any, channels: Sequence[str]) -> Effect:
     return Effect(
-        name, "", "user", "", "", "", (), stage, equations, channels=tuple(channels), order=math.inf, linear=True
+        id=name,
+        title="",
+        group="user",
+        equation="",
+        source="",
+        signature="",
+        parameters=(),
+        stage=stage,
+        equations=equations,
+        channels=tuple(channels),
+        order=math.inf,
+        linear=True,
     )
 
 

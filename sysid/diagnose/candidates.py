@@ -47,7 +47,7 @@ def silent(_: str) -> None:
     return None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Ranked:
     """One candidate with all that is known of it."""
 
@@ -143,19 +143,19 @@ def score_effects(
             continue
         reason = _reason(effect, parent)
         if reason is not None:
-            found.append(Ranked((name,), None, reason))
+            found.append(Ranked(effects=(name,), score=None, not_testable=reason))
             continue
         try:
             composed = composed_with(structure, effect, on)
         except EffectError as error:
-            found.append(Ranked((name,), None, str(error)))
+            found.append(Ranked(effects=(name,), score=None, not_testable=str(error)))
             continue
         if composed.base != structure.base:
-            found.append(Ranked((name,), None, None))
+            found.append(Ranked(effects=(name,), score=None, not_testable=None))
             continue
         answer = score(effect, composed, parent, stepped, whitening)
         reason = None if answer is not None else "it does nothing on these runs that the structure could not do itself"
-        found.append(Ranked((name,), answer, reason))
+        found.append(Ranked(effects=(name,), score=answer, not_testable=reason))
         say(name)
     return found
 

@@ -100,7 +100,7 @@ def chains_of_two(
             # what alone explains the same as a half may stand in its place
             for one in [one for one in alone.values() if half in alone and not _apart(one, alone[half])]:
                 if one.effect not in best.effects and tuple(sorted((one.effect, other))) not in found:
-                    chained(one, Ranked((other,), None, None))
+                    chained(one, Ranked(effects=(other,), score=None, not_testable=None))
     return sorted(found.values(), key=rank)
 
 

@@ -69,7 +69,7 @@ NO_MARGINS = Margins(0.0, 0.0, 0.0)
 """Of gains that do not hold the vehicle."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Hidden:
     """One effect at the largest size that could hide."""
 
@@ -253,7 +253,7 @@ def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, 
     return found
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Asking:
     """What all questions share."""
 
@@ -292,17 +292,17 @@ class _Asking:
         except DesignError:
             gains = None
         return cls(
-            parent,
-            stepped,
-            whitening,
-            by_fit,
-            np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
-            parent.free,
-            _by_linear_part(parent),
-            np.asarray(np.linalg.pinv(stepped.Z @ stepped.J.T, rcond=1e-12).T @ stepped.J),
-            gains,
-            None if gains is None else gains.loop.margins,
-            float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
+            parent=parent,
+            stepped=stepped,
+            whitening=whitening,
+            by_fit=by_fit,
+            answer=np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
+            free=parent.free,
+            base=_by_linear_part(parent),
+            own=np.asarray(np.linalg.pinv(stepped.Z @ stepped.J.T, rcond=1e-12).T @ stepped.J),
+            gains=gains,
+            margins=None if gains is None else gains.loop.margins,
+            needed=float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
         )
 
     def ask(self, effect: Effect, composed: Structure) -> Hidden | None:
@@ -327,15 +327,15 @@ class _Asking:
         true = {**known, **{name: known[name] - moved for name, moved in shift.items()}, **size}
         vehicle = Model(composed, composed.vector(true))
         return Hidden(
-            effect.path or effect.id,
-            effect.title,
-            size,
-            tuple(sized[i] for i in told),
-            visible,
-            shift,
-            watched,
-            _pairs(self.parent.model.modes, vehicle),
-            self._margins(vehicle),
+            effect=effect.path or effect.id,
+            title=effect.title,
+            size=size,
+            sized=tuple(sized[i] for i in told),
+            visible=visible,
+            shift=shift,
+            relative=watched,
+            modes=_pairs(self.parent.model.modes, vehicle),
+            margins=self._margins(vehicle),
         )
 
     def _watched(self, shift: Mapping[str, float]) -> list[str]:

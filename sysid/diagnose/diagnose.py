@@ -88,5 +88,9 @@ def diagnose(
 
     pairs = []
     if chains and chance < SIGNIFICANT:
-        pairs = chains_of_two(refitted, parent, stepped, whitening, effects, judging, beside, say)
-    return verdict_on(parent, stepped, whitening, refitted, pairs, chance, judging, beside)
+        pairs = chains_of_two(
+            refitted, parent, stepped, whitening=whitening, users=effects, judging=judging, simple=beside, say=say
+        )
+    return verdict_on(
+        parent, stepped, whitening, singles=refitted, pairs=pairs, chance=chance, judging=judging, simple=beside
+    )

@@ -29,7 +29,7 @@ from sysid.model.structure import FloatArray, Model, Structure
 WORST_SETTLING = 1.01
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Candidate:
     """A fit on the ground's runs, linearised: the parent, or what it becomes with effects added."""
 
@@ -82,15 +82,15 @@ def candidate(found: Estimate, held: Collection[str], on: Dataset, added: Sequen
     J = [one.slopes for one in flown]
     Y_imposed, J_imposed = imposed_answers(structure, values, on, [one.Y for one in flown], J)
     return Candidate(
-        found,
-        tuple(added),
-        tuple(held),
-        tuple(structure.names[i] for i in loose),
-        on,
-        [one.Y for one in flown],
-        Y_imposed,
-        [one[loose] for one in J],
-        [one[loose] for one in J_imposed],
+        estimate=found,
+        added=tuple(added),
+        held=tuple(held),
+        free=tuple(structure.names[i] for i in loose),
+        dataset=on,
+        Y=[one.Y for one in flown],
+        Y_imposed=Y_imposed,
+        J=[one[loose] for one in J],
+        J_imposed=[one[loose] for one in J_imposed],
     )
 
 

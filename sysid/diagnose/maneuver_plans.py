@@ -33,7 +33,7 @@ ELEVATOR_AMPLITUDE = 0.3
 LETTERS = {"roll": "x", "pitch": "y", "elevator": "e"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
     """The flown runs, as far as a new one is made from them."""
 
@@ -61,12 +61,24 @@ class Flown:
         band = (min(low for low, _ in swept), max(high for _, high in swept)) if swept else SWEPT_HZ
         longest = max(segments, key=lambda one: one.duration_s)
         return cls(
-            {axis: _rounded(size) for axis, size in amplitude.items()},
-            band,
-            float(max(10.0, round(longest.duration_s - 2 * REST_S))),
-            longest.dt,
-            min(MOST_TIMES, _headroom(dataset.spectra)),
-            dataset,
+            amplitude={axis: _rounded(size) for axis, size in amplitude.items()},
+            band_hz=band,
+            duration_s=float(max(10.0, round(longest.duration_s - 2 * REST_S))),
+            dt=longest.dt,
+            most_times=min(MOST_TIMES, _headroom(dataset.spectra)),
+            dataset=dataset,
+        )
+
+    def chirp(self, axis: str, part: float = 1.0) -> Plan:
+        """A chirp on an axis as flown, at that part of its amplitude."""
+        low, high = self.band_hz
+        return Plan(
+            kind="chirp",
+            axis=axis,
+            amplitude=part * self.amplitude[axis],
+            f_start_hz=low,
+            f_stop_hz=high,
+            duration_s=self.duration_s,
         )
 
     @property
@@ -104,7 +116,7 @@ def _headroom(found: Sequence[Spectrum]) -> float:
     return min(LARGEST_RATE / rate, LARGEST_ATTITUDE / attitude, LARGEST_COMMAND / command)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Plan:
     """One maneuver to imagine."""
 
@@ -191,9 +203,8 @@ def possible_plans(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
     low, high = flown.band_hz
     found = []
     for axis, size in flown.amplitude.items():
-        same = Plan("chirp", axis, size, low, high, flown.duration_s)
-        found.append(same)
-        found.append(Plan("doublet", axis, size, low, high, DOUBLET_S))
+        same = flown.chirp(axis)
+        found += [same, replace(same, kind="doublet", duration_s=DOUBLET_S)]
         if linear:
             wide = replace(same, f_stop_hz=round(min(1.5 * high, top), 2))
             found += [wide, *(replace(wide, amplitude=times * size, times=times) for times in larger)]
@@ -216,7 +227,7 @@ def plans_by_hand(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
     axis = next(iter(flown.amplitude), None)
     if axis is None or not all(one.model.structure.linear for one in rivals):
         return []
-    same = Plan("chirp", axis, flown.amplitude[axis], *flown.band_hz, flown.duration_s)
+    same = flown.chirp(axis)
     return [
         replace(same, by_hand=words, effect=effect, channel=channel)
         for channel, words, effect in (

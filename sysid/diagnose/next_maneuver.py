@@ -131,7 +131,7 @@ def linear_or_not(parent: Candidate, division: Division) -> NextManeuver | None:
     worst = int(np.argmax(parent.estimate.error.residual_power / parent.estimate.error.measured_power))
     wanted = {"p": "roll", "q": "pitch"}[parent.model.structure.outputs[worst]]
     axis = wanted if wanted in flown.amplitude else axis
-    plans = [Plan("chirp", axis, part * flown.amplitude[axis], *flown.band_hz, flown.duration_s) for part in (0.5, 1)]
+    plans = [flown.chirp(axis, part) for part in (0.5, 1)]
     sigma = 0.25 * math.sqrt(beyond)
     said = f"{axis} chirps at half the amplitude ({plans[0].amplitude:.3g}) and at the flown one, twice each"
     why = (

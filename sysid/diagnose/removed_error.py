@@ -125,7 +125,7 @@ def _line(one: Mismatch) -> tuple[str, float, float, float, float] | None:
     return one.output, -slope / 360, straight, slope * float(f[-1]), -float(np.mean(one.decibels[upper]))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RemovedError:
     """The error that the winner takes away."""
 
@@ -156,7 +156,14 @@ class RemovedError:
             runs.append((command, sizes[command], float(np.std(waves[-1])) / max(sizes[command], 1e-12)))
         together = np.concatenate(power, axis=1)
         relative = (before.residual_power - after.residual_power) / before.measured_power
-        return cls(outputs, np.concatenate(frequency), together, relative, tuple(runs), tuple(waves))
+        return cls(
+            outputs=outputs,
+            frequency_hz=np.concatenate(frequency),
+            power=together,
+            relative=relative,
+            by_run=tuple(runs),
+            waves=tuple(waves),
+        )
 
     def where(self) -> list[str]:
         """In which axis and band the removed error lies."""

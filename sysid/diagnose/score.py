@@ -28,7 +28,7 @@ INDEPENDENT = 1e-7
 """Share of a sensitivity that the base's own must leave of it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Score:
     """How much of the residual an effect would explain, by one step from the parent."""
 
@@ -64,7 +64,9 @@ def score(effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, 
     best: Score | None = None
     points = _points(composed, of)
     for nuisance, steps in points:
-        found = _ask(effect, composed, of, stepped, whitening, nuisance, steps, len(points))
+        found = _ask(
+            effect, composed, of, stepped=stepped, whitening=whitening, point=nuisance, steps=steps, tried=len(points)
+        )
         if found is not None and (best is None or found.log_p < best.log_p or _more(found, best)):
             best = found
     return best
@@ -178,7 +180,14 @@ def _ask(
                 errors[name] = float(error) * abs(width[name])
     except np.linalg.LinAlgError:
         pass
-    return Score(effect.path or effect.id, chi_squared, int(np.sum(rank)), tried, at, errors)
+    return Score(
+        effect=effect.path or effect.id,
+        chi_squared=chi_squared,
+        degrees=int(np.sum(rank)),
+        tried=tried,
+        at=at,
+        errors=errors,
+    )
 
 
 def _predicted(composed: Structure, named: Mapping[str, float], on: Dataset) -> list[ComplexArray]:

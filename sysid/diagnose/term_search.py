@@ -134,7 +134,7 @@ def _inner(terms: ComplexArray, h: ComplexArray, vectors: ComplexArray) -> Float
     return np.asarray(found.reshape(len(terms), len(h), -1).transpose(1, 0, 2))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Term:
     """An entry, and what the runs say for it."""
 
@@ -202,15 +202,15 @@ def search(
         head = min(equal, key=lambda one: (known.entries[one.number].signals, log_p[one.number]))
         found.append(
             Term(
-                known.entries[head.number],
-                head.chi_squared,
-                len(head.coefficients),
-                min(0.0, float(log_p[head.number]) + math.log(tried)),
-                head.coefficients,
-                head.standard_errors,
-                error_share(_left(parent, known, [*(term.number for term in beside), head.number])),
-                tuple(known.entries[one.number] for one in alike if one is not head),
-                head.number,
+                entry=known.entries[head.number],
+                chi_squared=head.chi_squared,
+                degrees=len(head.coefficients),
+                log_p=min(0.0, float(log_p[head.number]) + math.log(tried)),
+                coefficients=head.coefficients,
+                standard_errors=head.standard_errors,
+                error_share=error_share(_left(parent, known, [*(term.number for term in beside), head.number])),
+                as_well=tuple(known.entries[one.number] for one in alike if one is not head),
+                number=head.number,
             )
         )
         steps = [one for one in steps if all(one is not other for other in alike)]
@@ -233,7 +233,7 @@ def select(
     terms: list[Term] = []
     while len(terms) < most:
         stepped = _settled(parent, known, [term.number for term in terms], whitening)
-        best = search(parent, stepped, whitening, known, 1, terms)
+        best = search(parent, stepped, whitening, known=known, most=1, beside=terms)
         if not best or not best[0].significant:
             break
         terms.append(best[0])

@@ -48,7 +48,7 @@ IN_A_LOOP_RIGHT = 0.5
 """At most, where the model that was found is unstable: a loop that nothing excited made the data what they are."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis:
     """The verdict and what it stands on."""
 
@@ -210,27 +210,27 @@ def verdict_on(
         if verdict == "missing" and winner is not None and winner.fit is not None and not winner.fit.model.stable:
             confidence = min(confidence, IN_A_LOOP_RIGHT)
     return Diagnosis(
-        verdict,
-        effect,
-        stands_in,
-        chain,
-        alike,
-        confidence,
-        share,
-        tuple(singles),
-        tuple(pairs),
-        parent,
-        stepped,
-        whitening,
-        parent.division,
-        N,
-        floor,
-        judging,
-        None if judge is None else judge.nrmse_percent,
-        chance,
-        terms,
-        lead,
-        compared,
+        verdict=verdict,
+        effect=effect,
+        stands_in=stands_in,
+        chain=chain,
+        indistinguishable=alike,
+        confidence=confidence,
+        explained_share=share,
+        candidates=tuple(singles),
+        pairs=tuple(pairs),
+        parent=parent,
+        stepped=stepped,
+        whitening=whitening,
+        division=parent.division,
+        noise_share=N,
+        noise_floor_percent=floor,
+        validation=judging,
+        validation_nrmse_percent=None if judge is None else judge.nrmse_percent,
+        log_chance=chance,
+        terms=terms,
+        lead=lead,
+        sizes=compared,
     )
 
 

@@ -203,7 +203,7 @@ def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
             f"free p {free[0]:.0f} / q {free[1]:.0f} %"
         )
         if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
-            late = lateness(Structure(model.structure.base_), found)
+            late = lateness(Structure(base_=model.structure.base_), found)
             if late is not None:
                 said.append(late)
     except FitError as error:

@@ -75,7 +75,7 @@ def estimate(
                     parent, quick.covariance, OutputError(quick.residuals, quick.measured_power, quick.residual_power)
                 )
     if parent is None:
-        bare = Structure(structure.base_) if structure.composed else structure
+        bare = Structure(base_=structure.base_) if structure.composed else structure
         parent = start(bare, [group.thinned(START_THINNING) for group in stacks])
     model = _hold(parent, held)
     if parent.structure == structure:

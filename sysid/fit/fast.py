@@ -100,7 +100,15 @@ def _layout(form: Form) -> _Layout:
     derivatives = both(2) if form.order == 2 else slice(0)
     last = slice(order.index(ends), order.index(ends) + form.order + 1)
     own = int(np.count_nonzero(~used[1]))
-    return _Layout(tuple(order), own, table[:, :, order], both(0), derivatives, both(targets), last)
+    return _Layout(
+        order=tuple(order),
+        own=own,
+        table=table[:, :, order],
+        outputs=both(0),
+        derivatives=derivatives,
+        targets=both(targets),
+        ends=last,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +185,15 @@ def fit(structure: Structure, stack: Stack) -> FastFit | None:
     residuals = [
         rest[run, :, : part.stop - part.start] / stack.scale[part.start] for run, part in enumerate(stack.slices)
     ]
-    return FastFit(values, c, back @ covariance @ back.T, covariance, measured, left, residuals)
+    return FastFit(
+        values=values,
+        coefficients=c,
+        covariance=back @ covariance @ back.T,
+        coefficient_covariance=covariance,
+        measured_power=measured,
+        residual_power=left,
+        residuals=residuals,
+    )
 
 
 def _grid(form: Form, stack: Stack) -> _Grid:
@@ -374,7 +390,16 @@ def _linearise(grid: _Grid, c: FloatArray, power: FloatArray, ends: FloatArray) 
     ends = ends + explained[:, :, 0]
     rest = _through(K, _equations(grid, c, rows, ends))
     left = flat[1:-n] - explained[:, :, 1:].transpose(0, 2, 1) @ flat[-n:]
-    return _Normal(products[1:, 1:], products[1:, 0], _power(rest), rest, ends, left, K, weight)
+    return _Normal(
+        curvature=products[1:, 1:],
+        gradient=products[1:, 0],
+        power=_power(rest),
+        rest=rest,
+        ends=ends,
+        rows=left,
+        inverse=K,
+        weight=weight,
+    )
 
 
 def _descend(

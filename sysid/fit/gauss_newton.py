@@ -48,7 +48,9 @@ def normal_equations(
     curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(2)
     found: list[list[FloatArray]] = []
     for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
-        response = respond(structure, values, group, full, None, None if ends is None else ends[number])
+        response = respond(
+            structure, values, group, sensitivities=full, U=None, ends=None if ends is None else ends[number]
+        )
         found.append([])
         e, E = weight * (group.Y - response.Y), weight * response.E
         if response.J is not None:
@@ -92,7 +94,10 @@ def minimise(
     for _ in range(steps):
         if not np.allclose(weighed_by, here.power, rtol=SETTLED):
             weights = axis_weights(stacks, here.power)
-            here, weighed_by = normal_equations(structure, values, stacks, weights, True, here.ends), here.power
+            here, weighed_by = (
+                normal_equations(structure, values, stacks, weights=weights, full=True, ends=here.ends),
+                here.power,
+            )
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
@@ -139,6 +144,6 @@ def _try(
         return None
     try:
         with np.errstate(all="ignore"):  # a time constant of zero has no response: what comes out is not finite
-            return normal_equations(structure, values, stacks, weights, True, ends)
+            return normal_equations(structure, values, stacks, weights=weights, full=True, ends=ends)
     except (RelaxationError, np.linalg.LinAlgError):
         return None

@@ -89,19 +89,19 @@ def identify(
     warnings += _missing_sweeps(records, composed)
     warnings += _failed_validation(judged)
     return Fit(
-        found.model,
-        found.covariance,
-        rungs[-1].nrmse_percent,
-        rungs[-1].validation_nrmse_percent,
-        tuple(RecordUsed.of(record, band_hz[1]) for record in records),
-        tuple(RecordUsed.of(record, band_hz[1]) for record in validation),
-        band_hz,
-        tuple(dict.fromkeys(warnings)),
-        profile,
-        window_s,
-        found.at_bound,
-        tuple(fixed or ()),
-        tuple(rungs),
+        model=found.model,
+        covariance=found.covariance,
+        nrmse_percent=rungs[-1].nrmse_percent,
+        validation_nrmse_percent=rungs[-1].validation_nrmse_percent,
+        records=tuple(RecordUsed.of(record, band_hz[1]) for record in records),
+        validation=tuple(RecordUsed.of(record, band_hz[1]) for record in validation),
+        band_hz=band_hz,
+        warnings=tuple(dict.fromkeys(warnings)),
+        profile=profile,
+        window_s=window_s,
+        at_bound=found.at_bound,
+        fixed=tuple(fixed or ()),
+        lineage=tuple(rungs),
     )
 
 

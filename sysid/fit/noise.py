@@ -33,7 +33,7 @@ LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Division:
     """A residual's power by window and output, divided; every sample of every run counts the same."""
 
@@ -131,15 +131,15 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
     level = S + tiny * np.eye(k)
     return Division(
-        edges,
-        power,
-        explained,
-        each,
-        by.commands,
-        by.references,
-        chi_squared,
-        degrees,
-        level,
+        edges_hz=edges,
+        power=power,
+        explained=explained,
+        by_command=each,
+        commands=by.commands,
+        references=by.references,
+        chi_squared=chi_squared,
+        degrees=degrees,
+        level=level,
     )
 
 

@@ -31,7 +31,7 @@ class ResultError(SysidError):
     """A result file that cannot be read; the message says why."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RecordUsed:
     """One run that entered the fit."""
 
@@ -49,15 +49,15 @@ class RecordUsed:
     def of(cls, record: Record, high_hz: float) -> RecordUsed:
         found = gaps(record.t, high_hz)
         return cls(
-            record.id,
-            record.path,
-            record.sha256,
-            record.maneuver,
-            record.axis,
-            record.duration_s,
-            record.t.size,
-            rate_hz(record.t, found),
-            found,
+            id=record.id,
+            path=record.path,
+            sha256=record.sha256,
+            maneuver=record.maneuver,
+            axis=record.axis,
+            duration_s=record.duration_s,
+            samples=record.t.size,
+            rate_hz=rate_hz(record.t, found),
+            gaps=found,
         )
 
 
@@ -70,7 +70,7 @@ class Rung:
     validation_nrmse_percent: Mapping[str, float] | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
     """A model fitted to runs."""
 
@@ -233,19 +233,19 @@ class Fit:
                 raise ResultError("parameters or covariance are not numbers of the right shape")
             window = document.get("window_s")
             return cls(
-                Model(structure, values),
-                covariance,
-                dict(document["nrmse_percent"]),
-                document["validation_nrmse_percent"],
-                tuple(_record_from(one, directory) for one in document["records"]),
-                tuple(_record_from(one, directory) for one in document.get("validation_records", ())),
-                (float(document["band_hz"][0]), float(document["band_hz"][1])),
-                tuple(document["warnings"]),
-                document["profile"],
-                None if window is None else (window[0], window[1]),
-                tuple(name for name, one in document["parameters"].items() if one["at_bound"]),
-                tuple(name for name, one in document["parameters"].items() if one["fixed"]),
-                tuple(
+                model=Model(structure, values),
+                covariance=covariance,
+                nrmse_percent=dict(document["nrmse_percent"]),
+                validation_nrmse_percent=document["validation_nrmse_percent"],
+                records=tuple(_record_from(one, directory) for one in document["records"]),
+                validation=tuple(_record_from(one, directory) for one in document.get("validation_records", ())),
+                band_hz=(float(document["band_hz"][0]), float(document["band_hz"][1])),
+                warnings=tuple(document["warnings"]),
+                profile=document["profile"],
+                window_s=None if window is None else (window[0], window[1]),
+                at_bound=tuple(name for name, one in document["parameters"].items() if one["at_bound"]),
+                fixed=tuple(name for name, one in document["parameters"].items() if one["fixed"]),
+                lineage=tuple(
                     Rung(tuple(one["effects"]), dict(one["nrmse_percent"]), one["validation_nrmse_percent"])
                     for one in document["lineage"]
                 ),
@@ -318,13 +318,13 @@ def _record_from(one: Any, directory: Path) -> RecordUsed:
     path = str(directory / one["path"]) if one["path"] else ""
     gaps_of: Sequence[Sequence[float]] = one["gaps"]
     return RecordUsed(
-        one["id"],
-        path,
-        one["sha256"],
-        one["maneuver"],
-        one.get("axis"),
-        one["duration_s"],
-        one["samples"],
-        one["rate_hz"],
-        tuple((gap[0], gap[1]) for gap in gaps_of),
+        id=one["id"],
+        path=path,
+        sha256=one["sha256"],
+        maneuver=one["maneuver"],
+        axis=one.get("axis"),
+        duration_s=one["duration_s"],
+        samples=one["samples"],
+        rate_hz=one["rate_hz"],
+        gaps=tuple((gap[0], gap[1]) for gap in gaps_of),
     )

@@ -32,7 +32,7 @@ def orthonormal(E: AnyArray, rank: float = ENDS_RANK) -> AnyArray:
 
 def _directions(E: AnyArray, rank: float) -> tuple[AnyArray, FloatArray]:
     """What makes an orthonormal basis of the rows of E, each over its size; and these sizes, 1 for a row of zeros."""
-    size = np.sqrt(np.einsum("ij,ij->i", E, E.conj()).real)
+    size = np.sqrt(np.sum(np.abs(E) ** 2, axis=1) if np.iscomplexobj(E) else np.einsum("ij,ij->i", E, E))
     size = np.where(size > 0, size, 1.0)
     scaled = E / size[:, None]
     inner, axes = np.linalg.eigh(scaled @ scaled.conj().T)

@@ -45,11 +45,11 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
             target = ((0, Y[0] * s**form.order), (1, Y[1] * s**form.order))
             known = (target, *regressors(form, s, Y, held[:, part]))
             blocks.append((s, known, group.scale[part.start] / measured[:, None]))
-    begins = [_equation_error(form, structure, blocks, stacks, None, slope) for slope in FIRST_SLOPES]
+    begins = [_equation_error(form, structure, blocks, stacks=stacks, last=None, slope=slope) for slope in FIRST_SLOPES]
     found = sorted((one for one in begins if one is not None), key=lambda one: one[0])
     if not found:
         raise FitError("the data do not determine the model: the commands hardly move, or move together")
-    found += _reweighted(form, structure, blocks, stacks, found[0][1], REWEIGHTINGS)
+    found += _reweighted(form, structure, blocks, stacks=stacks, last=found[0][1], times=REWEIGHTINGS)
     best = Model(structure, form.to_parameters(min(found, key=lambda one: one[0])[1]))
     power = output_error(best, stacks).residual_power
     best, left = minimise(best, stacks, power)
@@ -57,9 +57,12 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
         return best
     # a poor fit may be a poor valley: begin from every other solution as well
     for slope in OTHER_SLOPES:
-        again = _equation_error(form, structure, blocks, stacks, None, slope)
+        again = _equation_error(form, structure, blocks, stacks=stacks, last=None, slope=slope)
         if again is not None:
-            found += [again, *_reweighted(form, structure, blocks, stacks, again[1], 2 * REWEIGHTINGS)]
+            found += [
+                again,
+                *_reweighted(form, structure, blocks, stacks=stacks, last=again[1], times=2 * REWEIGHTINGS),
+            ]
     for _, coefficients in sorted(found, key=lambda one: one[0])[:MOST_BEGINNINGS]:
         other, rest = minimise(Model(structure, form.to_parameters(coefficients)), stacks, power)
         if np.sum(np.log(rest)) < np.sum(np.log(left)):
@@ -78,7 +81,7 @@ def _reweighted(
     """Solutions of the equation error, each weighted by the denominator of the one before."""
     found = []
     for _ in range(times):
-        again = _equation_error(form, structure, blocks, stacks, last, 0.0)
+        again = _equation_error(form, structure, blocks, stacks=stacks, last=last, slope=0.0)
         if again is None:
             break
         found.append(again)

@@ -127,12 +127,12 @@ def compose(
             attitude = ("phi", "theta")
     channels = dict.fromkeys(name for name in needed if name not in COMMANDS)
     structure = Structure(
-        BASES[base],
-        tuple(ordered),
-        tuple(commands),
-        tuple(channels),
-        attitude,
-        tuple(sorted((constants or {}).items())),
+        base_=BASES[base],
+        composed=tuple(ordered),
+        commands=tuple(commands),
+        channels=tuple(channels),
+        attitude_states=attitude,
+        constants=tuple(sorted((constants or {}).items())),
     )
     if any(one.path is not None for one in ordered):
         _refuse_broken(structure)

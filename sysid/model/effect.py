@@ -88,7 +88,7 @@ class Surroundings:
     """Channels that every run has."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """One entry of the catalogue."""
 

@@ -108,9 +108,9 @@ def _cd_denominator(s: ComplexArray, c: FloatArray) -> Entries:
 
 FORMS = {
     "tpp": Form(
-        2,
-        9,
-        (
+        order=2,
+        coefficients=9,
+        places=(
             ((0, _P, -1),),
             ((1, _Q, -1),),
             ((0, _P_DOT, -1), (1, _Q_DOT, -1)),
@@ -118,19 +118,19 @@ FORMS = {
             ((1, _P_DOT, 1),),
             *(((equation, row, 1),) for equation in (0, 1) for row in (4, 5)),
         ),
-        _tpp_denominator,
-        _tpp_parameters,
-        _tpp_coefficients,
-        lambda c: np.array([[-c[2], c[3]], [c[4], -c[2]]]),
+        denominator=_tpp_denominator,
+        to_parameters=_tpp_parameters,
+        of_parameters=_tpp_coefficients,
+        second=lambda c: np.array([[-c[2], c[3]], [c[4], -c[2]]]),
     ),
     "cd": Form(
-        1,
-        8,
-        tuple(((equation, row, 1),) for rows in ((0, 1), (2, 3)) for equation in (0, 1) for row in rows),
-        _cd_denominator,
-        lambda c: c,
-        lambda values: values,
-        lambda c: c[:4].reshape(2, 2),
+        order=1,
+        coefficients=8,
+        places=tuple(((equation, row, 1),) for rows in ((0, 1), (2, 3)) for equation in (0, 1) for row in rows),
+        denominator=_cd_denominator,
+        to_parameters=lambda c: c,
+        of_parameters=lambda values: values,
+        second=lambda c: c[:4].reshape(2, 2),
     ),
 }
 

@@ -47,10 +47,12 @@ def respond(
     if stack.inputs != structure.inputs:
         U = U[[stack.inputs.index(name) for name in structure.inputs]]
     if not structure.composed and polynomial.exact_enough(stack):
-        return polynomial.respond(structure, values, stack, sensitivities, U, ends)
-    acting, changes = acting_commands(structure, front, values, stack, U, sensitivities)
+        return polynomial.respond(structure, values, stack, sensitivities=sensitivities, U=U, ends=ends)
+    acting, changes = acting_commands(structure, front, values, stack=stack, logged=U, sensitivities=sensitivities)
     inner = np.array([values[structure.names.index(name)] for name in rest.names])
-    found = _linear(rest, inner, stack, acting, list(changes.values()), sensitivities, ends)
+    found = _linear(
+        rest, inner, stack, U=acting, changes=list(changes.values()), sensitivities=sensitivities, initial=ends
+    )
     if found.J is None or (structure.names == rest.names and not changes):
         return found
     J = np.zeros((values.size, *found.J.shape[1:]), dtype=complex)

@@ -204,7 +204,7 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
         if change > 2 * last and change > 0.1:
             raise RelaxationError("the response does not settle")
         last = min(last, change)
-    return _Settled(outputs[:, inside], E, X, free, A, B, transfer)
+    return _Settled(Y=outputs[:, inside], E=E, X=X, free=free, A=A, B=B, transfer=transfer)
 
 
 def _settle_beside(

@@ -48,7 +48,7 @@ class Mode:
     pole: complex
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Base:
     """One of the paper's two structures, before any effect."""
 
@@ -64,7 +64,7 @@ class Base:
     """A stable point without coupling or control, to begin from where the poles are to be held stable."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Structure:
     """Equations without numbers: a base with effects. Made by `sysid.model.bases.compose`."""
 

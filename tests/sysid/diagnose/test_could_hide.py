@@ -136,9 +136,9 @@ def test_what_the_structure_can_do_itself_is_limited_by_plausibility_only() -> N
         return {"q_dot": 0.01 * s.k * s.M_a * s.a}  # type: ignore[attr-defined]
 
     spring = Effect(
-        "spring", "stiffer hub", "user", "q_dot += k/100 M_a a", "-", "-",
-        (Parameter("k", "-", "percent", plausible=(0.0, 40.0), null=0.0, bounds=(0.0, 90.0), typical=5.0),),
-        Stage.DYNAMICS, equations, path="spring.py",
+        id="spring", title="stiffer hub", group="user", equation="q_dot += k/100 M_a a", source="-", signature="-",
+        parameters=(Parameter("k", "-", "percent", plausible=(0.0, 40.0), null=0.0, bounds=(0.0, 90.0), typical=5.0),),
+        stage=Stage.DYNAMICS, equations=equations, path="spring.py",
     )  # fmt: skip
     (parent, *_) = rough(None)
     found = could_hide(parent, *seen(parent), users=[spring])

@@ -46,9 +46,9 @@ def judged(parent: Candidate, names: Sequence[str]) -> list[Ranked]:
     before = instrumental_step(parent, whitening)
     return [
         Ranked(
-            (name,),
-            None,
-            None,
+            effects=(name,),
+            score=None,
+            not_testable=None,
             fit=fit,
             stepped=instrumental_step(fit, whitening),
             chi_squared=gain(instrumental_step(fit, whitening), before)[0],

@@ -26,7 +26,7 @@ def without_excitation(records: list[Record], keep_s: list[float]) -> list[Recor
     """Runs of unequal length, and nothing that would make instruments of them."""
     names = ("t", "p", "q", "delta_x", "delta_y")
     return [
-        Record(one.id, {name: one.channels[name][one.t < stop] for name in names}, one.maneuver, one.axis)
+        Record(one.id, {name: one.channels[name][one.t < stop] for name in names}, maneuver=one.maneuver, axis=one.axis)
         for one, stop in zip(records, keep_s, strict=True)
     ]
 

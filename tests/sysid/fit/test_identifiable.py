@@ -171,7 +171,7 @@ def test_vague_directions_by_hand() -> None:
 
 def test_a_rotor_speed_that_never_changes_determines_no_exponent() -> None:
     steady = [
-        Record(one.id, {**one.channels, "omega": np.full(one.t.size, 172.8)}, one.maneuver, one.axis)
+        Record(one.id, {**one.channels, "omega": np.full(one.t.size, 172.8)}, maneuver=one.maneuver, axis=one.axis)
         for one in flown(None)
     ]
     with pytest.raises(FitError, match="k, n does not show in the response on these runs"):

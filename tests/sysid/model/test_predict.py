@@ -37,7 +37,7 @@ def test_the_closed_form_equals_the_matrices(runs: list[Record], structure: obje
     closed = respond(structure, values, group, False)  # type: ignore[arg-type]
     from sysid.model.predict import _linear
 
-    exact = _linear(structure, values, group, group.U, [], False)  # type: ignore[arg-type]
+    exact = _linear(structure, values, group, U=group.U, changes=[], sensitivities=False)  # type: ignore[arg-type]
     np.testing.assert_allclose(closed.Y, exact.Y, atol=1e-8 * np.abs(exact.Y).max())
 
 
