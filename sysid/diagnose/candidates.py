@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, refit
-from sysid.diagnose.initial_states import judged
+from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.score import Score, log_chance, score
 from sysid.diagnose.term_search import Selection
 from sysid.diagnose.whitening import Whitening, noise_whitening
@@ -22,13 +22,13 @@ from sysid.fit.result import finite
 from sysid.model.bases import adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Structure
+from sysid.model.structure import FloatArray, Model, Structure
 
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
 a hundred is found below it: the noise is not quite what the questions take it for."""
 QUESTIONS = 3
-"""Kinds of them: the commands against the residual, the catalogue, the library of terms."""
+"""Kinds of them: the commands against the residual, the catalogue, candidate terms."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
 SERIOUS_SLOW = 0.1
@@ -124,6 +124,22 @@ class Ranked:
             else {"chi_squared": finite(self.score.chi_squared), "degrees": self.score.degrees},
             "validation_share": None if self.validation_share is None else finite(self.validation_share),
         }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference:
+    """What all candidates of one diagnosis are held against."""
+
+    parent: Candidate
+    """The structure as it is;"""
+    stepped: Stepped
+    """in the white rows of"""
+    whitening: Whitening
+    """the noise that the likeliest candidate leaves."""
+    users: Sequence[Effect]
+    """Effects beside the catalogue's."""
+    validation: Dataset | None
+    simple: Simple
 
 
 def composed_with(parent: Structure, effect: Effect, on: Dataset) -> Structure:
@@ -239,26 +255,19 @@ def _effect(name: str, users: Sequence[Effect]) -> Effect:
     return known[name] if name in known else next(one for one in users if one.path == name)
 
 
-def ranked(one: Ranked, parent: Candidate, stepped: Stepped, whitening: Whitening, judging: Dataset | None) -> Ranked:
+def ranked(one: Ranked, reference: Reference) -> Ranked:
+    """The candidate with how much likelier than the parent it is, what of it physics does not allow, and its error on
+    the validation runs."""
     if one.fit is None:
         return one
-    own = instrumental_step(one.fit, whitening)
-    likelier, _ = gain(own, stepped)
-    model = one.fit.model
-    before = {
-        parameter.name
-        for parameter, value in zip(parent.model.structure.parameters, parent.model.values, strict=True)
-        if parameter.implausible(float(value))
-    }
-    now = {
-        parameter.name
-        for parameter, value in zip(model.structure.parameters, model.values, strict=True)
-        if parameter.implausible(float(value))
-    }
+    own = instrumental_step(one.fit, reference.whitening)
+    likelier, _ = gain(own, reference.stepped)
+    model, parent = one.fit.model, reference.parent
+    before, now = _implausible(parent.model), _implausible(model)
     validated = error = None
-    if judging is not None:
+    if reference.validation is not None:
         try:
-            error = judged(model, judging)
+            error = validation_error(model, reference.validation)
         except (RelaxationError, np.linalg.LinAlgError):
             return replace(one, fit=None, not_testable="its response does not settle on the validation runs")
         validated = dict(zip(model.structure.outputs, map(float, error.nrmse_percent), strict=True))
@@ -267,12 +276,21 @@ def ranked(one: Ranked, parent: Candidate, stepped: Stepped, whitening: Whitenin
         stepped=own,
         chi_squared=likelier,
         added=len(one.fit.J[0]) - len(parent.J[0]),
-        rows=stepped.residual.size,
+        rows=reference.stepped.residual.size,
         implausible=tuple(name for name in model.structure.names if name in now - before),
         resolved=tuple(sorted(before - now)),
         validation_nrmse_percent=validated,
         validation_error=error,
     )
+
+
+def _implausible(model: Model) -> set[str]:
+    """Parameters outside what physics allows."""
+    return {
+        parameter.name
+        for parameter, value in zip(model.structure.parameters, model.values, strict=True)
+        if parameter.implausible(float(value))
+    }
 
 
 def rank(one: Ranked) -> tuple[int, float]:

@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.data.dataset import Dataset
 from sysid.diagnose.candidates import (
     REMAINDER,
     SIGNIFICANT,
     Progress,
     Ranked,
-    Simple,
+    Reference,
     chance_of_noise,
     noise_shares,
     rank,
@@ -23,10 +22,8 @@ from sysid.diagnose.candidates import (
     score_effects,
     silent,
 )
-from sysid.diagnose.evidence import Candidate, Stepped, gain
+from sysid.diagnose.evidence import gain
 from sysid.diagnose.term_search import Selection
-from sysid.diagnose.whitening import Whitening
-from sysid.model.effect import Effect
 
 PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
@@ -36,72 +33,100 @@ SECONDS = 4
 """How many effects are refitted on each of them."""
 
 
-def chains_of_two(
-    singles: Sequence[Ranked],
-    parent: Candidate,
-    stepped: Stepped,
-    whitening: Whitening,
-    users: Sequence[Effect],
-    judging: Dataset | None,
-    simple: Simple,
-    say: Progress,
-) -> list[Ranked]:
-    """The best second effects on the best first ones, where those leave something that is not noise."""
-    found: dict[tuple[str, ...], Ranked] = {}
+def chains_of_two(singles: Sequence[Ranked], reference: Reference, say: Progress) -> list[Ranked]:
+    """The best second effects on the best first ones, where those leave something that is not noise; best first."""
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
-    if not able or _remainder(able[0], parent, simple) < REMAINDER:
+    if not able or _remainder(able[0], reference) < REMAINDER:
         return []
-    alone = {one.effect: one for one in fitted if not one.implausible}
-
-    def chained(first: Ranked, second: Ranked) -> None:
-        """Fit the second beside the first."""
-        names = tuple(sorted((first.effect, second.effect)))
-        say(" + ".join((first.effect, second.effect)))
-        ends = [(second, first)]
-        while ends:
-            more, begin = ends.pop()
-            assert begin.fit is not None
-            again = refitted(more, begin.fit, users)
-            if again.fit is None:
-                continue
-            both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
-            weighed = ranked(both, parent, stepped, whitening, judging)
-            if weighed.fit is not None and (names not in found or weighed.delta_bic < found[names].delta_bic):
-                found[names] = weighed
-            if begin is first and weighed.implausible and second.effect in alone:
-                # alone, the first one stands in for the second too, and may not come away from there
-                ends.append((first, alone[second.effect]))
-
+    chains = _Chains(fitted, reference, say)
     waiting, done = _different(able), set[str]()
     while waiting and len(done) < MOST_FIRSTS:
         first = waiting.pop(0)
         done.add(first.effect)
-        assert first.fit is not None
-        assert first.stepped is not None
-        seconds = score_effects(first.fit, first.stepped, whitening, users, silent)
-        if chance_of_noise(first.fit.division, [one.score for one in seconds if one.score is not None]) >= SIGNIFICANT:
+        if not chains.begin_with(first):
             if first is able[0]:
                 return []  # the best one alone leaves noise
             continue
+        if not waiting and chains.found:
+            # each half of the best chain may have another partner that does better still
+            best = chains.best
+            waiting = [one for one in fitted if one.effect in best.effects and one.effect not in done]
+    if chains.found:
+        chains.exchange_halves()
+    return sorted(chains.found.values(), key=rank)
+
+
+class _Chains:
+    """Chains that were fitted, each pair of effects once, at its best."""
+
+    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress) -> None:
+        self.reference, self.say = reference, say
+        self.alone = {one.effect: one for one in fitted if not one.implausible}
+        """Plausible single effects."""
+        self.found: dict[tuple[str, ...], Ranked] = {}
+
+    @property
+    def best(self) -> Ranked:
+        return min(self.found.values(), key=lambda one: one.delta_bic)
+
+    def begin_with(self, first: Ranked) -> bool:
+        """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
+        assert first.fit is not None
+        assert first.stepped is not None
+        whitening, users = self.reference.whitening, self.reference.users
+        seconds = score_effects(first.fit, first.stepped, whitening, users, silent)
+        scores = [one.score for one in seconds if one.score is not None]
+        if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
+            return False
         chosen = sorted((one for one in seconds if one.not_testable is None), key=_promise)[:SECONDS]
         for second in chosen:
-            names = tuple(sorted((first.effect, second.effect)))
-            if names in found or (second.score is not None and second.score.log_p > SIGNIFICANT):
+            if _names(first.effect, second.effect) in self.found:
                 continue
-            chained(first, second)
-        if not waiting and found:
-            # each half of the best chain may have another partner that does better still
-            best = min(found.values(), key=lambda one: one.delta_bic)
-            waiting = [one for one in fitted if one.effect in best.effects and one.effect not in done]
-    if found:
-        best = min(found.values(), key=lambda one: one.delta_bic)
+            if second.score is None or second.score.log_p <= SIGNIFICANT:
+                self.fit(first, second)
+        return True
+
+    def fit(self, first: Ranked, second: Ranked) -> None:
+        """Fit the second beside the first; and the first beside the second, where the one is not plausible."""
+        self.say(" + ".join((first.effect, second.effect)))
+        waiting = [(second, first)]
+        while waiting:
+            more, begin = waiting.pop()
+            both = self._fitted(first, second, more, begin)
+            if both is not None and begin is first and both.implausible and second.effect in self.alone:
+                # alone, the first one stands in for the second too, and may not come away from there
+                waiting.append((first, self.alone[second.effect]))
+
+    def _fitted(self, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked | None:
+        """The chain, one more effect fitted to what it begins with; None where that has no fit. Kept where it is the
+        best of its pair."""
+        assert begin.fit is not None
+        names = _names(first.effect, second.effect)
+        again = refitted(more, begin.fit, self.reference.users)
+        if again.fit is None:
+            return None
+        both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
+        both = ranked(both, self.reference)
+        if both.fit is not None and (names not in self.found or both.delta_bic < self.found[names].delta_bic):
+            self.found[names] = both
+        return both
+
+    def exchange_halves(self) -> None:
+        """What alone explains the same as a half of the best chain may stand in its place."""
+        best = self.best
         for half, other in (best.effects, best.effects[::-1]):
-            # what alone explains the same as a half may stand in its place
-            for one in [one for one in alone.values() if half in alone and not _apart(one, alone[half])]:
-                if one.effect not in best.effects and tuple(sorted((one.effect, other))) not in found:
-                    chained(one, Ranked(effects=(other,), score=None, not_testable=None))
-    return sorted(found.values(), key=rank)
+            if half not in self.alone:
+                continue
+            same = [one for one in self.alone.values() if not _apart(one, self.alone[half])]
+            for one in same:
+                if one.effect not in best.effects and _names(one.effect, other) not in self.found:
+                    self.fit(one, Ranked(effects=(other,), score=None, not_testable=None))
+
+
+def _names(first: str, second: str) -> tuple[str, ...]:
+    """Of a pair of effects, whichever came first."""
+    return tuple(sorted((first, second)))
 
 
 def _different(able: Sequence[Ranked]) -> list[Ranked]:
@@ -122,17 +147,17 @@ def _apart(one: Ranked, other: Ranked) -> bool:
     return gain(one.stepped, other.stepped)[1] > ALIKE * min(one.chi_squared, other.chi_squared)
 
 
-def _remainder(one: Ranked, parent: Candidate, simple: Simple) -> float:
+def _remainder(one: Ranked, reference: Reference) -> float:
     """Share of what can be explained that this effect leaves, as far as the commands or a simple term explain it."""
     assert one.fit is not None
-    fit = one.fit
+    fit, parent = one.fit, reference.parent
 
     def left(terms: Selection | None) -> float:
         rest = fit.error_share - float(np.sum(noise_shares(fit, terms)))
         return rest / max(parent.error_share - fit.error_share + rest, 1e-300)
 
     linear = left(None)
-    return linear if linear >= REMAINDER else left(simple(fit))  # a limit leaves nothing linear
+    return linear if linear >= REMAINDER else left(reference.simple(fit))  # a limit leaves nothing linear
 
 
 def _promise(one: Ranked) -> float:

@@ -16,13 +16,15 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 
-from sysid.data.dataset import dataset
+from sysid.data.dataset import Dataset, dataset
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
 from sysid.diagnose.candidates import (
     QUESTIONS,
     SIGNIFICANT,
     Progress,
+    Ranked,
+    Reference,
     chance_of_noise,
     rank,
     ranked,
@@ -58,39 +60,50 @@ def diagnose(
     structure itself.
     """
     on = dataset(records, band_hz)
-    judging = dataset(validation, band_hz, on) if validation else None
-    held = dict(fixed or {})
-    if begin is not None:
-        begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
-    found = estimate(structure, on.viewed(structure.inputs), begin, held)
-    parent = candidate(found, tuple(held), on)
+    validated_on = dataset(validation, band_hz, on) if validation else None
+    parent = _parent(structure, on, fixed or {}, begin)
     whitening = noise_whitening(parent.model, on.stacks, parent.division)
     stepped = instrumental_step(parent, whitening)
     say("the structure as it is")
 
-    asked = score_effects(parent, stepped, whitening, effects, say)
-    chance = chance_of_noise(parent.division, [one.score for one in asked if one.score is not None])
+    candidates = score_effects(parent, stepped, whitening, effects, say)
+    chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
     if chance >= SIGNIFICANT:
         simple = search(parent, stepped, whitening, most=1)
         chance = min([chance, *(one.log_p + math.log(QUESTIONS) for one in simple)])
         say("simple terms")
-    refitted = refit_serious(asked, parent, effects, say) if chance < SIGNIFICANT else asked
-    fits = [one for one in refitted if one.fit is not None]
-    best_fit = min([parent, *(one.fit for one in fits if one.fit is not None)], key=lambda one: one.error_share)
-    whitening = noise_whitening(best_fit.model, on.stacks, best_fit.division)
-    stepped = instrumental_step(parent, whitening)
-    refitted = [ranked(one, parent, stepped, whitening, judging) for one in refitted]
-    refitted.sort(key=rank)
+    if chance < SIGNIFICANT:
+        candidates = refit_serious(candidates, parent, effects, say)
+    reference = _reference(parent, candidates, effects, validated_on)
+    candidates = sorted((ranked(one, reference) for one in candidates), key=rank)
+    pairs = chains_of_two(candidates, reference, say) if chains and chance < SIGNIFICANT else []
+    return verdict_on(candidates, pairs, chance, reference)
+
+
+def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin: Model | None) -> Candidate:
+    """The structure fitted as it is, from where it was fitted to before."""
+    if begin is not None:
+        begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
+    return candidate(estimate(structure, on.viewed(structure.inputs), begin, fixed), tuple(fixed), on)
+
+
+def _reference(
+    parent: Candidate, candidates: Sequence[Ranked], users: Sequence[Effect], validation: Dataset | None
+) -> Reference:
+    """The parent under the noise that the candidate of least error leaves."""
+    fits = [one.fit for one in candidates if one.fit is not None]
+    best = min([parent, *fits], key=lambda one: one.error_share)
+    whitening = noise_whitening(best.model, parent.dataset.stacks, best.division)
 
     @cache
-    def beside(one: Candidate) -> Selection:
+    def simple(one: Candidate) -> Selection:
         return select(one, whitening)
 
-    pairs = []
-    if chains and chance < SIGNIFICANT:
-        pairs = chains_of_two(
-            refitted, parent, stepped, whitening=whitening, users=effects, judging=judging, simple=beside, say=say
-        )
-    return verdict_on(
-        parent, stepped, whitening, singles=refitted, pairs=pairs, chance=chance, judging=judging, simple=beside
+    return Reference(
+        parent=parent,
+        stepped=instrumental_step(parent, whitening),
+        whitening=whitening,
+        users=users,
+        validation=validation,
+        simple=simple,
     )

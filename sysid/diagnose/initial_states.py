@@ -27,7 +27,7 @@ STEPS = tuple(x / 10 for x in range(-10, 11) if x)
 there."""
 
 
-def judged(model: Model, on: Dataset) -> OutputError:
+def validation_error(model: Model, on: Dataset) -> OutputError:
     """What a model leaves of runs that it was not fitted to."""
     return output_error(model, stack(begun(model, on.spectra)) if _reaches(model) else on.stacks)
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.diagnose.candidates import REMAINDER, SIGNIFICANT, Ranked, Simple, noise_shares, residual_shares
+from sysid.diagnose.candidates import REMAINDER, SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
 from sysid.diagnose.evidence import Candidate, Stepped, error_share, gain
-from sysid.diagnose.initial_states import judged
+from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
 from sysid.diagnose.whitening import Whitening
@@ -151,91 +151,143 @@ def _placebo(right: Ranked, candidates: Sequence[Ranked]) -> Ranked | None:
     return None
 
 
-def verdict_on(
-    parent: Candidate,
-    stepped: Stepped,
-    whitening: Whitening,
-    singles: list[Ranked],
-    pairs: list[Ranked],
-    chance: float,
-    judging: Dataset | None,
-    simple: Simple,
-) -> Diagnosis:
-    fits = [one for one in (*singles, *pairs) if one.fit is not None]
-    likeliest = min(fits, key=lambda one: one.delta_bic, default=None)
-    if likeliest is not None and likeliest.delta_bic >= 0:
-        likeliest = None
-    best = parent if likeliest is None or likeliest.fit is None else likeliest.fit
-    found = chance < SIGNIFICANT
-    terms = simple(best) if found else None
-    noise = noise_shares(best, terms) if found else residual_shares(best)
-    N, E0 = float(np.sum(noise)), parent.error_share
-    outputs = parent.model.structure.outputs
-    floor = dict(zip(outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
-    judge = None if judging is None else _Judge.of(parent, likeliest, judging)
-
-    def with_share(one: Ranked) -> Ranked:
-        if one.fit is None:
-            return one
-        share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
-        if judge is None:
-            return replace(one, explained_share=share)
-        return replace(one, explained_share=share, validation_share=judge.share(one), validation_slack=judge.slack)
-
-    singles, pairs = [with_share(one) for one in singles], [with_share(one) for one in pairs]
-    verdict, stands_in, confidence = "complete", False, -math.expm1(chance) if found else COMPLETE_RIGHT
-    effect: str | None = None
-    chain: tuple[str, ...] = ()
-    share: float | None = None
-    alike: tuple[str, ...] = ()
-    compared: tuple[Size, ...] = ()
-    lead, short = None, 0.0
-    if found:
-        winner = _winner(singles, pairs)
-        verdict, share = "unexplained", 0.0
-        if winner is not None:
-            chain = _larger_first(winner, singles)
-            share = winner.explained_share or 0.0
-            enough = _enough(winner, E0, N)
-            stands_in = bool(winner.implausible) and enough
-            if enough and not stands_in and winner.fit is not None:
-                compared = () if judging is None else sizes(winner.fit, winner.effects, judging)
-                if all(one.off <= UNHELD for one in compared):
-                    verdict = "missing"
-            effect = chain[0] if verdict == "missing" or stands_in else None
-            alike = _alike(winner, singles if len(chain) == 1 else pairs)
-            if verdict == "missing":
-                lead, short = _lead(winner, alike, singles)
-        confidence = UNEXPLAINED_RIGHT if lead is None else _logistic(CONFIDENCE, lead, short)
-        if verdict == "missing" and winner is not None and winner.fit is not None and not winner.fit.model.stable:
-            confidence = min(confidence, IN_A_LOOP_RIGHT)
+def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float, reference: Reference) -> Diagnosis:
+    """The verdict on candidates and chains, best first; `chance` is that of noise alone, a logarithm."""
+    parent, significant = reference.parent, chance < SIGNIFICANT
+    shares = _Shares.of([*singles, *pairs], significant, reference)
+    singles, pairs = [shares.told(one) for one in singles], [shares.told(one) for one in pairs]
+    answer = _answer(singles, pairs, shares, reference) if significant else _Answer(confidence=COMPLETE_RIGHT)
     return Diagnosis(
-        verdict=verdict,
-        effect=effect,
+        verdict=answer.verdict,
+        effect=answer.effect,
+        stands_in=answer.stands_in,
+        chain=answer.chain,
+        indistinguishable=answer.indistinguishable,
+        confidence=answer.confidence,
+        explained_share=answer.explained_share,
+        candidates=tuple(singles),
+        pairs=tuple(pairs),
+        parent=parent,
+        stepped=reference.stepped,
+        whitening=reference.whitening,
+        division=parent.division,
+        noise_share=shares.noise_share,
+        noise_floor_percent=shares.noise_floor_percent,
+        validation=reference.validation,
+        validation_nrmse_percent=None if shares.validation is None else shares.validation.nrmse_percent,
+        log_chance=chance,
+        terms=shares.terms,
+        lead=answer.lead,
+        sizes=answer.sizes,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Answer:
+    """What is said; as it stands where the model is complete."""
+
+    verdict: str = "complete"
+    effect: str | None = None
+    stands_in: bool = False
+    chain: tuple[str, ...] = ()
+    indistinguishable: tuple[str, ...] = ()
+    confidence: float
+    explained_share: float | None = None
+    lead: float | None = None
+    sizes: tuple[Size, ...] = ()
+
+
+def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares, reference: Reference) -> _Answer:
+    """Where there is something to explain: whether an effect, or a chain of two, does it."""
+    winner = _winner(singles, pairs)
+    if winner is None or winner.fit is None:
+        return _Answer(verdict="unexplained", explained_share=0.0, confidence=UNEXPLAINED_RIGHT)
+    chain, enough = _larger_first(winner, singles), shares.enough(winner)
+    stands_in = bool(winner.implausible) and enough
+    missing, compared = enough and not stands_in, tuple[Size, ...]()
+    if missing and reference.validation is not None:
+        compared = sizes(winner.fit, winner.effects, reference.validation)
+        missing = all(one.off <= UNHELD for one in compared)
+    alike = _alike(winner, singles if len(chain) == 1 else pairs)
+    lead, confidence = None, UNEXPLAINED_RIGHT
+    if missing:
+        lead, short = _lead(winner, alike, singles)
+        confidence = _logistic(CONFIDENCE, lead, short)
+        if not winner.fit.model.stable:
+            confidence = min(confidence, IN_A_LOOP_RIGHT)
+    return _Answer(
+        verdict="missing" if missing else "unexplained",
+        effect=chain[0] if missing or stands_in else None,
         stands_in=stands_in,
         chain=chain,
         indistinguishable=alike,
         confidence=confidence,
-        explained_share=share,
-        candidates=tuple(singles),
-        pairs=tuple(pairs),
-        parent=parent,
-        stepped=stepped,
-        whitening=whitening,
-        division=parent.division,
-        noise_share=N,
-        noise_floor_percent=floor,
-        validation=judging,
-        validation_nrmse_percent=None if judge is None else judge.nrmse_percent,
-        log_chance=chance,
-        terms=terms,
+        explained_share=winner.explained_share or 0.0,
         lead=lead,
         sizes=compared,
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Shares:
+    """Of the parent's error, what is noise and what can be explained; on the validation runs too."""
+
+    error_share: float
+    """E0, the parent's."""
+    noise_share: float
+    """N, of it what nothing recorded explains."""
+    noise_floor_percent: dict[str, float]
+    terms: Selection | None
+    validation: _Validation | None
+
+    @classmethod
+    def of(cls, candidates: Sequence[Ranked], significant: bool, reference: Reference) -> _Shares:
+        parent = reference.parent
+        fits = [one for one in candidates if one.fit is not None]
+        likeliest = min(fits, key=lambda one: one.delta_bic, default=None)
+        if likeliest is not None and likeliest.delta_bic >= 0:
+            likeliest = None
+        best = parent if likeliest is None or likeliest.fit is None else likeliest.fit
+        terms = reference.simple(best) if significant else None
+        noise = noise_shares(best, terms) if significant else residual_shares(best)
+        floor = dict(zip(parent.model.structure.outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
+        on = reference.validation
+        return cls(
+            error_share=parent.error_share,
+            noise_share=float(np.sum(noise)),
+            noise_floor_percent=floor,
+            terms=terms,
+            validation=None if on is None else _Validation.of(parent, likeliest, on),
+        )
+
+    def told(self, one: Ranked) -> Ranked:
+        """The candidate with the shares that it explains."""
+        if one.fit is None:
+            return one
+        E0, N = self.error_share, self.noise_share
+        share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
+        if self.validation is None:
+            return replace(one, explained_share=share)
+        on = self.validation
+        return replace(one, explained_share=share, validation_share=on.share(one), validation_slack=on.slack)
+
+    def enough(self, one: Ranked) -> bool:
+        """Whether it explains what can be explained; by the noise's own measure where that is little beside the
+        noise."""
+        assert one.fit is not None
+        share = one.explained_share or 0.0
+        if self.error_share - self.noise_share < LITTLE * self.noise_share:
+            left = one.fit.division
+            rest = max(0.0, left.chi_squared - left.degrees)
+            share = max(share, one.chi_squared / max(one.chi_squared + rest, 1e-300))
+        if one.validation_share is None:
+            return share >= EXPLAINED
+        there = min(1.0, one.validation_share + one.validation_slack)
+        return share >= EXPLAINED and there >= VALIDATED
+
+
 @dataclass(frozen=True, eq=False)
-class _Judge:
+class _Validation:
     """Validation runs: what can be explained there, by the same measure as on the fitted runs."""
 
     nrmse_percent: dict[str, float]
@@ -247,15 +299,15 @@ class _Judge:
     """Of the noise's share from run to run, one standard deviation."""
 
     @classmethod
-    def of(cls, parent: Candidate, likeliest: Ranked | None, judging: Dataset) -> _Judge:
-        error = judged(parent.model, judging)
+    def of(cls, parent: Candidate, likeliest: Ranked | None, on: Dataset) -> _Validation:
+        error = validation_error(parent.model, on)
         outputs = parent.model.structure.outputs
         before = least = error_share(error)
         level = parent.division
         if likeliest is not None and likeliest.fit is not None and likeliest.validation_error is not None:
             least, level = error_share(likeliest.validation_error), likeliest.fit.division
         air = np.concatenate(
-            [np.real(np.einsum("fkk->fk", level.at(group.frequency_hz))) for group in judging.stacks]
+            [np.real(np.einsum("fkk->fk", level.at(group.frequency_hz))) for group in on.stacks]
         )  # (bins, k), the noise of the fitted runs on these bins
         expected = float(np.sum(np.sum(air, axis=0) / error.measured_power))
         scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / error.measured_power**2)))
@@ -273,20 +325,6 @@ class _Judge:
             return None
         error = error_share(one.validation_error)
         return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
-
-
-def _enough(one: Ranked, E0: float, N: float) -> bool:
-    """Whether it explains what can be explained; by the noise's own measure where that is little beside the noise."""
-    assert one.fit is not None
-    share = one.explained_share or 0.0
-    if E0 - N < LITTLE * N:
-        left = one.fit.division
-        rest = max(0.0, left.chi_squared - left.degrees)
-        share = max(share, one.chi_squared / max(one.chi_squared + rest, 1e-300))
-    if one.validation_share is None:
-        return share >= EXPLAINED
-    judged = min(1.0, one.validation_share + one.validation_slack)
-    return share >= EXPLAINED and judged >= VALIDATED
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:

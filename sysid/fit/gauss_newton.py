@@ -101,7 +101,7 @@ def minimise(
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
-        move = _step(here, free)
+        move = gauss_newton_step(here, free)
         if float(here.gradient @ move) < TOLERANCE:  # what the step promises, in summed logarithms
             break
         weights = axis_weights(stacks, here.power)
@@ -122,7 +122,7 @@ def minimise(
     return Model(structure, values), here.power
 
 
-def _step(here: NormalEquations, free: NDArray[np.bool_]) -> FloatArray:
+def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_]) -> FloatArray:
     """The Gauss-Newton step of the free parameters, (parameters,)."""
     H, g = here.curvature[np.ix_(free, free)], here.gradient[free]
     size = np.sqrt(np.maximum(np.diag(H), 0))  # rounding leaves less than nothing where nothing is

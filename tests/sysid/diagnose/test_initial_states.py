@@ -9,7 +9,7 @@ from planted_fits import records
 
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
-from sysid.diagnose.initial_states import begun, judged
+from sysid.diagnose.initial_states import begun, validation_error
 from sysid.fit.estimate import estimate
 from sysid.fit.output_error import output_error
 from sysid.model.bases import compose
@@ -29,7 +29,7 @@ def test_where_a_servo_stood_is_found() -> None:
     assert model["width"] == pytest.approx(WIDTH, rel=0.01)
     later = [_cut(one) for one in flight]
     other = dataset(later, (0.0, 15.0), on)
-    plain, found = output_error(model, other.stacks), judged(model, other)
+    plain, found = output_error(model, other.stacks), validation_error(model, other)
     assert np.all(found.residual_power < 0.5 * plain.residual_power)
     assert np.min(found.nrmse_percent) > np.min(output_error(model, on.stacks).nrmse_percent) - 5
 
@@ -40,7 +40,7 @@ def test_nothing_changes_where_nothing_rests() -> None:
     structure = compose("tpp")
     model = estimate(structure, on.viewed(structure.inputs)).model
     assert all(a is b for a, b in zip(begun(model, on.spectra), on.spectra, strict=True))
-    assert np.array_equal(judged(model, on).residual_power, output_error(model, on.stacks).residual_power)
+    assert np.array_equal(validation_error(model, on).residual_power, output_error(model, on.stacks).residual_power)
 
 
 def _cut(one: Record) -> Record:

@@ -16,7 +16,7 @@ from planted_fits import records
 from gcs.cards.maneuver import parse_card
 from sysid.data.dataset import dataset
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
-from sysid.diagnose.maneuver_plans import _Flown, _plans, chirp
+from sysid.diagnose.maneuver_plans import Flown, chirp, possible_plans
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
@@ -189,8 +189,8 @@ def test_an_unexplained_error_asks_for_half_the_amplitude() -> None:
 
 def test_every_maneuver_imagined_is_one_that_a_card_takes() -> None:
     (first, second), _, _ = rivals(rough()[1], ["servo_lag", "transport_delay"])
-    flown = _Flown.of(first.dataset)
-    plans = _plans(flown, [first, second])
+    flown = Flown.of(first.dataset)
+    plans = possible_plans(flown, [first, second])
     tables = [replace(one, repeats=2).table() for one in plans]
     text = NextManeuver("", (), "", None, {"name": 'a "path\\effect.py"', "maneuver": tables}).toml
     assert text is not None
@@ -202,8 +202,8 @@ def test_every_maneuver_imagined_is_one_that_a_card_takes() -> None:
 
 def test_peaks_near_the_envelope_forbid_more_amplitude() -> None:
     calm, near = (rough()[1], [{**run, "p": run["p"] * 2.3 / np.max(np.abs(run["p"]))} for run in rough()[1]])
-    assert _Flown.of(dataset(records(calm), (0.0, 15.0))).most_times > 1.2
-    assert _Flown.of(dataset(records(near), (0.0, 15.0))).most_times < 1.1
+    assert Flown.of(dataset(records(calm), (0.0, 15.0))).most_times > 1.2
+    assert Flown.of(dataset(records(near), (0.0, 15.0))).most_times < 1.1
 
 
 def test_one_rival_alone_needs_nothing() -> None:
