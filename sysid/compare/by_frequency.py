@@ -8,16 +8,12 @@ from typing import Any
 import numpy as np
 
 from sysid.compare.data_checks import Suspicion, mistaken_signs
-from sysid.compare.metrics import mismatch
+from sysid.compare.metrics import ModelResponses, mismatches
 from sysid.compare.noise import NoiseShare, window_of
-from sysid.compare.spectrum import windows
+from sysid.compare.on_runs import ModelOnRuns
 from sysid.compare.values import BandError, ResponseError
-from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import AXIS_OF, Record
-from sysid.data.stacks import Stack, stack
 from sysid.fit.noise import Division
-from sysid.fit.output_error import output_error
-from sysid.model.predict import respond
 from sysid.model.structure import FloatArray, Model
 
 OCTAVE_PARTS = 2.5
@@ -60,22 +56,15 @@ def band_edges(model: Model, records: Sequence[Record], band_hz: tuple[float, fl
     return np.array(found)
 
 
-def band_errors(
-    model: Model,
-    records: Sequence[Record],
-    band_hz: tuple[float, float],
-    stacks: Sequence[Stack],
-    power: FloatArray,
-    division: Division,
-    noise: NoiseShare,
-) -> tuple[BandError, ...]:
-    frequency = np.concatenate([group.frequency_hz for group in stacks])
+def band_errors(on: ModelOnRuns, division: Division, noise: NoiseShare) -> tuple[BandError, ...]:
+    """The error in each band and output, and what of it noise and the commands make."""
+    frequency, power = on.frequency_hz, on.power
     window = window_of(frequency, division.edges_hz)
-    edges = band_edges(model, records, band_hz)
+    edges = band_edges(on.model, on.records, on.band_hz)
     band = np.clip(np.searchsorted(edges, frequency, side="left") - 1, 0, edges.size - 2)
     floor = np.maximum(division.power, 1e-300)
     found = []
-    for k, output in enumerate(model.structure.outputs):
+    for k, output in enumerate(on.outputs):
         total = max(float(np.sum(power[k])), 1e-300)
         for number in range(edges.size - 1):
             at = band == number
@@ -107,21 +96,14 @@ def band_errors(
     return tuple(found)
 
 
-def response_errors(model: Model, found: Sequence[Spectrum]) -> tuple[tuple[ResponseError, ...], list[Suspicion]]:
+def response_errors(on: ModelOnRuns) -> tuple[tuple[ResponseError, ...], list[Suspicion]]:
     """Every response beside the measured one with what noise allows, and what its signs look like."""
-    structure = model.structure
-    judged = mismatch(model, found)
-    stacks = stack(found)
-    cut = windows(stacks, structure.commands)
-    modelled: ComplexArray = np.concatenate(
-        [respond(structure, model.values, group, False).Y for group in stacks], axis=1
-    )
-    rest: ComplexArray = np.concatenate(output_error(model, stacks).residuals, axis=1)
-    expected, _, _ = cut.solve(modelled)
-    missing, noise, own = cut.solve(rest)
-    each = []
-    for one in judged.each:
-        k, m = structure.outputs.index(one.output), structure.commands.index(one.command)
+    responses = ModelResponses.of(on.model, on.stacks, on.error)
+    compared = mismatches(responses)
+    cut, expected, missing = responses.windows, responses.expected, responses.missing
+    noise, own, each = responses.noise, responses.own, []
+    for one in compared.each:
+        k, m = on.outputs.index(one.output), cut.commands.index(one.command)
         with np.errstate(divide="ignore", invalid="ignore"):
             measured = expected[k, m] + missing[k, m]
             ratio = expected[k, m] / measured
@@ -142,7 +124,7 @@ def response_errors(model: Model, found: Sequence[Spectrum]) -> tuple[tuple[Resp
                     measured=measured,
                 )
             )
-    return tuple(each), mistaken_signs(judged.measured)
+    return tuple(each), mistaken_signs(compared.measured)
 
 
 def _stretches(frequency_hz: FloatArray, good: Any) -> tuple[tuple[float, float], ...]:

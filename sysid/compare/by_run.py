@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.compare.by_time import CONDITIONS
 from sysid.compare.noise import TESTABLE, Levels
+from sysid.compare.on_runs import ModelOnRuns
 from sysid.compare.values import GROWTH_ERRORS, GROWTH_RATIO, Growth, RunError
 from sysid.data.instrument import causes
 from sysid.data.preprocess import ComplexArray, Spectrum
@@ -15,7 +16,7 @@ from sysid.data.record import AXIS_OF, Record
 from sysid.data.stacks import stack
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import OutputError
-from sysid.model.structure import FloatArray, Model
+from sysid.model.structure import FloatArray
 
 SLOWEST_HZ = 0.45
 """Below it drift and wind are more than the sweep."""
@@ -24,12 +25,12 @@ SLOWEST_HZ = 0.45
 class RunsAlone:
     """Every run divided for itself, and any of them together; each division is made once."""
 
-    def __init__(self, model: Model, parts: Sequence[Spectrum], error: OutputError) -> None:
-        self.model = model
-        self.outputs = model.structure.outputs
+    def __init__(self, on: ModelOnRuns) -> None:
+        self.model = on.model
+        self.outputs = on.outputs
         self.records: list[Record] = []
         self._parts: list[list[tuple[Spectrum, ComplexArray]]] = []
-        for one, residual in zip(parts, error.residuals, strict=True):
+        for one, residual in zip(on.spectra, on.error.residuals, strict=True):
             for number, record in enumerate(self.records):
                 if record is one.segment.record:
                     self._parts[number].append((one, residual))

@@ -19,21 +19,12 @@ from sysid.compare.by_run import RunsAlone, growth_with_amplitude
 from sysid.compare.by_time import amplitudes, level_errors, trace_of, trends, varied_conditions, window_errors
 from sysid.compare.data_checks import clipped, mistaken_axes, mixed, not_separable
 from sysid.compare.findings import findings
-from sysid.compare.noise import Levels, NoiseShare, densities, other_controls, power_of_bins, quiet_levels
+from sysid.compare.noise import Levels, NoiseShare, densities, other_controls, quiet_levels
+from sysid.compare.on_runs import CompareError, ModelOnRuns
 from sysid.compare.values import Comparison
-from sysid.data.instrument import causes
-from sysid.data.preprocess import spectra
 from sysid.data.record import Record
-from sysid.data.stacks import stack
-from sysid.errors import SysidError
-from sysid.fit.noise import divide
-from sysid.fit.output_error import output_error
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import Model
-
-
-class CompareError(SysidError):
-    """Runs that a model cannot be compared on; the message says why and what to do."""
+from sysid.model.structure import FloatArray, Model
 
 
 def compare(
@@ -59,93 +50,72 @@ def compare(
 def _compared(
     model: Model, records: Sequence[Record], band_hz: tuple[float, float], quiet: Sequence[Record], own_runs: bool
 ) -> Comparison:
-    structure = model.structure
     flown = [record for record in records if record.maneuver != "quiet"]
     still = [*quiet, *(record for record in records if record.maneuver == "quiet")]
     if not flown:
         raise CompareError("no run to compare on: quiet hover alone tells of noise only; name a chirp")
     _refuse_missing_channels(model, [*flown, *still])
-    found, remarks = spectra(flown, structure.inputs, structure.outputs, band_hz)
-    if not found:
-        raise CompareError(f"no run has 2 s of gap-free samples: nothing to compare on. {'; '.join(remarks)}".strip())
-    found = [one for one in found if one.frequency_hz.size]
-    if not found:
-        raise CompareError(f"no frequency lies in {band_hz[0]:g}-{band_hz[1]:g} Hz: widen the band or take longer runs")
-    stacks = stack(found)
-    parts = [one for group in stacks for one in group.spectra]
-    error = output_error(model, stacks)
-    if not np.all(error.measured_power > 0):
-        dead = ", ".join(name for name, x in zip(structure.outputs, error.measured_power, strict=True) if not x > 0)
-        raise CompareError(f"{dead} does not move at all in these runs: check the gyro's channel")
-    by = causes(stacks, structure.commands)
-    commanded = divide(error, stacks, by)
-    alone = RunsAlone(model, parts, error)
-    responses, suspected = response_errors(model, found)
-    power = power_of_bins(error, stacks)
-    whole = np.maximum(error.residual_power, 1e-300)
-    controls, division = other_controls(model, flown, band_hz, stacks=stacks, error=error, division=commanded)
-    levels = Levels.of(division, stacks)
-    calm = quiet_levels(model, still, band_hz, division.edges_hz, remarks)
-    noise = NoiseShare.of(division, commanded.measured, levels, calm, power)
+    on = ModelOnRuns.of(model, flown, band_hz)
+    alone = RunsAlone(on)
     runs = alone.runs()
-    growth = growth_with_amplitude(runs, alone, structure.outputs) if commanded.measured else ()
+    growth = growth_with_amplitude(runs, alone, on.outputs) if on.division.measured else ()
+    controls, division = other_controls(on)
+    calm, remarks = quiet_levels(model, still, band_hz, division.edges_hz)
+    levels = Levels.of(division, on.stacks)
+    noise = NoiseShare.of(division, on.division.measured, levels, calm, on.power)
     mixture = mixed(
         alone.ids,
         [(one.axis, one.maneuver) for one in runs],
         alone.power,
         alone.explained,
-        across=commanded.measured,
+        across=on.division.measured,
         amplitudes=bool(growth),
     )
     if mixture:
         # what a response of their own explains of the runs is no noise
-        noise = noise.at_most(1 - np.sum([alone.explained([i]) for i in range(len(runs))], axis=0) / whole)
-    bands = band_errors(model, flown, band_hz, stacks=stacks, power=power, division=division, noise=noise)
+        each = np.sum([alone.explained([i]) for i in range(len(runs))], axis=0)
+        noise = noise.at_most(1 - each / on.residual_power)
+    responses, mistaken = response_errors(on)
+    checks = [*clipped(flown), *mistaken_axes(flown), *mistaken, *mixture, *not_separable(model.structure, on.spectra)]
     traces = tuple(
-        trace_of(structure.commands, one, residual) for one, residual in zip(parts, error.residuals, strict=True)
+        trace_of(model.structure.commands, one, residual)
+        for one, residual in zip(on.spectra, on.error.residuals, strict=True)
     )
-    in_time = window_errors(traces, structure.outputs)
-    suspicions = [
-        *clipped(flown),
-        *mistaken_axes(flown),
-        *suspected,
-        *mixture,
-        *not_separable(structure, found),
-    ]
-    outputs = structure.outputs
-    shares = None if noise.share is None else dict(zip(outputs, map(float, noise.share), strict=True))
-    left = whole / error.measured_power
-    floor = None if noise.share is None else 100 * (1 - np.sqrt(noise.share * left))
     result = Comparison(
-        outputs=outputs,
-        commands=structure.commands,
-        references=by.references,
+        outputs=on.outputs,
+        commands=model.structure.commands,
+        references=on.causes.references,
         band_hz=band_hz,
-        nrmse_percent=dict(zip(outputs, map(float, error.nrmse_percent), strict=True)),
-        noise_share=shares,
-        noise_floor_percent=None if floor is None else dict(zip(outputs, map(float, floor), strict=True)),
-        noise_share_is="measured" if commanded.measured or calm is not None else "upper bound, closed loop",
+        nrmse_percent=on.by_output(on.error.nrmse_percent),
+        noise_share=None if noise.share is None else on.by_output(noise.share),
+        noise_floor_percent=None if noise.share is None else on.by_output(_floor_percent(noise.share, on)),
+        noise_share_is="measured" if on.division.measured or calm is not None else "upper bound, closed loop",
         noise_from=noise.source,
-        quiet_ratio=None if noise.ratio is None else dict(zip(outputs, map(float, noise.ratio), strict=True)),
-        distortion=dict(zip(outputs, map(float, noise.distortion), strict=True)),
-        more=dict(zip(outputs, map(bool, noise.more), strict=True)),
+        quiet_ratio=None if noise.ratio is None else on.by_output(noise.ratio),
+        distortion=on.by_output(noise.distortion),
+        more=dict(zip(on.outputs, map(bool, noise.more), strict=True)),
         explained=noise.explained,
-        bands=bands,
-        windows=in_time,
-        levels=level_errors(traces, parts, amplitudes(outputs)),
-        conditions=level_errors(traces, parts, varied_conditions(flown)),
-        trends=trends(traces, parts, varied_conditions(flown)),
+        bands=band_errors(on, division, noise),
+        windows=window_errors(traces, on.outputs),
+        levels=level_errors(traces, on.spectra, amplitudes(on.outputs)),
+        conditions=level_errors(traces, on.spectra, varied_conditions(flown)),
+        trends=trends(traces, on.spectra, varied_conditions(flown)),
         runs=runs,
         growth=growth,
         controls=controls,
         responses=responses,
-        densities=densities(stacks, error, levels, noise),
+        densities=densities(on, levels, noise),
         traces=traces,
-        suspicions=tuple(suspicions),
-        remarks=tuple(dict.fromkeys(remarks)),
+        suspicions=tuple(checks),
+        remarks=tuple(dict.fromkeys([*on.remarks, *remarks])),
         findings=(),
     )
     return replace(result, findings=findings(result, own_runs))
+
+
+def _floor_percent(noise_share: FloatArray, on: ModelOnRuns) -> FloatArray:
+    """NRMSE (k,) that a model without any error but the noise would reach."""
+    return 100 * (1 - np.sqrt(noise_share * (on.residual_power / on.error.measured_power)))
 
 
 def _refuse_missing_channels(model: Model, records: Sequence[Record]) -> None:

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from sysid.compare.on_runs import ModelOnRuns, power_of_bins
 from sysid.compare.values import Densities
 from sysid.data.instrument import causes
 from sysid.data.preprocess import ComplexArray, spectra
 from sysid.data.record import Record
 from sysid.data.stacks import Stack, stack
 from sysid.fit.noise import LEAST_FREEDOM, Division, divide
-from sysid.fit.output_error import OutputError, output_error
+from sysid.fit.output_error import output_error
 from sysid.model.structure import FloatArray, Model
 
 CONTROLS = ("delta_e", "delta_c", "delta_r", "delta_a", "r")
@@ -31,12 +32,6 @@ TESTABLE = 0.5
 """Part of the windows that must have bins enough to tell noise from error."""
 QUIET_ERRORS = 2.6
 """Standard errors of quiet hover's power by which it must lie below what the commands leave, to count as less."""
-
-
-def power_of_bins(error: OutputError, stacks: Sequence[Stack]) -> FloatArray:
-    """(k, bins) of all stacks side by side, every sample counting the same."""
-    scale = np.concatenate([group.scale for group in stacks])
-    return np.asarray((scale * np.abs(np.concatenate(error.residuals, axis=1))) ** 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -167,31 +162,30 @@ def quiet_levels(
     still: Sequence[Record],
     band_hz: tuple[float, float],
     edges_hz: FloatArray,
-    remarks: list[str],
-) -> QuietHover | None:
-    """What the model leaves of quiet hover, the noise; None where there is none."""
+) -> tuple[QuietHover | None, list[str]]:
+    """What the model leaves of quiet hover, the noise, and remarks on its preparation; None where there is none."""
     structure = model.structure
-    found, said = spectra(still, structure.inputs, structure.outputs, band_hz)
-    remarks += said
+    found, remarks = spectra(still, structure.inputs, structure.outputs, band_hz)
     found = [one for one in found if one.frequency_hz.size]
     if not found:
-        return None
+        return None, remarks
     stacks = stack(found)
     power = power_of_bins(output_error(model, stacks), stacks)
     window = window_of(np.concatenate([group.frequency_hz for group in stacks]), edges_hz)
     w = edges_hz.size - 1
     count = np.bincount(window, minlength=w)
     if not np.any(count):
-        return None
+        return None, remarks
     sums = np.stack([np.bincount(window, row, w) for row in power], axis=-1)
     have = count > 0
     centres = 0.5 * (edges_hz[1:] + edges_hz[:-1])
     levels = [np.interp(centres, centres[have], sums[have, k] / count[have]) for k in range(power.shape[0])]
-    return QuietHover(np.stack(levels, axis=-1), np.maximum(count, 1).astype(float))
+    return QuietHover(np.stack(levels, axis=-1), np.maximum(count, 1).astype(float)), remarks
 
 
-def densities(stacks: Sequence[Stack], error: OutputError, levels: Levels, noise: NoiseShare) -> Densities:
+def densities(on: ModelOnRuns, levels: Levels, noise: NoiseShare) -> Densities:
     """Spectra in the division's windows."""
+    stacks, error = on.stacks, on.error
     scale = np.concatenate([group.scale * np.sqrt(group.dt) for group in stacks])
     dt = float(np.sum([group.samples * group.dt for group in stacks]) / np.sum([group.samples for group in stacks]))
     count = np.maximum(levels.count, 1)[:, None]
@@ -211,36 +205,30 @@ def densities(stacks: Sequence[Stack], error: OutputError, levels: Levels, noise
     )
 
 
-def other_controls(
-    model: Model,
-    records: Sequence[Record],
-    band_hz: tuple[float, float],
-    stacks: Sequence[Stack],
-    error: OutputError,
-    division: Division,
-) -> tuple[dict[str, dict[str, float]], Division]:
+def other_controls(on: ModelOnRuns) -> tuple[dict[str, dict[str, float]], Division]:
     """What other logged controls explain of the error beyond the commands, and the division that counts them too."""
-    structure = model.structure
+    structure, division = on.model.structure, on.division
     other = [
         name
         for name in CONTROLS
-        if name not in structure.inputs and all(name in one.channels and np.ptp(one.channels[name]) for one in records)
+        if name not in structure.inputs
+        and all(name in one.channels and np.ptp(one.channels[name]) for one in on.records)
     ]
     if not other:
         return {}, division
-    found, _ = spectra(records, (*structure.inputs, *other), structure.outputs, band_hz)
+    found, _ = spectra(on.records, (*structure.inputs, *other), structure.outputs, on.band_hz)
     groups = stack([one for one in found if one.frequency_hz.size])
     whole = np.maximum(np.sum(division.power, axis=0), 1e-300)
-    level = Levels.of(division, stacks).noise
+    level = Levels.of(division, on.stacks).noise
     chance = np.sqrt(np.sum(2 * level**2, axis=0)) / whole
     shares: dict[str, dict[str, float]] = {}
     strong = []
     for name in other:
-        more = divide(error, groups, causes(groups, (*structure.commands, name)))
+        more = divide(on.error, groups, causes(groups, (*structure.commands, name)))
         gained = np.sum(more.explained - division.explained, axis=0) / whole
-        shares[name] = dict(zip(structure.outputs, map(float, np.clip(gained, 0, 1)), strict=True))
+        shares[name] = on.by_output(np.clip(gained, 0, 1))
         if np.any(gained > np.maximum(LEAST_CONTROL_SHARE, CONTROL_ERRORS * chance)):
             strong.append(name)
     if not strong:
         return shares, division
-    return shares, divide(error, groups, causes(groups, (*structure.commands, *strong)))
+    return shares, divide(on.error, groups, causes(groups, (*structure.commands, *strong)))

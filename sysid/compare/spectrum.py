@@ -128,19 +128,10 @@ def windows(stacks: Sequence[Stack], commands: Sequence[str], points: int = POIN
     R, references = U.copy(), list(commands)
     for row, name in enumerate(commands):
         excitation = f"excitation_{name.removeprefix('delta_')}"
-        if not all(excitation in one.segment.channels for group in stacks for one in group.spectra):
-            continue
-        logged = np.concatenate(
-            [one.transform(one.segment.channels[excitation][None, :])[0] for group in stacks for one in group.spectra]
-        )
-        R[row], references[row] = scale * logged, excitation
-    low, high = max(LOWEST_HZ, float(np.min(frequency))), float(np.max(frequency))
-    swept = [one.segment.record.swept_band_hz for group in stacks for one in group.spectra]
-    known = [band for band in swept if band is not None]
-    if known and len(known) == len(swept):  # beyond the sweep only the controller moves the commands
-        low = max(low, BEYOND_SWEEP[0] * min(band[0] for band in known))
-        high = max(low, min(high, BEYOND_SWEEP[1] * max(band[1] for band in known)))
-    grid = np.geomspace(low, high, points) if low < high else np.array([high])
+        logged = _logged(stacks, excitation)
+        if logged is not None:
+            R[row], references[row] = scale * logged, excitation
+    grid = _grid(stacks, frequency, points)
     chosen = []
     for centre in grid:
         half = max(HALF_WIDTH_HZ, RELATIVE_HALF_WIDTH * float(centre))
@@ -155,6 +146,25 @@ def windows(stacks: Sequence[Stack], commands: Sequence[str], points: int = POIN
         scale=scale,
         chosen=tuple(chosen),
     )
+
+
+def _logged(stacks: Sequence[Stack], channel: str) -> ComplexArray | None:
+    """A channel on all bins, (bins,); None where it is not logged on every run."""
+    segments = [one for group in stacks for one in group.spectra]
+    if not all(channel in one.segment.channels for one in segments):
+        return None
+    return np.concatenate([one.transform(one.segment.channels[channel][None, :])[0] for one in segments])
+
+
+def _grid(stacks: Sequence[Stack], frequency_hz: FloatArray, points: int) -> FloatArray:
+    """The windows' centres: evenly over the octaves, no further than the sweeps where these are known."""
+    low, high = max(LOWEST_HZ, float(np.min(frequency_hz))), float(np.max(frequency_hz))
+    swept = [one.segment.record.swept_band_hz for group in stacks for one in group.spectra]
+    known = [band for band in swept if band is not None]
+    if known and len(known) == len(swept):  # beyond the sweep only the controller moves the commands
+        low = max(low, BEYOND_SWEEP[0] * min(band[0] for band in known))
+        high = max(low, min(high, BEYOND_SWEEP[1] * max(band[1] for band in known)))
+    return np.geomspace(low, high, points) if low < high else np.array([high])
 
 
 def measure(

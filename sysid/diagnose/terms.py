@@ -167,28 +167,41 @@ def expressions(
     names: Sequence[str], rms: Mapping[str, float], mean_time_s: float = 0.0, span_s: float = 0.0
 ) -> list[Expression]:
     """Every expression of these signals; of rates of states only what few terms of physics have."""
-    still = [*CONDITIONS, "t"]
     core = [name for name in names if name in CORE]
-    moving = [name for name in names if name not in still]
-    plain = {name: Factor(name) for name in names}
-    found: list[Expression] = [(plain[name],) for name in moving]
-    found += [(plain[x], plain[y]) for x, y in itertools.combinations_with_replacement(moving, 2)]
-    found += [(plain[x], plain[y], plain[z]) for x, y, z in itertools.combinations_with_replacement(core, 3)]
-    found += [(plain[name],) * 3 for name in moving if name not in core]
-    for x in moving:
-        size = Factor(x, "magnitude")
-        found += [(size,), (Factor(x, "sign", rounded(SMOOTHED * rms[x], 1)),)]
-        found += [(plain[y], size) for y in (core if x in core else [x])]
-    for name in CONDITIONS:
-        if name in names:
-            found += [(Factor(name, "deviation"), plain[x]) for x in core]
+    moving = [name for name in names if name not in (*CONDITIONS, "t")]
+    found = [*_products(moving, core), *_uneven(moving, core, rms), *_conditional(names, core)]
     if "t" in names:
         off = Factor("t", "deviation", rounded(mean_time_s, 4))
         # matrices are those of t = 0: a state's coefficient must not run away on the way there
         near = abs(mean_time_s) < FARTHEST * span_s
-        found += [(off, plain[x]) for x in core if near or x not in ("p", "q", "a", "b")]
+        found += [(off, Factor(x)) for x in core if near or x not in ("p", "q", "a", "b")]
     # a gyro that is tilted a little shows p and q in r, gusts and all: r alone explains noise by itself
     return [one for one in found if any(factor.signal != "r" for factor in one)]
+
+
+def _products(moving: Sequence[str], core: Sequence[str]) -> list[Expression]:
+    """Signals alone, all products of two, and products of three as far as physics has them."""
+    plain = {name: Factor(name) for name in moving}
+    found: list[Expression] = [(plain[name],) for name in moving]
+    found += [(plain[x], plain[y]) for x, y in itertools.combinations_with_replacement(moving, 2)]
+    found += [(plain[x], plain[y], plain[z]) for x, y, z in itertools.combinations_with_replacement(core, 3)]
+    found += [(plain[name],) * 3 for name in moving if name not in core]
+    return found
+
+
+def _uneven(moving: Sequence[str], core: Sequence[str], rms: Mapping[str, float]) -> list[Expression]:
+    """Magnitudes and signs, and magnitudes times a signal."""
+    found: list[Expression] = []
+    for x in moving:
+        size = Factor(x, "magnitude")
+        found += [(size,), (Factor(x, "sign", rounded(SMOOTHED * rms[x], 1)),)]
+        found += [(Factor(y), size) for y in (core if x in core else [x])]
+    return found
+
+
+def _conditional(names: Sequence[str], core: Sequence[str]) -> list[Expression]:
+    """How far a flight condition is from its mean, times a signal."""
+    return [(Factor(name, "deviation"), Factor(x)) for name in CONDITIONS if name in names for x in core]
 
 
 def rounded(x: float, digits: int) -> float:

@@ -101,21 +101,7 @@ def compose(
         if reason is not None:
             raise EffectError(f"{one.id} cannot act here: {reason}")
     found = [adapted(one, base, ids, available) for one in declared]
-    slots = [one.slot for one in found if one.slot is not None]
-    if len(slots) != len(set(slots)):
-        raise EffectError(f"two effects for the same slot: {', '.join(one.id for one in found if one.slot)}")
-    taken = {one.name for one in BASES[base].parameters}
-    for one in found:
-        clash = taken & set(one.names)
-        if clash:
-            raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base}")
-        taken |= set(one.names)
-    owners: dict[tuple[str, bool], str] = {}
-    for one in found:
-        for state in one.states:
-            other = owners.setdefault((state, one.per_command), one.id)
-            if other != one.id:
-                raise EffectError(f"{other} and {one.id} stand for the same part (state {state}): name one of them")
+    _refuse_clashes(BASES[base], found)
     ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
     needed = [name for one in ordered for name in one.channels]
     commands = [name for name in COMMANDS if name in ("delta_x", "delta_y") or name in needed]
@@ -125,18 +111,36 @@ def compose(
             needed += ["phi", "theta"]
         else:
             attitude = ("phi", "theta")
-    channels = dict.fromkeys(name for name in needed if name not in COMMANDS)
     structure = Structure(
         base_=BASES[base],
         composed=tuple(ordered),
         commands=tuple(commands),
-        channels=tuple(channels),
+        channels=tuple(dict.fromkeys(name for name in needed if name not in COMMANDS)),
         attitude_states=attitude,
         constants=tuple(sorted((constants or {}).items())),
     )
     if any(one.path is not None for one in ordered):
         _refuse_broken(structure)
     return structure
+
+
+def _refuse_clashes(base: Base, effects: Sequence[Effect]) -> None:
+    """Raises EffectError for effects that stand in each other's way: a slot, a parameter's name or a state twice."""
+    slots = [one.slot for one in effects if one.slot is not None]
+    if len(slots) != len(set(slots)):
+        raise EffectError(f"two effects for the same slot: {', '.join(one.id for one in effects if one.slot)}")
+    taken = {one.name for one in base.parameters}
+    for one in effects:
+        clash = taken & set(one.names)
+        if clash:
+            raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base.name}")
+        taken |= set(one.names)
+    owners: dict[tuple[str, bool], str] = {}
+    for one in effects:
+        for state in one.states:
+            other = owners.setdefault((state, one.per_command), one.id)
+            if other != one.id:
+                raise EffectError(f"{other} and {one.id} stand for the same part (state {state}): name one of them")
 
 
 def _refuse_broken(structure: Structure) -> None:

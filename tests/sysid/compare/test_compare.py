@@ -14,8 +14,9 @@ import pytest
 from planted import PLANTED, Run, axes, fly
 from scipy.signal import butter, coherence, lfilter, sosfiltfilt, welch
 
-from sysid.compare.compare import CompareError, compare
+from sysid.compare.compare import compare
 from sysid.compare.data_checks import flat_tops, listed
+from sysid.compare.on_runs import CompareError
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
 from sysid.fit.identify import identify
