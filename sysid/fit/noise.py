@@ -10,8 +10,10 @@ here; where no excitation is logged the commands stand for themselves, and what 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,65 +84,86 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     """Divide what a model leaves of the stacks into what the commands explain and noise."""
     scale = np.concatenate([group.scale for group in stacks])
     frequency = np.concatenate([group.frequency_hz for group in stacks])
-    e = scale * np.concatenate(error.residuals, axis=1)
-    u = scale * np.concatenate(by.caused, axis=1)
-    r = scale * np.concatenate(by.reference, axis=1)
-    k, m = e.shape[0], u.shape[0]
+    rows = [scale * np.concatenate(each, axis=1) for each in (error.residuals, by.caused, by.reference)]
     segment = np.concatenate([np.full(one.shape[1], number) for number, one in enumerate(error.residuals)])
-    windows = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
-    edges = np.linspace(float(frequency.min()), float(frequency.max()), windows + 1)
-    window = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, windows - 1)
-    order = np.argsort(window, kind="stable")
-    starts = np.searchsorted(window[order], np.arange(windows + 1))
-    power, explained = np.zeros((windows, k)), np.zeros((windows, k))
-    each = np.zeros((windows, k, m))
-    rest = np.zeros((windows, k, k), dtype=complex)
-    free = np.zeros(windows)
-    unknown = np.zeros(windows)
-    found = np.zeros((windows, k, k), dtype=complex)
-    for number in range(windows):
-        at = order[starts[number] : starts[number + 1]]
-        if not at.size:
-            continue
-        y, x, z = e[:, at], u[:, at], r[:, at]
-        whole = y @ y.conj().T
-        power[number] = np.diag(whole).real
-        half = 0.5 * (edges[1] - edges[0])
-        place = (frequency[at] - edges[number] - half) / half
-        ends = _ends(segment[at])
-        y, x, z = (_less(rows, ends) for rows in (y, x, z))
-        left = y @ y.conj().T
-        # what the references span: nothing of the gusts has a share in it
-        basis = orthonormal(_less(np.concatenate([z, place * z]), ends), REFERENCES_RANK)
-        if at.size < basis.shape[0] + ends.shape[0] + LEAST_FREEDOM:
-            basis = basis[:0]
-        there = y @ basis.conj().T
-        found[number] = there @ there.conj().T
-        rest[number] = left - found[number]
-        unknown[number], free[number] = basis.shape[0], at.size - basis.shape[0] - ends.shape[0]
-        for column in range(m if basis.size else 0):
-            alone = y @ orthonormal(np.stack([x[column], place * x[column]]), REFERENCES_RANK).conj().T
-            each[number, :, column] = np.sum(np.abs(alone) ** 2, axis=1)
-    around = np.array([_neighbours(rest, number) for number in range(windows)])
-    freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(windows)])
+    count = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
+    edges = np.linspace(float(frequency.min()), float(frequency.max()), count + 1)
+    half = 0.5 * (edges[1] - edges[0])
+    windows = [
+        _Window.of(*(x[:, at] for x in rows), place=(frequency[at] - edge - half) / half, segment=segment[at])
+        for edge, at in zip(edges[:-1], _cut(frequency, edges), strict=True)
+    ]
+    found, rest = (np.array([getattr(one, name) for one in windows]) for name in ("found", "rest"))
+    unknown, free = (np.array([getattr(one, name) for one in windows], float) for name in ("unknown", "free"))
+    around = np.array([_neighbours(rest, number) for number in range(count)])
+    freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(count)])
     S = around / freedom[:, None, None]
     own = np.real(np.einsum("wkk->wk", S))
-    explained = np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own
-    each -= np.minimum(2, unknown)[:, None, None] * own[:, :, None]
     tiny = 1e-12 * np.max(own, initial=1e-300)
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
-    level = S + tiny * np.eye(k)
+    each = np.array([one.by_command for one in windows])
     return Division(
         edges_hz=edges,
-        power=power,
-        explained=explained,
-        by_command=each,
+        power=np.array([one.power for one in windows]),
+        explained=np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own,
+        by_command=each - np.minimum(2, unknown)[:, None, None] * own[:, :, None],
         commands=by.commands,
         references=by.references,
         chi_squared=chi_squared,
         degrees=degrees,
-        level=level,
+        level=S + tiny * np.eye(S.shape[1]),
     )
+
+
+def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> list[NDArray[np.int64]]:
+    """Numbers of the bins in each window."""
+    count = edges_hz.size - 1
+    window = np.clip(np.searchsorted(edges_hz, frequency_hz, side="right") - 1, 0, count - 1)
+    order = np.argsort(window, kind="stable")
+    starts = np.searchsorted(window[order], np.arange(count + 1))
+    return [order[begin:end] for begin, end in itertools.pairwise(starts)]
+
+
+class _Window(NamedTuple):
+    """What the references explain of the residual's bins in one window."""
+
+    power: FloatArray
+    """(k,), of the residual."""
+    by_command: FloatArray
+    """(k, m), of it what each command alone explains;"""
+    found: ComplexArray
+    """(k, k), what they explain together, a spectral matrix;"""
+    rest: ComplexArray
+    """and what they leave, (k, k)."""
+    unknown: int
+    """Unknowns that explain, for each output,"""
+    free: int
+    """and bins beyond these."""
+
+    @classmethod
+    def of(
+        cls, y: ComplexArray, x: ComplexArray, z: ComplexArray, *, place: FloatArray, segment: NDArray[np.int64]
+    ) -> _Window:
+        """Bins of the residual (k, n), of what was caused in the commands (m, n) and of their references, with the
+        place of each within the window, -1..1, and the segment that it belongs to."""
+        k, m = y.shape[0], x.shape[0]
+        power, alone = np.real(np.diag(y @ y.conj().T)), np.zeros((k, m))
+        if not place.size:
+            nothing = np.zeros((k, k), dtype=complex)
+            return cls(power, alone, nothing, nothing, 0, 0)
+        ends = _ends(segment)
+        y, x, z = (_less(rows, ends) for rows in (y, x, z))
+        # what the references span: nothing of the gusts has a share in it
+        basis = orthonormal(_less(np.concatenate([z, place * z]), ends), REFERENCES_RANK)
+        if place.size < basis.shape[0] + ends.shape[0] + LEAST_FREEDOM:
+            basis = basis[:0]
+        there = y @ basis.conj().T
+        found = there @ there.conj().T
+        for column in range(m if basis.size else 0):
+            line = orthonormal(np.stack([x[column], place * x[column]]), REFERENCES_RANK)
+            alone[:, column] = np.sum(np.abs(y @ line.conj().T) ** 2, axis=1)
+        unknown = basis.shape[0]
+        return cls(power, alone, found, y @ y.conj().T - found, unknown, place.size - unknown - ends.shape[0])
 
 
 def _surprise(
