@@ -28,10 +28,11 @@ from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.could_hide import Hiding, could_hide
+from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import instrumental_step
 from sysid.diagnose.explain import Explanation, explain
+from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.quantities import listed, quantity
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
@@ -126,7 +127,7 @@ class FitDiagnosis:
     added: Fit | None
     """With the winner, where one is missing."""
     explanation: Explanation
-    hiding: Hiding
+    hiding: CouldHide
     next: NextManeuver | None
     suggestion: Suggestion | None
     """The simple terms that explain most beside the structure, where something is left; asked for only."""

@@ -124,7 +124,7 @@ def _answer(last: Diagnosis) -> str:
         return "missing: " + (", and then ".join(map(_short, last.chain)) if len(last.chain) == 2 else names) + alike
     if last.stands_in:
         return f"unexplained: {names} would do it, but only at implausible values: it stands in"
-    if last.unheld:
+    if last.sizes_that_differ:
         return f"unexplained: {names} is nearest, and its size does not hold on the validation runs"
     if (winner.explained_share or 0.0) >= EXPLAINED:
         return f"unexplained: {names} explains the fitted runs, but not the validation runs"
@@ -226,9 +226,9 @@ def _sizes(winner: Ranked) -> list[str]:
 
 def _unheld(last: Diagnosis) -> list[str]:
     """The size that two sets of runs put differently."""
-    if last.verdict != "unexplained" or not last.unheld:
+    if last.verdict != "unexplained" or not last.sizes_that_differ:
         return []
-    one = last.unheld[0]
+    one = last.sizes_that_differ[0]
     there = quantity(one.parameter, one.elsewhere, one.elsewhere_error)
     return _set(
         f"the validation runs alone ask for {there}: one vehicle has one {one.parameter.name}, so this only resembles "

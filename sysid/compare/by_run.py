@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.compare.by_time import CONDITIONS
+from sysid.compare.data_checks import Suspicion, mixed
 from sysid.compare.noise import TESTABLE, Levels
 from sysid.compare.on_runs import ModelOnRuns
 from sysid.compare.values import GROWTH_ERRORS, GROWTH_RATIO, Growth, RunError
@@ -68,6 +69,16 @@ class RunsAlone:
         """
         division, _ = self.divided(numbers)
         return np.asarray(np.sum(division.explained[division.edges_hz[:-1] >= SLOWEST_HZ], axis=0))
+
+    @property
+    def explained_apart(self) -> FloatArray:
+        """(k,), what a response of their own explains of the runs: it is no noise."""
+        return np.asarray(np.sum([self.explained([i]) for i in range(len(self.records))], axis=0))
+
+    def mixture(self, runs: Sequence[RunError], *, across: bool, amplitudes: bool) -> list[Suspicion]:
+        """Whether these runs look like those of different vehicles; `across` kinds of maneuvers too."""
+        kinds = [(one.axis, one.maneuver) for one in runs]
+        return mixed(self.ids, kinds, self.power, self.explained, across=across, amplitudes=amplitudes)
 
     def runs(self) -> tuple[RunError, ...]:
         """What each run has of the error."""

@@ -17,7 +17,7 @@ import numpy as np
 from sysid.compare.by_frequency import band_errors, response_errors
 from sysid.compare.by_run import RunsAlone, growth_with_amplitude
 from sysid.compare.by_time import amplitudes, level_errors, trace_of, trends, varied_conditions, window_errors
-from sysid.compare.data_checks import clipped, mistaken_axes, mixed, not_separable
+from sysid.compare.data_checks import clipped, mistaken_axes, not_separable
 from sysid.compare.findings import findings
 from sysid.compare.noise import Levels, NoiseShare, densities, other_controls, quiet_levels
 from sysid.compare.on_runs import CompareError, ModelOnRuns
@@ -63,18 +63,9 @@ def _compared(
     calm, remarks = quiet_levels(model, still, band_hz, division.edges_hz)
     levels = Levels.of(division, on.stacks)
     noise = NoiseShare.of(division, on.division.measured, levels, calm, on.power)
-    mixture = mixed(
-        alone.ids,
-        [(one.axis, one.maneuver) for one in runs],
-        alone.power,
-        alone.explained,
-        across=on.division.measured,
-        amplitudes=bool(growth),
-    )
+    mixture = alone.mixture(runs, across=on.division.measured, amplitudes=bool(growth))
     if mixture:
-        # what a response of their own explains of the runs is no noise
-        each = np.sum([alone.explained([i]) for i in range(len(runs))], axis=0)
-        noise = noise.at_most(1 - each / on.residual_power)
+        noise = noise.at_most(1 - alone.explained_apart / on.residual_power)
     responses, mistaken = response_errors(on)
     checks = [*clipped(flown), *mistaken_axes(flown), *mistaken, *mixture, *not_separable(model.structure, on.spectra)]
     traces = tuple(

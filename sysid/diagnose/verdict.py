@@ -24,7 +24,7 @@ EXPLAINED = 0.8
 """Of what can be explained, on the fitted runs;"""
 VALIDATED = 0.5
 """and on validation runs alone: another amplitude shows a nonlinear effect that is only nearly the right one."""
-UNHELD = 0.16
+LARGEST_DIFFERENCE = 0.16
 """Share by which a size surely differs on the validation runs, from which on the entry only resembles what is there. On
 flights with seeds below 100 right answers reached 0.13 (three worn links, which are no one play) and mostly 0; plays
 and limits that only resembled 0.20 to 0.47, but for one of 0.05."""
@@ -84,9 +84,9 @@ class Diagnosis:
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
 
     @property
-    def unheld(self) -> tuple[Size, ...]:
+    def sizes_that_differ(self) -> tuple[Size, ...]:
         """Sizes that the validation runs contradict."""
-        return tuple(one for one in self.sizes if one.off > UNHELD)
+        return tuple(one for one in self.sizes if one.off > LARGEST_DIFFERENCE)
 
     @property
     def winner(self) -> Ranked | None:
@@ -207,7 +207,7 @@ def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares,
     missing, compared = enough and not stands_in, tuple[Size, ...]()
     if missing and reference.validation is not None:
         compared = sizes(winner.fit, winner.effects, reference.validation)
-        missing = all(one.off <= UNHELD for one in compared)
+        missing = all(one.off <= LARGEST_DIFFERENCE for one in compared)
     alike = _alike(winner, singles if len(chain) == 1 else pairs)
     lead, confidence = None, UNEXPLAINED_RIGHT
     if missing:

@@ -150,7 +150,7 @@ class _Window(NamedTuple):
         power, alone = np.real(np.diag(y @ y.conj().T)), np.zeros((k, m))
         if not place.size:
             nothing = np.zeros((k, k), dtype=complex)
-            return cls(power, alone, nothing, nothing, 0, 0)
+            return cls(power, alone, found=nothing, rest=nothing, unknown=0, free=0)
         ends = _ends(segment)
         y, x, z = (_less(rows, ends) for rows in (y, x, z))
         # what the references span: nothing of the gusts has a share in it
@@ -163,7 +163,8 @@ class _Window(NamedTuple):
             line = orthonormal(np.stack([x[column], place * x[column]]), REFERENCES_RANK)
             alone[:, column] = np.sum(np.abs(y @ line.conj().T) ** 2, axis=1)
         unknown = basis.shape[0]
-        return cls(power, alone, found, y @ y.conj().T - found, unknown, place.size - unknown - ends.shape[0])
+        free = place.size - unknown - ends.shape[0]
+        return cls(power, alone, found=found, rest=y @ y.conj().T - found, unknown=unknown, free=free)
 
 
 def _surprise(

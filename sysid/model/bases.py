@@ -93,28 +93,17 @@ def compose(
     if base == "cd" and any(one.id == "flapping" for one in declared):
         declared = [one for one in declared if one.id != "flapping"]
         base = "tpp"
-    ids = [one.id for one in declared]
-    for one in declared:
-        if ids.count(one.id) > 1:
-            raise EffectError(f"{one.id} is named twice")
-        reason = not_testable(one, base, ids, available)
-        if reason is not None:
-            raise EffectError(f"{one.id} cannot act here: {reason}")
-    found = [adapted(one, base, ids, available) for one in declared]
+    found = _declared(declared, base, available)
     _refuse_clashes(BASES[base], found)
     ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
     needed = [name for one in ordered for name in one.channels]
-    commands = [name for name in COMMANDS if name in ("delta_x", "delta_y") or name in needed]
-    attitude: tuple[str, ...] = ()
-    if any(one.attitude for one in ordered):
-        if {"phi", "theta"} <= set(available):
-            needed += ["phi", "theta"]
-        else:
-            attitude = ("phi", "theta")
+    attitude = ("phi", "theta") if any(one.attitude for one in ordered) else ()
+    if set(attitude) <= set(available):  # logged, else states of their own
+        needed, attitude = [*needed, *attitude], ()
     structure = Structure(
         base_=BASES[base],
         composed=tuple(ordered),
-        commands=tuple(commands),
+        commands=tuple(name for name in COMMANDS if name in ("delta_x", "delta_y", *needed)),
         channels=tuple(dict.fromkeys(name for name in needed if name not in COMMANDS)),
         attitude_states=attitude,
         constants=tuple(sorted((constants or {}).items())),
@@ -122,6 +111,19 @@ def compose(
     if any(one.path is not None for one in ordered):
         _refuse_broken(structure)
     return structure
+
+
+def _declared(effects: Sequence[Effect], base: str, available: Collection[str]) -> list[Effect]:
+    """The effects as they are declared for each other, this base and these runs. Raises EffectError where one cannot
+    act."""
+    ids = [one.id for one in effects]
+    for one in effects:
+        if ids.count(one.id) > 1:
+            raise EffectError(f"{one.id} is named twice")
+        reason = not_testable(one, base, ids, available)
+        if reason is not None:
+            raise EffectError(f"{one.id} cannot act here: {reason}")
+    return [adapted(one, base, ids, available) for one in effects]
 
 
 def _refuse_clashes(base: Base, effects: Sequence[Effect]) -> None:

@@ -14,8 +14,9 @@ from planted_fits import records
 from sysid.control.regulator import design
 from sysid.control.stability import closed_loop
 from sysid.data.dataset import dataset
-from sysid.diagnose.could_hide import HARM, Hidden, Hiding, could_hide
+from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
+from sysid.diagnose.hidden import HARM, CouldHide, Hidden
 from sysid.diagnose.score import score
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
@@ -49,7 +50,7 @@ def seen(parent: Candidate) -> tuple[Stepped, Whitening, Division]:
 
 
 @cache
-def hiding() -> Hiding:
+def hiding() -> CouldHide:
     (parent, *_) = rough(None)
     return could_hide(parent, *seen(parent))
 
