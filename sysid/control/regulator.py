@@ -118,6 +118,8 @@ def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequenc
 def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
     """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
     import control
+
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.signal import place_poles
 
     whole, model = model, _flown_by(model)

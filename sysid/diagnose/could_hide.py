@@ -121,6 +121,7 @@ class _Asking:
     def of(
         cls, parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, questions: int
     ) -> _Asking:
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.stats import norm
 
         structure, estimate = parent.model.structure, parent.estimate

@@ -181,6 +181,7 @@ def chirp(amplitude: float, start_hz: float, stop_hz: float, n: int, dt: float) 
 
 def _noise(plan: Plan, n: int, dt: float) -> FloatArray:
     """Table 1's noise, independent on every axis, the same each time it is asked for."""
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.signal import lfilter
 
     corner = 2 * np.pi * plan.f_stop_hz * dt

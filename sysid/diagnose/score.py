@@ -50,6 +50,7 @@ class Score:
 
 def log_chance(chi_squared: float, degrees: int) -> float:
     """Logarithm of the chance that chi squared is larger, however small that is."""
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.stats import chi2
 
     found = float(chi2.logsf(chi_squared, degrees))

@@ -22,6 +22,7 @@ def held_stable(free: Model, stacks: Sequence[Stack]) -> tuple[Model, OutputErro
 
     A penalty on the poles' real parts grows until they have crossed; the outputs count by their measured power.
     """
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.optimize import least_squares
 
     structure = free.structure

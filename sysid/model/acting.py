@@ -129,6 +129,7 @@ def in_time(structure: Structure, front: Sequence[Effect], segment: Segment, nam
 
 def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """A servo's linear answer to held commands (c, n), steady before the first sample; the mean over each sample."""
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.signal import lfilter, ss2tf
 
     assert effect.equations is not None
