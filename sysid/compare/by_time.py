@@ -139,7 +139,7 @@ def trends(
 
 def _level(one: Spectrum, channel: str, size: bool) -> FloatArray:
     """A channel on a segment's clock: its envelope over a second, or its value."""
-    # as heavy as NumPy itself to load: only where it is needed
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.ndimage import maximum_filter1d
 
     segment = one.segment

@@ -95,7 +95,7 @@ class NoiseShare:
     def of(
         cls, division: Division, measured: bool, levels: Levels, calm: QuietHover | None, power: FloatArray
     ) -> NoiseShare:
-        # as heavy as NumPy itself to load: only where it is needed
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.special import chdtrc
 
         whole = np.maximum(np.sum(power, axis=1), 1e-300)

@@ -184,7 +184,7 @@ def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
 
 def _balanced(now: FloatArray, late: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The same in units that make rows and columns alike: the roots stay, the norms shrink."""
-    # as heavy as NumPy itself to load: only where it is needed
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.linalg import matrix_balance
 
     scale = matrix_balance(np.abs(now) + np.abs(late), permute=False, separate=True)[1][0]

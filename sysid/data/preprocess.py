@@ -69,7 +69,7 @@ class Spectrum:
 
     def transform(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n) of this segment to the same bins, (rows, bins)."""
-        # as heavy as NumPy itself to load: only where it is needed
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.fft import rfft
 
         return np.asarray(rfft(rows, axis=1)[:, self.first : self.first + self.frequency_hz.size])

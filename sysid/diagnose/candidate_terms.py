@@ -133,7 +133,7 @@ def _bins(
     found: Sequence[Expression], signals: Mapping[str, FloatArray], constants: Mapping[str, float], one: Spectrum
 ) -> ComplexArray:
     """What expressions are on a segment's bins, as the transform of all its samples would be."""
-    # as heavy as NumPy itself to load: only where it is needed
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.fft import rfft
 
     grid = next(iter(signals.values())).size

@@ -253,7 +253,7 @@ def _ranked(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> tu
 
 def log_chances(chi_squared: FloatArray, degrees: AnyArray) -> FloatArray:
     """Logarithm of the chance that chi squared of one or two degrees is larger."""
-    # as heavy as NumPy itself to load: only where it is needed
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.special import log_ndtr
 
     return np.where(degrees == 2, -0.5 * chi_squared, math.log(2) + log_ndtr(-np.sqrt(chi_squared)))

@@ -56,7 +56,7 @@ def inner_products(T: FloatArray, ends: FloatArray, block: FloatArray) -> FloatA
 
 def smooth(values: AnyArray, frequency_hz: FloatArray, width_hz: float = SMOOTHING_HZ) -> AnyArray:
     """Moving average over frequency of (bins, columns), reflected at the ends."""
-    # as heavy as NumPy itself to load: only where it is needed
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.ndimage import uniform_filter1d
 
     step = float(frequency_hz[1] - frequency_hz[0]) if frequency_hz.size > 1 else width_hz

@@ -87,7 +87,7 @@ class _Run:
     """One segment on the relaxation's own grid of time, and its bins from zero to well above the band."""
 
     def __init__(self, structure: Structure, one: Spectrum) -> None:
-        # as heavy as NumPy itself to load: only where it is needed
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.fft import next_fast_len, rfft
 
         self.structure, self.one = structure, one

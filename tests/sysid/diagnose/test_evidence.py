@@ -23,7 +23,7 @@ SECONDS = 15.0
 
 def prepared(flight: list[Run]) -> tuple[Candidate, Stepped, Whitening]:
     on = dataset(records(flight), BAND)
-    parent = candidate(estimate(TPP, on.viewed(TPP)), (), on)
+    parent = candidate(estimate(TPP, on.viewed(TPP.inputs)), (), on)
     whitening = noise_whitening(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
     return parent, instrumental_step(parent, whitening), whitening
 

@@ -24,7 +24,7 @@ def test_where_a_servo_stood_is_found() -> None:
     on = dataset(flight, (0.0, 15.0))
     structure = compose("tpp", ["servo_deadband"], on.available)
     model = estimate(
-        structure, on.viewed(structure.inputs), estimate(compose("tpp"), on.viewed(compose("tpp"))).model
+        structure, on.viewed(structure.inputs), estimate(compose("tpp"), on.viewed(compose("tpp").inputs)).model
     ).model
     assert model["width"] == pytest.approx(WIDTH, rel=0.01)
     later = [_cut(one) for one in flight]
