@@ -5,7 +5,7 @@ what: its two-input response comes out 3 to 10 dB wrong at a coherence of 1. Cro
 neighbouring bins *and* over all runs; where even then one command only follows the others, there is no response.
 
 Gusts reach the commands through the feedback. Where the excitation is logged, the part of each command that it caused
-serves as instrument (`sysid.fit.instrument`), and gusts average out; without it the commands are their own reference,
+serves as instrument (`sysid.data.instrument`), and gusts average out; without it the commands are their own reference,
 and responses lean towards minus the controller's inverse where gusts are strong.
 
 Within a window the response may be a straight line over frequency, so that slopes of phase do not count as noise.

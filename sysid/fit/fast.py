@@ -1,4 +1,4 @@
-"""The fit of a bare base in two milliseconds: the same criterion as `sysid.fit.output_error`, written for speed.
+"""The fit of a bare base in two milliseconds: the same criterion as `sysid.fit.estimate`, written for speed.
 
 Every row of the normal equations is D(s)^-1 times signals that stand in the two equations: outputs and their
 derivatives, commands, end states, and what the equations leave. So inner products of rows are sums over the bins of
@@ -7,7 +7,7 @@ row has which signal in which equation does the rest. With M of the last D the s
 with the residual's smoothed spectra for W they are the estimate's variance.
 
 All runs lie side by side in padded arrays. The start is the equation error's reweighted solution on every fourth bin;
-Gauss-Newton follows there, then on all bins. `sysid.fit.output_error` is the reference that the tests hold this
+Gauss-Newton follows there, then on all bins. `sysid.fit.estimate` is the reference that the tests hold this
 against; where this does not apply, or ends in a poor fit, that one is used.
 """
 
