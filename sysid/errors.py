@@ -5,3 +5,7 @@ from __future__ import annotations
 
 class SysidError(ValueError):
     """The data do not allow the answer, or a file is not what it should be."""
+
+
+class FitError(SysidError):
+    """The data cannot identify the structure; the message names the axis and what to do."""

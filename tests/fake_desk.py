@@ -60,7 +60,15 @@ def comparison() -> Any:
 
     levels = np.stack([1 / f, 1 / f], axis=1)
     bands = tuple(
-        BandError(axis, low, high, share, 0.2, {"delta_x": 0.9}, 0.93)
+        BandError(
+            axis=axis,
+            low_hz=low,
+            high_hz=high,
+            error_share=share,
+            noise_share=0.2,
+            coherence={"delta_x": 0.9},
+            coherence_together=0.93,
+        )
         for axis in ("roll", "pitch")
         for low, high, share in ((0.5, 2.0, 0.2), (2.0, 10.0, 0.8))
     )

@@ -161,7 +161,7 @@ def flown(vehicle: Late, axis: str, duration_s: float = 20.0) -> Record:
     y = lsim((A[:10, :10], B[:10], C, np.zeros((2, 2))), arriving, t, interp=False)[1]
     y += 0.02 * y.std(axis=0) * rng.standard_normal(y.shape)
     channels = {"t": t, "p": y[:, 0], "q": y[:, 1], "delta_x": u[:, 0], "delta_y": u[:, 1]}
-    return Record(axis, channels, "chirp", axis)
+    return Record(axis, channels, maneuver="chirp", axis=axis)
 
 
 def growth(loops: Sequence[tuple[Late, FloatArray, FloatArray]], seconds: int = 16) -> FloatArray:

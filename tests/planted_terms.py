@@ -15,12 +15,15 @@ import pytest
 from planted import DT, TABLE_4, TRIM, Array
 from planted_fits import records
 
+from sysid.data.dataset import dataset
 from sysid.data.record import Record
-from sysid.diagnose.evidence import Candidate, candidate, ground, metric
-from sysid.diagnose.terms import Library, Selection, library, select
+from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
+from sysid.diagnose.evidence import Candidate, candidate
+from sysid.diagnose.term_search import Selection, select
+from sysid.diagnose.whitening import noise_whitening
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import on_runs
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import compose
 
 HUB_STIFFENING = 40.0
@@ -83,17 +86,17 @@ def flights() -> Mapping[str, list[Record]]:
 
 def parent_of(flown: Sequence[Record], base: str = "tpp", effects: Sequence[str] = ()) -> Candidate:
     """A fit as a diagnosis begins with it."""
-    on = ground(flown, (0.0, 15.0))
+    on = dataset(flown, (0.0, 15.0))
     structure = on_runs(base, effects, flown, flown)
     structure = compose(base, effects, on.available, dict(structure.constants))
-    return candidate(estimate(structure, on.viewed(structure)), (), on)
+    return candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
 
 
 @cache
-def searched(term: str) -> tuple[Candidate, Library, Selection]:
+def searched(term: str) -> tuple[Candidate, CandidateTerms, Selection]:
     """The bare TPP on a flight, its library, and what that selects."""
     parent = parent_of(flights()[term])
-    on = parent.ground
-    known = library(parent)
-    by = metric(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
-    return parent, known, select(parent, by, known)
+    on = parent.dataset
+    known = candidate_terms(parent)
+    whitening = noise_whitening(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
+    return parent, known, select(parent, whitening, known)

@@ -16,9 +16,11 @@ from scipy.signal import lfilter, lsim
 
 from sysid.data.preprocess import low_pass, spectra
 from sysid.data.record import Record
-from sysid.fit.output_error import estimate, minimise, output_error
+from sysid.data.stacks import stack
+from sysid.fit.estimate import estimate
+from sysid.fit.gauss_newton import minimise
+from sysid.fit.output_error import output_error
 from sysid.model.bases import TPP
-from sysid.model.predict import stack
 from sysid.model.structure import FloatArray, Model
 
 DURATION_S = 20.0
@@ -82,7 +84,7 @@ def _run(truth: Model, axis: str, kind: str, share: float, rng: np.random.Genera
         inside = [float(np.std(low_pass(one[:, i], dt, BAND_HZ))) for one in (y, residual)]
         y[:, i] += residual[:, i] * share * inside[0] / inside[1]
     channels = {"t": t, "p": y[:, 0], "q": y[:, 1], "delta_x": u[:, 0], "delta_y": u[:, 1]}
-    return Record(axis, channels, "chirp", axis)
+    return Record(axis, channels, maneuver="chirp", axis=axis)
 
 
 def _coloured(rng: np.random.Generator, corner_hz: float, n: int, dt: float) -> FloatArray:

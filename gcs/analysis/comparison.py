@@ -14,8 +14,7 @@ from gcs.analysis.fits import runs_of, wrapped
 from gcs.logs import Run, Window, ingest, resolve_runs
 from sysid.compare.data_checks import listed
 from sysid.compare.values import Comparison
-from sysid.data.record import Record
-from sysid.fit.output_error import AXIS_OF
+from sysid.data.record import AXIS_OF, Record
 from sysid.fit.result import Fit
 
 

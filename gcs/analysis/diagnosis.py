@@ -24,14 +24,19 @@ from gcs.analysis.comparison import flown
 from gcs.analysis.fits import assess, runs_of
 from gcs.errors import TippathError
 from gcs.logs import Window, resolve_runs
-from sysid.compare.compare import Comparison, compare
+from sysid.compare.compare import compare
+from sysid.compare.values import Comparison
 from sysid.data.record import Record
-from sysid.diagnose.could_hide import Hiding, could_hide
-from sysid.diagnose.diagnose import EXPLAINED, SURE, Diagnosis, Judged, diagnose
-from sysid.diagnose.evidence import settle
-from sysid.diagnose.explain import Explanation, explain, listed, quantity
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.could_hide import could_hide
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import instrumental_step
+from sysid.diagnose.explain import Explanation, explain
+from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
+from sysid.diagnose.quantities import listed, quantity
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
+from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit, RecordUsed
@@ -122,7 +127,7 @@ class FitDiagnosis:
     added: Fit | None
     """With the winner, where one is missing."""
     explanation: Explanation
-    hiding: Hiding
+    hiding: CouldHide
     next: NextManeuver | None
     suggestion: Suggestion | None
     """The simple terms that explain most beside the structure, where something is left; asked for only."""
@@ -288,7 +293,7 @@ def _told(
     why = explain(found.parent, winner, found.candidates, found.indistinguishable, complete=found.verdict == "complete")
     say("what could hide")
     last = winner.fit if found.verdict == "missing" and winner is not None and winner.fit is not None else found.parent
-    hidden = could_hide(last, settle(last, found.metric), found.metric, found.division, users)
+    hidden = could_hide(last, instrumental_step(last, found.whitening), found.whitening, found.division, users)
     say("what would tell")
     suggestion = None
     if suggesting:
@@ -339,10 +344,10 @@ def _next(found: Diagnosis) -> NextManeuver | None:
         rivals = [second.fit]
     if not rivals:
         return None
-    return next_maneuver([winner.fit, *rivals], winner.fit.division, found.metric)
+    return next_maneuver([winner.fit, *rivals], winner.fit.division, found.whitening)
 
 
-def rival(found: Diagnosis) -> Judged | None:
+def rival(found: Diagnosis) -> Ranked | None:
     """The next effect, where the answer is not sure and that one explains nearly as much."""
     winner, second = found.winner, found.runner_up
     if winner is None or second is None or (found.verdict == "missing" and found.confidence >= SURE):
@@ -409,7 +414,7 @@ class Addition:
     after: Fit
     records: tuple[Record, ...]
     noise_floor_percent: dict[str, float]
-    placebo: Judged | None
+    placebo: Ranked | None
     signs: tuple[Sign, ...]
 
     def to_json(self, folder: Path) -> dict[str, Any]:

@@ -25,8 +25,9 @@ from gcs.analysis.diagnosis import (
     together,
 )
 from gcs.analysis.fits import wrapped
-from sysid.diagnose.diagnose import EXPLAINED, SURE, Diagnosis, Judged
-from sysid.diagnose.explain import amount, listed, plausible_range, quantity
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.quantities import amount, listed, plausible_range, quantity
+from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.fit.result import Fit
 from sysid.model.effect import catalogue
 from sysid.model.parameter import Parameter
@@ -123,7 +124,7 @@ def _answer(last: Diagnosis) -> str:
         return "missing: " + (", and then ".join(map(_short, last.chain)) if len(last.chain) == 2 else names) + alike
     if last.stands_in:
         return f"unexplained: {names} would do it, but only at implausible values: it stands in"
-    if last.unheld:
+    if last.sizes_that_differ:
         return f"unexplained: {names} is nearest, and its size does not hold on the validation runs"
     if (winner.explained_share or 0.0) >= EXPLAINED:
         return f"unexplained: {names} explains the fitted runs, but not the validation runs"
@@ -184,11 +185,11 @@ def _short(effect: str) -> str:
     return Path(effect).name
 
 
-def _name(judged: Judged) -> str:
+def _name(judged: Ranked) -> str:
     return " + ".join(map(_short, judged.effects))
 
 
-def _which(winner: Judged) -> list[str]:
+def _which(winner: Ranked) -> list[str]:
     """What the ids stand for."""
     assert winner.fit is not None
     titles = {one.path or one.id: one.title for one in (*catalogue().values(), *winner.fit.model.structure.composed)}
@@ -212,7 +213,7 @@ def _others(last: Diagnosis) -> list[str]:
     return lines
 
 
-def _sizes(winner: Judged) -> list[str]:
+def _sizes(winner: Ranked) -> list[str]:
     assert winner.fit is not None
     parameters = {one.name: one for one in winner.fit.model.structure.parameters}
     lines = []
@@ -225,9 +226,9 @@ def _sizes(winner: Judged) -> list[str]:
 
 def _unheld(last: Diagnosis) -> list[str]:
     """The size that two sets of runs put differently."""
-    if last.verdict != "unexplained" or not last.unheld:
+    if last.verdict != "unexplained" or not last.sizes_that_differ:
         return []
-    one = last.unheld[0]
+    one = last.sizes_that_differ[0]
     there = quantity(one.parameter, one.elsewhere, one.elsewhere_error)
     return _set(
         f"the validation runs alone ask for {there}: one vehicle has one {one.parameter.name}, so this only resembles "

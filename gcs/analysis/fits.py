@@ -81,7 +81,7 @@ def identify_flight(
     """Fit TPP and CD to the records together and judge both, and the reduced CD, on the validation records.
 
     `effects` are composed onto the TPP, and onto the CD those that its own parameters do not stand for. Raises
-    sysid.fit.output_error.FitError where an axis is not identifiable.
+    sysid.errors.FitError where an axis is not identifiable.
     """
     tpp = identify(TPP, records, validation, band_hz, effects=effects)
     cd = identify(CD, records, validation, band_hz, effects=on_cd(effects))

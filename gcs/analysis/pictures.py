@@ -18,7 +18,7 @@ import numpy as np
 from gcs.analysis.report import BLACK, BLUE, GREEN, ORANGE, page, svg
 from gcs.errors import TippathError, UsageError
 from sysid.compare.values import BandError, Comparison, Densities, ResponseError, Trace
-from sysid.fit.output_error import AXIS_OF
+from sysid.data.record import AXIS_OF
 from sysid.model.structure import FloatArray
 
 SKY, YELLOW, PURPLE, GREY = "#56B4E9", "#E69F00", "#CC79A7", "#BBBBBB"

@@ -20,7 +20,7 @@ from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
 
 if TYPE_CHECKING:
     from gcs.analysis.diagnosis import FitDiagnosis
-    from sysid.diagnose.diagnose import Judged
+    from sysid.diagnose.candidates import Ranked
 
 Line = str | tuple[str, str]
 
@@ -258,7 +258,7 @@ def candidates(found: FitDiagnosis | None) -> list[tuple[str, float | None, str]
         return []
     last = found.last
     best = last.winner
-    asked: list[Judged] = sorted(
+    asked: list[Ranked] = sorted(
         (one for one in (*last.pairs[:1], *last.candidates) if one.fit is not None),
         key=lambda one: (one is not best, one.delta_bic),
     )

@@ -18,7 +18,8 @@ import numpy as np
 from sysid.compare.spectrum import Responses
 from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import Record
-from sysid.fit.output_error import FitError, refuse_still_channels
+from sysid.errors import FitError
+from sysid.fit.axes import refuse_still_channels
 from sysid.model.structure import FloatArray, Structure
 
 FLAT_SAMPLES = 5

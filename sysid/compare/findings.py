@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.compare.data_checks import listed
 from sysid.compare.values import GROWTH_RATIO, BandError, Comparison, RunError
-from sysid.fit.output_error import AXIS_OF
+from sysid.data.record import AXIS_OF
 
 MOST_OF_IT, NEARLY_ALL = 0.5, 0.9
 COHERENT, PARTLY = 0.5, 0.2

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.compare.spectrum import Responses, judged, windows
+from sysid.compare.spectrum import Responses, Windows, judged, windows
 from sysid.data.preprocess import DEFAULT_BAND_HZ, ComplexArray, Spectrum
-from sysid.fit.output_error import output_error
+from sysid.data.stacks import Stack, stack
+from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.result import finite
-from sysid.model.predict import respond, stack
+from sysid.model.predict import respond
 from sysid.model.response import transfer
 from sysid.model.structure import FloatArray, Model
 
@@ -33,7 +34,6 @@ PHASE_WEIGHT = 0.01745
 FEWEST_POINTS = 3
 BRIDGED = 4
 """Points of the grid, a third of an octave."""
-
 BoolArray = NDArray[np.bool_]
 
 
@@ -98,33 +98,56 @@ class Mismatches:
     measured: Responses
 
 
-def mismatch(model: Model, spectra: Sequence[Spectrum]) -> Mismatches:
-    """Compare a model with the flown responses, output by output and command by command.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelResponses:
+    """A model's responses and what they lack of the measured ones, all runs averaged in the same windows."""
 
-    The model flies the same commands through the same averaging, and trims and end states are taken out, so that the
-    differences are the model's and not the method's.
-    """
+    windows: Windows
+    outputs: tuple[str, ...]
+    expected: ComplexArray
+    """(k, m, f), the model's."""
+    missing: ComplexArray
+    """(k, m, f), measured less modelled."""
+    noise: FloatArray
+    """(k, f), power per bin."""
+    own: FloatArray
+    """(m, f), each command's own power."""
+
+    @classmethod
+    def of(cls, model: Model, stacks: Sequence[Stack], error: OutputError) -> ModelResponses:
+        """The model flies the same commands through the same averaging; `error` is what it leaves of the stacks, trims
+        and end states taken out, so that the differences are the model's and not the method's."""
+        structure = model.structure
+        cut = windows(stacks, structure.commands)
+        modelled: ComplexArray = np.concatenate(
+            [respond(structure, model.values, group, False).Y for group in stacks], axis=1
+        )
+        expected, _, _ = cut.solve(modelled)
+        missing, noise, own = cut.solve(np.concatenate(error.residuals, axis=1))
+        return cls(windows=cut, outputs=structure.outputs, expected=expected, missing=missing, noise=noise, own=own)
+
+
+def mismatch(model: Model, spectra: Sequence[Spectrum]) -> Mismatches:
+    """Compare a model with the flown responses, output by output and command by command."""
     stacks = stack(spectra)
-    structure = model.structure
-    cut = windows(stacks, structure.commands)
-    modelled: ComplexArray = np.concatenate(
-        [respond(structure, model.values, group, False).Y for group in stacks], axis=1
-    )
-    rest: ComplexArray = np.concatenate(output_error(model, stacks).residuals, axis=1)
-    expected, _, _ = cut.solve(modelled)
-    missing, noise, own = cut.solve(rest)
-    measured = judged(cut, structure.outputs, expected + missing, noise, own)
+    return mismatches(ModelResponses.of(model, stacks, output_error(model, stacks)))
+
+
+def mismatches(of: ModelResponses) -> Mismatches:
+    """The differences in the bands where measured responses can be trusted."""
+    cut = of.windows
+    measured = judged(cut, of.outputs, of.expected + of.missing, of.noise, of.own)
     found = []
-    for k, output in enumerate(structure.outputs):
-        for m, command in enumerate(structure.commands):
+    for k, output in enumerate(of.outputs):
+        for m, command in enumerate(cut.commands):
             with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = expected[k, m] / measured.H[k, m]
+                ratio = of.expected[k, m] / measured.H[k, m]
             coherence = measured.partial_coherence[k, m]
             use = widest(np.isfinite(ratio) & (coherence >= LEAST_COHERENCE))
             decibels, degrees = _apart(ratio[use])
             frequency = cut.frequency_hz[use]
             cost = integrated_cost(frequency, decibels, degrees, coherence[use])
-            found.append(Mismatch(output, command, frequency, decibels, degrees, coherence[use], cost))
+            found.append(Mismatch(output, command, frequency, decibels, degrees, coherence=coherence[use], cost=cost))
     return Mismatches(tuple(found), measured)
 
 

@@ -5,7 +5,7 @@ what: its two-input response comes out 3 to 10 dB wrong at a coherence of 1. Cro
 neighbouring bins *and* over all runs; where even then one command only follows the others, there is no response.
 
 Gusts reach the commands through the feedback. Where the excitation is logged, the part of each command that it caused
-serves as instrument (`sysid.fit.instrument`), and gusts average out; without it the commands are their own reference,
+serves as instrument (`sysid.data.instrument`), and gusts average out; without it the commands are their own reference,
 and responses lean towards minus the controller's inverse where gusts are strong.
 
 Within a window the response may be a straight line over frequency, so that slopes of phase do not count as noise.
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray, Spectrum
-from sysid.model.predict import Stack, stack
+from sysid.data.stacks import Stack, stack
 from sysid.model.structure import FloatArray
 
 POINTS = 50
@@ -37,7 +37,7 @@ LEAST_RELATIVE_POWER = 0.03
 """Of the strongest command's own power; a command that is its own reference and moves less is feedback alone."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Responses:
     """Outputs per command on a grid of frequencies; NaN where the runs do not separate the commands."""
 
@@ -64,7 +64,7 @@ class Responses:
         return all(name in EXCITATIONS for name in self.references)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Windows:
     """Commands and what caused them, on all bins of all runs, cut into windows around each grid frequency."""
 
@@ -128,25 +128,43 @@ def windows(stacks: Sequence[Stack], commands: Sequence[str], points: int = POIN
     R, references = U.copy(), list(commands)
     for row, name in enumerate(commands):
         excitation = f"excitation_{name.removeprefix('delta_')}"
-        if not all(excitation in one.segment.channels for group in stacks for one in group.spectra):
-            continue
-        logged = np.concatenate(
-            [one.transform(one.segment.channels[excitation][None, :])[0] for group in stacks for one in group.spectra]
-        )
-        R[row], references[row] = scale * logged, excitation
-    low, high = max(LOWEST_HZ, float(np.min(frequency))), float(np.max(frequency))
-    swept = [one.segment.record.swept_band_hz for group in stacks for one in group.spectra]
-    known = [band for band in swept if band is not None]
-    if known and len(known) == len(swept):  # beyond the sweep only the controller moves the commands
-        low = max(low, BEYOND_SWEEP[0] * min(band[0] for band in known))
-        high = max(low, min(high, BEYOND_SWEEP[1] * max(band[1] for band in known)))
-    grid = np.geomspace(low, high, points) if low < high else np.array([high])
+        logged = _logged(stacks, excitation)
+        if logged is not None:
+            R[row], references[row] = scale * logged, excitation
+    grid = _grid(stacks, frequency, points)
     chosen = []
     for centre in grid:
         half = max(HALF_WIDTH_HZ, RELATIVE_HALF_WIDTH * float(centre))
         at = np.flatnonzero(np.abs(frequency - centre) <= half)
         chosen.append(np.stack([at, (frequency[at] - centre) / half]))
-    return Windows(grid, tuple(commands), tuple(references), U, R, scale, tuple(chosen))
+    return Windows(
+        frequency_hz=grid,
+        commands=tuple(commands),
+        references=tuple(references),
+        U=U,
+        R=R,
+        scale=scale,
+        chosen=tuple(chosen),
+    )
+
+
+def _logged(stacks: Sequence[Stack], channel: str) -> ComplexArray | None:
+    """A channel on all bins, (bins,); None where it is not logged on every run."""
+    segments = [one for group in stacks for one in group.spectra]
+    if not all(channel in one.segment.channels for one in segments):
+        return None
+    return np.concatenate([one.transform(one.segment.channels[channel][None, :])[0] for one in segments])
+
+
+def _grid(stacks: Sequence[Stack], frequency_hz: FloatArray, points: int) -> FloatArray:
+    """The windows' centres: evenly over the octaves, no further than the sweeps where these are known."""
+    low, high = max(LOWEST_HZ, float(np.min(frequency_hz))), float(np.max(frequency_hz))
+    swept = [one.segment.record.swept_band_hz for group in stacks for one in group.spectra]
+    known = [band for band in swept if band is not None]
+    if known and len(known) == len(swept):  # beyond the sweep only the controller moves the commands
+        low = max(low, BEYOND_SWEEP[0] * min(band[0] for band in known))
+        high = max(low, min(high, BEYOND_SWEEP[1] * max(band[1] for band in known)))
+    return np.geomspace(low, high, points) if low < high else np.array([high])
 
 
 def measure(
@@ -172,4 +190,12 @@ def judged(cut: Windows, outputs: tuple[str, ...], H: ComplexArray, noise: Float
         power[:, :, number] = caused @ caused.conj().T
     together = np.maximum(np.einsum("kif,ijf,kjf->kf", H, power, H.conj()).real - m * noise, 0)
     multiple = together / (together + counts * noise)
-    return Responses(cut.frequency_hz, outputs, cut.commands, H, multiple, partial, cut.references)
+    return Responses(
+        frequency_hz=cut.frequency_hz,
+        outputs=outputs,
+        commands=cut.commands,
+        H=H,
+        multiple_coherence=multiple,
+        partial_coherence=partial,
+        references=cut.references,
+    )

@@ -23,7 +23,7 @@ GROWTH_LEAST = 1.15
 GROWTH_ERRORS = 3.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BandError:
     """One axis's error in a band of frequency."""
 
@@ -56,7 +56,7 @@ class WindowError:
     """The windows of all runs add up to 1 for each axis."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LevelError:
     """One axis's error while a channel was between two values; the levels of a channel hold like numbers of samples."""
 
@@ -68,7 +68,7 @@ class LevelError:
     error_share: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunError:
     """One run's part of the error."""
 
@@ -99,7 +99,7 @@ class RunError:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Growth:
     """How the noise-free error of one output grows with one command's amplitude."""
 
@@ -128,7 +128,7 @@ class Growth:
         return {**asdict(self), "significant": self.significant}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Trend:
     """How one axis's error goes with a flight condition, repeats of a maneuver set beside each other in time.
 
@@ -145,7 +145,7 @@ class Trend:
     significant: bool
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ResponseError:
     """A model's response to one command less the measured one, at every frequency that the runs tell of."""
 
@@ -200,7 +200,7 @@ class Densities:
     noise: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Comparison:
     """A model beside the measurement, and where the two part."""
 

@@ -24,7 +24,6 @@ RATE_COST = 1.0
 FLAPPING_COST = 0.001
 INPUT_COST = 5.0
 OBSERVER_POLES = (-50.0, -50.0, -51.0, -51.0)
-
 COSTS = tuple(
     size * times for size in (1.0, 10.0, 100.0, 1e3, 1e4) for times in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 )
@@ -119,6 +118,8 @@ def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequenc
 def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
     """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
     import control
+
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.signal import place_poles
 
     whole, model = model, _flown_by(model)

@@ -156,7 +156,7 @@ def loop_of(gains: Gains, vehicle: Model) -> Loop:
     now = np.block([[A, np.zeros((n, m))], [L @ C, a - L @ c - b[:, :2] @ K]])
     late = np.block([[np.zeros((n, n)), -B @ K], [np.zeros((m, n)), -L @ D @ K]])
     now, late = _balanced(now, late)
-    return Loop(now, late, vehicle, plant, unseen, DRIFT_RAD_S if attitude else 0.0)
+    return Loop(now=now, late=late, vehicle=vehicle, plant=plant, unseen=unseen, drift=DRIFT_RAD_S if attitude else 0.0)
 
 
 def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
@@ -184,6 +184,7 @@ def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
 
 def _balanced(now: FloatArray, late: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The same in units that make rows and columns alike: the roots stay, the norms shrink."""
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.linalg import matrix_balance
 
     scale = matrix_balance(np.abs(now) + np.abs(late), permute=False, separate=True)[1][0]

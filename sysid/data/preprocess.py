@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from sysid.data.record import FloatArray, Record
 
 ComplexArray = NDArray[np.complex128]
-
 MINIMUM_SEGMENT_S = 2.0
 OFF_CLOCK = 0.1  # of a sample
 DEFAULT_BAND_HZ = (0.0, 15.0)
@@ -48,7 +47,7 @@ class Segment:
         return np.asarray(self.start_s + self.dt * np.arange(self.samples))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Spectrum:
     """The Fourier bins of one segment inside the band, without bin zero."""
 
@@ -70,6 +69,7 @@ class Spectrum:
 
     def transform(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n) of this segment to the same bins, (rows, bins)."""
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.fft import rfft
 
         return np.asarray(rfft(rows, axis=1)[:, self.first : self.first + self.frequency_hz.size])
@@ -178,7 +178,17 @@ def spectrum(
         return np.ascontiguousarray(rfft(rows, axis=1)[:, first : last + 1])
 
     z = np.exp(2j * np.pi * dt * frequency_hz)
-    return Spectrum(segment, dt, n, frequency_hz, z, bins(inputs), bins(outputs), first, tuple(inputs))
+    return Spectrum(
+        segment=segment,
+        dt=dt,
+        samples=n,
+        frequency_hz=frequency_hz,
+        z=z,
+        U=bins(inputs),
+        Y=bins(outputs),
+        first=first,
+        inputs=tuple(inputs),
+    )
 
 
 def low_pass(values: FloatArray, dt: float, high_hz: float) -> FloatArray:

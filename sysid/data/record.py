@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from sysid.errors import SysidError
 
 FloatArray = NDArray[np.float64]
-
 CHANNELS: Mapping[str, str] = MappingProxyType(
     {
         "t": "s",
@@ -53,9 +52,7 @@ CHANNELS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Every channel name a record may have, with its unit. Only `REQUIRED` must be there."""
-
 REQUIRED = ("t", "p", "q", "delta_x", "delta_y")
-
 FORMAT = "tippath.record/1"
 
 
@@ -71,6 +68,7 @@ class Record:
     """What the user types for it: `flight.BIN#2`, or a file name."""
     channels: Mapping[str, FloatArray]
     """Name -> samples, shape (n,), units of `CHANNELS`. `t` increases strictly."""
+    _: KW_ONLY
     maneuver: str = "unknown"
     """`chirp`, `doublet`, `quiet` or `unknown`."""
     axis: str | None = None
@@ -135,13 +133,13 @@ class Record:
         return Record(
             self.id,
             channels,
-            self.maneuver,
-            self.axis,
-            self.rate_source,
-            self.path,
-            self.sha256,
-            self.swept_band_hz,
-            self.notes,
+            maneuver=self.maneuver,
+            axis=self.axis,
+            rate_source=self.rate_source,
+            path=self.path,
+            sha256=self.sha256,
+            swept_band_hz=self.swept_band_hz,
+            notes=self.notes,
         )
 
     def save(self, path: Path) -> None:
@@ -185,11 +183,21 @@ class Record:
         return cls(
             about["id"],
             channels,
-            about["maneuver"],
-            about["axis"],
-            about["rate_source"],
-            about["path"],
-            about["sha256"],
-            None if band is None else (band[0], band[1]),
-            tuple(about["notes"]),
+            maneuver=about["maneuver"],
+            axis=about["axis"],
+            rate_source=about["rate_source"],
+            path=about["path"],
+            sha256=about["sha256"],
+            swept_band_hz=None if band is None else (band[0], band[1]),
+            notes=tuple(about["notes"]),
         )
+
+
+COMMANDS = ("delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "delta_a")
+AXIS_OF = {
+    "delta_x": "roll",
+    "delta_y": "pitch",
+    "delta_e": "elevator",
+    "p": "roll",
+    "q": "pitch",
+}

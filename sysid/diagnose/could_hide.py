@@ -20,28 +20,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from sysid.control.regulator import DesignError, Gains, lqr
 from sysid.control.stability import Margins, closed_loop
 from sysid.data.preprocess import ComplexArray
-from sysid.diagnose.evidence import INDEPENDENT, Candidate, Metric, Settled, metric
-from sysid.diagnose.explain import quantity
+from sysid.diagnose.evidence import Candidate, Stepped
+from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
+from sysid.diagnose.score import INDEPENDENT
+from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.identifiable import size as whole
 from sysid.fit.noise import Division
-from sysid.fit.result import finite
 from sysid.model.bases import compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import Parameter
-from sysid.model.predict import RelaxationError, respond
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Mode, Model, Structure, modes
 
-HARM = 0.1
-"""Relative change of a watched parameter, or of the delay margin, that matters for gains."""
 WATCHED = {"tpp": ("L_b", "M_a", "tau_f"), "cd": ("L_p", "M_q", "L_lat", "M_lon")}
-MOST = 5
 UPPER = 1.645
 """Standard errors to the upper 95 % limit."""
 POWER = 0.842
@@ -57,8 +55,6 @@ NEAR = (0.8, 1.25)
 SLOPES = (0.5, 4.0)
 """Powers of the size with which a response may grow."""
 DOUBLINGS = 4
-ALIKE = 0.1
-"""Relative difference of what two effects do to a fit, below which they are told together."""
 MOST_SIZES = 2
 LEAST_SIZE = 0.2
 """Of the largest, on the scale where typical is 1: smaller parameters of one effect are not told."""
@@ -66,171 +62,20 @@ NO_MARGINS = Margins(0.0, 0.0, 0.0)
 """Of gains that do not hold the vehicle."""
 
 
-@dataclass(frozen=True)
-class Hidden:
-    """One effect at the largest size that could hide."""
-
-    effect: str
-    title: str
-    size: Mapping[str, float]
-    """Parameter -> value; those that mean nothing at the null as typical."""
-    sized: tuple[Parameter, ...]
-    """Parameters that have a null, and with it a size; the largest of them."""
-    visible: bool
-    """False where these runs show nothing of it that the structure could not do itself: only plausibility limits it."""
-    shift: Mapping[str, float]
-    """Fitted parameter -> what leaving the effect out adds to it, in its unit."""
-    relative: Mapping[str, float]
-    """Watched parameter -> the same over the fitted value."""
-    modes: tuple[tuple[Mode, Mode], ...]
-    """Each of the fit's modes, and that of the vehicle with the effect."""
-    margins: tuple[Margins, Margins] | None
-    """Of the gains designed on the fit: on the fit, and on the vehicle with the effect."""
-
-    @property
-    def delay_loss_ms(self) -> float:
-        """Of the delay margin; 0 where there are no gains, or where any delay could be held."""
-        if self.margins is None or not math.isfinite(self.margins[0].delay_ms):
-            return 0.0
-        return self.margins[0].delay_ms - self.margins[1].delay_ms
-
-    @property
-    def delay_loss(self) -> float:
-        """The same as a share of the delay margin; 1 where the vehicle is not held."""
-        if self.margins is None:
-            return 0.0
-        here, there = (one.delay_ms for one in self.margins)
-        return 1.0 if there <= 0 else self.delay_loss_ms / here
-
-    @property
-    def harm(self) -> float:
-        """The largest relative change of a watched parameter, or loss of delay margin."""
-        return float(max([*np.abs(self.done[:-1]), self.done[-1]]))
-
-    @property
-    def up_to(self) -> str:
-        """`up to tau_s = 12 ms`, `down to limit = 0.3`."""
-        way = "down" if any(math.isinf(one.null or 0.0) for one in self.sized) else "up"
-        return f"{way} to " + ", ".join(quantity(one, self.size[one.name]) for one in self.sized)
-
-    @property
-    def done(self) -> FloatArray:
-        """What leaving it out does, as relative changes: watched parameters, delay margin."""
-        return np.array([*self.relative.values(), self.delay_loss])
-
-    @property
-    def consequences(self) -> str:
-        """`M_a would be 16 % low, the delay margin would be 12 ms shorter`."""
-        done = [
-            f"{name} would be {100 * abs(x):.0f} % {'high' if x > 0 else 'low'}"
-            for name, x in sorted(self.relative.items(), key=lambda item: -abs(item[1]))
-            if abs(x) >= max(0.01, 0.3 * HARM)
-        ]
-        done += [
-            f"the mode at {here.frequency_hz:.2f} Hz would be at {there.frequency_hz:.2f} Hz"
-            for here, there in self.modes
-            if abs(there.frequency_hz / here.frequency_hz - 1) >= HARM
-        ]
-        if self.margins is not None and self.delay_loss >= 0.3 * HARM:
-            here, there = self.margins
-            if there.delay_ms <= 0:
-                done.append(f"gains designed on the fit ({here.words}) would not hold it")
-            else:
-                done.append(
-                    f"the delay margin would be {self.delay_loss_ms:.0f} ms shorter "
-                    f"({there.delay_ms:.0f} in place of {here.delay_ms:.0f} ms)"
-                )
-        seen = "" if self.visible else "; these runs show nothing of it, only what is plausible limits it"
-        return f"{', '.join(done) or 'the fit would hardly change'}{seen}"
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "effect": self.effect,
-            "size": {name: finite(value) for name, value in self.size.items()},
-            "visible": self.visible,
-            "shift": dict(self.shift),
-            "relative": dict(self.relative),
-            "margins": None
-            if self.margins is None
-            else [
-                {"gain_db": finite(one.gain_db), "phase_deg": finite(one.phase_deg), "delay_ms": finite(one.delay_ms)}
-                for one in self.margins
-            ],
-            "consequences": self.consequences,
-        }
-
-
-@dataclass(frozen=True)
-class Hiding:
-    """All that could hide. Effects that do the same to the fit stand together: nobody need tell them apart."""
-
-    harmful: tuple[tuple[Hidden, ...], ...]
-    """The worst first, at most MOST; of each the worst of its kind first."""
-    others: tuple[tuple[Hidden, ...], ...]
-    """The rest, the worst first."""
-
-    @property
-    def sentences(self) -> tuple[str, ...]:
-        said = [_sentence(group) for group in self.harmful]
-        if self.others:
-            said.append(self._rest())
-        return tuple(said)
-
-    def _rest(self) -> str:
-        more = [group for group in self.others if group[0].harm >= HARM]
-        if more:
-            return f"could hide and do harm too: {', '.join(f'{one.effect} {one.up_to}' for one, *_ in more)}"
-        first = self.others[0][0]
-        name, change = max(first.relative.items(), key=lambda item: abs(item[1]), default=("", 0.0))
-        begin = "the others are harmless" if self.harmful else "nothing that could hide here would do harm"
-        said = f"{begin}: at worst {first.effect} {first.up_to}"
-        if abs(change) >= first.harm - 1e-9:
-            percent = "less than 1 %" if abs(change) < 0.01 else f"{100 * abs(change):.0f} %"
-            return f"{said} leaves {name} {percent} {'high' if change > 0 else 'low'}"
-        return f"{said} makes the delay margin {first.delay_loss_ms:.1f} ms shorter"
-
-    def to_json(self) -> list[str]:
-        """The contract's `could_hide`."""
-        return list(self.sentences)
-
-
-def _sentence(group: Sequence[Hidden]) -> str:
-    first, *same = group
-    also = f", or {', '.join(f'{one.effect} {one.up_to}' for one in same)}" if same else ""
-    return f"{first.title} ({first.effect}) {first.up_to}{also} could hide here: {first.consequences}"
-
-
-def _grouped(found: Sequence[Hidden]) -> list[tuple[Hidden, ...]]:
-    """The worst first; effects that do the same together."""
-    groups: list[list[Hidden]] = []
-    for one in sorted(found, key=lambda each: -each.harm):
-        for group in groups:
-            first = group[0]
-            if np.max(np.abs(one.done - first.done)) <= ALIKE * first.harm:
-                group.append(one)
-                break
-        else:
-            groups.append([one])
-    return [tuple(group) for group in groups]
-
-
-# ------------------------------------------------------------------------------------------------ asking all
-
-
 def could_hide(
-    parent: Candidate, settled: Settled, by: Metric, division: Division, users: Sequence[Effect] = ()
-) -> Hiding:
+    parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, users: Sequence[Effect] = ()
+) -> CouldHide:
     """Ask every testable effect that the parent lacks; `division` is that of the metric's noise."""
     structures = _testable(parent, users)
-    asking = _Asking.of(parent, settled, by, division, len(structures))
+    asking = _Asking.of(parent, stepped, whitening, division, len(structures))
     asked = [asking.ask(effect, composed) for effect, composed in structures]
-    groups = _grouped([one for one in asked if one is not None])
+    groups = grouped([one for one in asked if one is not None])
     harmful = sum(group[0].harm >= HARM for group in groups[:MOST])
-    return Hiding(tuple(groups[:harmful]), tuple(groups[harmful:]))
+    return CouldHide(tuple(groups[:harmful]), tuple(groups[harmful:]))
 
 
 def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, Structure]]:
-    structure, available = parent.model.structure, parent.ground.available
+    structure, available = parent.model.structure, parent.dataset.available
     present = {one.id for one in structure.composed}
     linear = [one for one in structure.composed if one.linear]
     forward = "airspeed" in available or any(one.group == "forward" for one in structure.composed)
@@ -250,14 +95,14 @@ def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, 
     return found
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Asking:
     """What all questions share."""
 
     parent: Candidate
-    settled: Settled
-    by: Metric
-    by_fit: Metric
+    stepped: Stepped
+    whitening: Whitening
+    by_fit: Whitening
     """The fit's own criterion: each output weighed as a whole."""
     answer: FloatArray
     """(free, N), from a change of the outputs in the fit's criterion to that of the parameters."""
@@ -273,13 +118,16 @@ class _Asking:
     """Standard errors from which on the diagnosis finds an effect four times in five."""
 
     @classmethod
-    def of(cls, parent: Candidate, settled: Settled, by: Metric, division: Division, questions: int) -> _Asking:
+    def of(
+        cls, parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, questions: int
+    ) -> _Asking:
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.stats import norm
 
         structure, estimate = parent.model.structure, parent.estimate
         power = np.diag(np.maximum(estimate.error.residual_power, 1e-300))
         flat = replace(division, level=np.broadcast_to(power.astype(complex), division.level.shape))
-        by_fit = metric(parent.model, parent.ground.stacks, flat)
+        by_fit = noise_whitening(parent.model, parent.dataset.stacks, flat)
         moved = by_fit(parent.J)
         asked = by_fit(parent.J_imposed) if estimate.instrumented else moved
         try:
@@ -287,17 +135,17 @@ class _Asking:
         except DesignError:
             gains = None
         return cls(
-            parent,
-            settled,
-            by,
-            by_fit,
-            np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
-            parent.free,
-            _by_linear_part(parent),
-            np.asarray(np.linalg.pinv(settled.asked @ settled.moved.T, rcond=1e-12).T @ settled.moved),
-            gains,
-            None if gains is None else gains.loop.margins,
-            float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
+            parent=parent,
+            stepped=stepped,
+            whitening=whitening,
+            by_fit=by_fit,
+            answer=np.asarray(np.linalg.pinv(asked @ moved.T, rcond=1e-12) @ asked),
+            free=parent.free,
+            base=_by_linear_part(parent),
+            own=np.asarray(np.linalg.pinv(stepped.Z @ stepped.J.T, rcond=1e-12).T @ stepped.J),
+            gains=gains,
+            margins=None if gains is None else gains.loop.margins,
+            needed=float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
         )
 
     def ask(self, effect: Effect, composed: Structure) -> Hidden | None:
@@ -322,15 +170,15 @@ class _Asking:
         true = {**known, **{name: known[name] - moved for name, moved in shift.items()}, **size}
         vehicle = Model(composed, composed.vector(true))
         return Hidden(
-            effect.path or effect.id,
-            effect.title,
-            size,
-            tuple(sized[i] for i in told),
-            visible,
-            shift,
-            watched,
-            _pairs(self.parent.model.modes, vehicle),
-            self._margins(vehicle),
+            effect=effect.path or effect.id,
+            title=effect.title,
+            size=size,
+            sized=tuple(sized[i] for i in told),
+            visible=visible,
+            shift=shift,
+            relative=watched,
+            modes=_pairs(self.parent.model.modes, vehicle),
+            margins=self._margins(vehicle),
         )
 
     def _watched(self, shift: Mapping[str, float]) -> list[str]:
@@ -340,7 +188,7 @@ class _Asking:
         """The largest size that could hide, on the scale where null is 0 and typical 1; the change of the outputs."""
         columns = [self._column(point, unit) for unit in np.eye(len(point.sized))]
         together = [np.stack(parts) for parts in zip(*columns, strict=True)]
-        Z = self.by(together)
+        Z = self.whitening(together)
         if not np.all(np.isfinite(Z)) or not np.any(Z):
             return None
         slopes = self._shift(together)
@@ -376,7 +224,7 @@ class _Asking:
         gram = Z1 @ Z1.T
         scale = np.sqrt(np.diag(gram))
         C = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
-        guess = C @ (Z1 @ self.settled.residual)
+        guess = C @ (Z1 @ self.stepped.residual)
         best, most = np.zeros(len(scale)), -1.0
         for each in g if np.any(g) else np.eye(len(scale)):
             spread = math.sqrt(max(float(each @ C @ each), 1e-300))
@@ -412,18 +260,18 @@ class _Asking:
         return last, [grown * one for one in closer]
 
     def _distance(self, change: Sequence[ComplexArray]) -> float:
-        return float(np.linalg.norm(self._beyond(self.by([one[None] for one in change]))))
+        return float(np.linalg.norm(self._beyond(self.whitening([one[None] for one in change]))))
 
     def _change(self, point: _Point, x: FloatArray) -> list[ComplexArray]:
         return [one - base for one, base in zip(self._predicted(point, x), self.base, strict=True)]
 
     def _predicted(self, point: _Point, x: FloatArray) -> list[ComplexArray]:
         values = point.composed.vector(point.at(x))
-        return [respond(point.composed, values, group, False).Y for group in self.parent.ground.imposed]
+        return [respond(point.composed, values, group, False).Y for group in self.parent.dataset.imposed]
 
     def _beyond(self, Z: FloatArray) -> FloatArray:
         """Less what the parent's own parameters would do."""
-        return np.asarray(Z - (Z @ self.own.T) @ self.settled.asked)
+        return np.asarray(Z - (Z @ self.own.T) @ self.stepped.Z)
 
     def _shift(self, change: Sequence[ComplexArray]) -> FloatArray:
         """What a change of the outputs does to the fitted parameters, (columns, free)."""
@@ -441,9 +289,9 @@ def _by_linear_part(parent: Candidate) -> list[ComplexArray]:
     if structure.linear:
         return parent.Y_imposed
     linear = [one for one in structure.composed if one.linear]
-    core = compose(structure.base, linear, parent.ground.available, dict(structure.constants))
+    core = compose(structure.base, linear, parent.dataset.available, dict(structure.constants))
     values = np.array([parent.model[name] for name in core.names])
-    return [respond(core, values, group, False).Y for group in parent.ground.imposed]
+    return [respond(core, values, group, False).Y for group in parent.dataset.imposed]
 
 
 def _of(structure: Structure, name: str) -> Parameter:

@@ -12,10 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.data.dataset import Dataset
 from sysid.data.preprocess import Spectrum
-from sysid.diagnose.evidence import Ground
+from sysid.data.stacks import stack
 from sysid.fit.output_error import OutputError, output_error
-from sysid.model.predict import RelaxationError, divided, jumping, stack
+from sysid.model.acting import divided, jumping
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import Model
 
 PLACES = (-1.0, -0.5, 0.5, 1.0)
@@ -25,7 +27,7 @@ STEPS = tuple(x / 10 for x in range(-10, 11) if x)
 there."""
 
 
-def judged(model: Model, on: Ground) -> OutputError:
+def validation_error(model: Model, on: Dataset) -> OutputError:
     """What a model leaves of runs that it was not fitted to."""
     return output_error(model, stack(begun(model, on.spectra)) if _reaches(model) else on.stacks)
 

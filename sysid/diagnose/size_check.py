@@ -13,13 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnose.evidence import Candidate, Ground, viewed
+from sysid.data.dataset import Dataset, viewed
+from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.initial_states import begun
-from sysid.fit.output_error import FitError, estimate
+from sysid.errors import FitError
+from sysid.fit.estimate import estimate
 from sysid.fit.result import finite
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
-from sysid.model.predict import RelaxationError
+from sysid.model.relaxation import RelaxationError
 
 CERTAIN = 3.0
 """Standard errors of a difference that chance may make."""
@@ -53,7 +55,7 @@ class Size:
         }
 
 
-def sizes(one: Candidate, effects: Collection[str], other: Ground) -> tuple[Size, ...]:
+def sizes(one: Candidate, effects: Collection[str], other: Dataset) -> tuple[Size, ...]:
     """Sizes of these effects (ids, or paths of a user's) that both sets of runs determine; the most different first.
 
     The whole structure is fitted to the other runs, beginning at the candidate. None where they do not determine it:
@@ -71,7 +73,7 @@ def sizes(one: Candidate, effects: Collection[str], other: Ground) -> tuple[Size
     return tuple(sorted(found or (), key=lambda size: -size.off))
 
 
-def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], other: Ground) -> list[Size] | None:
+def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], other: Dataset) -> list[Size] | None:
     """Sizes of effects, those of `kept` ones held; None where the other runs do not determine the structure."""
     model = one.model
     held = {*one.held, *one.estimate.at_bound, *(name for effect in kept for name in effect.names)}

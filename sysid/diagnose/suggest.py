@@ -12,7 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.diagnose.terms import STAGES, Entry, Expression, Term, code, text, value
+from sysid.diagnose.candidate_terms import STAGES
+from sysid.diagnose.term_search import Term
+from sysid.diagnose.terms import Entry, Expression, code, text, value
 from sysid.errors import SysidError
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter

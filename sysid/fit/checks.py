@@ -15,9 +15,13 @@ import numpy as np
 
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
 from sysid.data.record import Record
+from sysid.data.stacks import stack
+from sysid.errors import FitError
 from sysid.fit import fast
-from sysid.fit.output_error import Estimate, FitError, estimate, held_stable, output_error, start
-from sysid.model.predict import stack
+from sysid.fit.estimate import Estimate, estimate
+from sysid.fit.output_error import output_error
+from sysid.fit.stable import held_stable
+from sysid.fit.start import start
 from sysid.model.structure import FloatArray, Model, Structure
 
 POOR_PERCENT = 70.0
@@ -199,7 +203,7 @@ def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
             f"free p {free[0]:.0f} / q {free[1]:.0f} %"
         )
         if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
-            late = lateness(Structure(model.structure.base_), found)
+            late = lateness(Structure(base_=model.structure.base_), found)
             if late is not None:
                 said.append(late)
     except FitError as error:

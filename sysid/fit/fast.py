@@ -1,4 +1,4 @@
-"""The fit of a bare base in two milliseconds: the same criterion as `sysid.fit.output_error`, written for speed.
+"""The fit of a bare base in two milliseconds: the same criterion as `sysid.fit.estimate`, written for speed.
 
 Every row of the normal equations is D(s)^-1 times signals that stand in the two equations: outputs and their
 derivatives, commands, end states, and what the equations leave. So inner products of rows are sums over the bins of
@@ -7,7 +7,7 @@ row has which signal in which equation does the rest. With M of the last D the s
 with the residual's smoothed spectra for W they are the estimate's variance.
 
 All runs lie side by side in padded arrays. The start is the equation error's reweighted solution on every fourth bin;
-Gauss-Newton follows there, then on all bins. `sysid.fit.output_error` is the reference that the tests hold this
+Gauss-Newton follows there, then on all bins. `sysid.fit.estimate` is the reference that the tests hold this
 against; where this does not apply, or ends in a poor fit, that one is used.
 """
 
@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
+from sysid.data.stacks import Stack
+from sysid.fit.rows import smooth
 from sysid.model.polynomial import FORMS, Form, exact_enough, inverse, signals
-from sysid.model.predict import Stack
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
 
 THINNING = 4
@@ -99,7 +100,15 @@ def _layout(form: Form) -> _Layout:
     derivatives = both(2) if form.order == 2 else slice(0)
     last = slice(order.index(ends), order.index(ends) + form.order + 1)
     own = int(np.count_nonzero(~used[1]))
-    return _Layout(tuple(order), own, table[:, :, order], both(0), derivatives, both(targets), last)
+    return _Layout(
+        order=tuple(order),
+        own=own,
+        table=table[:, :, order],
+        outputs=both(0),
+        derivatives=derivatives,
+        targets=both(targets),
+        ends=last,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +185,15 @@ def fit(structure: Structure, stack: Stack) -> FastFit | None:
     residuals = [
         rest[run, :, : part.stop - part.start] / stack.scale[part.start] for run, part in enumerate(stack.slices)
     ]
-    return FastFit(values, c, back @ covariance @ back.T, covariance, measured, left, residuals)
+    return FastFit(
+        values=values,
+        coefficients=c,
+        covariance=back @ covariance @ back.T,
+        coefficient_covariance=covariance,
+        measured_power=measured,
+        residual_power=left,
+        residuals=residuals,
+    )
 
 
 def _grid(form: Form, stack: Stack) -> _Grid:
@@ -373,7 +390,16 @@ def _linearise(grid: _Grid, c: FloatArray, power: FloatArray, ends: FloatArray) 
     ends = ends + explained[:, :, 0]
     rest = _through(K, _equations(grid, c, rows, ends))
     left = flat[1:-n] - explained[:, :, 1:].transpose(0, 2, 1) @ flat[-n:]
-    return _Normal(products[1:, 1:], products[1:, 0], _power(rest), rest, ends, left, K, weight)
+    return _Normal(
+        curvature=products[1:, 1:],
+        gradient=products[1:, 0],
+        power=_power(rest),
+        rest=rest,
+        ends=ends,
+        rows=left,
+        inverse=K,
+        weight=weight,
+    )
 
 
 def _descend(
@@ -402,9 +428,7 @@ def _descend(
 
 
 def _covariance(grid: _Grid, stack: Stack, last: _Normal) -> FloatArray:
-    """As `sysid.fit.output_error._covariance`, of the coefficients; the last pass's signals are still in the room."""
-    from sysid.fit.output_error import smooth
-
+    """As `sysid.fit.estimate`, of the coefficients; the last pass's signals are still in the room."""
     e = np.sqrt(last.weight)[:, None] * last.rest
     cross = e[:, 0] * e[:, 1].conj()
     own = e.view(float) ** 2

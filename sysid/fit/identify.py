@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from sysid.data.dataset import means
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
-from sysid.data.record import Record
+from sysid.data.record import AXIS_OF, Record
+from sysid.data.stacks import stack
+from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
+from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural, vague
-from sysid.fit.output_error import AXIS_OF, Estimate, FitError, OutputError, estimate, output_error
+from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.result import Fit, RecordUsed, Rung
 from sysid.model.bases import compose
 from sysid.model.effect import Effect, EffectError
-from sysid.model.predict import stack
 from sysid.model.structure import Model, Structure
 
 LARGE_TILT = 5.0  # rad of flapping per full command
@@ -46,60 +50,100 @@ def identify(
         raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
     if not records:
         raise FitError("no run to fit")
+    runs = _Runs(records, validation, band_hz)
     rungs: list[Rung] = [] if grown is None else [*grown.lineage]
-    warnings: list[str] = []
     parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
     for count in range(0 if grown is None else len(effects), len(effects) + 1):
+        last = count == len(effects)
         try:
             composed = on_runs(structure.base, effects[:count], [*records, *validation], records)
         except EffectError:
-            if count == len(effects):
+            if last:
                 raise
             continue  # it needs one that is named after it
-        fitted, warnings = spectra(records, composed.inputs, composed.outputs, band_hz)
-        held = {name: value for name, value in (fixed or {}).items() if name in composed.names}
-        if count == len(effects):
-            held = dict(fixed or {})
+        held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
+        step = _Step.of(composed, runs, held, begin if last and begin is not None else parent)
+        parent = step.found.model
+        rungs.append(step.rung)
+    return Fit(
+        model=step.found.model,
+        covariance=step.found.covariance,
+        nrmse_percent=rungs[-1].nrmse_percent,
+        validation_nrmse_percent=rungs[-1].validation_nrmse_percent,
+        records=tuple(RecordUsed.of(record, band_hz[1]) for record in records),
+        validation=tuple(RecordUsed.of(record, band_hz[1]) for record in validation),
+        band_hz=band_hz,
+        warnings=tuple(dict.fromkeys(step.warnings(records))),
+        profile=profile,
+        window_s=window_s,
+        at_bound=step.found.at_bound,
+        fixed=tuple(fixed or ()),
+        lineage=tuple(rungs),
+    )
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """What a fit is made from, prepared for each structure's own inputs once."""
+
+    records: Sequence[Record]
+    validation: Sequence[Record]
+    band_hz: tuple[float, float]
+    _known: dict[tuple[tuple[str, ...], bool], tuple[list[Spectrum], list[str]]] = field(default_factory=dict)
+
+    def spectra(self, structure: Structure, validation: bool = False) -> tuple[list[Spectrum], list[str]]:
+        """Bins and remarks, of the fitted or the validation runs."""
+        key = structure.inputs, validation
+        if key not in self._known:
+            runs = self.validation if validation else self.records
+            self._known[key] = spectra(runs, structure.inputs, structure.outputs, self.band_hz)
+        return self._known[key]
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One fit on the way from the bare base to the last effect."""
+
+    found: Estimate
+    fitted: list[Spectrum]
+    rung: Rung
+    remarks: list[str]
+
+    @classmethod
+    def of(cls, composed: Structure, runs: _Runs, held: Mapping[str, float], begin: Model | None) -> _Step:
+        fitted, remarks = runs.spectra(composed)
         open_to_all = structural(composed, held) if composed.composed else None
         if open_to_all is not None:
             raise FitError(open_to_all)
-        at = begin if count == len(effects) and begin is not None else parent
-        if at is not None and at.structure.base != composed.base:
-            at = None  # cylinder dynamics know nothing of flapping
-        found: Estimate = estimate(composed, fitted, at, held)
-        parent = found.model
-        judged: Mapping[str, float] | None = None
-        if validation:
-            judging, remarks = spectra(validation, composed.inputs, composed.outputs, band_hz)
-            warnings += remarks
-            if not judging:
+        if begin is not None and begin.structure.base != composed.base:
+            begin = None  # cylinder dynamics know nothing of flapping
+        found = estimate(composed, fitted, begin, held)
+        validated: Mapping[str, float] | None = None
+        if runs.validation:
+            validation, more = runs.spectra(composed, validation=True)
+            remarks = [*remarks, *more]
+            if not validation:
                 raise FitError("no validation run has 2 s of gap-free samples")
-            judged = by_output(composed, output_error(found.model, stack(judging)))
-        rungs.append(Rung(composed.effects, by_output(composed, found.error), judged))
-    warnings += _resampling(fitted)
-    warnings += _suspicious_signs(found.model)
-    if not found.model.stable:
-        warnings += explain_instability(found.model, fitted)
-    else:
-        warnings += explain_poverty(found.model, found.error.nrmse_percent, fitted)
-    warnings += _vague_directions(found)
-    warnings += _missing_sweeps(records, composed)
-    warnings += _failed_validation(judged)
-    return Fit(
-        found.model,
-        found.covariance,
-        rungs[-1].nrmse_percent,
-        rungs[-1].validation_nrmse_percent,
-        tuple(RecordUsed.of(record, band_hz[1]) for record in records),
-        tuple(RecordUsed.of(record, band_hz[1]) for record in validation),
-        band_hz,
-        tuple(dict.fromkeys(warnings)),
-        profile,
-        window_s,
-        found.at_bound,
-        tuple(fixed or ()),
-        tuple(rungs),
-    )
+            validated = by_output(composed, output_error(found.model, stack(validation)))
+        return cls(found, fitted, Rung(composed.effects, by_output(composed, found.error), validated), remarks)
+
+    def warnings(self, records: Sequence[Record]) -> list[str]:
+        """What the user should know of this fit."""
+        model = self.found.model
+        explained = (
+            explain_poverty(model, self.found.error.nrmse_percent, self.fitted)
+            if model.stable
+            else explain_instability(model, self.fitted)
+        )
+        return [
+            *self.remarks,
+            *_resampling(self.fitted),
+            *_suspicious_signs(model),
+            *explained,
+            *_vague_directions(self.found),
+            *_missing_sweeps(records, model.structure),
+            *_failed_validation(self.rung.validation_nrmse_percent),
+        ]
 
 
 def on_runs(
@@ -108,15 +152,6 @@ def on_runs(
     """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
     available = set.intersection(*(set(record.channels) for record in records))
     return compose(base, effects, available, means(fitted))
-
-
-def means(records: Sequence[Record]) -> dict[str, float]:
-    """The mean flight condition, Omega_0 and V_0, as far as every run logs it."""
-    return {
-        name: float(np.mean(np.concatenate([record.channels[channel] for record in records])))
-        for name, channel in (("Omega_0", "omega"), ("V_0", "airspeed"))
-        if all(channel in record.channels for record in records)
-    }
 
 
 def judge(model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:

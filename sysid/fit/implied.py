@@ -29,7 +29,7 @@ FAR = 1.4
 are good to a tenth, and a servo lag of 30 ms that the structure lacks makes I_yy 1.6 times too large."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Vehicle:
     """What was measured on the ground; None where it was not."""
 
@@ -46,7 +46,7 @@ class Vehicle:
     """Usual rotor speed, rad/s, for runs that do not log it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Implied:
     """One figure."""
 
@@ -88,14 +88,29 @@ def implied(fit: Fit, vehicle: Vehicle, omega: float | None) -> tuple[Implied, .
     """
     names = fit.model.structure.names
     spring = vehicle.k_beta + (vehicle.arm or 0.0) * (vehicle.mass or 0.0) * G
+
+    def inertia(parameter: str) -> Callable[[dict[str, float]], float]:
+        return lambda p: _over(spring, p[parameter])
+
     found = [
-        _figure(fit, name, "kg m^2", lambda p, of=parameter: _over(spring, p[of]), measured, (1e-4, 1e3))  # type: ignore[misc]
+        _figure(fit, name, "kg m^2", of=inertia(parameter), measured=measured, plausible=(1e-4, 1e3))
         for name, parameter, measured in (("I_xx", "L_b", vehicle.I_xx), ("I_yy", "M_a", vehicle.I_yy))
         if parameter in names
     ]
     if "lock_number" in names:
-        found.append(_figure(fit, "Lock number", "-", lambda p: p["lock_number"], None, LOCK_NUMBERS))
-        found.append(_figure(fit, "flap frequency ratio", "-", lambda p: p["flap_frequency_ratio"], None, RATIOS))
+        found.append(
+            _figure(fit, "Lock number", "-", of=lambda p: p["lock_number"], measured=None, plausible=LOCK_NUMBERS)
+        )
+        found.append(
+            _figure(
+                fit,
+                "flap frequency ratio",
+                "-",
+                of=lambda p: p["flap_frequency_ratio"],
+                measured=None,
+                plausible=RATIOS,
+            )
+        )
     speed = vehicle.omega if omega is None or omega == 0 else omega
     if speed is not None and {"tau_f", "A_b", "B_a"} <= set(names):
 
@@ -106,8 +121,8 @@ def implied(fit: Fit, vehicle: Vehicle, omega: float | None) -> tuple[Implied, .
             coupling = math.copysign(1.0, speed) * 0.5 * (p["B_a"] - p["A_b"])
             return math.sqrt(max(1 + coupling * lock(p) / 8, 0.0))
 
-        found.append(_figure(fit, "Lock number", "-", lock, None, LOCK_NUMBERS))
-        found.append(_figure(fit, "flap frequency ratio", "-", ratio, None, RATIOS))
+        found.append(_figure(fit, "Lock number", "-", of=lock, measured=None, plausible=LOCK_NUMBERS))
+        found.append(_figure(fit, "flap frequency ratio", "-", of=ratio, measured=None, plausible=RATIOS))
     return tuple(found)
 
 
@@ -140,4 +155,4 @@ def _figure(
         slope[index] = (of(dict(zip(names, map(float, moved), strict=True))) - value) / step
     variance = float(slope @ fit.covariance @ slope) if np.all(np.isfinite(slope)) else math.nan
     error = math.sqrt(variance) if variance > 0 else None
-    return Implied(name, unit, value, error, measured, plausible)
+    return Implied(name=name, unit=unit, value=value, standard_error=error, measured=measured, plausible=plausible)

@@ -10,16 +10,19 @@ here; where no excitation is logged the commands stand for themselves, and what 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.instrument import Causes
 from sysid.data.preprocess import EXCITATIONS, ComplexArray
-from sysid.fit.instrument import caused_by
+from sysid.data.stacks import Stack
 from sysid.fit.output_error import OutputError
-from sysid.model.predict import Stack
+from sysid.fit.rows import orthonormal
 from sysid.model.structure import FloatArray
 
 WINDOW_HZ = 0.5
@@ -27,11 +30,12 @@ NEIGHBOURS = 1
 """Windows to either side that share in a window's noise spectrum where it weighs residuals."""
 FEWEST_FOR_ENDS = 6
 """Bins of a segment in a window from which on its ends are taken out."""
+REFERENCES_RANK = 1e-9
 LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Division:
     """A residual's power by window and output, divided; every sample of every run counts the same."""
 
@@ -76,105 +80,91 @@ class Division:
         return all(name in EXCITATIONS for name in self.references)
 
 
-@dataclass(frozen=True, eq=False)
-class Causes:
-    """Commands on all bins of all stacks, as far as what was logged beside them caused them."""
-
-    commands: tuple[str, ...]
-    references: tuple[str, ...]
-    caused: list[ComplexArray]
-    """For every stack (m, bins)."""
-    reference: list[ComplexArray]
-    """The bins of the references, for every stack (m, bins)."""
-
-
-def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
-    """What the excitation caused in each command that the stacks have among their inputs."""
-    whole = [one.segment.channels for group in stacks for one in group.spectra]
-    references = []
-    for name in commands:
-        excitation = f"excitation_{name.removeprefix('delta_')}"
-        moved = all(excitation in channels for channels in whole) and any(
-            np.any(channels[excitation]) for channels in whole
-        )
-        references.append(excitation if moved else name)
-    found, logged = [], []
-    for group in stacks:
-        U = group.U[[group.inputs.index(name) for name in commands]]
-        R = np.concatenate(
-            [one.transform(np.stack([one.segment.channels[name] for name in references])) for one in group.spectra],
-            axis=1,
-        )
-        if R.shape[1] != U.shape[1]:
-            raise ValueError("causes want whole stacks, not thinned ones")
-        found.append(caused_by(U, R, group.scale, group.frequency_hz))
-        logged.append(R)
-    return Causes(tuple(commands), tuple(references), found, logged)
-
-
 def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     """Divide what a model leaves of the stacks into what the commands explain and noise."""
     scale = np.concatenate([group.scale for group in stacks])
     frequency = np.concatenate([group.frequency_hz for group in stacks])
-    e = scale * np.concatenate(error.residuals, axis=1)
-    u = scale * np.concatenate(by.caused, axis=1)
-    r = scale * np.concatenate(by.reference, axis=1)
-    k, m = e.shape[0], u.shape[0]
+    rows = [scale * np.concatenate(each, axis=1) for each in (error.residuals, by.caused, by.reference)]
     segment = np.concatenate([np.full(one.shape[1], number) for number, one in enumerate(error.residuals)])
-    windows = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
-    edges = np.linspace(float(frequency.min()), float(frequency.max()), windows + 1)
-    window = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, windows - 1)
-    order = np.argsort(window, kind="stable")
-    starts = np.searchsorted(window[order], np.arange(windows + 1))
-    power, explained = np.zeros((windows, k)), np.zeros((windows, k))
-    each = np.zeros((windows, k, m))
-    rest = np.zeros((windows, k, k), dtype=complex)
-    free = np.zeros(windows)
-    unknown = np.zeros(windows)
-    found = np.zeros((windows, k, k), dtype=complex)
-    for number in range(windows):
-        at = order[starts[number] : starts[number + 1]]
-        if not at.size:
-            continue
-        y, x, z = e[:, at], u[:, at], r[:, at]
-        whole = y @ y.conj().T
-        power[number] = np.diag(whole).real
-        half = 0.5 * (edges[1] - edges[0])
-        place = (frequency[at] - edges[number] - half) / half
-        ends = _ends(segment[at])
-        y, x, z = (_less(rows, ends) for rows in (y, x, z))
-        left = y @ y.conj().T
-        # what the references span: nothing of the gusts has a share in it
-        basis = _orthonormal(_less(np.concatenate([z, place * z]), ends))
-        if at.size < basis.shape[0] + ends.shape[0] + LEAST_FREEDOM:
-            basis = basis[:0]
-        there = y @ basis.conj().T
-        found[number] = there @ there.conj().T
-        rest[number] = left - found[number]
-        unknown[number], free[number] = basis.shape[0], at.size - basis.shape[0] - ends.shape[0]
-        for column in range(m if basis.size else 0):
-            alone = y @ _orthonormal(np.stack([x[column], place * x[column]])).conj().T
-            each[number, :, column] = np.sum(np.abs(alone) ** 2, axis=1)
-    around = np.array([_neighbours(rest, number) for number in range(windows)])
-    freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(windows)])
+    count = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
+    edges = np.linspace(float(frequency.min()), float(frequency.max()), count + 1)
+    half = 0.5 * (edges[1] - edges[0])
+    windows = [
+        _Window.of(*(x[:, at] for x in rows), place=(frequency[at] - edge - half) / half, segment=segment[at])
+        for edge, at in zip(edges[:-1], _cut(frequency, edges), strict=True)
+    ]
+    found, rest = (np.array([getattr(one, name) for one in windows]) for name in ("found", "rest"))
+    unknown, free = (np.array([getattr(one, name) for one in windows], float) for name in ("unknown", "free"))
+    around = np.array([_neighbours(rest, number) for number in range(count)])
+    freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(count)])
     S = around / freedom[:, None, None]
     own = np.real(np.einsum("wkk->wk", S))
-    explained = np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own
-    each -= np.minimum(2, unknown)[:, None, None] * own[:, :, None]
     tiny = 1e-12 * np.max(own, initial=1e-300)
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
-    level = S + tiny * np.eye(k)
+    each = np.array([one.by_command for one in windows])
     return Division(
-        edges,
-        power,
-        explained,
-        each,
-        by.commands,
-        by.references,
-        chi_squared,
-        degrees,
-        level,
+        edges_hz=edges,
+        power=np.array([one.power for one in windows]),
+        explained=np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own,
+        by_command=each - np.minimum(2, unknown)[:, None, None] * own[:, :, None],
+        commands=by.commands,
+        references=by.references,
+        chi_squared=chi_squared,
+        degrees=degrees,
+        level=S + tiny * np.eye(S.shape[1]),
     )
+
+
+def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> list[NDArray[np.int64]]:
+    """Numbers of the bins in each window."""
+    count = edges_hz.size - 1
+    window = np.clip(np.searchsorted(edges_hz, frequency_hz, side="right") - 1, 0, count - 1)
+    order = np.argsort(window, kind="stable")
+    starts = np.searchsorted(window[order], np.arange(count + 1))
+    return [order[begin:end] for begin, end in itertools.pairwise(starts)]
+
+
+class _Window(NamedTuple):
+    """What the references explain of the residual's bins in one window."""
+
+    power: FloatArray
+    """(k,), of the residual."""
+    by_command: FloatArray
+    """(k, m), of it what each command alone explains;"""
+    found: ComplexArray
+    """(k, k), what they explain together, a spectral matrix;"""
+    rest: ComplexArray
+    """and what they leave, (k, k)."""
+    unknown: int
+    """Unknowns that explain, for each output,"""
+    free: int
+    """and bins beyond these."""
+
+    @classmethod
+    def of(
+        cls, y: ComplexArray, x: ComplexArray, z: ComplexArray, *, place: FloatArray, segment: NDArray[np.int64]
+    ) -> _Window:
+        """Bins of the residual (k, n), of what was caused in the commands (m, n) and of their references, with the
+        place of each within the window, -1..1, and the segment that it belongs to."""
+        k, m = y.shape[0], x.shape[0]
+        power, alone = np.real(np.diag(y @ y.conj().T)), np.zeros((k, m))
+        if not place.size:
+            nothing = np.zeros((k, k), dtype=complex)
+            return cls(power, alone, found=nothing, rest=nothing, unknown=0, free=0)
+        ends = _ends(segment)
+        y, x, z = (_less(rows, ends) for rows in (y, x, z))
+        # what the references span: nothing of the gusts has a share in it
+        basis = orthonormal(_less(np.concatenate([z, place * z]), ends), REFERENCES_RANK)
+        if place.size < basis.shape[0] + ends.shape[0] + LEAST_FREEDOM:
+            basis = basis[:0]
+        there = y @ basis.conj().T
+        found = there @ there.conj().T
+        for column in range(m if basis.size else 0):
+            line = orthonormal(np.stack([x[column], place * x[column]]), REFERENCES_RANK)
+            alone[:, column] = np.sum(np.abs(y @ line.conj().T) ** 2, axis=1)
+        unknown = basis.shape[0]
+        free = place.size - unknown - ends.shape[0]
+        return cls(power, alone, found=found, rest=y @ y.conj().T - found, unknown=unknown, free=free)
 
 
 def _surprise(
@@ -197,17 +187,6 @@ def _surprise(
     variance = float(np.sum(4 * k * u * (u + n - 1) / (n - k - 1)))
     beyond = float(np.sum(2 * (n - k) * trace)) - mean
     return max(0.0, mean + beyond * np.sqrt(2 * mean / variance)), int(mean)
-
-
-def _orthonormal(rows: ComplexArray) -> ComplexArray:
-    """Rows (r, n) as an orthonormal basis of what they span; rows that follow from the others drop out."""
-    size = np.sqrt(np.sum(np.abs(rows) ** 2, axis=1))
-    rows = rows[size > 0] / size[size > 0][:, None]
-    if not rows.size:
-        return rows
-    inner, axes = np.linalg.eigh(rows @ rows.conj().T)
-    keep = inner > 1e-9 * inner[-1]
-    return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).conj().T @ rows)
 
 
 def _ends(segment: NDArray[np.int64]) -> ComplexArray:

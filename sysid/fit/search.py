@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.model.predict import Stack
+from sysid.data.stacks import Stack
 from sysid.model.structure import Model
 
 Trial = tuple[float, Model | None]
@@ -22,7 +22,7 @@ WIDE, WINDOW, NARROW, FINEST = 1.2, 1.4, 1.02, 1.0002
 one; and where halving the distance ends."""
 
 
-def cleft(
+def search_nonsmooth(
     begin: Model,
     name: str,
     ends: tuple[float, float],

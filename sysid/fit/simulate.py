@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from sysid.data.preprocess import Spectrum
 from sysid.data.record import FloatArray
+from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
-from sysid.model.predict import stack
 from sysid.model.structure import Model
 
 

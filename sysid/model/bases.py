@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.record import COMMANDS
 from sysid.model.effect import Effect, EffectError, Signals, Surroundings, find
 from sysid.model.parameter import Parameter
 from sysid.model.structure import Base, Model, Structure
@@ -74,9 +75,7 @@ CD_BASE = Base(
     slots=(),
     uncoupled=(-5.0, 0, 0, -5.0, 0, 0, 0, 0),
 )
-
 BASES = {"cd": CD_BASE, "tpp": TPP_BASE}
-COMMANDS = ("delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "delta_a")
 
 
 def compose(
@@ -94,50 +93,56 @@ def compose(
     if base == "cd" and any(one.id == "flapping" for one in declared):
         declared = [one for one in declared if one.id != "flapping"]
         base = "tpp"
-    ids = [one.id for one in declared]
-    for one in declared:
+    found = _declared(declared, base, available)
+    _refuse_clashes(BASES[base], found)
+    ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
+    needed = [name for one in ordered for name in one.channels]
+    attitude = ("phi", "theta") if any(one.attitude for one in ordered) else ()
+    if set(attitude) <= set(available):  # logged, else states of their own
+        needed, attitude = [*needed, *attitude], ()
+    structure = Structure(
+        base_=BASES[base],
+        composed=tuple(ordered),
+        commands=tuple(name for name in COMMANDS if name in ("delta_x", "delta_y", *needed)),
+        channels=tuple(dict.fromkeys(name for name in needed if name not in COMMANDS)),
+        attitude_states=attitude,
+        constants=tuple(sorted((constants or {}).items())),
+    )
+    if any(one.path is not None for one in ordered):
+        _refuse_broken(structure)
+    return structure
+
+
+def _declared(effects: Sequence[Effect], base: str, available: Collection[str]) -> list[Effect]:
+    """The effects as they are declared for each other, this base and these runs. Raises EffectError where one cannot
+    act."""
+    ids = [one.id for one in effects]
+    for one in effects:
         if ids.count(one.id) > 1:
             raise EffectError(f"{one.id} is named twice")
         reason = not_testable(one, base, ids, available)
         if reason is not None:
             raise EffectError(f"{one.id} cannot act here: {reason}")
-    found = [adapted(one, base, ids, available) for one in declared]
-    slots = [one.slot for one in found if one.slot is not None]
+    return [adapted(one, base, ids, available) for one in effects]
+
+
+def _refuse_clashes(base: Base, effects: Sequence[Effect]) -> None:
+    """Raises EffectError for effects that stand in each other's way: a slot, a parameter's name or a state twice."""
+    slots = [one.slot for one in effects if one.slot is not None]
     if len(slots) != len(set(slots)):
-        raise EffectError(f"two effects for the same slot: {', '.join(one.id for one in found if one.slot)}")
-    taken = {one.name for one in BASES[base].parameters}
-    for one in found:
+        raise EffectError(f"two effects for the same slot: {', '.join(one.id for one in effects if one.slot)}")
+    taken = {one.name for one in base.parameters}
+    for one in effects:
         clash = taken & set(one.names)
         if clash:
-            raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base}")
+            raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base.name}")
         taken |= set(one.names)
     owners: dict[tuple[str, bool], str] = {}
-    for one in found:
+    for one in effects:
         for state in one.states:
             other = owners.setdefault((state, one.per_command), one.id)
             if other != one.id:
                 raise EffectError(f"{other} and {one.id} stand for the same part (state {state}): name one of them")
-    ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
-    needed = [name for one in ordered for name in one.channels]
-    commands = [name for name in COMMANDS if name in ("delta_x", "delta_y") or name in needed]
-    attitude: tuple[str, ...] = ()
-    if any(one.attitude for one in ordered):
-        if {"phi", "theta"} <= set(available):
-            needed += ["phi", "theta"]
-        else:
-            attitude = ("phi", "theta")
-    channels = dict.fromkeys(name for name in needed if name not in COMMANDS)
-    structure = Structure(
-        BASES[base],
-        tuple(ordered),
-        tuple(commands),
-        tuple(channels),
-        attitude,
-        tuple(sorted((constants or {}).items())),
-    )
-    if any(one.path is not None for one in ordered):
-        _refuse_broken(structure)
-    return structure
 
 
 def _refuse_broken(structure: Structure) -> None:

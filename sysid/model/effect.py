@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import enum
 import hashlib
+import importlib
 import importlib.util
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
@@ -87,7 +88,7 @@ class Surroundings:
     """Channels that every run has."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """One entry of the catalogue."""
 
@@ -162,8 +163,6 @@ FOLDER = Path(__file__).parents[1] / "effects"
 @cache
 def catalogue() -> Mapping[str, Effect]:
     """Every effect in the folder, by id, in the order of groups and ids."""
-    import importlib
-
     found: dict[str, Effect] = {}
     for path in sorted(FOLDER.glob("[a-z]*.py")):
         effect: Effect = importlib.import_module(f"sysid.effects.{path.stem}").EFFECT
@@ -204,9 +203,7 @@ def load(path: Path) -> Effect:
         raise EffectError(f"{path}: not an effect file ({type(error).__name__}: {error})") from error
     if not isinstance(effect, Effect):
         raise EffectError(f"{path}: EFFECT is not an Effect but {type(effect).__name__}")
-    import dataclasses
-
-    return dataclasses.replace(effect, path=str(path), sha256=hashlib.sha256(content).hexdigest())
+    return replace(effect, path=str(path), sha256=hashlib.sha256(content).hexdigest())
 
 
 def at_null(effect: Effect) -> dict[str, float]:

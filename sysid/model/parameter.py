@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 EVERYWHERE = (-math.inf, math.inf)
 
@@ -20,6 +20,7 @@ class Parameter:
     """Values that physics allows; outside, the estimate is flagged, never changed."""
     null: float | None = None
     """Where an effect leaves the base unchanged; infinite for a rate or a limit; None where there is none."""
+    _: KW_ONLY
     bounds: tuple[float, float] = EVERYWHERE
     """Hard limits for the optimiser: beyond them the equation means nothing."""
     typical: float = 1.0

@@ -16,12 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
-from sysid.model.predict import Ends, Response, Stack
+from sysid.data.stacks import Stack
+from sysid.model.response import Ends, Response
 from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Structure, stepped
 
 SLOWEST_RATIO = 20.0
 """Sample rate over highest frequency from which on the closed form is exact enough."""
-
 Entries = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
 Places = tuple[tuple[tuple[int, int, int], ...], ...]
 Regressors = tuple[tuple[tuple[int, ComplexArray], ...], ...]
@@ -108,9 +108,9 @@ def _cd_denominator(s: ComplexArray, c: FloatArray) -> Entries:
 
 FORMS = {
     "tpp": Form(
-        2,
-        9,
-        (
+        order=2,
+        coefficients=9,
+        places=(
             ((0, _P, -1),),
             ((1, _Q, -1),),
             ((0, _P_DOT, -1), (1, _Q_DOT, -1)),
@@ -118,47 +118,21 @@ FORMS = {
             ((1, _P_DOT, 1),),
             *(((equation, row, 1),) for equation in (0, 1) for row in (4, 5)),
         ),
-        _tpp_denominator,
-        _tpp_parameters,
-        _tpp_coefficients,
-        lambda c: np.array([[-c[2], c[3]], [c[4], -c[2]]]),
+        denominator=_tpp_denominator,
+        to_parameters=_tpp_parameters,
+        of_parameters=_tpp_coefficients,
+        second=lambda c: np.array([[-c[2], c[3]], [c[4], -c[2]]]),
     ),
     "cd": Form(
-        1,
-        8,
-        tuple(((equation, row, 1),) for rows in ((0, 1), (2, 3)) for equation in (0, 1) for row in rows),
-        _cd_denominator,
-        lambda c: c,
-        lambda values: values,
-        lambda c: c[:4].reshape(2, 2),
+        order=1,
+        coefficients=8,
+        places=tuple(((equation, row, 1),) for rows in ((0, 1), (2, 3)) for equation in (0, 1) for row in rows),
+        denominator=_cd_denominator,
+        to_parameters=lambda c: c,
+        of_parameters=lambda values: values,
+        second=lambda c: c[:4].reshape(2, 2),
     ),
 }
-
-
-class Sampling(NamedTuple):
-    """What holding and sampling do on the bins of a stack."""
-
-    s: ComplexArray
-    hold: ComplexArray
-    """Of a command between samples."""
-    images: ComplexArray
-    """Of the response's leading term, per unit of its coefficient."""
-    jump: ComplexArray
-    """Of an end state's leading term 1/s, its first sample included."""
-    bend: FloatArray
-    """Of its second term, 1/s^2."""
-
-
-def sampling(stack: Stack, order: int) -> Sampling:
-    """Sums over all images of the spectrum, in closed form: trigonometric functions of half a sample."""
-    dt, omega = stack.dt, 2 * np.pi * stack.frequency_hz
-    s = np.asarray(1j * omega, dtype=np.complex128)
-    sine, cosine = np.sin(0.5 * omega * dt) / (0.5 * dt), np.cos(0.5 * omega * dt)
-    back = 1 - 1 / stack.z
-    bend = 1 / omega**2 - 1 / sine**2
-    every = 1j * (cosine / (sine * sine**2) - 1 / (omega * omega**2)) if order == 2 else bend
-    jump = np.asarray(0.5 * dt + 1j * (1 / omega - cosine / sine), dtype=np.complex128)
-    return Sampling(s, back / (s * dt), back / dt * every, jump, bend)
 
 
 def exact_enough(stack: Stack) -> bool:

@@ -1,10 +1,13 @@
-"""Frequency responses of models: exact for linear structures, that of small motion at rest for others.
+"""Responses of models: on the bins of flown runs, and over frequency.
 
-`transfer` is what an engineer plots beside measured responses; `slopes` is how each parameter moves it, which tells
-what no flight whatever could tell apart.
+`transfer` is what an engineer plots beside measured responses: exact for linear structures, that of small motion at
+rest for others. `slopes` is how each parameter moves it, which tells what no flight whatever could tell apart.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,3 +67,28 @@ def _late(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray
     factor = np.ones((s.size, 1, len(structure.inputs)), dtype=complex)
     factor[:, 0, : len(structure.commands)] = behind_commands(structure, values, s)[:, None]
     return factor
+
+
+class Response(NamedTuple):
+    """Model outputs Y (k, bins), end-state columns E (n, k, bins), sensitivities J (coefficients, k, bins) or None.
+
+    The sensitivities to the parameters are `to` (parameters, coefficients) times J, or J itself where `to` is None.
+    """
+
+    Y: ComplexArray
+    E: ComplexArray
+    J: ComplexArray | None
+    to: FloatArray | None = None
+
+    @property
+    def slopes(self) -> ComplexArray:
+        """Sensitivities to the parameters, (parameters, k, bins)."""
+        assert self.J is not None
+        if self.to is None:
+            return self.J
+        J = self.J
+        return np.asarray((self.to @ J.reshape(J.shape[0], -1).view(float)).view(complex).reshape(-1, *J.shape[1:]))
+
+
+Ends = Sequence[FloatArray]
+"""For every segment of a stack the differences of first and last state, one for each of the columns E."""

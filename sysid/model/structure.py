@@ -20,7 +20,6 @@ from sysid.model.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 AnyArray = NDArray[Any]
-
 G = 9.80665  # m/s^2
 COMPLEX_STEP = 1e-30
 SMALL_MOTION = 2.0**-300
@@ -49,7 +48,7 @@ class Mode:
     pole: complex
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Base:
     """One of the paper's two structures, before any effect."""
 
@@ -65,7 +64,7 @@ class Base:
     """A stable point without coupling or control, to begin from where the poles are to be held stable."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Structure:
     """Equations without numbers: a base with effects. Made by `sysid.model.bases.compose`."""
 
@@ -166,52 +165,67 @@ class Structure:
 
         Parameters and signals are whatever broadcasts: scalars, unit vectors, time histories.
         """
-        env: dict[str, Any] = {"g": G, **dict(self.constants), **parameters, **signals}
-        rates: dict[str, Any] = {f"{state}_dot": 0.0 * env[state] for state in self.states}
-
-        def take(changes: Mapping[str, Any], redefine_rates: bool = False) -> None:
-            for key, value in changes.items():
-                if key in rates:
-                    rates[key] = env[key] = value if redefine_rates else rates[key] + value
-                elif key.endswith("_dot"):
-                    raise ValueError(f"{key}: there is no state {key.removesuffix('_dot')}")
-                else:
-                    env[key] = value
-
-        def take_base() -> None:
-            take(self.base_.equations(Signals(env)))
-            for slot, equations in self.base_.slots:
-                if all(effect.slot != slot for effect in self.composed):
-                    take(equations(Signals(env)))
-
-        based = False
-        for effect in self.composed:
-            if effect.stage >= Stage.DYNAMICS and not based:
-                take_base()
-                based = True
-            if effect.equations is None:
-                continue
-            if effect.per_command:
-                for command in self.commands:
-                    local = {**env, "delta": env[command]}
-                    local.update({state: env[f"{state}_{command}"] for state in effect.states})
-                    for key, value in effect.equations(Signals(local)).items():
-                        if key == "delta":
-                            env[command] = value
-                        else:
-                            take({f"{key.removesuffix('_dot')}_{command}_dot": value})
-                continue
-            if effect.stage is Stage.MEASUREMENT:
-                env.setdefault("p_m", env["p"])
-                env.setdefault("q_m", env["q"])
-            take(effect.equations(Signals(env)), effect.stage is Stage.INERTIA)
-        if not based:
-            take_base()
+        known = {"g": G, **dict(self.constants), **parameters, **signals}
+        evaluation = _Evaluation(known, {f"{state}_dot": 0.0 * known[state] for state in self.states})
+        before = [effect for effect in self.composed if effect.stage < Stage.DYNAMICS]
+        for effect in before:
+            self._apply(effect, evaluation)
+        evaluation.take(self.base_.equations(evaluation.signals))
+        for slot, equations in self.base_.slots:
+            if all(effect.slot != slot for effect in self.composed):
+                evaluation.take(equations(evaluation.signals))
+        for effect in self.composed[len(before) :]:
+            self._apply(effect, evaluation)
+        known, rates = evaluation.known, evaluation.rates
         for axis, rate in (("phi", "p"), ("theta", "q")):
             if axis in self.attitude_states:
-                rates[f"{axis}_dot"] = env[rate]
-        outputs = {"p": env.get("p_m", env["p"]), "q": env.get("q_m", env["q"])}
-        return rates, outputs
+                rates[f"{axis}_dot"] = known[rate]
+        return rates, {"p": known.get("p_m", known["p"]), "q": known.get("q_m", known["q"])}
+
+    def _apply(self, effect: Effect, evaluation: _Evaluation) -> None:
+        if effect.equations is None:
+            return
+        if effect.per_command:
+            for command in self.commands:
+                evaluation.take_per_command(effect, command)
+            return
+        if effect.stage is Stage.MEASUREMENT:
+            evaluation.known.setdefault("p_m", evaluation.known["p"])
+            evaluation.known.setdefault("q_m", evaluation.known["q"])
+        evaluation.take(effect.equations(evaluation.signals), effect.stage is Stage.INERTIA)
+
+
+class _Evaluation:
+    """Signals and rates while the equations are gone through in order."""
+
+    def __init__(self, known: dict[str, Any], rates: dict[str, Any]) -> None:
+        self.known, self.rates = known, rates
+
+    @property
+    def signals(self) -> Signals:
+        return Signals(self.known)
+
+    def take(self, changes: Mapping[str, Any], redefine_rates: bool = False) -> None:
+        """Rates add up, or are redefined; signals are redefined."""
+        known, rates = self.known, self.rates
+        for key, value in changes.items():
+            if key in rates:
+                rates[key] = known[key] = value if redefine_rates else rates[key] + value
+            elif key.endswith("_dot"):
+                raise ValueError(f"{key}: there is no state {key.removesuffix('_dot')}")
+            else:
+                known[key] = value
+
+    def take_per_command(self, effect: Effect, command: str) -> None:
+        """The equations of one servo, which speak of `delta` and of states without the command's name."""
+        assert effect.equations is not None
+        local = {**self.known, "delta": self.known[command]}
+        local.update({state: self.known[f"{state}_{command}"] for state in effect.states})
+        for key, value in effect.equations(Signals(local)).items():
+            if key == "delta":
+                self.known[command] = value
+            else:
+                self.take({f"{key.removesuffix('_dot')}_{command}_dot": value})
 
 
 @dataclass(frozen=True, eq=False)

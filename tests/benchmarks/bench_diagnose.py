@@ -6,11 +6,14 @@ from planted import PLANTED, fly_many
 from planted_fits import records
 from timing import best_of
 
+from sysid.data.dataset import dataset
 from sysid.diagnose.diagnose import diagnose
-from sysid.diagnose.evidence import candidate, ground, metric, score, settle
+from sysid.diagnose.evidence import candidate, instrumental_step
+from sysid.diagnose.score import score
+from sysid.diagnose.whitening import noise_whitening
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import TPP, compose
 from sysid.model.effect import EffectError, catalogue
 
@@ -22,10 +25,10 @@ def bench_diagnosis() -> None:
         flown = records(flight)
         structure = on_runs("tpp", (), flown, flown)
         base_s = best_of(5, lambda flown=flown: identify(TPP, flown))
-        on = ground(flown, (0.0, 15.0))
-        parent = candidate(estimate(structure, on.viewed(structure)), (), on)
-        by = metric(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
-        settled = settle(parent, by)
+        on = dataset(flown, (0.0, 15.0))
+        parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
+        whitening = noise_whitening(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
+        stepped = instrumental_step(parent, whitening)
         composed = []
         for one in catalogue().values():
             try:
@@ -33,10 +36,10 @@ def bench_diagnosis() -> None:
             except EffectError:
                 continue
 
-        def ask(linear: bool, composed=composed, parent=parent, settled=settled, by=by) -> None:  # type: ignore[no-untyped-def]
+        def ask(linear: bool, composed=composed, parent=parent, stepped=stepped, whitening=whitening) -> None:  # type: ignore[no-untyped-def]
             for one, made in composed:
                 if one.linear or not linear:
-                    score(one, made, parent, settled, by)
+                    score(one, made, parent, stepped, whitening)
 
         linear_s = best_of(3, lambda ask=ask: ask(True))
         all_s = best_of(3, lambda ask=ask: ask(False))

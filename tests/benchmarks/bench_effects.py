@@ -14,8 +14,9 @@ from timing import best_of
 
 from sysid.data.preprocess import spectra
 from sysid.data.record import Record
+from sysid.errors import FitError
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, on_runs
-from sysid.fit.output_error import FitError, estimate
 from sysid.model.bases import TPP, compose
 from sysid.model.effect import EffectError, catalogue
 from sysid.model.structure import Model

@@ -16,8 +16,8 @@ from loops_in_time import LATE_BY, Late, flown, gains_of, growth, late_of, model
 from planted import DT
 
 from sysid.control.regulator import Gains, NotHeldError, design
+from sysid.errors import FitError
 from sysid.fit.identify import identify
-from sysid.fit.output_error import FitError
 from sysid.fit.result import Fit
 from sysid.model.bases import TPP
 

@@ -213,13 +213,13 @@ def _run(
         record = Record(
             id,
             channels,
-            span.maneuver,
-            span.axis,
-            mapped.rate_source,
-            log.path,
-            sha256,
-            band,
-            tuple(notes),
+            maneuver=span.maneuver,
+            axis=span.axis,
+            rate_source=mapped.rate_source,
+            path=log.path,
+            sha256=sha256,
+            swept_band_hz=band,
+            notes=tuple(notes),
         )
     except (TippathError, RecordError) as error:
         if isinstance(error, profiles.OutsideLog) and (log.kind == "csv" or window != (-math.inf, math.inf)):

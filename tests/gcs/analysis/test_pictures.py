@@ -25,7 +25,7 @@ def found() -> Comparison:
     """A TPP without the servo that flew."""
     flown = fly("servo_lag", PLANTED["servo_lag"], seed=3, duration_s=15.0)
     records = [
-        Record(f"#{i}", {k: v for k, v in run.items() if k not in ("phi", "theta")}, "chirp", axis)
+        Record(f"#{i}", {k: v for k, v in run.items() if k not in ("phi", "theta")}, maneuver="chirp", axis=axis)
         for i, (run, axis) in enumerate(zip(flown, axes(False), strict=True), 1)
     ]
     return compare(identify(compose("tpp"), records).model, records, (0.0, 15.0))

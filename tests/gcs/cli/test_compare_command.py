@@ -42,7 +42,16 @@ EFFECT = Effect(
 def save(folder: Path, name: str, run: dict[str, Any], channels: tuple[str, ...], axis: str | None) -> Path:
     path = folder / f"{name}.npz"
     kind = "quiet" if axis is None else "chirp"
-    record = Record(name, {key: run[key] for key in channels}, kind, axis, "SIDD", str(path), "0" * 64, (0.5, 10.0))
+    record = Record(
+        name,
+        {key: run[key] for key in channels},
+        maneuver=kind,
+        axis=axis,
+        rate_source="SIDD",
+        path=str(path),
+        sha256="0" * 64,
+        swept_band_hz=(0.5, 10.0),
+    )
     record.save(path)
     return path
 

@@ -53,7 +53,16 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
             path = folder / f"{name}{number}.npz"
             axis = ("roll", "pitch")[number % 2]
             channels = {key: run[key] for key in EXCITED}
-            Record(path.stem, channels, "chirp", axis, "SIDD", str(path), "0" * 64, (0.5, 10.0)).save(path)
+            Record(
+                path.stem,
+                channels,
+                maneuver="chirp",
+                axis=axis,
+                rate_source="SIDD",
+                path=str(path),
+                sha256="0" * 64,
+                swept_band_hz=(0.5, 10.0),
+            ).save(path)
             found[name].append(path)
             if name == "base" and number < 2:
                 found["bare"].append(write_csv(folder / f"bare{number}.csv", run, FIVE))
@@ -92,7 +101,16 @@ def test_what_is_open_gets_no_number(flights: dict[str, list[Path]], tippath: Ti
 def test_one_sweep_gives_no_mismatch(flights: dict[str, list[Path]], tippath: Tippath, tmp_path: Path) -> None:
     roll, path = Record.load(flights["base"][0]), tmp_path / "roll.npz"
     channels = {**roll.channels, "excitation_y": 0 * roll.t}
-    Record("roll", channels, "chirp", "roll", "SIDD", str(path), "0" * 64, (0.5, 10.0)).save(path)
+    Record(
+        "roll",
+        channels,
+        maneuver="chirp",
+        axis="roll",
+        rate_source="SIDD",
+        path=str(path),
+        sha256="0" * 64,
+        swept_band_hz=(0.5, 10.0),
+    ).save(path)
     status, out, _ = tippath("fit", path, "--model", "tpp")
     assert status == 0
     assert out.count("the runs do not separate the commands") == 4

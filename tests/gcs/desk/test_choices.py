@@ -23,7 +23,7 @@ def run(number: int, maneuver: str, axis: str | None, size: float = 0.1, duratio
     )
     channels = {"t": t, **{name: np.sin(7 * t) for name in ("p", "q", "delta_x", "delta_y")}}
     channels |= {name: amplitude * np.sqrt(2) * np.sin(7 * t) for name, amplitude in excited.items()}
-    record = Record(f"a.BIN#{number}", channels, maneuver, axis, path="a.BIN")
+    record = Record(f"a.BIN#{number}", channels, maneuver=maneuver, axis=axis, path="a.BIN")
     return replace(
         Run(record, record.id, "a.BIN", maneuver, axis, 0.0, duration_s, 100.0, (), True, (), rate_source="SIDD"),
         **more,

@@ -25,7 +25,7 @@ def channels(rate_hz: float = 200.0, seconds: float = 20.0) -> dict[str, np.ndar
 
 
 def record(c: dict[str, np.ndarray], maneuver: str = "chirp") -> Record:
-    return Record("x#1", c, maneuver)
+    return Record("x#1", c, maneuver=maneuver)
 
 
 def test_a_sound_run_has_no_reasons_and_measures_its_excitation() -> None:
@@ -188,7 +188,7 @@ def sweep(noise: float, seconds: float = 30.0) -> dict[str, np.ndarray]:
 
 
 def test_coherence_and_power_say_in_which_band() -> None:
-    found = health.check(Record("x#1", sweep(0.05), "chirp", "roll", swept_band_hz=(0.5, 10.0)))
+    found = health.check(Record("x#1", sweep(0.05), maneuver="chirp", axis="roll", swept_band_hz=(0.5, 10.0)))
     low, high = found.command_band_hz["roll"]
     assert low == pytest.approx(0.5, abs=0.3)
     assert high == pytest.approx(10.0, abs=1.0)
@@ -202,7 +202,7 @@ def test_coherence_and_power_say_in_which_band() -> None:
 def test_rates_that_do_not_follow_are_noted() -> None:
     c = sweep(0.05)
     c["p"] = 0.2 * np.random.default_rng(4).standard_normal(c["t"].size)
-    found = health.check(Record("x#1", c, "chirp", "roll", swept_band_hz=(0.5, 10.0)))
+    found = health.check(Record("x#1", c, maneuver="chirp", axis="roll", swept_band_hz=(0.5, 10.0)))
     assert found.coherent["roll"].share < 0.3
     assert any("the rates follow the roll command in only" in note for note in found.notes)
 

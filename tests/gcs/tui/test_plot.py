@@ -403,12 +403,45 @@ def comparison():
     f = np.linspace(0.2, 15, 60)
     measured = np.stack([np.sin(t), np.cos(t)])
     mismatch = Mismatch("q", "delta_y", f[5:40], f[5:40], f[5:40], np.full(35, 0.9), 12.0)
-    response = ResponseError(mismatch, f, 0.1 * f, -2 * f, 0.5 + 0 * f, 5 + 0 * f, ((4.0, 8.0),), np.exp(-1j * f))
+    response = ResponseError(
+        mismatch=mismatch,
+        frequency_hz=f,
+        decibels=0.1 * f,
+        degrees=-2 * f,
+        allowed_db=0.5 + 0 * f,
+        allowed_deg=5 + 0 * f,
+        noticed=((4.0, 8.0),),
+        measured=np.exp(-1j * f),
+    )
     densities = Densities(f, *(np.stack([1 / f, 2 / f], axis=1) * k for k in (1.0, 0.3, 0.1)))
     bands = (
-        BandError("roll", 0.5, 3.0, 0.4, 0.25, {}, 0.5),
-        BandError("roll", 3.0, 15.0, 0.6, None, {}, 0.9),
-        BandError("pitch", 0.5, 15.0, 1.0, 0.5, {}, 0.0),
+        BandError(
+            axis="roll",
+            low_hz=0.5,
+            high_hz=3.0,
+            error_share=0.4,
+            noise_share=0.25,
+            coherence={},
+            coherence_together=0.5,
+        ),
+        BandError(
+            axis="roll",
+            low_hz=3.0,
+            high_hz=15.0,
+            error_share=0.6,
+            noise_share=None,
+            coherence={},
+            coherence_together=0.9,
+        ),
+        BandError(
+            axis="pitch",
+            low_hz=0.5,
+            high_hz=15.0,
+            error_share=1.0,
+            noise_share=0.5,
+            coherence={},
+            coherence_together=0.0,
+        ),
     )
     traces = (
         Trace("a#1", t, measured, 0.1 * measured, {"delta_x": measured[0]}),

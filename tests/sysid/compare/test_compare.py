@@ -14,8 +14,9 @@ import pytest
 from planted import PLANTED, Run, axes, fly
 from scipy.signal import butter, coherence, lfilter, sosfiltfilt, welch
 
-from sysid.compare.compare import CompareError, compare
+from sysid.compare.compare import compare
 from sysid.compare.data_checks import flat_tops, listed
+from sysid.compare.on_runs import CompareError
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
 from sysid.fit.identify import identify
@@ -53,7 +54,18 @@ def records(
         channels = {name: values for name, values in run.items() if name not in {"phi", "theta", *without}}
         edit(channels)
         declared = axis if maneuver == "chirp" else None
-        found.append(Record(f"{log}#{number}", channels, maneuver, declared, "SIDD", "", "", (0.5, 10.0)))
+        found.append(
+            Record(
+                f"{log}#{number}",
+                channels,
+                maneuver=maneuver,
+                axis=declared,
+                rate_source="SIDD",
+                path="",
+                sha256="",
+                swept_band_hz=(0.5, 10.0),
+            )
+        )
     return found
 
 
@@ -242,7 +254,7 @@ def test_coherence_against_scipy() -> None:
     q = 0.1 * rng.standard_normal(n)
     channels = {"t": dt * np.arange(n), "p": p, "q": q, "delta_x": x, "delta_y": y}
     channels |= {"excitation_x": x, "excitation_y": y}
-    record = Record("white", channels, "chirp", "roll", swept_band_hz=(0.5, 10.0))
+    record = Record("white", channels, maneuver="chirp", axis="roll", swept_band_hz=(0.5, 10.0))
     model = Model(compose("cd"), np.array([-5.0, 0, 0, -5.0, 1e-9, 0, 0, 1e-9]))
     found = compare(model, [record], BAND)
     assert found.nrmse_percent["p"] == pytest.approx(0, abs=0.5)
@@ -313,7 +325,9 @@ def shaken(number: int, start_s: float, stop_s: float, size: float) -> list[Reco
     rng = np.random.default_rng(8)
     at = (run.t >= start_s) & (run.t < stop_s)
     q = run.channels["q"] + at * lfilter(*butter(2, [0.02, 0.04], "band"), size * rng.standard_normal(run.t.size))
-    found[number] = Record(run.id, {**run.channels, "q": q}, run.maneuver, run.axis, swept_band_hz=run.swept_band_hz)
+    found[number] = Record(
+        run.id, {**run.channels, "q": q}, maneuver=run.maneuver, axis=run.axis, swept_band_hz=run.swept_band_hz
+    )
     return found
 
 
@@ -327,7 +341,9 @@ def test_errors_at_the_start_of_the_runs() -> None:
     late = []
     for run in runs:
         ring = 0.5 * np.exp(-run.t) * np.sin(2 * np.pi * 3 * run.t)
-        late.append(Record(run.id, {**run.channels, "p": run.channels["p"] + ring}, run.maneuver, run.axis))
+        late.append(
+            Record(run.id, {**run.channels, "p": run.channels["p"] + ring}, maneuver=run.maneuver, axis=run.axis)
+        )
     found = compare(model_of(None, 1), late, BAND)
     assert any("sits in the first 2 s of the runs" in text for text in found.findings)
 
@@ -345,7 +361,9 @@ def test_an_error_that_goes_with_the_rotor_speed() -> None:
         rng = np.random.default_rng(number)
         extra = lfilter(*butter(2, [0.004, 0.02], "band"), rng.standard_normal(run.t.size))
         size = 0.3 * np.exp((run.channels["omega"] - 171) / 5)
-        run = Record(run.id, {**run.channels, "q": run.channels["q"] + size * extra}, run.maneuver, run.axis)
+        run = Record(
+            run.id, {**run.channels, "q": run.channels["q"] + size * extra}, maneuver=run.maneuver, axis=run.axis
+        )
         runs.append(run)
     found = compare(model_of(None, 1), runs, BAND)
     (trend,) = [one for one in found.trends if (one.axis, one.channel) == ("pitch", "omega")]
@@ -488,7 +506,9 @@ def test_two_seconds_are_too_short_to_tell_noise() -> None:
         (lambda runs: records(flight(None, 1), maneuver="quiet"), "quiet hover alone"),
         (lambda runs: [], "no run to compare on"),
         (
-            lambda runs: [Record(one.id, {**one.channels, "p": 0 * one.t}, one.maneuver, one.axis) for one in runs],
+            lambda runs: [
+                Record(one.id, {**one.channels, "p": 0 * one.t}, maneuver=one.maneuver, axis=one.axis) for one in runs
+            ],
             "p does not move",
         ),
     ],
@@ -511,7 +531,9 @@ def test_a_missing_channel_names_the_effect() -> None:
 
 def test_single_axis_runs_say_that_they_separate_nothing() -> None:
     still = records(flight(None, 1))[0]
-    nothing = Record("one", {**still.channels, "delta_y": 0 * still.t, "excitation_y": 0 * still.t}, "chirp", "roll")
+    nothing = Record(
+        "one", {**still.channels, "delta_y": 0 * still.t, "excitation_y": 0 * still.t}, maneuver="chirp", axis="roll"
+    )
     found = compare(model_of(None, 1), [nothing], BAND)
     assert "not separable" in kinds(found)
     assert "pitch axis not identifiable" in found.findings[-1]

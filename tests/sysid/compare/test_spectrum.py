@@ -46,12 +46,16 @@ def truth(frequency_hz: np.ndarray) -> np.ndarray:
 def flight(gusts: float) -> tuple[Record, ...]:
     axes = ("roll", "pitch", "roll", "pitch")
     runs = fly(None, {}, seed=7, gusts=gusts)
-    return tuple(Record(f"#{i}", run, "chirp", axis) for i, (run, axis) in enumerate(zip(runs, axes, strict=True)))
+    return tuple(
+        Record(f"#{i}", run, maneuver="chirp", axis=axis) for i, (run, axis) in enumerate(zip(runs, axes, strict=True))
+    )
 
 
 def without_excitation(records: Sequence[Record]) -> list[Record]:
     return [
-        Record(one.id, {n: x for n, x in one.channels.items() if n not in EXCITATION}, one.maneuver, one.axis)
+        Record(
+            one.id, {n: x for n, x in one.channels.items() if n not in EXCITATION}, maneuver=one.maneuver, axis=one.axis
+        )
         for one in records
     ]
 
@@ -136,7 +140,7 @@ def test_the_logged_excitation_keeps_the_gusts_out() -> None:
 
 def test_an_excitation_that_stands_still_answers_nothing() -> None:
     records = [
-        Record(one.id, {**one.channels, "excitation_y": np.zeros(one.t.size)}, one.maneuver, one.axis)
+        Record(one.id, {**one.channels, "excitation_y": np.zeros(one.t.size)}, maneuver=one.maneuver, axis=one.axis)
         for one in flight(1.0)
     ]
     assert not np.any(np.isfinite(measured(records).H))
@@ -144,7 +148,9 @@ def test_an_excitation_that_stands_still_answers_nothing() -> None:
 
 def test_runs_of_different_rates_count_together() -> None:
     slow = [
-        Record(one.id, {name: values[::4] for name, values in one.channels.items()}, one.maneuver, one.axis)
+        Record(
+            one.id, {name: values[::4] for name, values in one.channels.items()}, maneuver=one.maneuver, axis=one.axis
+        )
         for one in flight(1.0)[2:]
     ]
     mixed = decibels(measured([*flight(1.0)[:2], *slow]))
@@ -162,9 +168,9 @@ def test_the_trap_in_the_data_of_a_real_autopilot(shared_data: Path) -> None:
         Record(
             one.id,
             {name: values for name, values in one.channels.items() if name not in EXCITATION},
-            one.maneuver,
-            one.axis,
-            one.rate_source,
+            maneuver=one.maneuver,
+            axis=one.axis,
+            rate_source=one.rate_source,
             swept_band_hz=one.swept_band_hz,
         )
         for one in records

@@ -252,9 +252,9 @@ def test_an_effect_of_a_user_s_own_that_no_matrix_holds_is_in_the_loop() -> None
         return np.exp(-s * named["frames"] * 0.01)
 
     frames = Effect(
-        "frames", "frames of the servo bus", "user", "-", "-", "-",
-        (Parameter("frames", "-", "frames of 10 ms", bounds=(0.0, 50.0), typical=1.0, null=0.0),),
-        Stage.COMMAND, order=2, response=response, path="frames.py",
+        id="frames", title="frames of the servo bus", group="user", equation="-", source="-", signature="-",
+        parameters=(Parameter("frames", "-", "frames of 10 ms", bounds=(0.0, 50.0), typical=1.0, null=0.0),),
+        stage=Stage.COMMAND, order=2, response=response, path="frames.py",
     )  # fmt: skip
     structure = compose("tpp", [frames])
     bare = design(Model(TPP, TPP.vector(PAPER))).margins

@@ -20,7 +20,17 @@ def channels(**changed: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def test_what_is_saved_comes_back(tmp_path: Path) -> None:
-    one = Record("log#1", channels(), "chirp", "roll", "SIDD", "flight.BIN", "ab" * 32, (0.5, 10.0), ("said",))
+    one = Record(
+        "log#1",
+        channels(),
+        maneuver="chirp",
+        axis="roll",
+        rate_source="SIDD",
+        path="flight.BIN",
+        sha256="ab" * 32,
+        swept_band_hz=(0.5, 10.0),
+        notes=("said",),
+    )
     one.save(tmp_path / "r.npz")
     again = Record.load(tmp_path / "r.npz")
     assert (again.id, again.maneuver, again.axis, again.rate_source) == ("log#1", "chirp", "roll", "SIDD")

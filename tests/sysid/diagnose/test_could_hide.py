@@ -13,10 +13,14 @@ from planted_fits import records
 
 from sysid.control.regulator import design
 from sysid.control.stability import closed_loop
-from sysid.diagnose.could_hide import HARM, Hidden, Hiding, could_hide
-from sysid.diagnose.evidence import Candidate, Metric, Settled, candidate, ground, metric, score, settle
+from sysid.data.dataset import dataset
+from sysid.diagnose.could_hide import could_hide
+from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
+from sysid.diagnose.hidden import HARM, CouldHide, Hidden
+from sysid.diagnose.score import score
+from sysid.diagnose.whitening import Whitening, noise_whitening
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import compose
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter
@@ -33,20 +37,20 @@ def rough(effect: str | None, size: tuple[tuple[str, float], ...] = ()) -> list[
     """Fits of the bare structure in rough air: the same gusts whatever is planted."""
     found = []
     for flight in fly_many(effect, dict(size), seeds=SEEDS, **ROUGH):
-        on = ground(records(flight), (0.0, 15.0))
+        on = dataset(records(flight), (0.0, 15.0))
         structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
-        found.append(candidate(estimate(structure, on.viewed(structure)), (), on))
+        found.append(candidate(estimate(structure, on.viewed(structure.inputs)), (), on))
     return found
 
 
-def seen(parent: Candidate) -> tuple[Settled, Metric, Division]:
-    division = divide(parent.estimate.error, parent.ground.stacks, parent.ground.causes)
-    by = metric(parent.model, parent.ground.stacks, division)
-    return settle(parent, by), by, division
+def seen(parent: Candidate) -> tuple[Stepped, Whitening, Division]:
+    division = divide(parent.estimate.error, parent.dataset.stacks, parent.dataset.causes)
+    whitening = noise_whitening(parent.model, parent.dataset.stacks, division)
+    return instrumental_step(parent, whitening), whitening, division
 
 
 @cache
-def hiding() -> Hiding:
+def hiding() -> CouldHide:
     (parent, *_) = rough(None)
     return could_hide(parent, *seen(parent))
 
@@ -78,9 +82,9 @@ def test_what_is_said_to_hide_is_at_the_edge_of_what_is_seen() -> None:
         flights = rough("servo_lag", larger)
         count = 0
         for parent in flights:
-            settled, by, _ = seen(parent)
-            effect = compose("tpp", ("servo_lag",), parent.ground.available, {})
-            answer = score(effect.composed[0], effect, parent, settled, by)
+            stepped, whitening, _ = seen(parent)
+            effect = compose("tpp", ("servo_lag",), parent.dataset.available, {})
+            answer = score(effect.composed[0], effect, parent, stepped, whitening)
             count += answer is not None and answer.log_p < threshold
         return count
 
@@ -119,9 +123,9 @@ def test_forward_flight_is_not_asked_in_hover() -> None:
 
 def test_a_calm_flight_hides_nothing_that_does_harm() -> None:
     (flight,) = fly_many(None, {}, seeds=[5], duration_s=15.0)
-    on = ground(records(flight), (0.0, 15.0))
+    on = dataset(records(flight), (0.0, 15.0))
     structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
-    parent = candidate(estimate(structure, on.viewed(structure)), (), on)
+    parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
     found = could_hide(parent, *seen(parent))
     assert not found.harmful
     (said,) = found.sentences
@@ -133,9 +137,9 @@ def test_what_the_structure_can_do_itself_is_limited_by_plausibility_only() -> N
         return {"q_dot": 0.01 * s.k * s.M_a * s.a}  # type: ignore[attr-defined]
 
     spring = Effect(
-        "spring", "stiffer hub", "user", "q_dot += k/100 M_a a", "-", "-",
-        (Parameter("k", "-", "percent", plausible=(0.0, 40.0), null=0.0, bounds=(0.0, 90.0), typical=5.0),),
-        Stage.DYNAMICS, equations, path="spring.py",
+        id="spring", title="stiffer hub", group="user", equation="q_dot += k/100 M_a a", source="-", signature="-",
+        parameters=(Parameter("k", "-", "percent", plausible=(0.0, 40.0), null=0.0, bounds=(0.0, 90.0), typical=5.0),),
+        stage=Stage.DYNAMICS, equations=equations, path="spring.py",
     )  # fmt: skip
     (parent, *_) = rough(None)
     found = could_hide(parent, *seen(parent), users=[spring])

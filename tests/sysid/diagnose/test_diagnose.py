@@ -11,7 +11,8 @@ from planted import PLANTED, Run, fly_many
 from planted_fits import FORWARD_FLIGHT, records
 
 from sysid.data.record import Record
-from sysid.diagnose.diagnose import Diagnosis, diagnose
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.effect import load
 

@@ -7,9 +7,12 @@ import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import records
 
-from sysid.diagnose.evidence import Candidate, Metric, Settled, candidate, gain, ground, metric, refit, score, settle
+from sysid.data.dataset import dataset
+from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step, refit
+from sysid.diagnose.score import score
+from sysid.diagnose.whitening import Whitening, noise_whitening
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import TPP, compose
 from sysid.model.effect import catalogue
 
@@ -18,26 +21,28 @@ LINEAR = ("hub_gyroscopics", "angular_damping", "inertia_coupling", "servo_lag",
 SECONDS = 15.0
 
 
-def prepared(flight: list[Run]) -> tuple[Candidate, Settled, Metric]:
-    on = ground(records(flight), BAND)
-    parent = candidate(estimate(TPP, on.viewed(TPP)), (), on)
-    by = metric(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
-    return parent, settle(parent, by), by
+def prepared(flight: list[Run]) -> tuple[Candidate, Stepped, Whitening]:
+    on = dataset(records(flight), BAND)
+    parent = candidate(estimate(TPP, on.viewed(TPP.inputs)), (), on)
+    whitening = noise_whitening(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
+    return parent, instrumental_step(parent, whitening), whitening
 
 
 def scored(effect: str, flight: list[Run]):  # type: ignore[no-untyped-def]
-    parent, settled, by = prepared(flight)
-    composed = compose("tpp", [effect], parent.ground.available)
-    return score(catalogue()[effect], composed, parent, settled, by)
+    parent, stepped, whitening = prepared(flight)
+    composed = compose("tpp", [effect], parent.dataset.available)
+    return score(catalogue()[effect], composed, parent, stepped, whitening)
 
 
 def test_scores_of_a_complete_model_are_chi_squared() -> None:
     flights = fly_many(None, {}, seeds=range(81, 93), duration_s=SECONDS)
     each = []
     for flight in flights:
-        parent, settled, by = prepared(flight)
+        parent, stepped, whitening = prepared(flight)
         for name in LINEAR:
-            found = score(catalogue()[name], compose("tpp", [name], parent.ground.available), parent, settled, by)
+            found = score(
+                catalogue()[name], compose("tpp", [name], parent.dataset.available), parent, stepped, whitening
+            )
             assert found is not None
             each.append(found.chi_squared / found.degrees)
     # 12 flights of 6 kindred questions: a mean of 1 within about 0.25
@@ -61,22 +66,22 @@ def test_one_step_estimates_a_small_effect(effect: str, share: float) -> None:
 def test_what_no_flight_tells_apart_is_equally_likely() -> None:
     (flight,) = fly_many("servo_lag", PLANTED["servo_lag"], seeds=[96], duration_s=SECONDS)
     parent, _, _ = prepared(flight)
-    on = parent.ground
+    on = parent.dataset
     fits = {name: refit(compose("tpp", [name], on.available), parent, [name]) for name in ("servo_lag", "gyro_lag")}
     best = fits["servo_lag"]
-    by = metric(best.model, on.stacks, divide(best.estimate.error, on.stacks, on.causes))
-    servo, gyro = (settle(one, by) for one in fits.values())
+    whitening = noise_whitening(best.model, on.stacks, divide(best.estimate.error, on.stacks, on.causes))
+    servo, gyro = (instrumental_step(one, whitening) for one in fits.values())
     likelier, apart = gain(servo, gyro)
     assert abs(likelier) < 0.5
     assert apart < 0.5
-    assert gain(servo, settle(parent, by))[0] > 1e4
+    assert gain(servo, instrumental_step(parent, whitening))[0] > 1e4
     assert gain(servo, servo) == (0.0, 0.0)
 
 
 def test_channels_that_do_not_move_are_set_apart() -> None:
     (flight,) = fly_many(None, {}, seeds=[97], duration_s=5.0)
     still = [{**run, "omega": np.full_like(run["omega"], 172.8)} for run in flight]
-    found = ground(records(still), BAND)
+    found = dataset(records(still), BAND)
     assert "omega" in found.still
     assert "omega" not in found.available
     assert {"delta_x", "delta_y", "r"} <= found.available

@@ -12,11 +12,14 @@ import pytest
 from planted import PLANTED, TABLE_5, fly
 from planted_fits import records
 
-from sysid.diagnose.diagnose import Judged
-from sysid.diagnose.evidence import Candidate, candidate, gain, ground, metric, refit, settle
-from sysid.diagnose.explain import Explanation, amount, explain, plausible_range, quantity
+from sysid.data.dataset import dataset
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
+from sysid.diagnose.explain import Explanation, explain
+from sysid.diagnose.quantities import amount, plausible_range, quantity
+from sysid.diagnose.whitening import noise_whitening
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
-from sysid.fit.output_error import estimate
 from sysid.model.bases import compose
 from sysid.model.effect import find
 from sysid.model.parameter import Parameter
@@ -27,28 +30,28 @@ def outside(one: Candidate) -> set[str]:
     return {p.name for p in model.structure.parameters if p.implausible(model[p.name])}
 
 
-def judged(parent: Candidate, names: Sequence[str]) -> list[Judged]:
+def judged(parent: Candidate, names: Sequence[str]) -> list[Ranked]:
     """Refits of the parent with each effect, in the order named, weighed in the first one's noise."""
     structure = parent.model.structure
     constants = dict(structure.constants)
     fits = [
-        refit(compose("tpp", [*structure.composed, name], parent.ground.available, constants), parent, [name])
+        refit(compose("tpp", [*structure.composed, name], parent.dataset.available, constants), parent, [name])
         for name in names
     ]
-    by = metric(
+    whitening = noise_whitening(
         fits[0].model,
-        parent.ground.stacks,
-        divide(fits[0].estimate.error, parent.ground.stacks, parent.ground.causes),
+        parent.dataset.stacks,
+        divide(fits[0].estimate.error, parent.dataset.stacks, parent.dataset.causes),
     )
-    before = settle(parent, by)
+    before = instrumental_step(parent, whitening)
     return [
-        Judged(
-            (name,),
-            None,
-            None,
+        Ranked(
+            effects=(name,),
+            score=None,
+            not_testable=None,
             fit=fit,
-            settled=settle(fit, by),
-            chi_squared=gain(settle(fit, by), before)[0],
+            stepped=instrumental_step(fit, whitening),
+            chi_squared=gain(instrumental_step(fit, whitening), before)[0],
             implausible=tuple(sorted(outside(fit) - outside(parent))),
             resolved=tuple(sorted(outside(parent) - outside(fit))),
         )
@@ -63,9 +66,9 @@ def flown(effect: str | None, base: tuple[str, ...] = (), **held: float) -> Cand
 
 
 def fitted(flight: Sequence[planted.Run], base: Sequence[str], held: Mapping[str, float]) -> Candidate:
-    on = ground(records(flight), (0.0, 15.0))
+    on = dataset(records(flight), (0.0, 15.0))
     structure = compose("tpp", base, on.available, {"Omega_0": 171.2, "V_0": 18.2})
-    return candidate(estimate(structure, on.viewed(structure), None, held), tuple(held), on)
+    return candidate(estimate(structure, on.viewed(structure.inputs), None, held), tuple(held), on)
 
 
 def explained(effect: str, names: Sequence[str], alike: Sequence[str] = ()) -> Explanation:

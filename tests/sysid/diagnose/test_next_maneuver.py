@@ -14,10 +14,14 @@ from planted import DT, PLANTED, REST_S, TABLE_4, Run, _Air, _air_of_run, _fly, 
 from planted_fits import records
 
 from gcs.cards.maneuver import parse_card
-from sysid.diagnose.evidence import Candidate, Metric, candidate, gain, ground, metric, refit, settle
-from sysid.diagnose.next_maneuver import NextManeuver, _Flown, _plans, chirp, linear_or_not, next_maneuver
+from sysid.data.dataset import dataset
+from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
+from sysid.diagnose.maneuver_plans import Flown, chirp, possible_plans
+from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
+from sysid.diagnose.whitening import Whitening, noise_whitening
+from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
-from sysid.fit.output_error import estimate, output_error
+from sysid.fit.output_error import output_error
 from sysid.model.bases import compose
 from sysid.model.structure import Model
 
@@ -29,21 +33,21 @@ OMEGA_0 = 171.2
 
 def rivals(
     flight: Sequence[Run], names: Sequence[str], base: Sequence[str] = ()
-) -> tuple[list[Candidate], Division, Metric]:
+) -> tuple[list[Candidate], Division, Whitening]:
     """Refits on a flight, and the noise of the first."""
-    on = ground(records(flight), (0.0, 15.0))
+    on = dataset(records(flight), (0.0, 15.0))
     constants = {"Omega_0": OMEGA_0, "V_0": 18.2}
     structure = compose("tpp", base, on.available, constants)
-    parent = candidate(estimate(structure, on.viewed(structure)), (), on)
+    parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
     found = [refit(compose("tpp", [*base, name], on.available, constants), parent, [name]) for name in names]
     division = divide(found[0].estimate.error, on.stacks, on.causes)
-    return found, division, metric(found[0].model, on.stacks, division)
+    return found, division, noise_whitening(found[0].model, on.stacks, division)
 
 
 def likelier(flight: Sequence[Run], names: Sequence[str], base: Sequence[str] = ()) -> float:
     """Chi squared by which the first rival is likelier than the second."""
-    found, _, by = rivals(flight, names, base)
-    first, second = (settle(one, by) for one in found)
+    found, _, whitening = rivals(flight, names, base)
+    first, second = (instrumental_step(one, whitening) for one in found)
     return gain(first, second)[0]
 
 
@@ -111,7 +115,7 @@ def test_a_proposed_card_is_one_that_can_be_flown() -> None:
 
 
 @cache
-def commuting() -> tuple[list[Candidate], Division, Metric]:
+def commuting() -> tuple[list[Candidate], Division, Whitening]:
     return rivals(fly("servo_lag", PLANTED["servo_lag"], seed=5, duration_s=10.0), ["servo_lag", "gyro_lag"])
 
 
@@ -156,11 +160,13 @@ def test_another_input_is_proposed_where_it_helps() -> None:
 
 def test_nonlinear_rivals_stay_inside_the_envelope() -> None:
     flight = fly("quadratic_damping", PLANTED["quadratic_damping"], seed=4, duration_s=10.0, gusts=8.0, noise=0.03)
-    (linear,), division, by = rivals(flight, ["angular_damping"])
-    true = compose("tpp", ["quadratic_damping"], linear.ground.available, {"Omega_0": OMEGA_0})
+    (linear,), division, whitening = rivals(flight, ["angular_damping"])
+    true = compose("tpp", ["quadratic_damping"], linear.dataset.available, {"Omega_0": OMEGA_0})
     model = Model(true, true.vector({**TABLE_4, **PLANTED["quadratic_damping"]}))
-    nonlinear = replace(linear.estimate, model=model, error=output_error(model, linear.ground.stacks))
-    found = next_maneuver([candidate(nonlinear, (), linear.ground, ["quadratic_damping"]), linear], division, by)
+    nonlinear = replace(linear.estimate, model=model, error=output_error(model, linear.dataset.stacks))
+    found = next_maneuver(
+        [candidate(nonlinear, (), linear.dataset, ["quadratic_damping"]), linear], division, whitening
+    )
     assert found is not None
     assert found.separates == ("quadratic_damping", "angular_damping")
     assert found.card is not None
@@ -169,9 +175,9 @@ def test_nonlinear_rivals_stay_inside_the_envelope() -> None:
 
 def test_an_unexplained_error_asks_for_half_the_amplitude() -> None:
     flight = rough()[0]
-    on = ground(records(flight), (0.0, 15.0))
+    on = dataset(records(flight), (0.0, 15.0))
     structure = compose("tpp", (), on.available, {"Omega_0": OMEGA_0})
-    parent = candidate(estimate(structure, on.viewed(structure)), (), on)
+    parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
     found = linear_or_not(parent, divide(parent.estimate.error, on.stacks, on.causes))
     assert found is not None
     assert found.toml is not None
@@ -183,8 +189,8 @@ def test_an_unexplained_error_asks_for_half_the_amplitude() -> None:
 
 def test_every_maneuver_imagined_is_one_that_a_card_takes() -> None:
     (first, second), _, _ = rivals(rough()[1], ["servo_lag", "transport_delay"])
-    flown = _Flown.of(first.ground)
-    plans = _plans(flown, [first, second])
+    flown = Flown.of(first.dataset)
+    plans = possible_plans(flown, [first, second])
     tables = [replace(one, repeats=2).table() for one in plans]
     text = NextManeuver("", (), "", None, {"name": 'a "path\\effect.py"', "maneuver": tables}).toml
     assert text is not None
@@ -196,13 +202,13 @@ def test_every_maneuver_imagined_is_one_that_a_card_takes() -> None:
 
 def test_peaks_near_the_envelope_forbid_more_amplitude() -> None:
     calm, near = (rough()[1], [{**run, "p": run["p"] * 2.3 / np.max(np.abs(run["p"]))} for run in rough()[1]])
-    assert _Flown.of(ground(records(calm), (0.0, 15.0))).most_times > 1.2
-    assert _Flown.of(ground(records(near), (0.0, 15.0))).most_times < 1.1
+    assert Flown.of(dataset(records(calm), (0.0, 15.0))).most_times > 1.2
+    assert Flown.of(dataset(records(near), (0.0, 15.0))).most_times < 1.1
 
 
 def test_one_rival_alone_needs_nothing() -> None:
-    found, division, by = commuting()
-    assert next_maneuver(found[:1], division, by) is None
+    found, division, whitening = commuting()
+    assert next_maneuver(found[:1], division, whitening) is None
 
 
 def test_the_chirp_is_the_papers() -> None:

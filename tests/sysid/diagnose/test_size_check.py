@@ -8,11 +8,12 @@ import pytest
 from planted import fly_many
 from planted_fits import records
 
+from sysid.data.dataset import dataset
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
-from sysid.diagnose.diagnose import UNHELD, Diagnosis, diagnose
-from sysid.diagnose.evidence import ground
+from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.size_check import Size, sizes
+from sysid.diagnose.verdict import LARGEST_DIFFERENCE, Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.effect import catalogue
 
@@ -39,7 +40,7 @@ def test_one_size_holds() -> None:
     assert [one.parameter.name for one in found.sizes] in (["tau_s"], ["tau_g"])
     assert found.sizes[0].off == 0
     assert found.sizes[0].elsewhere == pytest.approx(TAU_S, abs=4 * found.sizes[0].elsewhere_error)
-    assert not found.unheld
+    assert not found.sizes_that_differ
 
 
 def test_an_effect_whose_size_differs_elsewhere_only_resembles_what_is_there() -> None:
@@ -50,7 +51,7 @@ def test_an_effect_whose_size_differs_elsewhere_only_resembles_what_is_there() -
     assert found.winner.validation_share > 0.6
     assert (found.verdict, found.effect) == ("unexplained", None)
     assert len(found.chain) == 1
-    (size,) = found.unheld
+    (size,) = found.sizes_that_differ
     assert size.off == pytest.approx(1 - LESS, abs=0.1)
     assert found.to_json()["sizes"][0]["validation"] == pytest.approx(LESS * TAU_S, rel=0.1)
 
@@ -68,9 +69,9 @@ def test_runs_that_do_not_determine_a_size_say_nothing() -> None:
         )
         for one in flight
     ]
-    other = ground(gentle, DEFAULT_BAND_HZ, found.parent.ground)
+    other = dataset(gentle, DEFAULT_BAND_HZ, found.parent.dataset)
     assert sizes(found.winner.fit, ["servo_saturation"], other) == ()
-    (same,) = sizes(found.winner.fit, ["servo_saturation"], found.parent.ground)
+    (same,) = sizes(found.winner.fit, ["servo_saturation"], found.parent.dataset)
     assert same.elsewhere == pytest.approx(same.fitted, rel=0.02)
 
 
@@ -79,4 +80,4 @@ def test_chance_is_taken_off(elsewhere: float, error: float, off: float) -> None
     parameter = catalogue()["servo_lag"].parameters[0]
     size = Size(parameter, 1.0, 0.0, elsewhere, error)
     assert size.off == pytest.approx(off)
-    assert (size.off > UNHELD) is (off > UNHELD)
+    assert (size.off > LARGEST_DIFFERENCE) is (off > LARGEST_DIFFERENCE)

@@ -10,7 +10,8 @@ import pytest
 from planted_terms import TERMS, flights, searched
 
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
-from sysid.diagnose.terms import Entry, Factor, Term
+from sysid.diagnose.term_search import Term
+from sysid.diagnose.terms import Entry, Factor
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
 from sysid.model.bases import compose
@@ -88,7 +89,16 @@ def test_nothing_significant_is_not_written() -> None:
 
 def term(*parts: tuple[str, tuple[Factor, ...]], as_well: tuple[Entry, ...] = ()) -> Term:
     sizes = np.linspace(-2.0, 3.0, len(parts))
-    return Term(Entry(parts), 900.0, len(parts), -400.0, sizes, 0.01 * np.abs(sizes), 0.01, as_well)
+    return Term(
+        entry=Entry(parts),
+        chi_squared=900.0,
+        degrees=len(parts),
+        log_p=-400.0,
+        coefficients=sizes,
+        standard_errors=0.01 * np.abs(sizes),
+        error_share=0.01,
+        as_well=as_well,
+    )
 
 
 def _written(one: Suggestion, path: Path) -> Path:

@@ -14,8 +14,12 @@ from planted_terms import flights, parent_of, searched
 
 from sysid.data.record import Record
 from sysid.diagnose import terms as searching
-from sysid.diagnose.evidence import Candidate, Metric, Settled, metric, score, settle
-from sysid.diagnose.terms import Entry, Factor, Term, code, entries, expressions, library, search, select, text, value
+from sysid.diagnose.candidate_terms import candidate_terms
+from sysid.diagnose.evidence import Candidate, Stepped, instrumental_step
+from sysid.diagnose.score import score
+from sysid.diagnose.term_search import Term, search, select
+from sysid.diagnose.terms import Entry, Factor, code, entries, expressions, text, value
+from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.noise import divide
 from sysid.model.bases import compose
 from sysid.model.effect import Signals, find, magnitude
@@ -34,10 +38,10 @@ FOUND = {
 """Planted -> how the library writes it; the drift of the whole cyclic in two ways."""
 
 
-def asked(parent: Candidate) -> tuple[Settled, Metric]:
-    on = parent.ground
-    by = metric(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
-    return settle(parent, by), by
+def asked(parent: Candidate) -> tuple[Stepped, Whitening]:
+    on = parent.dataset
+    whitening = noise_whitening(parent.model, on.stacks, divide(parent.estimate.error, on.stacks, on.causes))
+    return instrumental_step(parent, whitening), whitening
 
 
 def ranked(parent: Candidate) -> list[Term]:
@@ -87,12 +91,12 @@ def test_false_alarms_are_as_rare_as_said() -> None:
 
 def test_products_of_matrices_give_the_score_of_the_effect_itself() -> None:
     parent, known, _ = searched("quadratic_damping")
-    settled, by = asked(parent)
+    stepped, whitening = asked(parent)
     effect = find("quadratic_damping")
-    composed = compose("tpp", [effect], parent.ground.available, dict(parent.model.structure.constants))
-    whole = score(effect, composed, parent, settled, by)
+    composed = compose("tpp", [effect], parent.dataset.available, dict(parent.model.structure.constants))
+    whole = score(effect, composed, parent, stepped, whitening)
     assert whole is not None
-    term = search(parent, settled, by, known)[0]
+    term = search(parent, stepped, whitening, known)[0]
     assert term.chi_squared == pytest.approx(whole.chi_squared, rel=0.02)
     assert term.coefficients == pytest.approx([whole.at["L_pp"], whole.at["M_qq"]], rel=0.05)
     assert term.standard_errors == pytest.approx([whole.errors["L_pp"], whole.errors["M_qq"]], rel=0.1)
@@ -100,9 +104,9 @@ def test_products_of_matrices_give_the_score_of_the_effect_itself() -> None:
 
 def test_the_whole_library_takes_a_moment() -> None:
     parent, _, _ = searched("product")
-    settled, by = asked(parent)
+    stepped, whitening = asked(parent)
     began = time.process_time()
-    found = search(parent, settled, by, library(parent))
+    found = search(parent, stepped, whitening, candidate_terms(parent))
     assert time.process_time() - began < 1.5  # 0.25 on an idle core
     assert found
 
@@ -112,7 +116,7 @@ def test_the_whole_library_takes_a_moment() -> None:
 
 def test_cylinder_dynamics_has_a_library_of_its_own() -> None:
     parent = parent_of(flights()["product"], "cd")
-    rows = {row for entry in library(parent).entries for row, _ in entry.parts}
+    rows = {row for entry in candidate_terms(parent).entries for row, _ in entry.parts}
     assert rows == {"p_dot", "q_dot", "delta_x", "delta_y", "p_m", "q_m"}
     assert ranked(parent)[0].significant
 
@@ -135,7 +139,7 @@ def test_an_unstable_parent_is_searched_all_the_same() -> None:
     model = dataclasses.replace(parent.model, values=values)
     unstable = dataclasses.replace(parent, estimate=dataclasses.replace(parent.estimate, model=model))
     assert not unstable.model.stable
-    assert all(np.all(np.isfinite(terms)) for terms in library(unstable).flown)
+    assert all(np.all(np.isfinite(terms)) for terms in candidate_terms(unstable).flown)
 
 
 def test_a_term_that_runs_away_is_worth_nothing() -> None:
@@ -158,8 +162,8 @@ def test_runs_of_two_rates_are_searched_together() -> None:
 
 def test_select_stops_at_the_number_asked_for() -> None:
     parent, known, _ = searched("cubic_hub")
-    _, by = asked(parent)
-    assert len(select(parent, by, known, 1).terms) == 1
+    _, whitening = asked(parent)
+    assert len(select(parent, whitening, known, 1).terms) == 1
 
 
 # ------------------------------------------------------------------------------------------ words

@@ -13,9 +13,9 @@ from planted import PLANTED, TABLE_4, fly
 from scipy.signal import lsim
 
 from sysid.data.record import Record
+from sysid.errors import FitError
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import identify
-from sysid.fit.output_error import FitError
 from sysid.fit.result import Fit
 from sysid.model.bases import CD, TPP
 from sysid.model.effect import EffectError
@@ -29,7 +29,7 @@ TRUTH = TPP.vector(dict(TABLE_4))
 def flown(effect: str | None = None) -> tuple[Record, ...]:
     runs = fly(effect, PLANTED[effect] if effect is not None else {}, seed=7)
     return tuple(
-        Record(f"#{i}", {n: x for n, x in run.items() if n not in ("phi", "theta")}, "chirp", axis)
+        Record(f"#{i}", {n: x for n, x in run.items() if n not in ("phi", "theta")}, maneuver="chirp", axis=axis)
         for i, (run, axis) in enumerate(zip(runs, AXES, strict=True))
     )
 
@@ -40,7 +40,9 @@ def changed(records: Sequence[Record], **channels: object) -> list[Record]:
     for one in records:
         kept = {name: values for name, values in one.channels.items() if channels.get(name, 0) is not None}
         made = {name: make(one.channels) for name, make in channels.items() if callable(make)}
-        found.append(Record(one.id, {**kept, **made}, one.maneuver, one.axis, one.rate_source))
+        found.append(
+            Record(one.id, {**kept, **made}, maneuver=one.maneuver, axis=one.axis, rate_source=one.rate_source)
+        )
     return found
 
 
@@ -126,7 +128,7 @@ def test_irregular_time_is_said_and_does_no_harm() -> None:
             channels = dict(one.channels) | {"t": t}
             for name in ("p", "q"):
                 channels[name] = np.interp(t, one.t, one.channels[name])
-            found.append(Record(one.id, channels, one.maneuver, one.axis))
+            found.append(Record(one.id, channels, maneuver=one.maneuver, axis=one.axis))
         return found
 
     fit, regular = identify(TPP, jittered(flown())), identify(TPP, flown())
@@ -204,7 +206,9 @@ def test_runs_that_disagree_are_told_in_standard_errors() -> None:
     half = [
         *flown()[:2],
         *(
-            Record(one.id, {**one.channels, "delta_x": 0.8 * one.channels["delta_x"]}, one.maneuver, one.axis)
+            Record(
+                one.id, {**one.channels, "delta_x": 0.8 * one.channels["delta_x"]}, maneuver=one.maneuver, axis=one.axis
+            )
             for one in changed(flown()[2:], excitation_x=None, excitation_y=None, excitation_e=None)
         ),
     ]

@@ -11,10 +11,12 @@ from random_vehicles import A_HAIR, above_the_optimum, flown
 
 from sysid.data.preprocess import spectra
 from sysid.data.record import Record
+from sysid.data.stacks import stack
 from sysid.fit import fast
-from sysid.fit.output_error import estimate, minimise, output_error
+from sysid.fit.estimate import estimate
+from sysid.fit.gauss_newton import minimise
+from sysid.fit.output_error import output_error
 from sysid.model.bases import CD, TPP
-from sysid.model.predict import stack
 from sysid.model.structure import Model, Structure
 
 Card = tuple[list[Record], list[Record]]
@@ -24,7 +26,7 @@ def without_excitation(records: list[Record], keep_s: list[float]) -> list[Recor
     """Runs of unequal length, and nothing that would make instruments of them."""
     names = ("t", "p", "q", "delta_x", "delta_y")
     return [
-        Record(one.id, {name: one.channels[name][one.t < stop] for name in names}, one.maneuver, one.axis)
+        Record(one.id, {name: one.channels[name][one.t < stop] for name in names}, maneuver=one.maneuver, axis=one.axis)
         for one, stop in zip(records, keep_s, strict=True)
     ]
 
@@ -39,7 +41,8 @@ def test_the_quick_way_ends_where_the_general_way_ends(structure: Structure, hov
     general, _ = minimise(begin, [group], output_error(begin, [group]).residual_power)
     errors = np.sqrt(np.diag(quick.covariance))
     assert np.all(np.abs(quick.values - general.values) < 0.1 * errors)
-    from sysid.fit.output_error import _covariance, axis_weights
+    from sysid.fit.estimate import _covariance
+    from sysid.fit.output_error import axis_weights
 
     weights = axis_weights([group], output_error(general, [group]).residual_power)
     reference = np.sqrt(np.diag(_covariance(general, [group], weights, range(quick.values.size), None)))

@@ -11,11 +11,14 @@ from scipy.signal import dlsim, lsim
 from gcs.analysis.fits import PAPER_PARAMETERS
 from sysid.data.preprocess import low_pass, spectra
 from sysid.data.record import Record
+from sysid.data.stacks import stack
+from sysid.errors import FitError
+from sysid.fit.axes import independent_share
 from sysid.fit.checks import eigenfrequency_checks
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, judge
-from sysid.fit.output_error import FitError, estimate, independent_share, output_error
+from sysid.fit.output_error import output_error
 from sysid.model.bases import CD, TPP
-from sysid.model.predict import stack
 from sysid.model.structure import Model, discretise
 
 Card = tuple[list[Record], list[Record]]
@@ -28,7 +31,9 @@ def record(channels: dict[str, np.ndarray], label: str = "made", **about: object
 
 
 def altered(one: Record, **changed: np.ndarray) -> Record:
-    return Record(one.id, {**one.channels, **changed}, one.maneuver, one.axis, one.rate_source)
+    return Record(
+        one.id, {**one.channels, **changed}, maneuver=one.maneuver, axis=one.axis, rate_source=one.rate_source
+    )
 
 
 def test_hover_ideal_gives_table_2_back(ideal_card: Card) -> None:
@@ -114,12 +119,16 @@ def test_a_gap_splits_the_run_and_is_not_filled(ideal_card: Card) -> None:
     chirps, _ = ideal_card
     one = chirps[0]
     keep = (one.t < 10) | (one.t > 10.5)
-    cut = Record(one.id, {name: values[keep] for name, values in one.channels.items()}, one.maneuver, one.axis)
+    cut = Record(
+        one.id, {name: values[keep] for name, values in one.channels.items()}, maneuver=one.maneuver, axis=one.axis
+    )
     found, remarks = spectra([cut], TPP.inputs, TPP.outputs)
     assert [part.samples for part in found] == [np.sum(one.t < 10), np.sum(one.t > 10.5)]
     assert not remarks
     piece = (one.t < 10) | ((one.t > 10.5) & (one.t < 11.5)) | (one.t > 12)
-    cut = Record(one.id, {name: values[piece] for name, values in one.channels.items()}, one.maneuver, one.axis)
+    cut = Record(
+        one.id, {name: values[piece] for name, values in one.channels.items()}, maneuver=one.maneuver, axis=one.axis
+    )
     found, remarks = spectra([cut], TPP.inputs, TPP.outputs)
     assert len(found) == 2
     assert "shorter than 2 s" in remarks[0]
@@ -163,7 +172,7 @@ def test_too_short_and_mixed_runs_are_refused(ideal_card: Card) -> None:
     chirps, _ = ideal_card
     with pytest.raises(FitError, match="2 s of gap-free samples"):
         identify(TPP, [chirps[0].window(5.0, 6.5)])
-    other = Record("b", dict(chirps[1].channels), "chirp", "pitch", "RATE")
+    other = Record("b", dict(chirps[1].channels), maneuver="chirp", axis="pitch", rate_source="RATE")
     with pytest.raises(FitError, match="RATE, SIDD"):
         identify(TPP, [chirps[0], other])
 

@@ -11,9 +11,9 @@ import pytest
 from planted import PLANTED, TABLE_4, fly
 
 from sysid.data.record import CHANNELS, Record
+from sysid.errors import FitError
 from sysid.fit.identifiable import structural, undetermined, vague
 from sysid.fit.identify import identify
-from sysid.fit.output_error import FitError
 from sysid.model.bases import TPP, compose
 from sysid.model.effect import EffectError, catalogue, find
 from sysid.model.response import transfer
@@ -171,7 +171,7 @@ def test_vague_directions_by_hand() -> None:
 
 def test_a_rotor_speed_that_never_changes_determines_no_exponent() -> None:
     steady = [
-        Record(one.id, {**one.channels, "omega": np.full(one.t.size, 172.8)}, one.maneuver, one.axis)
+        Record(one.id, {**one.channels, "omega": np.full(one.t.size, 172.8)}, maneuver=one.maneuver, axis=one.axis)
         for one in flown(None)
     ]
     with pytest.raises(FitError, match="k, n does not show in the response on these runs"):

@@ -15,14 +15,22 @@ from sysid.fit.result import Fit
 from sysid.model.bases import CD, TPP, compose
 from sysid.model.structure import Model, Structure
 
-PAPER = Vehicle(88.0, 4.5, 0.15)
+PAPER = Vehicle(k_beta=88.0, mass=4.5, arm=0.15)
 """Notes to the paper, eq. 17."""
 
 
 def fit(values: Mapping[str, float], structure: Structure = TPP, relative: float = 0.01) -> Fit:
     model = Model(structure, structure.vector(values))
     covariance = np.diag((relative * model.values) ** 2)
-    return Fit(model, covariance, {"p": 80.0, "q": 80.0}, None, (), (), (0.0, 15.0))
+    return Fit(
+        model=model,
+        covariance=covariance,
+        nrmse_percent={"p": 80.0, "q": 80.0},
+        validation_nrmse_percent=None,
+        records=(),
+        validation=(),
+        band_hz=(0.0, 15.0),
+    )
 
 
 def figures(of: Fit, vehicle: Vehicle = PAPER, omega: float | None = NOMINAL_OMEGA) -> dict[str, Implied]:
@@ -39,7 +47,7 @@ def test_table_4_implies_what_the_notes_say() -> None:
 
 
 def test_thrust_counts_only_with_mass_and_arm() -> None:
-    found = figures(fit(TABLE_4), Vehicle(88.0))
+    found = figures(fit(TABLE_4), Vehicle(k_beta=88.0))
     assert found["I_yy"].value == pytest.approx(88.0 / 713.378)
 
 
@@ -67,14 +75,16 @@ def test_a_rotor_that_turns_the_other_way_is_the_same_rotor() -> None:
 
 def test_measured_inertias_off_by_three_are_flagged_and_a_tenth_is_not() -> None:
     for times, expected in ((3.0, True), (1 / 3, True), (1.1, False), (0.9, False)):
-        found = figures(fit(TABLE_4), Vehicle(88.0, 4.5, 0.15, I_xx=0.641 * times, I_yy=0.133 * times))
+        found = figures(fit(TABLE_4), Vehicle(k_beta=88.0, mass=4.5, arm=0.15, I_xx=0.641 * times, I_yy=0.133 * times))
         assert found["I_xx"].implausible == found["I_yy"].implausible == expected
-    assert figures(fit(TABLE_4), Vehicle(3 * 88.0, I_yy=0.133))["I_yy"].implausible
+    assert figures(fit(TABLE_4), Vehicle(k_beta=3 * 88.0, I_yy=0.133))["I_yy"].implausible
 
 
 def test_a_missing_lag_shows_in_the_inertia() -> None:
     """30 ms of servo lag left out pull M_a from 713 to 451."""
-    assert figures(fit({**TABLE_4, "M_a": 451.0}), Vehicle(88.0, 4.5, 0.15, I_yy=0.133))["I_yy"].implausible
+    assert figures(fit({**TABLE_4, "M_a": 451.0}), Vehicle(k_beta=88.0, mass=4.5, arm=0.15, I_yy=0.133))[
+        "I_yy"
+    ].implausible
 
 
 def test_impossible_parameters_give_flags_and_no_error() -> None:
@@ -85,8 +95,8 @@ def test_impossible_parameters_give_flags_and_no_error() -> None:
 
 def test_what_cannot_be_implied_is_left_out() -> None:
     assert [one.name for one in implied(fit(TABLE_4), PAPER, None)] == ["I_xx", "I_yy"]
-    assert len(implied(fit(TABLE_4), Vehicle(88.0, omega=NOMINAL_OMEGA), None)) == 4
-    assert figures(fit(TABLE_4), Vehicle(88.0, omega=99.0))["Lock number"].value == pytest.approx(1.0, abs=0.03)
+    assert len(implied(fit(TABLE_4), Vehicle(k_beta=88.0, omega=NOMINAL_OMEGA), None)) == 4
+    assert figures(fit(TABLE_4), Vehicle(k_beta=88.0, omega=99.0))["Lock number"].value == pytest.approx(1.0, abs=0.03)
     cd = dict.fromkeys(CD.names, 1.0)
     assert implied(fit(cd, CD), PAPER, NOMINAL_OMEGA) == ()
 

@@ -7,11 +7,13 @@ import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import records
 
+from sysid.data.instrument import causes
 from sysid.data.preprocess import spectra
-from sysid.fit.noise import causes, divide
-from sysid.fit.output_error import estimate, output_error
+from sysid.data.stacks import stack
+from sysid.fit.estimate import estimate
+from sysid.fit.noise import divide
+from sysid.fit.output_error import output_error
 from sysid.model.bases import TPP, compose
-from sysid.model.predict import stack
 
 COMMANDS = ("delta_x", "delta_y")
 SEEDS = (71, 72, 73, 74)

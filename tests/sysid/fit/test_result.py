@@ -34,7 +34,14 @@ def test_paths_are_relative_to_the_file(ideal_card: Card, tmp_path: Path) -> Non
     log = tmp_path / "flights" / "one.BIN"
     chirps = [
         Record(
-            one.id, dict(one.channels), one.maneuver, one.axis, one.rate_source, str(log), "0" * 64, one.swept_band_hz
+            one.id,
+            dict(one.channels),
+            maneuver=one.maneuver,
+            axis=one.axis,
+            rate_source=one.rate_source,
+            path=str(log),
+            sha256="0" * 64,
+            swept_band_hz=one.swept_band_hz,
         )
         for one in ideal_card[0]
     ]

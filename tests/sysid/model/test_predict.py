@@ -7,14 +7,16 @@ import pytest
 from planted import TABLE_4, fly
 from scipy.signal import lfilter
 
+from sysid.data.instrument import instruments
 from sysid.data.preprocess import EXCITATIONS, spectra
 from sysid.data.record import Record
-from sysid.fit.instrument import instruments
+from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
+from sysid.model.acting import divided, in_time, jumping
 from sysid.model.bases import CD, TPP, compose
 from sysid.model.effect import find
 from sysid.model.polynomial import exact_enough
-from sysid.model.predict import divided, in_time, jumping, respond, stack
+from sysid.model.predict import respond
 from sysid.model.structure import Model, discretise
 
 TRUTH = np.array(list(TABLE_4.values()))
@@ -35,7 +37,7 @@ def test_the_closed_form_equals_the_matrices(runs: list[Record], structure: obje
     closed = respond(structure, values, group, False)  # type: ignore[arg-type]
     from sysid.model.predict import _linear
 
-    exact = _linear(structure, values, group, group.U, [], False)  # type: ignore[arg-type]
+    exact = _linear(structure, values, group, U=group.U, changes=[], sensitivities=False)  # type: ignore[arg-type]
     np.testing.assert_allclose(closed.Y, exact.Y, atol=1e-8 * np.abs(exact.Y).max())
 
 

@@ -9,12 +9,13 @@ effects the sensitivities are those of the vehicle as that part alone would move
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray
-from sysid.model.predict import Stack
-from sysid.model.structure import FloatArray
+from sysid.data.record import FloatArray
+from sysid.data.stacks import Stack
 
 FOLLOWING = ("alpha", "beta", "phi", "theta")
 """Channels that follow the vehicle's own motion, and with it what gusts do to it."""
@@ -60,3 +61,39 @@ def caused_by(U: ComplexArray, R: ComplexArray, scale: FloatArray, frequency_hz:
             gain = (u @ r.conj().T) @ np.linalg.pinv(r @ r.conj().T, rcond=1e-9, hermitian=True)
             caused[:, here] = gain @ R[:, here]
     return caused
+
+
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """Commands on all bins of all stacks, as far as what was logged beside them caused them."""
+
+    commands: tuple[str, ...]
+    references: tuple[str, ...]
+    caused: list[ComplexArray]
+    """For every stack (m, bins)."""
+    reference: list[ComplexArray]
+    """The bins of the references, for every stack (m, bins)."""
+
+
+def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
+    """What the excitation caused in each command that the stacks have among their inputs."""
+    whole = [one.segment.channels for group in stacks for one in group.spectra]
+    references = []
+    for name in commands:
+        excitation = f"excitation_{name.removeprefix('delta_')}"
+        moved = all(excitation in channels for channels in whole) and any(
+            np.any(channels[excitation]) for channels in whole
+        )
+        references.append(excitation if moved else name)
+    found, logged = [], []
+    for group in stacks:
+        U = group.U[[group.inputs.index(name) for name in commands]]
+        R = np.concatenate(
+            [one.transform(np.stack([one.segment.channels[name] for name in references])) for one in group.spectra],
+            axis=1,
+        )
+        if R.shape[1] != U.shape[1]:
+            raise ValueError("causes want whole stacks, not thinned ones")
+        found.append(caused_by(U, R, group.scale, group.frequency_hz))
+        logged.append(R)
+    return Causes(tuple(commands), tuple(references), found, logged)

@@ -1,0 +1,124 @@
+"""The bins of all segments of one sample rate side by side, and what holding and sampling do on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.data.preprocess import ComplexArray, Spectrum
+from sysid.data.record import FloatArray
+
+FEWEST_BINS = 60
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stack:
+    """The bins of all segments of one sample rate, side by side."""
+
+    spectra: tuple[Spectrum, ...]
+    dt: float
+    slices: tuple[slice, ...]
+    """Where each segment's bins lie."""
+    frequency_hz: FloatArray
+    """(bins,)"""
+    z: ComplexArray
+    """(bins,)"""
+    U: ComplexArray
+    """(m, bins)"""
+    Y: ComplexArray
+    """(k, bins)"""
+    inputs: tuple[str, ...]
+    """Names of the rows of U."""
+    scale: FloatArray
+    """(bins,): sqrt(2/n) of each bin's segment, which makes every sample of every run count the same."""
+    _known: dict[int, Sampling] = field(default_factory=dict)
+
+    @property
+    def samples(self) -> int:
+        return sum(one.samples for one in self.spectra)
+
+    def thinned(self, every: int) -> Stack:
+        """Every so many bins of each segment, at least FEWEST_BINS: enough for a first look."""
+        kept, slices, length = [], [], 0
+        for part in self.slices:
+            size = part.stop - part.start
+            some = np.arange(part.start, part.stop, max(1, min(every, size // FEWEST_BINS)))
+            kept.append(some)
+            slices.append(slice(length, length + some.size))
+            length += some.size
+        at = np.concatenate(kept)
+        return Stack(
+            spectra=self.spectra,
+            dt=self.dt,
+            slices=tuple(slices),
+            frequency_hz=self.frequency_hz[at],
+            z=self.z[at],
+            U=self.U[:, at],
+            Y=self.Y[:, at],
+            inputs=self.inputs,
+            scale=self.scale[at],
+        )
+
+    def sampling(self, order: int) -> Sampling:
+        """What holding and sampling do on these bins; worked out once."""
+        if order not in self._known:
+            self._known[order] = sampling(self, order)
+        return self._known[order]
+
+
+def stack(spectra: Sequence[Spectrum]) -> list[Stack]:
+    """Segments of equal sample spacing together."""
+    groups: list[list[Spectrum]] = []
+    for one in spectra:
+        for group in groups:
+            if abs(group[0].dt - one.dt) < 1e-6 * one.dt:
+                group.append(one)
+                break
+        else:
+            groups.append([one])
+    return [_stacked(group) for group in groups]
+
+
+def _stacked(group: Sequence[Spectrum]) -> Stack:
+    ends = np.cumsum([one.frequency_hz.size for one in group])
+    slices = tuple(slice(int(end) - one.frequency_hz.size, int(end)) for end, one in zip(ends, group, strict=True))
+    return Stack(
+        spectra=tuple(group),
+        dt=float(np.mean([one.dt for one in group])),
+        slices=slices,
+        frequency_hz=np.concatenate([one.frequency_hz for one in group]),
+        z=np.concatenate([one.z for one in group]),
+        U=np.concatenate([one.U for one in group], axis=1),
+        Y=np.concatenate([one.Y for one in group], axis=1),
+        inputs=group[0].inputs,
+        scale=np.concatenate([np.full(one.frequency_hz.size, np.sqrt(2 / one.samples)) for one in group]),
+    )
+
+
+class Sampling(NamedTuple):
+    """What holding and sampling do on the bins of a stack."""
+
+    s: ComplexArray
+    hold: ComplexArray
+    """Of a command between samples."""
+    images: ComplexArray
+    """Of the response's leading term, per unit of its coefficient."""
+    jump: ComplexArray
+    """Of an end state's leading term 1/s, its first sample included."""
+    bend: FloatArray
+    """Of its second term, 1/s^2."""
+
+
+def sampling(stack: Stack, order: int) -> Sampling:
+    """Sums over all images of the spectrum, in closed form: trigonometric functions of half a sample."""
+    dt, omega = stack.dt, 2 * np.pi * stack.frequency_hz
+    s = np.asarray(1j * omega, dtype=np.complex128)
+    sine, cosine = np.sin(0.5 * omega * dt) / (0.5 * dt), np.cos(0.5 * omega * dt)
+    back = 1 - 1 / stack.z
+    bend = 1 / omega**2 - 1 / sine**2
+    every = 1j * (cosine / (sine * sine**2) - 1 / (omega * omega**2)) if order == 2 else bend
+    jump = np.asarray(0.5 * dt + 1j * (1 / omega - cosine / sine), dtype=np.complex128)
+    return Sampling(s, back / (s * dt), back / dt * every, jump, bend)

@@ -1,0 +1,323 @@
+"""Effects that the model may lack: every testable entry scored, the serious refitted, validated and ranked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sysid.data.dataset import Dataset
+from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, refit
+from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.score import Score, log_chance, score
+from sysid.diagnose.term_search import Selection
+from sysid.diagnose.whitening import Whitening, noise_whitening
+from sysid.errors import FitError
+from sysid.fit.noise import Division
+from sysid.fit.output_error import OutputError
+from sysid.fit.result import finite
+from sysid.model.bases import adapted, compose, not_testable
+from sysid.model.effect import Effect, EffectError, catalogue
+from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import FloatArray, Model, Structure
+
+SIGNIFICANT = math.log(1e-4)
+"""Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
+a hundred is found below it: the noise is not quite what the questions take it for."""
+QUESTIONS = 3
+"""Kinds of them: the commands against the residual, the catalogue, candidate terms."""
+SERIOUS = 0.02
+"""Share of the best score from which on a candidate is refitted,"""
+SERIOUS_SLOW = 0.1
+"""and where a refit takes simulations or a long search."""
+FEW_POINTS = 8
+NEAR = 0.7
+"""Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
+REMAINDER = 0.05
+"""Share of what can be explained, left by the best effect, from which on a second one is looked for."""
+Progress = Callable[[str], None]
+Simple = Callable[[Candidate], Selection]
+"""The simple terms beside a candidate; each is asked once."""
+
+
+def silent(_: str) -> None:
+    return None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ranked:
+    """One candidate with all that is known of it."""
+
+    effects: tuple[str, ...]
+    """Added to the parent."""
+    score: Score | None
+    not_testable: str | None
+    """Why it was not asked, or not answered; None where it was."""
+    fit: Candidate | None = None
+    stepped: Stepped | None = None
+    chi_squared: float = 0.0
+    """How much likelier than the parent it makes the fitted runs."""
+    added: int = 0
+    """Parameters more than the parent's."""
+    explained_share: float | None = None
+    validation_nrmse_percent: Mapping[str, float] | None = None
+    validation_error: OutputError | None = None
+    validation_share: float | None = None
+    validation_slack: float = 0.0
+    """By which chance alone may make that share too small."""
+    implausible: tuple[str, ...] = ()
+    """Parameters outside what physics allows that were not so in the parent."""
+    resolved: tuple[str, ...] = ()
+    """Parameters of the parent that were implausible and are not any more."""
+    rows: int = 1
+
+    @property
+    def effect(self) -> str:
+        return self.effects[-1]
+
+    @property
+    def delta_bic(self) -> float:
+        """Negative where it pays for its parameters."""
+        return self.added * math.log(self.rows) - self.chi_squared
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Its parameters: refitted, else one step from the parent, else none."""
+        if self.fit is not None:
+            model = self.fit.model
+            own = [one for one in model.structure.composed if (one.path or one.id) in self.effects]
+            names = [name for one in own for name in one.names] or list(model.structure.names)
+            return {name: model[name] for name in names}
+        return {} if self.score is None else dict(self.score.at)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Of `values`, where the refit gives any."""
+        if self.fit is None:
+            return {} if self.score is None else dict(self.score.errors)
+        names = self.fit.model.structure.names
+        errors = np.sqrt(np.diag(self.fit.estimate.covariance))
+        return {name: float(errors[names.index(name)]) for name in self.values if errors[names.index(name)] > 0}
+
+    def to_json(self) -> dict[str, Any]:
+        fitted = self.fit is not None
+        return {
+            "effect": "+".join(self.effects),
+            "explained_share": None if self.explained_share is None else finite(self.explained_share),
+            "delta_bic": finite(self.delta_bic) if fitted else None,
+            "nrmse_percent": self.fit.nrmse_percent if self.fit is not None else None,
+            "validation_nrmse_percent": None
+            if self.validation_nrmse_percent is None
+            else dict(self.validation_nrmse_percent),
+            "parameters": {name: finite(value) for name, value in self.values.items()},
+            "standard_errors": {name: finite(value) for name, value in self.standard_errors.items()},
+            "implausible": bool(self.implausible),
+            "implausible_parameters": list(self.implausible),
+            "resolves": list(self.resolved),
+            "not_testable": self.not_testable,
+            "chi_squared": finite(self.chi_squared) if fitted else None,
+            "score": None
+            if self.score is None
+            else {"chi_squared": finite(self.score.chi_squared), "degrees": self.score.degrees},
+            "validation_share": None if self.validation_share is None else finite(self.validation_share),
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference:
+    """What all candidates of one diagnosis are held against."""
+
+    parent: Candidate
+    """The structure as it is;"""
+    stepped: Stepped
+    """in the white rows of"""
+    whitening: Whitening
+    """the noise that the likeliest candidate leaves."""
+    users: Sequence[Effect]
+    """Effects beside the catalogue's."""
+    validation: Dataset | None
+    simple: Simple
+
+
+def composed_with(parent: Structure, effect: Effect, on: Dataset) -> Structure:
+    return compose(parent.base, [*parent.composed, effect], on.available, {**on.constants, **dict(parent.constants)})
+
+
+def score_effects(
+    parent: Candidate, stepped: Stepped, whitening: Whitening, users: Sequence[Effect], say: Progress
+) -> list[Ranked]:
+    """Every entry that the parent does not have, with its score or why there is none."""
+    structure, on = parent.model.structure, parent.dataset
+    present = {one.id for one in structure.composed}
+    found = []
+    for effect in (*catalogue().values(), *users):
+        name = effect.path or effect.id
+        if name in structure.effects or effect.id in present or (effect.id == "flapping" and structure.base == "tpp"):
+            continue
+        reason = _reason(effect, parent)
+        if reason is not None:
+            found.append(Ranked(effects=(name,), score=None, not_testable=reason))
+            continue
+        try:
+            composed = composed_with(structure, effect, on)
+        except EffectError as error:
+            found.append(Ranked(effects=(name,), score=None, not_testable=str(error)))
+            continue
+        if composed.base != structure.base:
+            found.append(Ranked(effects=(name,), score=None, not_testable=None))
+            continue
+        answer = score(effect, composed, parent, stepped, whitening)
+        reason = None if answer is not None else "it does nothing on these runs that the structure could not do itself"
+        found.append(Ranked(effects=(name,), score=answer, not_testable=reason))
+        say(name)
+    return found
+
+
+def _reason(effect: Effect, parent: Candidate) -> str | None:
+    structure, on = parent.model.structure, parent.dataset
+    ids = [one.id for one in structure.composed]
+    reason = not_testable(effect, structure.base, [*ids, effect.id], on.available)
+    if reason is None:
+        return None
+    without = not_testable(effect, structure.base, [*ids, effect.id], on.available | on.still)
+    if without is None:
+        read = adapted(effect, structure.base, [*ids, effect.id], on.available | on.still).channels
+        still = sorted({name for said in read for name in said.split("|")} & on.still)
+        return f"{', '.join(still)} hardly moves on these runs, so it is not testable on these"
+    return reason
+
+
+def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:
+    """Logarithm of the chance that noise alone shows as much as the best of all questions."""
+    linear = log_chance(division.chi_squared, division.degrees)
+    best = min((one.log_p for one in scores), default=0.0) + math.log(max(len(scores), 1))
+    return min(0.0, min(linear, best) + math.log(QUESTIONS))
+
+
+def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Ranked]:
+    """Refits of what may be the answer: the linear entries first, which take milliseconds.
+
+    An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
+    comes near to what the best of them explains.
+    """
+    top = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
+    found: dict[tuple[str, ...], Ranked] = {}
+    for one in asked:
+        share = math.inf if one.score is None else one.score.chi_squared / max(top, 1e-300)
+        if one.not_testable is None and _quick(one) and share >= SERIOUS:
+            found[one.effects] = refitted(one, parent, users)
+            say(one.effect)
+    fits = [one.fit for one in found.values() if one.fit is not None]
+    best = min(fits, key=lambda one: one.error_share, default=parent)
+    left = best.division
+    before = parent.error_share - best.error_share
+    open_question = (
+        before <= 0
+        or float(
+            np.sum((1 - left.noise_share) * best.estimate.error.residual_power / best.estimate.error.measured_power)
+        )
+        > REMAINDER * before
+    )
+    whitening = noise_whitening(best.model, parent.dataset.stacks, left)
+    explained = (
+        gain(instrumental_step(best, whitening), instrumental_step(parent, whitening))[0] if best is not parent else 0.0
+    )
+    for one in asked:
+        if one.not_testable is not None or _quick(one) or one.score is None:
+            continue
+        near = one.score.chi_squared > NEAR * explained
+        if one.score.chi_squared >= SERIOUS_SLOW * top and (near or open_question):
+            found[one.effects] = refitted(one, parent, users)
+            say(one.effect)
+    return [found.get(one.effects, one) for one in asked]
+
+
+def _quick(one: Ranked) -> bool:
+    """Whether a refit takes milliseconds: a linear entry without many valleys to search."""
+    known = catalogue()
+    return one.effect in known and known[one.effect].linear and (one.score is None or one.score.tried <= FEW_POINTS)
+
+
+def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
+    try:
+        composed = composed_with(parent.model.structure, _effect(one.effect, users), parent.dataset)
+        fit = refit(composed, parent, one.effects)
+    except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
+        return replace(one, not_testable=str(error))
+    return replace(one, fit=fit)
+
+
+def _effect(name: str, users: Sequence[Effect]) -> Effect:
+    known = catalogue()
+    return known[name] if name in known else next(one for one in users if one.path == name)
+
+
+def ranked(one: Ranked, reference: Reference) -> Ranked:
+    """The candidate with how much likelier than the parent it is, what of it physics does not allow, and its error on
+    the validation runs."""
+    if one.fit is None:
+        return one
+    own = instrumental_step(one.fit, reference.whitening)
+    likelier, _ = gain(own, reference.stepped)
+    model, parent = one.fit.model, reference.parent
+    before, now = _implausible(parent.model), _implausible(model)
+    validated = error = None
+    if reference.validation is not None:
+        try:
+            error = validation_error(model, reference.validation)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return replace(one, fit=None, not_testable="its response does not settle on the validation runs")
+        validated = dict(zip(model.structure.outputs, map(float, error.nrmse_percent), strict=True))
+    return replace(
+        one,
+        stepped=own,
+        chi_squared=likelier,
+        added=len(one.fit.J[0]) - len(parent.J[0]),
+        rows=reference.stepped.residual.size,
+        implausible=tuple(name for name in model.structure.names if name in now - before),
+        resolved=tuple(sorted(before - now)),
+        validation_nrmse_percent=validated,
+        validation_error=error,
+    )
+
+
+def _implausible(model: Model) -> set[str]:
+    """Parameters outside what physics allows."""
+    return {
+        parameter.name
+        for parameter, value in zip(model.structure.parameters, model.values, strict=True)
+        if parameter.implausible(float(value))
+    }
+
+
+def rank(one: Ranked) -> tuple[int, float]:
+    if one.fit is not None:
+        return (0, one.delta_bic)
+    if one.score is not None and one.not_testable is None:
+        return (1, -one.score.chi_squared)
+    return (2, 0.0)
+
+
+def residual_shares(one: Candidate) -> FloatArray:
+    """Residual over measured power by output."""
+    return np.asarray(one.estimate.error.residual_power / one.estimate.error.measured_power)
+
+
+def noise_shares(best: Candidate, terms: Selection | None) -> FloatArray:
+    """N by output: what the likeliest candidate leaves, less what of that the commands or a simple term explain.
+
+    What a division seems to find where it finds nothing significant is left where it is.
+    """
+    whole = residual_shares(best)
+    left = best.division
+    if log_chance(left.chi_squared, left.degrees) < SIGNIFICANT:
+        linear = whole * left.noise_share
+    else:
+        linear = whole
+    if terms is None or not terms.terms:
+        return linear
+    simple = np.asarray(terms.error.residual_power / terms.error.measured_power)
+    return simple if float(np.sum(simple)) < float(np.sum(linear)) else linear

@@ -1,0 +1,249 @@
+"""Maneuvers that may be flown next, made from those flown: what a card can hold, or a hand may do meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sysid.data.dataset import Dataset
+from sysid.data.preprocess import Spectrum
+from sysid.diagnose.evidence import Candidate
+from sysid.model.structure import FloatArray
+
+MOST_TIMES = 2.0
+"""The amplitude flown, at most."""
+LARGEST_RATE = 0.8 * 3.0
+"""rad/s, of what a card's default limits allow;"""
+LARGEST_ATTITUDE = 0.8 * math.radians(25)
+LARGEST_COMMAND = 0.8 * 0.9
+SLOWEST_HZ = 0.25
+"""Below it, rates are not integrated to attitude: noise would drift."""
+LAW_C1, LAW_NOISE = 4.0, 0.2
+SWEPT_HZ = (0.5, 10.0)
+REST_S = 1.0
+DOUBLET_S, PULSE_S, PULSES = 6.0, 0.25, 6
+RISK = 1.0
+"""How much dearer a flight is for each amplitude beyond the flown one."""
+ELEVATOR_AMPLITUDE = 0.3
+"""Where none was flown: the bundled forward card's."""
+LETTERS = {"roll": "x", "pitch": "y", "elevator": "e"}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Flown:
+    """The flown runs, as far as a new one is made from them."""
+
+    amplitude: Mapping[str, float]
+    """Axis -> of its excitation, part of full command."""
+    band_hz: tuple[float, float]
+    duration_s: float
+    dt: float
+    most_times: float
+    """The amplitude that the envelope allows, over the flown one."""
+    dataset: Dataset
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> Flown:
+        segments = [one.segment for one in dataset.spectra]
+        amplitude: dict[str, float] = {}
+        for segment in segments:
+            moved = {axis: _excitation(segment.channels, letter) for axis, letter in LETTERS.items()}
+            sizes = {axis: float(np.std(values)) for axis, values in moved.items() if values is not None}
+            axis = max(sizes, key=lambda name: sizes[name])
+            values = moved[axis]
+            if values is not None and sizes[axis] > 0:
+                amplitude[axis] = max(amplitude.get(axis, 0.0), float(np.quantile(np.abs(values), 0.95)))
+        swept = [one.record.swept_band_hz for one in segments if one.record.swept_band_hz is not None]
+        band = (min(low for low, _ in swept), max(high for _, high in swept)) if swept else SWEPT_HZ
+        longest = max(segments, key=lambda one: one.duration_s)
+        return cls(
+            amplitude={axis: _rounded(size) for axis, size in amplitude.items()},
+            band_hz=band,
+            duration_s=float(max(10.0, round(longest.duration_s - 2 * REST_S))),
+            dt=longest.dt,
+            most_times=min(MOST_TIMES, _headroom(dataset.spectra)),
+            dataset=dataset,
+        )
+
+    def chirp(self, axis: str, part: float = 1.0) -> Plan:
+        """A chirp on an axis as flown, at that part of its amplitude."""
+        low, high = self.band_hz
+        return Plan(
+            kind="chirp",
+            axis=axis,
+            amplitude=part * self.amplitude[axis],
+            f_start_hz=low,
+            f_stop_hz=high,
+            duration_s=self.duration_s,
+        )
+
+    @property
+    def logged(self) -> frozenset[str]:
+        """Channels of all runs, moving or not."""
+        return self.dataset.available | self.dataset.still
+
+    def channel(self, name: str, n: int) -> FloatArray:
+        """A logged channel, as long as wanted."""
+        longest = max(self.dataset.spectra, key=lambda one: one.samples)
+        return np.resize(longest.segment.channels[name], n)
+
+
+def _excitation(channels: Mapping[str, FloatArray], letter: str) -> FloatArray | None:
+    for name in (f"excitation_{letter}", f"delta_{letter}"):
+        if name in channels:
+            return np.asarray(channels[name] - np.mean(channels[name]))
+    return None
+
+
+def _rounded(size: float) -> float:
+    """To a number that people would write into a card."""
+    return round(size, 2) if abs(round(size, 2) - size) <= 0.05 * size else round(size, 3)
+
+
+def _headroom(found: Sequence[Spectrum]) -> float:
+    """How much larger the flown peaks may grow."""
+    rate = attitude = command = 1e-9
+    for one in found:
+        channels = one.segment.channels
+        rate = max(rate, *(float(np.max(np.abs(channels[name]))) for name in ("p", "q")))
+        command = max(command, *(float(np.max(np.abs(channels[name]))) for name in ("delta_x", "delta_y")))
+        slow = np.where(one.frequency_hz >= SLOWEST_HZ, one.Y / (2j * np.pi * one.frequency_hz), 0)
+        attitude = max(attitude, float(np.max(np.abs(one.in_time(slow)))))
+    return min(LARGEST_RATE / rate, LARGEST_ATTITUDE / attitude, LARGEST_COMMAND / command)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """One maneuver to imagine."""
+
+    kind: str
+    axis: str
+    amplitude: float
+    f_start_hz: float
+    f_stop_hz: float
+    duration_s: float
+    times: float = 1.0
+    """Its amplitude over the flown one."""
+    repeats: int = 1
+    by_hand: str = ""
+    """What the pilot does meanwhile, for people."""
+    effect: str | None = None
+    """The catalogue entry through which that acts."""
+    channel: str | None = None
+
+    @property
+    def cost(self) -> float:
+        """Seconds of flight, dearer with amplitude."""
+        return self.repeats * self.duration_s * (1 + RISK * max(0.0, self.times - 1))
+
+    @property
+    def words(self) -> str:
+        band = f" {self.f_start_hz:g}-{self.f_stop_hz:g} Hz," if self.kind == "chirp" else f" of {PULSE_S:g} s pulses,"
+        often = ("", "", " twice", " three times", " four times")[self.repeats]
+        also = f", while {self.by_hand}" if self.by_hand else ""
+        larger = f" ({self.times:g} times the flown one)" if self.times != 1 else ""
+        return (
+            f"{self.axis} {self.kind}{band} {self.duration_s:g} s, amplitude {self.amplitude:.3g}{larger}{often}{also}"
+        )
+
+    def table(self) -> dict[str, Any]:
+        found: dict[str, Any] = {"kind": self.kind, "axis": self.axis, "amplitude": round(self.amplitude, 4)}
+        found["duration_s"] = self.duration_s
+        if self.kind == "chirp":
+            found |= {"f_start_hz": self.f_start_hz, "f_stop_hz": self.f_stop_hz}
+        else:
+            found["pulse_s"] = PULSE_S
+        return {**found, "repeat": self.repeats}
+
+    def excitation(self, dt: float) -> FloatArray:
+        """Samples (3, n) on roll, pitch, elevator, with a second of rest before and after."""
+        n, rest = round(self.duration_s / dt), round(REST_S / dt)
+        row = list(LETTERS).index(self.axis)
+        found = np.zeros((3, n + 2 * rest))
+        if self.kind == "doublet":
+            found[row, rest : rest + n] = _doublets(self.amplitude, n, dt)
+        else:
+            found[:, rest : rest + n] = _noise(self, n, dt)
+            found[row, rest : rest + n] += chirp(self.amplitude, self.f_start_hz, self.f_stop_hz, n, dt)
+        return found
+
+
+def chirp(amplitude: float, start_hz: float, stop_hz: float, n: int, dt: float) -> FloatArray:
+    """The paper's Table 1, without its noise: A sin of the integral of a frequency that grows exponentially, (n,)."""
+    t, T = dt * np.arange(n), n * dt
+    share = (T / LAW_C1 * np.expm1(LAW_C1 * t / T) - t) / math.expm1(LAW_C1)
+    return np.asarray(amplitude * np.sin(2 * np.pi * (start_hz * t + (stop_hz - start_hz) * share)))
+
+
+def _noise(plan: Plan, n: int, dt: float) -> FloatArray:
+    """Table 1's noise, independent on every axis, the same each time it is asked for."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.signal import lfilter
+
+    corner = 2 * np.pi * plan.f_stop_hz * dt
+    part = corner / (1 + corner)
+    white = np.random.default_rng(1).normal(0.0, LAW_NOISE * plan.amplitude, (3, n))
+    white[2] *= plan.axis == "elevator"
+    return np.asarray(lfilter([part], [1.0, part - 1.0], white, axis=1))
+
+
+def _doublets(amplitude: float, n: int, dt: float) -> FloatArray:
+    phase = np.floor(dt * np.arange(n) / PULSE_S) % PULSES
+    return np.asarray(amplitude * (np.where(phase == 0, 1.0, 0.0) - np.where(phase == 1, 1.0, 0.0)))
+
+
+def possible_plans(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
+    """What to imagine: fewer where answers must be simulated in time."""
+    linear = all(one.model.structure.linear for one in rivals)
+    larger = [times for times in (1.5, math.floor(10 * flown.most_times) / 10) if 1 < times <= flown.most_times]
+    top = max(float(one.frequency_hz[-1]) for one in flown.dataset.spectra)
+    low, high = flown.band_hz
+    found = []
+    for axis, size in flown.amplitude.items():
+        same = flown.chirp(axis)
+        found += [same, replace(same, kind="doublet", duration_s=DOUBLET_S)]
+        if linear:
+            wide = replace(same, f_stop_hz=round(min(1.5 * high, top), 2))
+            found += [wide, *(replace(wide, amplitude=times * size, times=times) for times in larger)]
+            slow, middle = max(round(0.4 * low, 2), 0.1), round(0.3 * high, 2)
+            long = max(flown.duration_s, math.ceil(2.5 / slow))  # a card wants two periods and more
+            found.append(replace(same, f_start_hz=slow, f_stop_hz=middle, duration_s=float(long)))
+            found.append(replace(same, f_start_hz=middle))
+        found += [
+            replace(same, amplitude=times * size, times=times) for times in (larger if linear else (0.5, *larger[-1:]))
+        ]
+    if linear and found and "elevator" not in flown.amplitude and "delta_e" in flown.logged:
+        found.append(
+            replace(found[0], axis="elevator", amplitude=ELEVATOR_AMPLITUDE, effect="elevator", channel="delta_e")
+        )
+    return found
+
+
+def plans_by_hand(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
+    """A chirp as flown, while something else of what these logs have is moved."""
+    axis = next(iter(flown.amplitude), None)
+    if axis is None or not all(one.model.structure.linear for one in rivals):
+        return []
+    same = flown.chirp(axis)
+    return [
+        replace(same, by_hand=words, effect=effect, channel=channel)
+        for channel, words, effect in (
+            ("delta_c", "the collective is moved gently", "input_coupling"),
+            ("r", "the pilot yaws to and fro, some 0.6 rad/s", "yaw_coupling"),
+            ("omega", "the rotor speed is changed by 4 % to and fro", "rotor_speed"),
+        )
+        if channel in flown.logged
+    ]
+
+
+def moved_by_hand(channel: str, flown: Flown, n: int, dt: float) -> FloatArray:
+    """What a hand does to a channel."""
+    t = dt * np.arange(n)
+    slow = 0.7 * np.sin(2 * np.pi * 0.13 * t) + 0.7 * np.sin(2 * np.pi * 0.41 * t + 1)
+    if channel == "omega":
+        return np.asarray(dict(flown.dataset.constants).get("Omega_0", 172.8) * (1 + 0.04 * slow))
+    return np.asarray({"r": 0.6, "delta_c": 0.05}[channel] * slow)

@@ -1,0 +1,56 @@
+"""Numbers as people read them: a parameter's value with its error and unit, and what is plausible for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from sysid.model.parameter import Parameter
+
+
+def quantity(parameter: Parameter, value: float, error: float | None = None) -> str:
+    """`tau_s = 31.2 ± 0.4 ms`; times below a second in milliseconds."""
+    return f"{parameter.name} = {amount(parameter, value, error)}"
+
+
+def amount(parameter: Parameter, value: float, error: float | None = None) -> str:
+    """The value with its unit."""
+    if not math.isfinite(value):
+        return "no limit"
+    times, unit = _unit(parameter, value)
+    if error is None or not (error > 0 and math.isfinite(error)):
+        return f"{times * value:.3g}{unit}"
+    digits = max(0, 1 - math.floor(math.log10(times * error)))
+    digits -= digits > 0 and times * error * 10**digits >= 20  # one digit of an error is enough above 2
+    return f"{times * value:.{digits}f} ± {times * error:.{digits}f}{unit}"
+
+
+def plausible_range(parameter: Parameter) -> str:
+    """`0 to 80 ms`; empty where anything goes."""
+    low, high = parameter.plausible
+    ends = [x for x in (low, high) if math.isfinite(x)]
+    if not ends:
+        return ""
+    times, unit = _unit(parameter, max(ends, key=abs))
+    if low == high:
+        return f"{times * low:g}{unit}"
+    if len(ends) == 2:
+        return f"{times * low:g} to {times * high:g}{unit}"
+    return f"{'at least' if math.isfinite(low) else 'at most'} {times * ends[0]:g}{unit}"
+
+
+def _unit(parameter: Parameter, value: float) -> tuple[float, str]:
+    if parameter.unit == "s" and abs(value) < 1:
+        return 1000.0, " ms"
+    return 1.0, "" if parameter.unit == "-" else f" {parameter.unit}"
+
+
+def listed(words: Sequence[str]) -> str:
+    """`a, b and c`."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def amount_signed(one: Parameter, value: float) -> str:
+    """`M_q = +4.69 1/s`: where the sign is the news."""
+    said = quantity(one, value)
+    return said.replace("= ", "= +", 1) if value > 0 else said

@@ -1,0 +1,139 @@
+"""Two rivals on an imagined run: how many standard errors it would set them further apart.
+
+What one of them cannot imitate of the other, its parameters refitted to the flown runs and the imagined ones together,
+is compared with the noise's spectrum of the flown runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.data.dataset import Dataset
+from sysid.data.preprocess import spectra
+from sysid.data.record import Record
+from sysid.data.stacks import Stack, stack
+from sysid.diagnose.evidence import Candidate
+from sysid.diagnose.maneuver_plans import LETTERS, Flown, Plan, moved_by_hand
+from sysid.diagnose.whitening import Whitening, noise_whitening
+from sysid.fit.noise import Division
+from sysid.model.bases import compose
+from sysid.model.effect import Effect, EffectError, catalogue
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
+from sysid.model.response import transfer
+from sysid.model.structure import FloatArray, Model, Structure
+
+NEEDED = 3.0
+"""Standard errors between rivals from which on they count as told apart."""
+MOST_REPEATS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Rivals:
+    """The winner, taken for the truth, and a rival that is refitted to it."""
+
+    truth: Candidate
+    rival: Candidate
+    apart: FloatArray
+    """(N,), predicted by the truth less by the rival on the flown runs."""
+    J: FloatArray
+    """(free, N), what the rival's parameters can do there."""
+
+    @classmethod
+    def of(cls, truth: Candidate, rival: Candidate, whitening: Whitening) -> Rivals:
+        ours, theirs = (whitening([Y[None] for Y in one.Y_imposed])[0] for one in (truth, rival))
+        return cls(truth, rival, ours - theirs, whitening(rival.J_imposed))
+
+    @property
+    def names(self) -> tuple[str, str]:
+        return name_of(self.truth), name_of(self.rival)
+
+    @cached_property
+    def flown(self) -> float:
+        """Standard errors between them on the flown runs."""
+        return left_unimitated(self.apart, self.J, np.zeros(0), np.zeros((len(self.J), 0)), 0)
+
+    def told_by(self, plan: Plan, flown: Flown, division: Division) -> tuple[float, int]:
+        """Standard errors that flying the plan would add, and how often it must be flown; 0 where it cannot be."""
+        try:
+            with np.errstate(all="ignore"):
+                apart, J, old = self._imagined(plan, flown, division)
+        except (EffectError, RelaxationError, np.linalg.LinAlgError, KeyError):
+            return 0.0, 1
+        before = self.flown
+        for repeats in range(1, MOST_REPEATS + 1):
+            added = math.sqrt(max(left_unimitated(self.apart, old, apart, J, repeats) ** 2 - before**2, 0.0))
+            if added >= NEEDED:
+                break
+        return added, repeats
+
+    def _imagined(self, plan: Plan, flown: Flown, division: Division) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """On the plan's run: truth less rival (N,), what the rival can do (free, N), and the same on the flown runs."""
+        truth, rival = (_with(one.model, plan, flown.dataset) for one in (self.truth, self.rival))
+        stacks = _synthesised(plan, flown, [truth.structure, rival.structure], truth)
+        whitening = noise_whitening(truth, stacks, division)
+        ours = whitening([respond(truth.structure, truth.values, group, False).Y[None] for group in stacks])[0]
+        answers = [respond(rival.structure, rival.values, group, True) for group in stacks]
+        theirs = whitening([one.Y[None] for one in answers])[0]
+        added = [name for name in rival.structure.names if name not in self.rival.model.structure.names]
+        at = [rival.structure.names.index(name) for name in (*self.rival.free, *added)]
+        J = whitening([one.slopes[at] for one in answers])
+        old = np.concatenate([self.J, np.zeros((len(added), self.J.shape[1]))])
+        return ours - theirs, J, old
+
+
+def left_unimitated(old: FloatArray, J_old: FloatArray, new: FloatArray, J_new: FloatArray, repeats: int) -> float:
+    """Length of what the rival cannot imitate, the new run flown so many times."""
+    G = J_old @ J_old.T + repeats * (J_new @ J_new.T)
+    b = J_old @ old + repeats * (J_new @ new)
+    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    move = np.linalg.lstsq(G / np.outer(scale, scale), b / scale, rcond=1e-11)[0] / scale
+    rest = float(old @ old) + repeats * float(new @ new) - 2 * float(move @ b) + float(move @ G @ move)
+    return math.sqrt(max(rest, 0.0))
+
+
+def name_of(one: Candidate) -> str:
+    return " + ".join(one.added)
+
+
+def _with(model: Model, plan: Plan, dataset: Dataset) -> Model:
+    """The model with what the plan moves besides acting at its usual size."""
+    structure = model.structure
+    effect: Effect | None = None if plan.effect is None else catalogue()[plan.effect]
+    if effect is None or effect.id in {one.id for one in structure.composed}:
+        return model
+    available = {"t", "p", "q", *structure.inputs, plan.channel or ""}
+    constants = {"Omega_0": 172.8, **dict(dataset.constants), **dict(structure.constants)}
+    composed = compose(structure.base, [*structure.composed, effect], available, constants)
+    known = dict(zip(structure.names, map(float, model.values), strict=True))
+    return Model(composed, composed.vector({**{one.name: one.typical for one in composed.parameters}, **known}))
+
+
+def _synthesised(plan: Plan, flown: Flown, structures: Sequence[Structure], truth: Model) -> list[Stack]:
+    """The plan's run as the truth would answer it."""
+    excitation = plan.excitation(flown.dt)
+    n = excitation.shape[1]
+    names = list(dict.fromkeys(("delta_x", "delta_y", *(name for one in structures for name in one.inputs))))
+    channels: dict[str, FloatArray] = {"t": np.asarray(flown.dt * np.arange(n)), "p": np.zeros(n), "q": np.zeros(n)}
+    for name in names:
+        letter = name.removeprefix("delta_")
+        if letter in LETTERS.values():
+            channels[name] = excitation[list(LETTERS.values()).index(letter)]
+        elif name == plan.channel:
+            channels[name] = moved_by_hand(name, flown, n, flown.dt)
+        else:
+            channels[name] = flown.channel(name, n)
+    top = max(float(one.frequency_hz[-1]) for one in flown.dataset.spectra)
+    found, _ = spectra([Record("imagined", channels)], names, ("p", "q"), (0.0, top))
+    # the free motion of a nonlinear answer is taken from the measured rates: they must be like the answer
+    H = transfer(truth.structure, truth.values, found[0].frequency_hz)
+    rows = [found[0].inputs.index(name) for name in truth.structure.inputs]
+    begin = replace(found[0], Y=np.einsum("kmf,mf->kf", H, found[0].U[rows]))
+    (first,) = stack([begin])
+    if truth.structure.linear:
+        return [first]
+    return stack([replace(begin, Y=respond(truth.structure, truth.values, first, False).Y)])

@@ -1,0 +1,213 @@
+"""How much of a residual an effect could explain, without refitting: the quick question asked of every entry.
+
+The sensitivities at the parent's values, less what the parent's own parameters would do as well, are held against the
+residual under the noise's spectrum (a Lagrange multiplier, or Rao, test). Parameters that mean nothing at the null (a
+frequency, a time constant, a limit) go through their grids, and terms that are not linear through their sizes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.dataset import Dataset
+from sysid.data.preprocess import ComplexArray
+from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
+from sysid.diagnose.whitening import Whitening
+from sysid.model.effect import Effect
+from sysid.model.parameter import Parameter
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import FloatArray, Structure
+
+SMALL_STEP = 0.1
+"""Of the way from null to typical: where a linear effect's sensitivities are taken."""
+INDEPENDENT = 1e-7
+"""Share of a sensitivity that the base's own must leave of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """How much of the residual an effect would explain, by one step from the parent."""
+
+    effect: str
+    chi_squared: float
+    """Of `degrees` where nothing is missing, at the best of `tried` points."""
+    degrees: int
+    tried: int
+    at: Mapping[str, float]
+    """The point of the grids, and the one-step estimates of parameters that begin at their null."""
+    errors: Mapping[str, float]
+    """Standard errors of those estimates."""
+
+    @property
+    def log_p(self) -> float:
+        """Logarithm of the chance that noise alone shows as much, the number of points counted in."""
+        return min(0.0, log_chance(self.chi_squared, self.degrees) + math.log(self.tried))
+
+
+def log_chance(chi_squared: float, degrees: int) -> float:
+    """Logarithm of the chance that chi squared is larger, however small that is."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.stats import chi2
+
+    found = float(chi2.logsf(chi_squared, degrees))
+    if math.isfinite(found):
+        return found
+    half = 0.5 * degrees
+    return -0.5 * chi_squared + (half - 1) * math.log(0.5 * chi_squared) - math.lgamma(half)
+
+
+Steps = Sequence[tuple[str, float]]
+"""Parameters that step, and by how much."""
+
+
+def score(effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, whitening: Whitening) -> Score | None:
+    """None where the effect does nothing on these runs that the parent's own parameters would not do as well."""
+    question = _Question(effect, composed, of, stepped, whitening)
+    best: Score | None = None
+    points = _points(composed, of)
+    for point, steps in points:
+        found = question.at(point, steps, len(points))
+        if found is not None and (best is None or found.log_p < best.log_p or _more(found, best)):
+            best = found
+    return best
+
+
+def _more(one: Score, other: Score) -> bool:
+    return one.log_p == other.log_p and one.chi_squared > other.chi_squared
+
+
+def _points(composed: Structure, of: Candidate) -> list[tuple[dict[str, float], Steps]]:
+    """Values of all new parameters, and which of them step by how much from there; none where the point itself does."""
+    known = set(of.model.structure.names)
+    new = [one for one in composed.parameters if one.name not in known]
+    sizes = [one for one in new if _begins_at_null(one, composed.linear)]
+    grids = _grids([one for one in new if one not in sizes], _begun_from(composed, of))
+    steps = [(one.name, SMALL_STEP * (one.typical - float(one.null or 0.0))) for one in sizes]
+    nulls = {one.name: float(one.null or 0.0) for one in sizes}
+    return [({**nulls, **point}, some) for point in grids for some in (steps, *_whole_steps(sizes, steps))]
+
+
+def _begins_at_null(one: Parameter, linear: bool) -> bool:
+    return one.null is not None and math.isfinite(one.null) and (linear or not one.grid)
+
+
+def _begun_from(composed: Structure, of: Candidate) -> dict[str, float]:
+    """What new effects make of the parent's values for a beginning."""
+    named = dict(zip(of.model.structure.names, map(float, of.model.values), strict=True))
+    begin: dict[str, float] = {}
+    for effect in composed.composed:
+        if effect.start is not None and any(one.name not in named for one in effect.parameters):
+            started = effect.start(named, dict(composed.constants))
+            begin.update({name: value for name, value in started.items() if name not in named})
+    return begin
+
+
+def _grids(parameters: Sequence[Parameter], begin: Mapping[str, float]) -> list[dict[str, float]]:
+    """Parameters at their beginnings, and one after the other along its grid."""
+    first = {one.name: begin.get(one.name, one.typical) for one in parameters}
+    grids = [first]
+    for one in parameters:
+        if one.name not in begin:
+            grids += [{**first, one.name: value} for value in one.grid if value != first[one.name]]
+    return grids
+
+
+def _whole_steps(sizes: Sequence[Parameter], steps: Steps) -> list[Steps]:
+    """What is large may look otherwise than what is small: whole steps too, where the entry has a grid for them."""
+    wide = {one.name: [value - float(one.null or 0.0) for value in one.grid] for one in sizes if one.grid}
+    return [
+        [(name, wide[name][min(i, len(wide[name]) - 1)] if name in wide else step) for name, step in steps]
+        for i in range(max((len(grid) for grid in wide.values()), default=0))
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """One effect, asked of one candidate."""
+
+    effect: Effect
+    composed: Structure
+    of: Candidate
+    stepped: Stepped
+    whitening: Whitening
+
+    def at(self, point: Mapping[str, float], steps: Steps, tried: int) -> Score | None:
+        """The score at one point, these parameters stepping from there."""
+        alone = not steps or self.effect.acts_at_null
+        answers = self._answers(point, steps, alone)
+        if answers is None:
+            return None
+        D, Z = answers
+        stepped = self.stepped
+        # less what the parent's own parameters would do: on the side that asks, and on the side that answers
+        own = stepped.Z @ stepped.J.T
+        Z1 = Z - np.linalg.lstsq(own.T, stepped.J @ Z.T, rcond=1e-12)[0].T @ stepped.Z
+        size = np.einsum("ij,ij->i", Z, Z)
+        keep = np.einsum("ij,ij->i", Z1, Z1) > INDEPENDENT * np.maximum(size, 1e-300)
+        if not np.any(keep):
+            return None
+        Z1, D = Z1[keep], D[keep]
+        chi_squared, degrees = self._explained(Z1)
+        names = [name for place, name in zip(keep, [*([""] if alone else []), *dict(steps)], strict=True) if place]
+        moves, errors = self._moves(names, D, Z1, dict(steps))
+        return Score(
+            effect=self.effect.path or self.effect.id,
+            chi_squared=chi_squared,
+            degrees=degrees,
+            tried=tried,
+            at={**point, **{name: point[name] + move for name, move in moves.items()}},
+            errors=errors,
+        )
+
+    def _answers(self, point: Mapping[str, float], steps: Steps, alone: bool) -> tuple[FloatArray, FloatArray] | None:
+        """What each step (and the point itself, where it acts alone) adds to the prediction, by the commands as flown
+        and by the imposed ones, (steps, N); None where there is no response."""
+        of, composed, whitening = self.of, self.composed, self.whitening
+        known = dict(zip(of.model.structure.names, map(float, of.model.values), strict=True))
+        named = {**{name: known[name] for name in composed.names if name in known}, **point}
+        places = [named] if alone else []
+        places += [{**named, name: named[name] + step} for name, step in steps]
+        try:
+            with np.errstate(all="ignore"):
+                flown = [_predicted(composed, values, of.dataset) for values in places]
+                imposed = [
+                    imposed_answers(composed, composed.vector(values), of.dataset, Y)[0]
+                    for values, Y in zip(places, flown, strict=True)
+                ]
+        except (RelaxationError, np.linalg.LinAlgError):
+            return None
+        D = whitening([np.stack([Y[g] - base for Y in flown]) for g, base in enumerate(of.Y)])
+        Z = whitening([np.stack([Y[g] - base for Y in imposed]) for g, base in enumerate(of.Y_imposed)])
+        return (D, Z) if np.all(np.isfinite(D)) and np.all(np.isfinite(Z)) else None
+
+    def _explained(self, Z: FloatArray) -> tuple[float, int]:
+        """Chi squared of the residual along these rows, and its degrees of freedom."""
+        gram = Z @ Z.T
+        scale = np.sqrt(np.diag(gram))
+        inner, axes = np.linalg.eigh(gram / np.outer(scale, scale))
+        rank = inner > 1e-9 * inner[-1]
+        along = axes[:, rank].T @ ((Z @ self.stepped.residual) / scale)
+        return float(np.sum(along**2 / inner[rank])), int(np.sum(rank))
+
+    def _moves(
+        self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """One-step estimates of the parameters that step, less their values now, and standard errors."""
+        try:
+            inverse = np.linalg.inv(Z @ D.T)
+        except np.linalg.LinAlgError:
+            return {}, {}
+        move = inverse @ (Z @ self.stepped.residual)
+        spread = np.sqrt(np.maximum(np.diag(inverse @ (Z @ Z.T) @ inverse.T), 0))
+        each = [(name, float(times), float(error)) for name, times, error in zip(names, move, spread, strict=True)]
+        moves = {name: times * width[name] for name, times, _ in each if name}
+        return moves, {name: error * abs(width[name]) for name, _, error in each if name}
+
+
+def _predicted(composed: Structure, named: Mapping[str, float], on: Dataset) -> list[ComplexArray]:
+    values = composed.vector(named)
+    return [respond(composed, values, group, False).Y for group in on.stacks]

@@ -1,0 +1,115 @@
+"""Axes that the runs do not identify, refused before and after a fit with what to fly instead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.data.preprocess import Spectrum
+from sysid.data.record import AXIS_OF
+from sysid.errors import FitError
+from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Model, Structure, stepped
+
+LEAST_COMMAND = 2e-4  # rms of full command in the band: one step of a 12-bit servo
+LEAST_INDEPENDENT_SHARE = 0.002
+LARGEST_RELATIVE_ERROR = 0.25
+SHARE_BAND_HZ = 0.5
+LEAST_SHARE = 1e-9  # below which a command counts as following the others
+
+
+def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> None:
+    """Say which axis has no excitation, or none of its own, before any number is made of it."""
+    if not spectra:
+        raise FitError("no run has 2 s of gap-free samples: nothing to fit")
+    bins = sum(one.frequency_hz.size for one in spectra)
+    count = len(structure.parameters)
+    if bins < 2 * count:
+        raise FitError(f"only {bins} frequencies in the band: too little data for {count} parameters")
+    m = len(structure.commands)
+    energy = sum(2 / one.samples * np.einsum("ij,ij->i", one.U[:m].conj(), one.U[:m]).real for one in spectra)
+    rms_of_commands = np.sqrt(energy / sum(one.samples for one in spectra))
+    for name, rms in zip(structure.commands, rms_of_commands, strict=True):
+        axis = AXIS_OF.get(name, name)
+        if rms < LEAST_COMMAND:
+            raise FitError(
+                f"{axis} axis not identifiable: {name} hardly moves ({rms:.1e} rms of full command); "
+                f"fly a {axis} chirp and add its run"
+            )
+    for row, name in enumerate(structure.outputs):
+        if not any(np.any(one.Y[row]) for one in spectra):
+            raise FitError(
+                f"{AXIS_OF[name]} axis not identifiable: {name} does not move at all; check the gyro's channel"
+            )
+    own = independent_share(spectra, m)
+    for name, share in zip(structure.commands, own, strict=True):
+        axis = AXIS_OF.get(name, name)
+        if share < LEAST_INDEPENDENT_SHARE:
+            raise FitError(
+                f"{axis} axis not identifiable: {name} only follows the other command "
+                f"({100 * share:.2g} % of its power is its own); fit it together with a {axis} chirp"
+            )
+
+
+def independent_share(spectra: Sequence[Spectrum], commands: int = 2) -> FloatArray:
+    """Share of each command's power, (m,), that the other commands do not explain linearly, pooled over all runs.
+
+    With one noise-free sweep and a controller on, the other axis's command follows the swept one and this is near 0.
+    """
+    bands = int(max(one.frequency_hz[-1] for one in spectra) / SHARE_BAND_HZ) + 1
+    cross = np.zeros((commands, commands, bands), dtype=complex)
+    for one in spectra:
+        U = one.U[:commands] / np.sqrt(one.samples)
+        band = (one.frequency_hz / SHARE_BAND_HZ).astype(int)
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(band)) + 1])
+        cross[..., band[starts]] += np.add.reduceat(U[:, None] * U.conj(), starts, axis=2)
+    power = np.einsum("jjb->jb", cross).real
+    size = np.sqrt(np.where(power > 0, power, 1.0))
+    unit = (cross / (size[:, None] * size)).transpose(2, 0, 1) + LEAST_SHARE * np.eye(commands)
+    own = power / np.einsum("bjj->jb", np.linalg.inv(unit)).real
+    return np.asarray(np.sum(own, axis=1) / np.maximum(np.sum(power, axis=1), 1e-300))
+
+
+def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
+    """An axis whose control effectiveness is not known to a quarter of itself is not identified."""
+    structure = model.structure
+    for column, name in enumerate(structure.commands):
+        if name not in ("delta_x", "delta_y") and "elevator" not in structure.effects:
+            continue  # an effect of its own says how well it is known
+        values, slopes = _effectiveness(structure, model.values, column)
+        spread = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", slopes, covariance, slopes), 0))
+        known = np.abs(values) > 0
+        best = np.min(spread[known] / np.abs(values[known])) if np.any(known) else np.inf
+        refuse_vagueness(structure, np.array([best]), column)
+
+
+def refuse_vagueness(structure: Structure, vagueness: FloatArray, first: int = 0) -> None:
+    """Raises FitError for the first command whose effect has too large a relative standard error."""
+    for name, relative in zip(structure.commands[first:], vagueness, strict=False):
+        if not relative < LARGEST_RELATIVE_ERROR:
+            axis = AXIS_OF.get(name, name)
+            raise FitError(
+                f"{axis} axis not identifiable: the effect of {name} is known only to "
+                f"{100 * relative:.0f} % of itself; fly a {axis} chirp, longer or with more amplitude"
+            )
+
+
+def _effectiveness(structure: Structure, values: FloatArray, column: int) -> tuple[FloatArray, FloatArray]:
+    """What one command does to the base's states: entries (states,) and their slopes (states, parameters).
+
+    Servo states stand between command and base, so the response at 1 Hz is taken instead of B where there are any.
+    """
+    matrices = structure.matrices(stepped(values))
+    s = 2j * np.pi
+    n = matrices.A.shape[-1]
+
+    def reach(A: AnyArray, B: AnyArray) -> AnyArray:
+        return np.linalg.solve(s * np.eye(n) - A, B[..., column : column + 1])[..., 0]
+
+    A0, B0 = matrices.A[0].real, matrices.B[0].real
+    base = reach(A0, B0)
+    R = np.linalg.inv(s * np.eye(n) - A0)
+    dA, dB = matrices.A.imag / COMPLEX_STEP, matrices.B.imag / COMPLEX_STEP
+    slopes = (R @ (dA @ base[:, None] + dB[..., column : column + 1]))[..., 0]
+    k = 2
+    return np.abs(base[:k]), np.real(slopes[:, :k] * base[:k].conj() / np.maximum(np.abs(base[:k]), 1e-300)).T

@@ -1,0 +1,149 @@
+"""Gauss-Newton steps with halving that minimise the output error, each segment's end states projected out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.stacks import Stack
+from sysid.fit.output_error import axis_weights
+from sysid.fit.rows import inner_products, orthonormaliser, rows
+from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
+from sysid.model.response import Ends
+from sysid.model.structure import FloatArray, Model, Structure
+
+SETTLED = 0.02
+"""Relative change of residual power from which on the outputs are weighed anew."""
+MAXIMUM_STEPS = 60
+TOLERANCE = 3e-6  # of the summed logarithms of residual power: at most 0.1 standard errors
+SMALLEST_LENGTH = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal equations of one weighted linearisation, end states projected out."""
+
+    power: FloatArray
+    """(k,), of the residual, as if unweighted; the weights are constant over frequency."""
+    curvature: FloatArray
+    gradient: FloatArray
+    ends: list[list[FloatArray]]
+    """For every stack and segment, the differences of first and last state."""
+
+
+def normal_equations(
+    structure: Structure,
+    values: FloatArray,
+    stacks: Sequence[Stack],
+    weights: Sequence[FloatArray],
+    full: bool,
+    ends: Sequence[Ends] | None = None,
+) -> NormalEquations:
+    """Curvature J J^T, gradient J r and what is left, with weights (k, bins), end states projected out."""
+    count = values.size if full else 0
+    curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(2)
+    found: list[list[FloatArray]] = []
+    for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
+        response = respond(
+            structure, values, group, sensitivities=full, U=None, ends=None if ends is None else ends[number]
+        )
+        found.append([])
+        e, E = weight * (group.Y - response.Y), weight * response.E
+        if response.J is not None:
+            np.multiply(response.J, weight, out=response.J)
+        for part in group.slices:
+            columns = rows(E[..., part])
+            left_over = rows(e[None, :, part])
+            T = orthonormaliser(columns)
+            difference = T.T @ (T @ (columns @ left_over[0]))
+            rest = left_over - difference @ columns
+            found[-1].append(difference)
+            power += np.sum(rest.reshape(2, -1) ** 2, axis=1) * (group.scale[part.start] / weight[:, part.start]) ** 2
+            if response.J is not None:
+                gram = inner_products(T, columns, np.concatenate([rest, rows(response.J[..., part])]))
+                if response.to is not None:
+                    gram[1:] = response.to @ gram[1:]
+                    gram[:, 1:] = gram[:, 1:] @ response.to.T
+                curvature += gram[1:, 1:]
+                gradient += gram[1:, 0]
+    return NormalEquations(power, curvature, gradient, found)
+
+
+def minimise(
+    model: Model,
+    stacks: Sequence[Stack],
+    power: FloatArray,
+    held: Sequence[str] = (),
+    steps: int = MAXIMUM_STEPS,
+) -> tuple[Model, FloatArray]:
+    """Gauss-Newton with step halving and hard bounds on sum log(residual power) over the outputs.
+
+    After every step the outputs are weighed anew by what is left of them; `power` (k,) weighs the first. `held`
+    parameters stay. Returns the model and its residual power.
+    """
+    structure = model.structure
+    low = np.array([parameter.bounds[0] for parameter in structure.parameters])
+    high = np.array([parameter.bounds[1] for parameter in structure.parameters])
+    movable = np.array([name not in held for name in structure.names])
+    values = np.clip(model.values, low, high)
+    here, weighed_by = normal_equations(structure, values, stacks, axis_weights(stacks, power), True), power
+    for _ in range(steps):
+        if not np.allclose(weighed_by, here.power, rtol=SETTLED):
+            weights = axis_weights(stacks, here.power)
+            here, weighed_by = (
+                normal_equations(structure, values, stacks, weights=weights, full=True, ends=here.ends),
+                here.power,
+            )
+        free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
+        if not np.any(free):
+            break
+        move = gauss_newton_step(here, free)
+        if float(here.gradient @ move) < TOLERANCE:  # what the step promises, in summed logarithms
+            break
+        weights = axis_weights(stacks, here.power)
+        goal = float(np.sum(np.log(here.power)))
+        length = 1.0
+        while length > SMALLEST_LENGTH:
+            trial = np.clip(values + length * move, low, high)
+            there = _try(structure, trial, stacks, weights, here.ends)
+            reached = np.inf if there is None else float(np.sum(np.log(there.power)))
+            if there is not None and np.isfinite(reached) and reached < goal:
+                break
+            length /= 2
+        else:
+            break
+        values, here, weighed_by = trial, there, here.power
+        if goal - reached < TOLERANCE:
+            break
+    return Model(structure, values), here.power
+
+
+def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_]) -> FloatArray:
+    """The Gauss-Newton step of the free parameters, (parameters,)."""
+    H, g = here.curvature[np.ix_(free, free)], here.gradient[free]
+    size = np.sqrt(np.maximum(np.diag(H), 0))  # rounding leaves less than nothing where nothing is
+    size = np.where(size > 0, size, 1.0)
+    move = np.zeros(free.size)
+    move[free] = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
+    return move
+
+
+def _try(
+    structure: Structure,
+    values: FloatArray,
+    stacks: Sequence[Stack],
+    weights: Sequence[FloatArray],
+    ends: Sequence[Ends],
+) -> NormalEquations | None:
+    """The normal equations there, or None where there is no response."""
+    if not np.all(np.isfinite(values)):
+        return None
+    try:
+        with np.errstate(all="ignore"):  # a time constant of zero has no response: what comes out is not finite
+            return normal_equations(structure, values, stacks, weights=weights, full=True, ends=ends)
+    except (RelaxationError, np.linalg.LinAlgError):
+        return None

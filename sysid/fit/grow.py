@@ -1,0 +1,179 @@
+"""How a composition grows from its parent's fit: which valley its new effects begin in."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.data.stacks import Stack
+from sysid.errors import FitError
+from sysid.fit.gauss_newton import gauss_newton_step, minimise, normal_equations
+from sysid.fit.output_error import axis_weights, output_error
+from sysid.fit.search import Trial, search_nonsmooth
+from sysid.fit.start import START_THINNING
+from sysid.model.acting import behind, divided, jumping, linear_dynamics
+from sysid.model.effect import Effect
+from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import FloatArray, Model, Structure
+
+TRIAL_STEPS = 3
+LARGEST_SEARCH = 24
+SEARCH_ROUNDS = 2
+MOST_PROMISING = 2
+NEAR_NULL = 0.9
+
+
+def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Mapping[str, float]) -> Model:
+    """The best model of a composition that begins at its parent's fit.
+
+    Every new effect begins at its typical size and at each point of its grids; a few steps show which valley is
+    deepest, and that one is followed to the bottom. What the parent knows already is taken from it; `fixed` parameters
+    stay at their values.
+    """
+    known = dict(zip(parent.structure.names, map(float, parent.values), strict=True))
+    first, choices = _beginnings(structure, known)
+    first |= fixed
+    choices = {name: values for name, values in choices.items() if name not in fixed}
+    valleys = _Valleys.of(parent, structure, stacks, fixed)
+    begin = structure.vector({**known, **first})
+    jumps = jumping(structure, begin, stacks[0]) if valleys.front else []
+    rough = [name for name in jumps if name in choices and min(choices[name]) > 0]
+    ranges = {name: (min(choices[name]), max(choices.pop(name))) for name in rough}
+    if not choices and not rough:
+        return minimise(Model(structure, begin), stacks, valleys.power, tuple(fixed))[0]
+    _, found = valleys.deepest(first, choices)
+    if found is None:
+        raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
+    for name in rough:
+        found = search_nonsmooth(found, name, ranges[name], valleys.acted, valleys.tried)
+    return minimise(found, stacks, valleys.power, [*fixed, *rough])[0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Valleys:
+    """The cost of a composition, looked at from many beginnings."""
+
+    structure: Structure
+    stacks: Sequence[Stack]
+    fixed: Mapping[str, float]
+    known: Mapping[str, float]
+    """The parent's values by name."""
+    power: FloatArray
+    """(k,), what the parent leaves: the first weights."""
+    front: tuple[Effect, ...]
+    """What acts on the commands' samples, simulated before anything is fitted;"""
+    rest: Structure
+    """and what follows it, fitted."""
+    few: Sequence[Stack]
+    """Bins enough for a first look: a relaxation costs the same for few as for all."""
+    without: Sequence[Stack]
+    """The same with the commands as they act in the parent, where anything acts on samples."""
+
+    @classmethod
+    def of(cls, parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Mapping[str, float]) -> _Valleys:
+        linear = linear_dynamics(structure)
+        front, rest = divided(structure) if linear else ((), structure)
+        return cls(
+            structure=structure,
+            stacks=stacks,
+            fixed=fixed,
+            known=dict(zip(parent.structure.names, map(float, parent.values), strict=True)),
+            power=output_error(parent, stacks).residual_power,
+            front=front,
+            rest=rest,
+            few=[group.thinned(START_THINNING) for group in stacks] if linear else stacks,
+            without=[
+                behind(parent.structure, parent.values, group).thinned(START_THINNING) for group in stacks if front
+            ],
+        )
+
+    def acted(self, begin: Mapping[str, float]) -> list[Stack]:
+        """The stacks with the commands as they act at this beginning."""
+        values = self.structure.vector({**self.known, **begin})
+        return [behind(self.structure, values, group) for group in self.stacks]
+
+    def tried(self, begin: Mapping[str, float], groups: Sequence[Stack] | None = None) -> Trial:
+        """What acts on samples stays as it begins, simulated once; the rest is fitted in a few steps."""
+        values, rest, fixed = {**self.known, **begin}, self.rest, tuple(self.fixed)
+        if groups is None:
+            groups = [group.thinned(START_THINNING) for group in self.acted(begin)] if self.front else self.few
+        try:
+            # first the new parameters alone, then all: the parent's stay where they were fitted until it pays
+            model, left = minimise(
+                Model(rest, rest.vector(values)), groups, self.power, [*self.known, *fixed], TRIAL_STEPS
+            )
+            model, left = minimise(model, groups, left, fixed, TRIAL_STEPS)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return np.inf, None
+        cost = float(np.sum(np.log(left)))
+        whole = Model(self.structure, self.structure.vector({**values, **rest.named(model.values)}))
+        return (cost if np.isfinite(cost) and not self._idle(groups) else np.inf), whole
+
+    def _idle(self, groups: Sequence[Stack]) -> bool:
+        """Whether no sample is touched: there is no derivative then either, and nothing to begin at."""
+        return bool(self.without) and all(
+            np.array_equal(here.U[:2], before.U[:2]) for here, before in zip(groups, self.without, strict=True)
+        )
+
+    def promised(self, begin: Mapping[str, float]) -> float:
+        """The cost that one step from there would reach if the response were linear in the parameters."""
+        try:
+            values = self.structure.vector({**self.known, **begin})
+            with np.errstate(all="ignore"):
+                here = normal_equations(self.structure, values, self.few, axis_weights(self.few, self.power), True)
+        except (RelaxationError, np.linalg.LinAlgError):
+            return np.inf
+        free = np.array([name not in self.fixed for name in self.structure.names])
+        cost = float(np.sum(np.log(here.power)) - here.gradient @ gauss_newton_step(here, free))
+        return cost if np.isfinite(cost) else np.inf
+
+    def deepest(self, first: Mapping[str, float], choices: Mapping[str, tuple[float, ...]]) -> Trial:
+        """The lowest trial of `first` and all combinations of choices, or a round of each where these are many."""
+        if math.prod(len(values) for values in choices.values()) > LARGEST_SEARCH:
+            return self._one_after_another(first, choices)
+        begins = [
+            {**first, **dict(zip(choices, values, strict=True))} for values in itertools.product(*choices.values())
+        ]
+        trials = [self.tried(first), *(self.tried(begin) for begin in begins if begin != first)]
+        return min(trials, key=lambda trial: trial[0])
+
+    def _one_after_another(self, first: Mapping[str, float], choices: Mapping[str, tuple[float, ...]]) -> Trial:
+        """One parameter after the other, the others where they were best, and round again."""
+        best = self.tried(first)
+        for _ in range(SEARCH_ROUNDS):
+            before = best[0]
+            for name, values in choices.items():
+                others = [{**first, name: value} for value in values if value != first[name]]
+                for begin in others if self.front else sorted(others, key=self.promised)[:MOST_PROMISING]:
+                    again = self.tried(begin)
+                    if again[0] < best[0]:
+                        best, first = again, begin
+            if best[0] == before:
+                break
+        return best
+
+
+def _beginnings(
+    structure: Structure, known: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, tuple[float, ...]]]:
+    """Where the new parameters begin, and what to try for each whose cost may have several valleys."""
+    first: dict[str, float] = {}
+    choices: dict[str, tuple[float, ...]] = {}
+    for effect in structure.composed:
+        new = [parameter for parameter in effect.parameters if parameter.name not in known]
+        if effect.start is not None and new:
+            first.update(effect.start(known, dict(structure.constants)))
+        for parameter in new:
+            if parameter.name in first:
+                continue
+            first[parameter.name] = parameter.typical
+            if parameter.grid:
+                choices[parameter.name] = tuple(dict.fromkeys((*parameter.grid, parameter.typical)))
+            elif parameter.null is not None and np.isfinite(parameter.null):
+                # one valley that reaches to the null, where the parent stands
+                first[parameter.name] += NEAR_NULL * (parameter.null - parameter.typical)
+    return first, choices

@@ -1,0 +1,146 @@
+"""Commands as they act: behind delay, play, limits and dead bands, which move samples in time and no matrix holds.
+
+`divided` tells what acts on samples from what follows; `in_time` and `behind` give what comes out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from sysid.data.preprocess import ComplexArray, Segment
+from sysid.data.stacks import Stack
+from sysid.model.effect import Effect, Signals
+from sysid.model.structure import FloatArray, Structure, discretise
+
+STEP = 1e-3
+"""Of a parameter, for differences."""
+LARGE_STEP = 1e-2
+"""Of a parameter, to see whether it moves the commands steadily."""
+
+
+@lru_cache(maxsize=256)
+def divided(structure: Structure) -> tuple[tuple[Effect, ...], Structure]:
+    """What must act on the commands' samples in time, in order, and the structure of all that follows.
+
+    A servo's lag before play, a limit or a dead band acts in time too. A delay stays behind: it commutes with
+    everything that does not depend on time.
+    """
+    last = max((i for i, one in enumerate(structure.composed) if one.samples is not None), default=-1)
+    front = tuple(one for one in structure.composed[: last + 1] if one.samples is not None or one.per_command)
+    return front, replace(structure, composed=tuple(one for one in structure.composed if one not in front))
+
+
+def behind(structure: Structure, values: FloatArray, stack: Stack) -> Stack:
+    """The stack with its inputs as they act behind everything that acts on samples; `divided` tells what follows."""
+    front, _ = divided(structure)
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    U = stack.U[[stack.inputs.index(name) for name in structure.inputs]]
+    return replace(stack, U=_behind(structure, front, stack, U, named), inputs=structure.inputs)
+
+
+def jumping(structure: Structure, values: FloatArray, stack: Stack) -> list[str]:
+    """Parameters with which the acting samples jump (dead band), so that there is no derivative to them.
+
+    What moves steadily changes 16 times less for a 16 times smaller step; of jumps there are 16 times fewer, and the
+    root of their sum of squares is 4 times less.
+    """
+    front, _ = divided(structure)
+    names = [name for effect in front for name in effect.names if effect.samples is not None]
+    if not names:
+        return []
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    segment = stack.spectra[0].segment
+
+    def change(name: str, step: float) -> float:
+        moved = in_time(structure, front, segment, {**named, name: (1 + step) * named[name]})
+        return float(np.linalg.norm(moved - here))
+
+    here = in_time(structure, front, segment, named)
+    return [name for name in names if 0 < change(name, LARGE_STEP) < 8 * change(name, LARGE_STEP / 16)]
+
+
+def linear_dynamics(structure: Structure) -> bool:
+    """Whether everything behind the commands' samples is linear with constant coefficients."""
+    return all(effect.linear or effect.samples is not None for effect in structure.composed)
+
+
+def acting_commands(
+    structure: Structure,
+    front: Sequence[Effect],
+    values: FloatArray,
+    stack: Stack,
+    logged: ComplexArray,
+    sensitivities: bool,
+) -> tuple[ComplexArray, dict[str, ComplexArray]]:
+    """Inputs as they act behind `front` and every delay, and their derivatives to those effects' parameters."""
+    late = [one for one in structure.composed if one.response is not None]
+    if not front and not late:
+        return logged, {}
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    commands = len(structure.commands)
+    s = 2j * np.pi * stack.frequency_hz
+
+    def acting(at: Mapping[str, float]) -> ComplexArray:
+        found = _behind(structure, front, stack, logged, at) if front else logged.copy()
+        for effect in late:
+            assert effect.response is not None
+            found[:commands] *= effect.response(s, {name: at[name] for name in effect.names})
+        return found
+
+    changes: dict[str, ComplexArray] = {}
+    if sensitivities:
+        for name in (name for one in (*front, *late) for name in one.names):
+            above, below = either_side(structure, named, name)
+            changes[name] = (acting({**named, name: above}) - acting({**named, name: below})) / (above - below)
+    return acting(named), changes
+
+
+def _behind(
+    structure: Structure, front: Sequence[Effect], stack: Stack, logged: ComplexArray, named: Mapping[str, float]
+) -> ComplexArray:
+    """Inputs (m, bins) as they act behind `front`."""
+    found, commands = logged.copy(), len(structure.commands)
+    for one, part in zip(stack.spectra, stack.slices, strict=True):
+        found[:commands, part] = one.transform(in_time(structure, front, one.segment, named))
+    return found
+
+
+def either_side(structure: Structure, named: Mapping[str, float], name: str) -> tuple[float, float]:
+    """A little more and a little less of a parameter, inside its bounds."""
+    parameter = structure.parameters[structure.names.index(name)]
+    step = STEP * max(abs(named[name]), 1e-2 * abs(parameter.typical))
+    return min(named[name] + step, parameter.bounds[1]), max(named[name] - step, parameter.bounds[0])
+
+
+def in_time(structure: Structure, front: Sequence[Effect], segment: Segment, named: Mapping[str, float]) -> FloatArray:
+    """Command samples (commands, n) of a segment as they act behind `front`, absolute."""
+    acting = np.stack([segment.channels[name] for name in structure.commands])
+    for effect in front:
+        parameters = {name: named[name] for name in effect.names}
+        if effect.samples is not None:
+            acting = effect.samples(acting, segment.dt, parameters)
+        else:
+            acting = _filtered(effect, acting, segment.dt, parameters)
+    return acting
+
+
+def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
+    """A servo's linear answer to held commands (c, n), steady before the first sample; the mean over each sample."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.signal import lfilter, ss2tf
+
+    assert effect.equations is not None
+    unit = np.eye(len(effect.states) + 1)
+    signals = {**parameters, "delta": unit[-1], **{state: unit[i] for i, state in enumerate(effect.states)}}
+    said = effect.equations(Signals(signals))
+    rows = np.stack([said[f"{state}_dot"] for state in effect.states])
+    A, B = discretise(rows[:, :-1], rows[:, -1:], dt)
+    C = np.asarray(said["delta"])[None, :-1]
+    numerator, denominator = ss2tf(A, B, C, np.zeros((1, 1)))
+    first = commands[:, :1]
+    answer = lfilter(numerator[0], denominator, commands - first, axis=1) + first
+    following = np.concatenate([answer[:, 1:], answer[:, -1:]], axis=1)
+    return np.asarray(0.5 * (answer + following))

@@ -1,0 +1,239 @@
+"""Answers of what is not linear, or wanders with time: the linear part answers the rest until nothing changes.
+
+Terms with products, powers or wandering coefficients count as an input of the linear part, evaluated on the whole time
+history. Derivatives are steps of each parameter from where the response settled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.data.preprocess import ComplexArray, Spectrum
+from sysid.data.stacks import Stack
+from sysid.errors import SysidError
+from sysid.model.acting import divided, either_side, in_time
+from sysid.model.response import Response
+from sysid.model.structure import FloatArray, Structure
+
+RELAXATION_HZ = 30.0
+RELAXATIONS = 40
+RELAXED = 1e-5
+DIFFERENCE_RELAXED = 0.03
+"""Of the last change of a response, and of a difference of responses; what is left is a fraction of it."""
+NEARER = 2
+"""Relaxations in which the linear part is fitted to the motion."""
+TOGETHER = 3
+"""Parameters side by side: more would cost memory and save no time."""
+
+
+class RelaxationError(SysidError, ArithmeticError):
+    """The nonlinear response does not settle at these values."""
+
+
+def driven_by(one: Spectrum, U: ComplexArray) -> Spectrum:
+    """The run with input bins U (m, bins) in place of what was logged, on its samples; means stay."""
+    channels = dict(one.segment.channels)
+    for name, moving in zip(one.inputs, one.in_time(U), strict=True):
+        channels[name] = channels[name].mean() + moving
+    return replace(one, segment=replace(one.segment, channels=channels))
+
+
+def relaxed_response(
+    structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool, U: ComplexArray | None
+) -> Response:
+    """Nonlinear or time-varying dynamics: first the values, then a step of each parameter from where they settled.
+
+    With inputs U (m, bins) in place of the logged ones there are no end states, which the measured rates would show.
+    """
+    front, rest = divided(structure)
+    outside = {name for effect in front for name in effect.names}
+    named = dict(zip(structure.names, map(float, values), strict=True))
+    count = len(structure.names) if sensitivities else 0
+    Y = np.empty((len(structure.outputs), stack.z.size), dtype=complex)
+    E = np.empty((len(rest.states), *Y.shape), dtype=complex)
+    J = np.empty((count, *Y.shape), dtype=complex)
+    for one, part in zip(stack.spectra, stack.slices, strict=True):
+        if U is not None:
+            one = driven_by(one, U[:, part])
+        run = _Run(rest, one)
+        logged = run.commands(in_time(structure, front, one.segment, named), named)
+        settled = _settle(run, named, logged, ended=U is None)
+        Y[:, part], E[..., part] = settled.Y, settled.E
+        for first in range(0, count, TOGETHER):
+            names = structure.names[first : first + TOGETHER]
+            batch = [_step(structure, named, name) for name in names]
+            acting = [
+                run.commands(in_time(structure, front, one.segment, at), at)
+                if name in outside or name in run.late
+                else logged
+                for name, at in zip(names, batch, strict=True)
+            ]
+            steps = np.array([at[name] - named[name] for name, at in zip(names, batch, strict=True)])
+            moved = _settle_beside(run, settled, [named, *batch], [logged, *acting])
+            J[first : first + TOGETHER, :, part] = (moved[1:] - moved[0]) / steps[:, None, None]
+    return Response(Y, E, J if sensitivities else None)
+
+
+def _step(structure: Structure, named: Mapping[str, float], name: str) -> dict[str, float]:
+    """The values with one of them moved a little, up where its bounds allow."""
+    above, below = either_side(structure, named, name)
+    return {**named, name: above if above != named[name] else below}
+
+
+class _Run:
+    """One segment on the relaxation's own grid of time, and its bins from zero to well above the band."""
+
+    def __init__(self, structure: Structure, one: Spectrum) -> None:
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.fft import next_fast_len, rfft
+
+        self.structure, self.one = structure, one
+        samples, dt = one.segment.samples, one.segment.dt
+        wide = max(RELAXATION_HZ, float(one.frequency_hz[-1]))
+        self.bins = 1 + min(int(wide * samples * dt), (samples - 1) // 2)
+        self.grid = next_fast_len(3 * self.bins)
+        self.s = 2j * np.pi * np.arange(self.bins) / (samples * dt)
+        self.hold = np.sinc(np.arange(self.bins) / samples) * np.exp(-0.5 * self.s * dt)
+        self.inside = slice(one.first, one.first + one.frequency_hz.size)
+        self.channels = {
+            name: self.on_grid(rfft(one.segment.channels[name])[: self.bins]) for name in structure.channels
+        }
+        self.delays = [effect for effect in structure.composed if effect.response is not None]
+        self.late = {name for effect in self.delays for name in effect.names}
+
+    def on_grid(self, spectrum: ComplexArray) -> FloatArray:
+        """(..., bins) to (..., grid)."""
+        from scipy.fft import irfft
+
+        return np.asarray(irfft(spectrum, self.grid, axis=-1) * (self.grid / self.one.samples))
+
+    def transform(self, samples: FloatArray) -> ComplexArray:
+        """(..., grid) to (..., bins)."""
+        from scipy.fft import rfft
+
+        return np.asarray(rfft(samples, axis=-1)[..., : self.bins] * (self.one.samples / self.grid))
+
+    def commands(self, acting: FloatArray, named: Mapping[str, float]) -> ComplexArray:
+        """Acting samples (commands, n) to bins (commands, bins), without their mean, behind every delay."""
+        from scipy.fft import rfft
+
+        U: ComplexArray = rfft(acting, axis=1)[:, : self.bins]
+        U[:, 0] = 0
+        for effect in self.delays:
+            assert effect.response is not None
+            U *= effect.response(self.s, {name: named[name] for name in effect.names})
+        return U
+
+    def evaluate(
+        self, batch: Sequence[Mapping[str, float]], X: ComplexArray, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """States (batch, n, grid), their rates, and the outputs (batch, k, grid), of X (batch, n, bins) and commands
+        u (batch, m, grid)."""
+        structure, x = self.structure, self.on_grid(X)
+        signals = {
+            **{name: x[:, i] for i, name in enumerate(structure.states)},
+            **{name: u[:, i] for i, name in enumerate(structure.commands)},
+            **self.channels,
+        }
+        parameters = {name: np.array([at[name] for at in batch])[:, None] for name in structure.names}
+        rates, measured = structure.evaluate(parameters, signals)
+        shape = x[:, 0].shape
+        rhs = np.stack([np.broadcast_to(rates[f"{state}_dot"], shape) for state in structure.states], axis=1)
+        return x, rhs, np.stack([np.broadcast_to(measured[name], shape) for name in structure.outputs], axis=1)
+
+    def resolvent(self, A: FloatArray) -> ComplexArray:
+        """(s - A)^-1, (n, n, bins), nothing at bin zero."""
+        found = np.zeros((*A.shape, self.bins), dtype=complex)
+        found[..., 1:] = np.linalg.inv(self.s[1:, None, None] * np.eye(A.shape[0]) - A).transpose(1, 2, 0)
+        return found
+
+
+class _Settled(NamedTuple):
+    """A run's response, and the linear part by which it was found."""
+
+    Y: ComplexArray
+    """(k, bins of the band)"""
+    E: ComplexArray
+    """(n, k, bins of the band)"""
+    X: ComplexArray
+    """(n, bins), without the free motion."""
+    free: ComplexArray
+    """(n, bins), the motion that the run's end states account for."""
+    A: FloatArray
+    B: FloatArray
+    transfer: ComplexArray
+    """(n, n, bins)"""
+
+
+def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool) -> _Settled:
+    """The response to command bins U (m, bins).
+
+    The linear part is that of small motions first, and then the one nearest to the motion itself.
+    """
+    structure, inside = run.structure, run.inside
+    n, m = len(structure.states), len(structure.commands)
+    A, B = structure.matrices(structure.vector(named))[:2]
+    B = B[:, :m]
+    C = np.eye(2, n)
+    u, driven = run.on_grid(U), B @ (U * run.hold)
+    transfer = run.resolvent(A)
+    X = _through(transfer, driven[None])[0]
+    outputs, last = X[:2], np.inf
+    for count in range(RELAXATIONS):
+        # the free motion from the run's end states, as the measured rates show it
+        E = transfer[:2, :, inside].transpose(1, 0, 2)
+        rest = (run.one.Y - outputs[:, inside]).reshape(-1).view(float)
+        ends, *_ = np.linalg.lstsq(np.ascontiguousarray(E).reshape(n, -1).view(float).T, rest, rcond=1e-8)
+        free = np.einsum("ijf,j->if", transfer, ends if ended else 0 * ends)
+        x, rates, y = run.evaluate([named], (X + free)[None], u[None])
+        other = rates[0] - A @ x[0] - B @ u
+        if count < NEARER:
+            nearer = (other @ x[0].T) @ np.linalg.pinv(x[0] @ x[0].T, rcond=1e-9, hermitian=True)
+            A, other = A + nearer, other - nearer @ x[0]
+            transfer = run.resolvent(A)
+        new = _through(transfer, (driven + run.transform(other))[None])[0]
+        change = float(np.max(np.abs(new - X)) / max(float(np.max(np.abs(new))), 1e-300))
+        if not np.isfinite(change) or change > 1e3:
+            raise RelaxationError("the response grows without limit")
+        outputs = run.transform(y[0]) + C @ (new - X - free)
+        X = new
+        if change < RELAXED:
+            break
+        if change > 2 * last and change > 0.1:
+            raise RelaxationError("the response does not settle")
+        last = min(last, change)
+    return _Settled(Y=outputs[:, inside], E=E, X=X, free=free, A=A, B=B, transfer=transfer)
+
+
+def _settle_beside(
+    run: _Run, settled: _Settled, batch: Sequence[Mapping[str, float]], U: Sequence[ComplexArray]
+) -> ComplexArray:
+    """Outputs (batch, k, bins of the band) at the settled values, first, and at others near them; one free motion.
+
+    It ends where the differences from the first, and not the responses, have settled. The first goes along so that what
+    changes nothing has a difference of zero.
+    """
+    driving, u = settled.B @ (np.stack(U) * run.hold), run.on_grid(np.stack(U))
+    X = np.broadcast_to(settled.X, (len(batch), *settled.X.shape))
+    C, outputs = np.eye(2, X.shape[1]), X[:, :2]
+    for _ in range(RELAXATIONS):
+        x, rates, y = run.evaluate(batch, X + settled.free, u)
+        other = run.transform(rates - settled.A @ x - settled.B @ u)
+        new = _through(settled.transfer, driving + other)
+        size = np.max(np.abs(new - new[0]), axis=(1, 2))
+        change = np.max(np.abs(new - X - (new[0] - X[0])), axis=(1, 2))
+        if not np.all(np.isfinite(change)):
+            raise RelaxationError("the response grows without limit")
+        outputs = run.transform(y) + C @ (new - X - settled.free)
+        X = new
+        if np.all(change <= DIFFERENCE_RELAXED * size):
+            break
+    return outputs[..., run.inside]
+
+
+def _through(transfer: ComplexArray, driving: ComplexArray) -> ComplexArray:
+    """(n, n, bins) times (batch, n, bins)."""
+    return np.asarray(np.einsum("ijf,bjf->bif", transfer, driving))
