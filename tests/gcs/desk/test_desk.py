@@ -81,7 +81,9 @@ def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def worked(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Path]]:
+def worked(
+    raw: Path, few_effects_in_module: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Desk, Path]]:
     """The whole way to the gains, in a folder of its own; the commands name paths from there."""
     home = tmp_path_factory.mktemp("worked")
     shutil.copytree(raw, home / "flight-0001")
