@@ -80,7 +80,7 @@ class Wire:
     """A link without a socket: what the vehicle said since the last turn, and what it is told in its next."""
 
     strangers = 0
-    receive_buffer = None
+    receive_buffer: int | None = None
     problem: str | None = None
 
     def __init__(self, vehicle: ScriptedVehicle) -> None:
