@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,46 @@ def shared_data() -> Path:
             "set TIPPATH_SHARED_DATA to the folder that holds ardupilot/ and crazyflie/"
         )
     return folder
+
+
+FEW = (
+    *("angular_damping", "disc_incidence", "dynamic_inflow", "elevator", "flapping", "gyro_lag"),
+    *("servo_lag", "servo_second_order", "transport_delay"),
+)
+"""Quick to ask, each of its own kind: rotor, body, actuator, sensor; two that cannot act without their channels."""
+
+
+@contextlib.contextmanager
+def catalogue_of(names: Iterable[str], folder: Path) -> Iterator[Path]:
+    """Only these effects are in the catalogue; the empty folder stands in for its own."""
+    import sysid.model.effect
+
+    for name in names:
+        assert (sysid.model.effect.FOLDER / f"{name}.py").exists()
+        (folder / f"{name}.py").touch()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sysid.model.effect, "FOLDER", folder)
+        sysid.model.effect.catalogue.cache_clear()
+        yield folder
+    sysid.model.effect.catalogue.cache_clear()
+
+
+@pytest.fixture
+def few_effects(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A catalogue of `FEW`, and of those that a test names by `parametrize(..., indirect=True)`.
+
+    For tests of what is done with an answer: which of all effects it is, others ask. Fixtures of modules see them all.
+    """
+    names = (*FEW, *getattr(request, "param", ()))
+    with catalogue_of(names, tmp_path_factory.mktemp("effects")) as folder:
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def few_effects_in_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The same for a whole module, from where it is first asked for."""
+    with catalogue_of(FEW, tmp_path_factory.mktemp("effects")) as folder:
+        yield folder
 
 
 @pytest.fixture

@@ -192,7 +192,7 @@ async def settle(app: TippathApp) -> None:
         app.look()
         drawn = asyncio.Event()
         app.screen.call_after_refresh(drawn.set)
-        await asyncio.wait_for(drawn.wait(), 5)  # an app that ended does not draw
+        await asyncio.wait_for(drawn.wait(), 60)  # an app that ended does not draw
         if before == [box.region for box in app.screen.query(Lines)]:
             break
     app.look()

@@ -80,7 +80,7 @@ class Wire:
     """A link without a socket: what the vehicle said since the last turn, and what it is told in its next."""
 
     strangers = 0
-    receive_buffer = None
+    receive_buffer: int | None = None
     problem: str | None = None
 
     def __init__(self, vehicle: ScriptedVehicle) -> None:
@@ -104,7 +104,7 @@ class Wire:
         self._vehicle.hear()
 
 
-def until(condition: Callable[[], Any], timeout_s: float = 4.0) -> Any:
+def until(condition: Callable[[], Any], timeout_s: float = 60.0) -> Any:
     """Wait by the wall clock for what another thread or process does; a test that waits in vain fails here."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:

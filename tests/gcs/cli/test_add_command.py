@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import pytest
 from contract_schemas import ADDED, FIT, JUDGED
 from planted import PLANTED, axes, fly
 
+pytestmark = pytest.mark.usefixtures("few_effects")
 Tippath = Callable[..., tuple[int, str, str]]
 CHANNELS = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y", "omega")
 
@@ -103,7 +105,9 @@ def test_the_document_is_the_file(fits: dict[str, Path], tippath: Tippath, tmp_p
     assert no_constants(out) == json.loads(target.read_text())
 
 
-@pytest.mark.parametrize("effect", ["servo_lag", "servo_backlash"])
+@pytest.mark.parametrize(
+    ("effect", "few_effects"), [("servo_lag", ()), ("servo_backlash", ("servo_backlash",))], indirect=["few_effects"]
+)
 def test_what_does_nothing_is_said_plainly(effect: str, fits: dict[str, Path], tippath: Tippath) -> None:
     status, out, err = tippath("add", fits["clean"], effect)
     assert status == 0, err
@@ -231,8 +235,10 @@ def test_what_cannot_act_and_runs_that_do_not_serve(
         assert says in err
 
 
-def test_a_closed_pipe_is_no_error(fits: dict[str, Path]) -> None:
-    command = f"{sys.executable} -m gcs.cli add {fits['clean']} servo_lag --json | head -c 1"
+def test_a_closed_pipe_is_no_error(fits: dict[str, Path], few_effects: Path) -> None:
+    code = f"import pathlib, sysid.model.effect as e; e.FOLDER = pathlib.Path({str(few_effects)!r})"
+    words = f"{code}; from gcs.cli import main; raise SystemExit(main())"
+    command = f"{sys.executable} -c {shlex.quote(words)} add {fits['clean']} servo_lag --json | head -c 1"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert "Traceback" not in done.stderr
     assert done.stdout == "{"

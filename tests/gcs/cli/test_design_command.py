@@ -65,6 +65,7 @@ def test_design_refuses_and_names_the_cost_that_holds(flight: Path, tippath: Tip
     assert document["margins"]["gain_db"] > 6
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_the_report_says_that_gains_do_not_hold_and_writes_its_page(
     flight: Path, believed: Path, tippath: Tippath, tmp_path: Path
 ) -> None:

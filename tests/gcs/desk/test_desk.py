@@ -81,7 +81,9 @@ def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def worked(raw: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Desk, Path]]:
+def worked(
+    raw: Path, few_effects_in_module: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Desk, Path]]:
     """The whole way to the gains, in a folder of its own; the commands name paths from there."""
     home = tmp_path_factory.mktemp("worked")
     shutil.copytree(raw, home / "flight-0001")
@@ -557,7 +559,7 @@ def test_one_thing_at_a_time_and_the_state_is_there_meanwhile(short: Path, monke
 
     def slow(*args: object, **kwargs: object) -> object:
         begun.set()
-        assert go_on.wait(10)
+        assert go_on.wait(60)
         return identify(*args, **kwargs)  # type: ignore[arg-type]
 
     monkeypatch.setattr(gcs.analysis.fits, "identify_flight", slow)
@@ -565,7 +567,7 @@ def test_one_thing_at_a_time_and_the_state_is_there_meanwhile(short: Path, monke
     desk.open(str(short))
     worker = threading.Thread(target=desk.fit)
     worker.start()
-    assert begun.wait(10)
+    assert begun.wait(60)
     assert desk.state().busy == "fitting: TPP and CD"
     for wish in (desk.fit, desk.design, lambda: desk.open(str(short)), desk.undo):
         with pytest.raises(TippathError, match="wait: fitting"):
@@ -575,8 +577,8 @@ def test_one_thing_at_a_time_and_the_state_is_there_meanwhile(short: Path, monke
     waiting = threading.Thread(target=lambda: desk.open(str(short), wait=True))
     waiting.start()
     go_on.set()
-    worker.join(10)
-    waiting.join(10)
+    worker.join(60)
+    waiting.join(60)
     state = desk.state()
     assert [rung.name for rung in state.ladder] == ["TPP"], "opened again, with what was kept"
     assert [note.text for note in state.notes] == ["meanwhile"]

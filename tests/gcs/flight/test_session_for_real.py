@@ -23,7 +23,9 @@ class HeldWire:
     """A link on which one heartbeat of a vehicle waits, and which keeps what is sent."""
 
     name = "udpout:127.0.0.1:14550"
-    strangers, receive_buffer, problem, counts = 0, None, None, (1, 0)
+    strangers, counts = 0, (1, 0)
+    receive_buffer: int | None = None
+    problem: str | None = None
 
     def __init__(self) -> None:
         mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)

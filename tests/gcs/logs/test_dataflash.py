@@ -19,7 +19,8 @@ from gcs.logs.formats.dataflash import DataFlashLog
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.words import printable
 
-LOGS = ("heli_pitch_sweep.BIN", "heli_roll_sweep.BIN", "log171.bin", "quad_pitch_sweep.BIN", "quad_roll_sweep.BIN")
+LOGS = ("heli_pitch_sweep.BIN", "log171.bin", "quad_roll_sweep.BIN")
+"""One of each vehicle; the other axis holds the same messages."""
 MIXED = {
     "MIXD": (7, "QbBhHiIfdM", "TimeUS,b,B,h,H,i,I,f,d,M"),
     "SCAL": (8, "QcCeELnNZqa", "TimeUS,c,C,e,E,L,n,N,Z,q,a"),

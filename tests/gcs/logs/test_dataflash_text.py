@@ -25,6 +25,8 @@ from sysid.model.bases import CD
 
 SWEEPS = ["heli_roll_sweep.BIN", "heli_pitch_sweep.BIN"]
 LOGS = [*SWEEPS, "log171.bin"]
+WHOLE_NUMBERS = [(b"SIDS", 1), (b"SIDS", 2), (b"SIDY", 1), (b"SIDY", 2), (b"RPM", 2)]
+"""Message and cell that hold one."""
 Values = dict[tuple[str, str], list[Any]]
 
 
@@ -277,9 +279,9 @@ def with_line(spoken: bytes, line: bytes, at: int = 5000) -> TextLog:
         b"A\x1b[2, 1, 2\n",
     ],
 )
-def test_a_line_that_is_no_message_is_left_out_and_counted(spoken: bytes, line: bytes) -> None:
-    whole, read = parse(spoken), with_line(spoken, line)
-    assert read.damage == dataflash_text.Damage(len(spoken) + len(line), len(line), 1)
+def test_a_line_that_is_no_message_is_left_out_and_counted(briefly: bytes, line: bytes) -> None:
+    whole, read = parse(briefly), with_line(briefly, line, 2000)
+    assert read.damage == dataflash_text.Damage(len(briefly) + len(line), len(line), 1)
     for name in ("RATE", "SIDD", "MSG", "MODE"):
         assert read.count(name) == whole.count(name)
         assert table_of(read, name) == table_of(whole, name) or name == "MSG"
@@ -444,8 +446,13 @@ def test_times_that_are_no_numbers_make_no_boot(spoken: bytes) -> None:
     assert log.boots == (log,)
 
 
-@pytest.mark.parametrize("word", [b"nan", b"inf", b"-inf", b"1e400", b"1e999"])
-@pytest.mark.parametrize(("message", "place"), [(b"SIDS", 1), (b"SIDS", 2), (b"SIDY", 1), (b"SIDY", 2), (b"RPM", 2)])
+@pytest.mark.parametrize(
+    ("word", "message", "place"),
+    [
+        *((word, *where) for word in (b"nan", b"1e400") for where in WHOLE_NUMBERS),
+        *((word, b"SIDS", 2) for word in (b"inf", b"-inf", b"1e999")),
+    ],
+)
 def test_whole_numbers_that_are_none(
     spoken: bytes, saved: Callable[[bytes, str], Path], word: bytes, message: bytes, place: int
 ) -> None:

@@ -422,10 +422,10 @@ async def test_without_colour_nothing_is_lost(monkeypatch):
 async def test_a_slow_engine_does_not_hold_the_keys():
     app, engine = app_on(FITTED)
     going = threading.Event()
-    engine.fit = lambda: going.wait(10) and None
+    engine.fit = lambda: going.wait(60) and None
     async with app.run_test() as pilot:
         await pilot.press("4", "f")
-        await asyncio.wait_for(pilot.press("f12"), 2)
+        await asyncio.wait_for(pilot.press("f12"), 30)
         assert engine.asked == ["abort"]
         going.set()
         await workers_done(app, pilot)
