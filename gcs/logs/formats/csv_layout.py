@@ -269,9 +269,9 @@ def _decode(raw: bytes) -> tuple[str, str]:
 def _is_row(line: str) -> bool:
     """Whether all cells of a line are numbers, whatever separates them."""
     return any(
-        all(is_number(cell) for cell in found)
+        all(is_number(cell) for cell in parts)
         for separator in SEPARATORS
-        if (found := line.strip().strip(separator).split(separator if separator != " " else None))
+        if (parts := line.strip().strip(separator).split(separator if separator != " " else None))
     )
 
 
@@ -295,8 +295,8 @@ def _separator(header: str, sample: Sequence[str], path: str, number: int, force
     return None if best is None else best[2]
 
 
-def _trimmed(found: list[str]) -> list[str]:
-    return found[:-1] if len(found) > 1 and not found[-1].strip() else found
+def _trimmed(parts: list[str]) -> list[str]:
+    return parts[:-1] if len(parts) > 1 and not parts[-1].strip() else parts
 
 
 def _count(line: str, separator: str) -> int:
@@ -325,14 +325,14 @@ def _check(header: Sequence[str], path: str, number: int) -> None:
 def _units_row(line: str, separator: str, columns: int) -> list[str] | None:
     """The cells of a row without any number; None where it is a row of values."""
     try:
-        found = [printable(cell.strip()).strip("[]()") for cell in cells(line, separator)]
+        units = [printable(cell.strip()).strip("[]()") for cell in cells(line, separator)]
     except csv.Error:
         return None
-    if len(found) > columns and not any(found[columns:]):
-        found = found[:columns]
-    if len(found) != columns or not any(found) or any(is_number(cell) and cell != "1" for cell in found):
+    if len(units) > columns and not any(units[columns:]):
+        units = units[:columns]
+    if len(units) != columns or not any(units) or any(is_number(cell) and cell != "1" for cell in units):
         return None
-    return found if any(not is_number(cell) for cell in found if cell) else None
+    return units if any(not is_number(cell) for cell in units if cell) else None
 
 
 def _width(body: str, separator: str, columns: int) -> int:
@@ -343,8 +343,8 @@ def _width(body: str, separator: str, columns: int) -> int:
     longer = 0
     for line in sample:
         try:
-            found = cells(line, separator)
+            row = cells(line, separator)
         except csv.Error:
             continue
-        longer += len(found) == columns + 1 and not found[-1].strip()
+        longer += len(row) == columns + 1 and not row[-1].strip()
     return columns + 1 if longer > len(sample) / 2 else columns

@@ -27,16 +27,16 @@ def boots(source: Source, parts: Parts, chained: Chained) -> list[int]:
     quiet = np.array([fmt is None or fmt.name in DECLARING for fmt in parts.kinds])
     for start, stop in pairwise((*parts.firsts, source.size)):
         if stop == source.size and len(parts.firsts) == 1:
-            said = True
+            sampled = True
         else:
             pieces = (piece.between(start, stop).kinds for piece in chained.messages)
-            said = any(kinds.size and not quiet[kinds].all() for kinds in pieces)
-        if not said:  # a piece of the block of formats: it belongs to what follows
+            sampled = any(kinds.size and not quiet[kinds].all() for kinds in pieces)
+        if not sampled:  # a piece of the block of formats: it belongs to what follows
             continue
         first, last = np.searchsorted(chained.places, (start, stop))
         breaks = _breaks(chained.places[first:last], chained.times_us[first:last])
-        found = [_break(source, parts, chained, int(first) + k) for k in breaks]
-        firsts += [start, *(place for place in found if place is not None)]
+        places = [_break(source, parts, chained, int(first) + k) for k in breaks]
+        firsts += [start, *(place for place in places if place is not None)]
     return sorted({0, *firsts[2:]})
 
 
@@ -49,14 +49,14 @@ def _breaks(places: Offsets, times_us: Offsets) -> list[int]:
     if times_us.size < 2 * MEDIAN:
         return []
     middle = np.median(sliding_window_view(np.pad(times_us, MEDIAN // 2, mode="edge"), MEDIAN), axis=1)
-    found = []
+    back = []
     for k in np.flatnonzero(np.diff(middle) < -BACK_US)[:MOST_BREAKS].tolist():
         again = np.flatnonzero(middle[k + 1 :] >= middle[k])[:1]
         stretch = middle[k + 1 :] if again.size == 0 else middle[k + 1 : k + 2 + int(again[0])]
         jump = float(np.diff(stretch).max(initial=0.0)) if again.size else 0.0
         if stretch.size >= MEDIAN and jump < 0.5 * (middle[k] - middle[k + 1]):
-            found.append(k)
-    return found
+            back.append(k)
+    return back
 
 
 def _break(source: Source, parts: Parts, chained: Chained, k: int) -> int | None:
@@ -70,7 +70,7 @@ def _break(source: Source, parts: Parts, chained: Chained, k: int) -> int | None
     clocks = clocks_of(parts.kinds)
     start, stop = int(places[low]), int(places[high])
     data = source.part(start, stop + REACH)
-    found: list[tuple[int, bool]] = []
+    stamped: list[tuple[int, bool]] = []
     for piece in chained.messages:
         if piece.base < stop and piece.base + PIECE > start:
             here = piece.between(start, stop)
@@ -78,9 +78,9 @@ def _break(source: Source, parts: Parts, chained: Chained, k: int) -> int | None
                 if clocks[kind]:
                     size = 8 if clocks[kind] == 1 else 4
                     stamp = int.from_bytes(data[place - start + 3 : place - start + 3 + size], "little")
-                    found.append((place, stamp * int(clocks[kind]) > (before + after) // 2))
-    late = np.cumsum([0, *(1 if late else -1 for _, late in found)])
-    first = found[min(int(np.argmax(late)), len(found) - 1)][0]  # most before it are late, most after it early
+                    stamped.append((place, stamp * int(clocks[kind]) > (before + after) // 2))
+    late = np.cumsum([0, *(1 if late else -1 for _, late in stamped)])
+    first = stamped[min(int(np.argmax(late)), len(stamped) - 1)][0]  # most before it are late, most after it early
     same = int(np.argmin(np.abs(times[: k + 1] - after)))
     earlier = source.part(int(places[max(0, same - MEDIAN)]), int(places[min(k, same + MEDIAN)]) + REACH)
     return None if data[first - start : first - start + SAME_BYTES] in earlier else first

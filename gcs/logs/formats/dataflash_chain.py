@@ -227,9 +227,9 @@ class _Walk:
     def _tables(self, piece: Places) -> tuple[NDArray[np.uint32], NDArray[Any]]:
         """Length and kind of what begins at each place."""
         ids, parts = piece.kinds, self.parts
-        one, other = parts.of(piece.base), parts.of(piece.base + PIECE - 1)
-        if one == other:
-            return parts.lengths[one][ids], ids if len(parts.kinds) == 256 else parts.kind_of[one][ids]
+        low, high = parts.of(piece.base), parts.of(piece.base + PIECE - 1)
+        if low == high:
+            return parts.lengths[low][ids], ids if len(parts.kinds) == 256 else parts.kind_of[low][ids]
         which = np.searchsorted(parts.firsts, piece.base + piece.at.astype(np.int64), "right") - 1
         return parts.lengths[which, ids], ids if len(parts.kinds) == 256 else parts.kind_of[which, ids]
 
@@ -270,10 +270,10 @@ class _Walk:
                 if self.learned:
                     linked &= self.real[self._tables(piece)[1]]
                 entries = np.append(np.flatnonzero(linked), n)
-            found = int(entries[np.searchsorted(entries, after)])
-            if found < n:
-                self.resyncs += piece.base + int(at[found]) > 0
-            return found
+            entry = int(entries[np.searchsorted(entries, after)])
+            if entry < n:
+                self.resyncs += piece.base + int(at[entry]) > 0
+            return entry
 
         chosen = np.zeros(n, np.bool_)
         here = enter(0) if self.link < 0 else int(np.searchsorted(piece.at, self.link - piece.base))

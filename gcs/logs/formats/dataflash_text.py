@@ -162,7 +162,7 @@ class TextLog:
         at, t = at[np.isfinite(t)], t[np.isfinite(t)]
         order = np.argsort(at)
         at, t = at[order], t[order]
-        found = []
+        firsts = []
         for k in np.flatnonzero(np.diff(t) < -BACK_S)[:MOST_BREAKS].tolist():
             before = float(np.median(t[max(0, k + 1 - STAYS) : k + 1]))
             after = t[k + 1 :]
@@ -173,8 +173,8 @@ class TextLog:
             if after.size >= STAYS and back > BACK_S and jump < 0.5 * back:
                 declared = self.starts("FMT")
                 declared = declared[(declared > at[k]) & (declared < at[k + 1])]
-                found.append(int(declared[0] if declared.size else at[k + 1]))
-        return found
+                firsts.append(int(declared[0] if declared.size else at[k + 1]))
+        return firsts
 
     def _parse(self, fmt: Format, place: int, lines: Offsets) -> NDArray[Any]:
         letter = fmt.types[place]

@@ -36,7 +36,7 @@ def fields_of(profile: Profile) -> tuple[str, ...]:
 
 def found_in(profile: Profile, fields: Collection[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Channel -> the first of its sources of which all fields are there; channel -> that there is none."""
-    found, absent = {}, {}
+    sources, absent = {}, {}
     for name, channel in profile.channels.items():
         there = (
             text
@@ -47,8 +47,8 @@ def found_in(profile: Profile, fields: Collection[str]) -> tuple[dict[str, str],
         if text is None:
             absent[name] = f"the log has no {' or '.join(channel.sources)}"
         else:
-            found[name] = text
-    return found, absent
+            sources[name] = text
+    return sources, absent
 
 
 def bind(text: str, log: Log) -> Expression:
