@@ -13,9 +13,10 @@ from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.dataflash_table import EVENTS
-from gcs.logs.formats.kinds import open_log
-from gcs.logs.profile.profiles import ChannelSource, found_in
+from gcs.logs.opening import open_log
+from gcs.logs.profile.profiles import ChannelSource
 from gcs.logs.profile.proposal import propose
+from gcs.logs.profile.sources import found_in
 from gcs.logs.runs.health import Health
 from gcs.logs.words import printable
 from sysid.data.record import CHANNELS, REQUIRED
@@ -277,7 +278,7 @@ def _of_refused(path: Path, reason: str) -> list[str]:
         return []
     return [
         f"\n {printable(str(path))}: not read: {printable(reason)}",
-        *_to_write(Source(str(path), "", kind, fields=fields), {}),
+        *_to_write(Source(path=str(path), sha256="", kind=kind, fields=fields), {}),
     ]
 
 

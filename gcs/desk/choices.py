@@ -145,7 +145,7 @@ def _flown(folder: FlightFolder) -> list[Mapping[str, object]]:
 def _verdict(run: Run, flown: Sequence[Mapping[str, object]]) -> str:
     """Of whoever flew it: a run of the log and one of flight.json are the same where both began at the same time."""
     if run.verdict is not None:
-        return printable(run.verdict.partition("; named by itself")[0].removeprefix("the sweep's verdict: "))
+        return printable(run.verdict)
     if run.entered_s is None:
         return ""
     for one in flown:

@@ -16,17 +16,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs.errors import TippathError, UsageError
-from gcs.logs import reading
+from gcs.logs import opening, reading
 from gcs.logs.cache import Content
-from gcs.logs.formats import kinds as formats
 from gcs.logs.formats.damage import Damage
-from gcs.logs.formats.source import Source
-from gcs.logs.profile import profiles
-from gcs.logs.profile.profiles import Profile
+from gcs.logs.formats.raw import unreadable
+from gcs.logs.profile.choice import taking_one_of
+from gcs.logs.profile.profiles import Profile, load
 from gcs.logs.reading import Progress
-from gcs.logs.runs import health
-from gcs.logs.runs.runs import Run, Window
+from gcs.logs.runs.health import F_HIGH_HZ
+from gcs.logs.runs.run import Run, Window
 from gcs.logs.runs.verdicts import named_all_the_same, with_verdicts
+from gcs.logs.source import Source
 from gcs.logs.words import printable
 from sysid.data.record import Record
 
@@ -106,7 +106,7 @@ def logs_in(folder: Path) -> list[Path]:
     taken. Hidden files and folders are left out. Raises TippathError where there is none, OSError where the folder
     cannot be read.
     """
-    ranks = {suffix: rank for rank, suffix in enumerate(formats.suffixes())}
+    ranks = {suffix: rank for rank, suffix in enumerate(opening.suffixes())}
     best: dict[tuple[Path, str], Path] = {}
     records = False
     for files in _files_within(folder):
@@ -157,7 +157,7 @@ def ingest(
     profile: Path | Profile | None = None,
     window: Window | None = None,
     *,
-    f_high_hz: float = health.F_HIGH_HZ,
+    f_high_hz: float = F_HIGH_HZ,
     progress: Callable[[Progress], None] | None = None,
 ) -> Ingest:
     """Find the runs in logs and flight folders, cut their records, check their health.
@@ -167,7 +167,7 @@ def ingest(
     one is chosen by what each log holds. Runs that the flight.json beside a log says are to be flown again are not
     usable. Raises TippathError for a profile that makes no sense.
     """
-    chosen = profiles.load(Path(profile)) if isinstance(profile, Path | str) else profile
+    chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
     logs: list[Path] = []
     refused: dict[str, str] = {}
     for word in paths:
@@ -175,14 +175,14 @@ def ingest(
         try:
             its_logs = logs_in(path) if path.is_dir() else [path]
         except OSError as error:
-            refused[str(path)] = f"{path}: cannot be read ({error.strerror or error})"
+            refused[str(path)] = str(unreadable(path, error))
         except TippathError as error:
             refused[str(path)] = str(error)
         else:
-            logs += [one for one in its_logs if one not in logs]
+            logs += [log for log in its_logs if log not in logs]
     if not logs and not refused:
         raise UsageError("name at least one log, flight folder or record")
-    found: list[Run] = []
+    runs: list[Run] = []
     sources: list[Source] = []
     known: dict[tuple[Path, str], int] = {}
     for path, content in reading.read_all(logs, reading.Reading(chosen, window, f_high_hz), progress):
@@ -197,10 +197,10 @@ def ingest(
                 sources[place] = replace(sources[place], hints=(*sources[place].hints, again))
                 continue
         sources.append(source)
-        found += with_verdicts(content.runs, path)
+        runs += with_verdicts(content.runs, path)
     if not sources:
         raise UnreadableError(refused)
-    return Ingest(tuple(found), tuple(sources), refused)
+    return Ingest(tuple(runs), tuple(sources), refused)
 
 
 def split_run_word(word: str) -> tuple[Path, int | None]:
@@ -223,7 +223,7 @@ def resolve_runs(
     profile: Path | Profile | None = None,
     window: Window | None = None,
     *,
-    f_high_hz: float = health.F_HIGH_HZ,
+    f_high_hz: float = F_HIGH_HZ,
 ) -> list[Record]:
     """RUN words to usable records, in the order given, each run once.
 
@@ -235,31 +235,30 @@ def resolve_runs(
     if not words:
         raise UsageError("name at least one run: a flight folder, LOG, LOG#n or a record")
     read: dict[Path, Ingest] = {}
-    records: list[Record] = []
-    seen: set[tuple[str, str]] = set()
+    records: dict[tuple[str, str], Record] = {}
     for word in words:
         path, number = split_run_word(word)
         if path not in read:
             read[path] = ingest([path], profile, window, f_high_hz=f_high_hz)
-        found = read[path].runs
-        if number is not None:
-            found = tuple(run for run in found if run.id.rpartition("#")[2] == str(number))
-            if not found:
-                has = ", ".join(run.id for run in read[path].runs)
-                raise TippathError(f"{word}: no such run{' in this window' if window else ''}; the log has {has}")
-            found = tuple(named_all_the_same(run) for run in found)
-        usable = [run for run in found if run.usable and run.record is not None]
+        meant = read[path].runs if number is None else _numbered(read[path].runs, number, word, window)
+        usable = [(run, run.record) for run in meant if run.usable and run.record is not None]
         if not usable:
-            listed = "\n".join(f"  {run.id}: {reason}" for run in found for reason in run.reasons)
+            listed = "\n".join(f"  {run.id}: {reason}" for run in meant for reason in run.reasons)
             raise TippathError(f"{word}: not usable, because\n{listed}")
         unread = [f"left out of {word}: {reason}" for reason in read[path].refused.values()]
-        for run in usable:
-            assert run.record is not None
-            if (run.path, run.id) not in seen:
-                seen.add((run.path, run.id))
-                records.append(_with_notes(run.record, unread) if run is usable[0] else run.record)
-    check_same_rate_source(records)
-    return records
+        for place, (run, record) in enumerate(usable):
+            records.setdefault((run.path, run.id), _with_notes(record, [] if place else unread))
+    check_same_rate_source(records.values())
+    return list(records.values())
+
+
+def _numbered(runs: Sequence[Run], number: int, word: str, window: Window | None) -> list[Run]:
+    """Those of one number, the flight's own verdict on them set aside. Raises TippathError where there is none."""
+    meant = [named_all_the_same(run) for run in runs if run.id.rpartition("#")[2] == str(number)]
+    if not meant:
+        has = ", ".join(run.id for run in runs)
+        raise TippathError(f"{word}: no such run{' in this window' if window else ''}; the log has {has}")
+    return meant
 
 
 def _with_notes(record: Record, notes: Iterable[str]) -> Record:
@@ -275,5 +274,5 @@ def check_same_rate_source(records: Iterable[Record]) -> None:
         listed = "; ".join(f"{kind}: {', '.join(ids)}" for kind, ids in sorted(kinds.items()))
         raise TippathError(
             f"these runs take p and q from different messages ({listed}), which differ by some 10 ms: fit runs of one "
-            f"kind, or take all from one with {profiles.taking_one_of(kinds)}"
+            f"kind, or take all from one with {taking_one_of(kinds)}"
         )

@@ -22,8 +22,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.logs.formats.source import Source
-from gcs.logs.runs.runs import Run
+from gcs.logs.runs.run import Run
+from gcs.logs.source import Source
 
 FOLDER = ".tippath"
 SUFFIX = ".runs"
@@ -106,10 +106,10 @@ def save(place: Path, content: Content) -> None:
 def _remove_old(place: Path, log: str) -> None:
     name = Path(log).name
     length = len(place.name) - len(name)
-    others = [one for one in place.parent.glob("*" + SUFFIX) if one.name[:-length] == name and one != place]
-    others.sort(key=lambda one: one.stat().st_mtime, reverse=True)
-    for one in others[KEPT - 1 :]:
-        _unlink(one)
+    others = [path for path in place.parent.glob("*" + SUFFIX) if path.name[:-length] == name and path != place]
+    others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in others[KEPT - 1 :]:
+        _unlink(path)
 
 
 def _unlink(path: Path) -> None:
@@ -129,6 +129,7 @@ def _reader() -> str:
         for entry in sorted(room.iterdir(), key=lambda entry: entry.name):
             if entry.name.endswith((".py", ".toml")):
                 digest.update(entry.name.encode() + b"\0" + entry.read_bytes())
+    digest.update((resources.files("gcs") / "documents.py").read_bytes())
     return digest.hexdigest()
 
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.logs import cache
+from gcs.logs import cache, opening
 from gcs.logs.cache import Content
-from gcs.logs.formats import kinds as formats
-from gcs.logs.formats.source import Source
+from gcs.logs.formats.raw import unreadable
 from gcs.logs.profile.profiles import Profile
-from gcs.logs.runs import runs
-from gcs.logs.runs.runs import Run, Window
+from gcs.logs.runs import cutting, runs
+from gcs.logs.runs.run import Run, Window
+from gcs.logs.source import Source
 from gcs.logs.words import printable
 from sysid.data.record import Record, RecordError
 
@@ -51,18 +51,21 @@ class Progress:
 def read(path: Path, how: Reading) -> Content:
     """Everything in one log. Raises TippathError where it cannot be read, RecordError for a record that is none."""
     if path.suffix.lower() == ".npz":
-        formats.require_file(path)
+        opening.require_file(path)
         if not _is_record(path):
             raise TippathError(f"{path}: not a record; records are the .npz files that tippath ingest -o writes")
         record = Record.load(path)
-        return Content(Source(str(path), record.sha256, "record"), (runs.of_record(record, how.window, how.f_high_hz),))
+        return Content(
+            Source(path=str(path), sha256=record.sha256, kind="record"),
+            (cutting.of_record(record, how.window, how.f_high_hz),),
+        )
     kept: Path | None = None
     sha256 = ""
     if cache.wanted() and path.is_file():
         try:
             sha256 = cache.digest_of(path)
         except OSError as error:
-            raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+            raise unreadable(path, error) from error
         kept = cache.place(path, sha256, (how,))
         content = cache.load(kept)
         if content is not None:
@@ -81,13 +84,13 @@ def _is_record(path: Path) -> bool:
     except zipfile.BadZipFile:
         return False
     except OSError as error:
-        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise unreadable(path, error) from error
 
 
 def _parse(path: Path, how: Reading) -> Content:
-    opened = formats.open_log(path, how.profile)
+    opened = opening.open_log(path, how.profile)
     name = printable(path.name)
-    found = runs.runs_of(opened.parts, name, opened.sha256, how.window, how.f_high_hz)
+    its_runs = runs.runs_of(opened.parts, name, opened.sha256, how.window, how.f_high_hz)
     fields = dict.fromkeys(field for log in opened.boots for field in log.fields())
     # Asked for after the runs: what breaks the order of time is found when a series is read.
     notes = [*opened.notes]
@@ -99,16 +102,16 @@ def _parse(path: Path, how: Reading) -> Content:
     if opened.damage is not None and opened.damage.any:
         notes.append(opened.damage.describe())
     source = Source(
-        str(path),
-        opened.sha256,
-        opened.kind,
-        opened.profile,
-        opened.damage,
-        tuple(fields),
-        tuple(notes),
-        opened.hints,
+        path=str(path),
+        sha256=opened.sha256,
+        kind=opened.kind,
+        profile=opened.profile,
+        damage=opened.damage,
+        fields=tuple(fields),
+        notes=tuple(notes),
+        hints=opened.hints,
     )
-    return Content(source, tuple(_told(run, source) for run in found))
+    return Content(source, tuple(_told(run, source) for run in its_runs))
 
 
 def _told(run: Run, source: Source) -> Run:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pymavlink import DFReader
 
-from gcs.logs.formats import dataflash
+from gcs.logs.formats import dataflash, dataflash_scan
 
 MESSAGES = ("RATE", "SIDD")
 GPS = struct.Struct("<QBBIHBhiiiffffB")
@@ -24,7 +24,7 @@ READ = """
 import sys
 from pathlib import Path
 import numpy as np
-from gcs.logs.formats import dataflash
+from gcs.logs.formats import dataflash, dataflash_scan
 def peak():  # getrusage would count what the parent held when it forked
     status = Path("/proc/self/status").read_text().splitlines()
     return 1024 * next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
@@ -54,7 +54,7 @@ def long_flight(once: Path, path: Path, size: int, *, gps: bool) -> None:
     clock = log.column("RATE", "TimeUS")
     period = int(clock[-1] - clock[0]) + 2500
     assert log.formats["GPS"].types == "QBBIHBcLLeffffB"
-    head = bytes([*dataflash.HEAD, log.formats["GPS"].id])
+    head = bytes([*dataflash_scan.HEAD, log.formats["GPS"].id])
     attitudes = log.places("ATT")
     attitudes = attitudes[attitudes >= body].tolist() if gps else []
     with path.open("wb") as stream:

@@ -13,7 +13,7 @@ from flying import CHIRP, fly_maneuver, log_of
 
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.logs import ingest, resolve_runs
-from gcs.logs.runs.runs import Run
+from gcs.logs.runs.run import Run
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.plants.forward import AIRSPEED, ROTOR_RPM, ForwardPlant
 from sitl.plants.hover import Gusts

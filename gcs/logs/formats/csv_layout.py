@@ -35,7 +35,7 @@ _DECIMAL_POINT = re.compile(r"\d\.\d")
 _NUMBER = re.compile(r"^[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf|infinity)$", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Layout:
     """A CSV file's text and how to read it."""
 
@@ -82,79 +82,132 @@ def is_number(text: str) -> bool:
 
 def layout_of(raw: bytes, path: str) -> Layout:
     """Find out how a file is laid out. Raises TippathError where it is no text with a header and rows."""
+    text, encoding, padding = _text_of(raw)
+    lines = _Lines(text)
+    heading = _header_line(lines, _top(lines, path, padding), path)
+    header = tuple(printable(name.strip()) for name in _split(heading.line, heading.separator, path, heading.number))
+    if len(header) > 1 and not header[-1]:
+        header = header[:-1]
+    _check(header, path, heading.number)
+    names, units = _names_and_units(header)
+    at, below = _units_below(lines, heading.separator, len(header))
+    units = [unit or other for unit, other in zip(below, units, strict=True)] if below is not None else units
+    body = text[at:].replace("\t", " ") if heading.separator == " " else text[at:]
+    if not body.strip():
+        raise TippathError(f"{path}, line {heading.number}: a header and no rows; the log has no samples")
+    body, mixed, hints = _decimals(body, heading.separator)
+    return Layout(
+        path=path,
+        header=header,
+        names=tuple(names),
+        units=tuple(units),
+        separator=heading.separator,
+        width=_width(body, heading.separator, len(header)),
+        body=body,
+        first_line=text.count("\n", 0, at) + 1,
+        encoding=encoding,
+        mixed=mixed,
+        padding=padding,
+        hints=tuple(hints),
+    )
+
+
+def _text_of(raw: bytes) -> tuple[str, str, int]:
+    """The text with \\n as line end, its encoding, and how many zero bytes are left out at its end."""
     text, encoding = _decode(raw)
     whole = len(text)
     text = text.rstrip("\0")
     padding = (whole - len(text)) * (2 if encoding.startswith("utf-16") else 1)
     if "\r" in text:
         text = text.replace("\r\n", "\n").replace("\r", "\n")
-    lines = _Lines(text)
+    return text, encoding, padding
+
+
+@dataclass(frozen=True)
+class _Top:
+    """What stands above the rows."""
+
+    line: str
+    """The first that is neither blank nor a comment: a header, or the first row below a header in a comment."""
+    number: int
+    comment: str
+    """The last comment above it that has a text."""
+    comment_number: int
+    forced: str | None
+    """The separator that `sep=;` names, as spreadsheets write it."""
+
+
+def _top(lines: _Lines, path: str, padding: int) -> _Top:
     forced: str | None = None
-    comment, comment_at = "", 0
-    while True:  # the header is the first line that is neither blank nor a comment
-        line = lines.take()
-        if line is None:
-            what = "nothing but zero bytes" if padding and not text else "the file is empty"
-            raise TippathError(f"{path}: {what}; it needs a header such as t,p,q,delta_x,delta_y")
+    comment, comment_number = "", 0
+    while (line := lines.take()) is not None:
         stripped = line.strip()
         if forced is None and re.fullmatch(r"(?i)sep=.", stripped) and lines.number <= 2:
             forced = stripped[-1]
         elif stripped.startswith(COMMENTS):
-            text_of = stripped.lstrip("#%/ ")
-            comment, comment_at = (text_of, lines.number) if text_of else (comment, comment_at)
+            text = stripped.lstrip("#%/ ")
+            comment, comment_number = (text, lines.number) if text else (comment, comment_number)
         elif stripped:
-            break
-    number = lines.number
-    if any(not c.isprintable() and c != "\t" for c in line):
-        raise TippathError(f"{path}, line {number}: not text; is it a binary log with the wrong name?")
+            if any(not c.isprintable() and c != "\t" for c in line):
+                raise TippathError(f"{path}, line {lines.number}: not text; is it a binary log with the wrong name?")
+            return _Top(line, lines.number, comment, comment_number, forced)
+    what = "nothing but zero bytes" if padding and not lines.text else "the file is empty"
+    raise TippathError(f"{path}: {what}; it needs a header such as t,p,q,delta_x,delta_y")
+
+
+@dataclass(frozen=True)
+class _Header:
+    line: str
+    number: int
+    separator: str
+
+
+def _header_line(lines: _Lines, top: _Top, path: str) -> _Header:
+    """The line that names the columns, which may be a comment, and what separates them."""
     sample = lines.ahead(SAMPLE)
-    if _is_row(line):
-        separator = _separator(comment, [line, *sample], path, comment_at, forced) if comment else None
-        if separator is None or len(_split(comment, separator, path, comment_at)) < 2:
-            raise TippathError(
-                f"{path}, line {number}: the first line holds numbers, not names; put a header first, such as "
-                "t,p,q,delta_x,delta_y"
-            )
-        line, number = comment, comment_at
-        lines.back()
-    else:
-        separator = _separator(line, sample, path, number, forced)
-    separator = separator or ","
-    header = tuple(printable(name.strip()) for name in _split(line, separator, path, number))
-    if len(header) > 1 and not header[-1]:
-        header = header[:-1]
-    _check(header, path, number)
-    units = [""] * len(header)
-    names = list(header)
+    if not _is_row(top.line):
+        return _Header(top.line, top.number, _separator(top.line, sample, path, top.number, top.forced) or ",")
+    comment, number = top.comment, top.comment_number
+    separator = _separator(comment, [top.line, *sample], path, number, top.forced) if comment else None
+    if separator is None or len(_split(comment, separator, path, number)) < 2:
+        raise TippathError(
+            f"{path}, line {top.number}: the first line holds numbers, not names; put a header first, such as "
+            "t,p,q,delta_x,delta_y"
+        )
+    lines.back()
+    return _Header(comment, number, separator)
+
+
+def _names_and_units(header: Sequence[str]) -> tuple[list[str], list[str]]:
+    """`p [deg/s]` is p in deg/s; no unit is empty."""
+    names, units = list(header), [""] * len(header)
     for i, name in enumerate(header):
-        if found := _NAME_AND_UNIT.match(name):
-            names[i], units[i] = found[1], (found[2] if found[2] is not None else found[3]).strip()
+        if match := _NAME_AND_UNIT.match(name):
+            names[i], units[i] = match[1], (match[2] if match[2] is not None else match[3]).strip()
+    return names, units
+
+
+def _units_below(lines: _Lines, separator: str, columns: int) -> tuple[int, list[str] | None]:
+    """Where the rows begin, and the units of a row of their own below the header, where there is one."""
     at = lines.position
     below = lines.take()
     while below is not None and not below.strip():
         at = lines.position
         below = lines.take()
-    if below is not None and (row := _units_row(below, separator, len(header))) is not None:
-        units = [unit or other for unit, other in zip(row, units, strict=True)]
-        at = lines.position
-    body, first_line = text[at:], text.count("\n", 0, at) + 1
-    if separator == " ":
-        body = body.replace("\t", " ")
-    if not body.strip():
-        raise TippathError(f"{path}, line {number}: a header and no rows; the log has no samples")
-    mixed, hints = False, []
-    if separator != ",":
-        hints.append(f"columns are separated by {WORDS.get(separator, separator)}")
-        if _DECIMAL_COMMA.search(body):
-            mixed = _DECIMAL_POINT.search(body) is not None
-            if not mixed:
-                body = body.replace(",", ".")
-                hints.append("decimals are written with commas")
-    width = _width(body, separator, len(header))
-    return Layout(
-        path, header, tuple(names), tuple(units), separator, width, body, first_line, encoding, mixed, padding,
-        tuple(hints),
-    )  # fmt: skip
+    units = None if below is None else _units_row(below, separator, columns)
+    return (at if units is None else lines.position), units
+
+
+def _decimals(body: str, separator: str) -> tuple[str, bool, list[str]]:
+    """The rows with decimal commas made points, whether both styles occur, and hints about separator and decimals."""
+    if separator == ",":
+        return body, False, []
+    hints = [f"columns are separated by {WORDS.get(separator, separator)}"]
+    if not _DECIMAL_COMMA.search(body):
+        return body, False, hints
+    if _DECIMAL_POINT.search(body):
+        return body, True, hints
+    return body.replace(",", "."), False, [*hints, "decimals are written with commas"]
 
 
 class _Lines:
@@ -182,16 +235,16 @@ class _Lines:
 
     def ahead(self, count: int) -> list[str]:
         """The next lines that are neither blank nor comments."""
-        found: list[str] = []
+        next_lines: list[str] = []
         at = self.position
-        while at < len(self.text) and len(found) < count:
+        while at < len(self.text) and len(next_lines) < count:
             stop = self.text.find("\n", at)
             stop = len(self.text) if stop < 0 else stop
             line = self.text[at:stop]
             if line.strip() and not line.lstrip().startswith(COMMENTS):
-                found.append(line)
+                next_lines.append(line)
             at = stop + 1
-        return found
+        return next_lines
 
 
 def _decode(raw: bytes) -> tuple[str, str]:
@@ -216,9 +269,9 @@ def _decode(raw: bytes) -> tuple[str, str]:
 def _is_row(line: str) -> bool:
     """Whether all cells of a line are numbers, whatever separates them."""
     return any(
-        all(is_number(cell) for cell in found)
+        all(is_number(cell) for cell in parts)
         for separator in SEPARATORS
-        if (found := line.strip().strip(separator).split(separator if separator != " " else None))
+        if (parts := line.strip().strip(separator).split(separator if separator != " " else None))
     )
 
 
@@ -242,8 +295,8 @@ def _separator(header: str, sample: Sequence[str], path: str, number: int, force
     return None if best is None else best[2]
 
 
-def _trimmed(found: list[str]) -> list[str]:
-    return found[:-1] if len(found) > 1 and not found[-1].strip() else found
+def _trimmed(parts: list[str]) -> list[str]:
+    return parts[:-1] if len(parts) > 1 and not parts[-1].strip() else parts
 
 
 def _count(line: str, separator: str) -> int:
@@ -272,14 +325,14 @@ def _check(header: Sequence[str], path: str, number: int) -> None:
 def _units_row(line: str, separator: str, columns: int) -> list[str] | None:
     """The cells of a row without any number; None where it is a row of values."""
     try:
-        found = [printable(cell.strip()).strip("[]()") for cell in cells(line, separator)]
+        units = [printable(cell.strip()).strip("[]()") for cell in cells(line, separator)]
     except csv.Error:
         return None
-    if len(found) > columns and not any(found[columns:]):
-        found = found[:columns]
-    if len(found) != columns or not any(found) or any(is_number(cell) and cell != "1" for cell in found):
+    if len(units) > columns and not any(units[columns:]):
+        units = units[:columns]
+    if len(units) != columns or not any(units) or any(is_number(cell) and cell != "1" for cell in units):
         return None
-    return found if any(not is_number(cell) for cell in found if cell) else None
+    return units if any(not is_number(cell) for cell in units if cell) else None
 
 
 def _width(body: str, separator: str, columns: int) -> int:
@@ -290,8 +343,8 @@ def _width(body: str, separator: str, columns: int) -> int:
     longer = 0
     for line in sample:
         try:
-            found = cells(line, separator)
+            row = cells(line, separator)
         except csv.Error:
             continue
-        longer += len(found) == columns + 1 and not found[-1].strip()
+        longer += len(row) == columns + 1 and not row[-1].strip()
     return columns + 1 if longer > len(sample) / 2 else columns

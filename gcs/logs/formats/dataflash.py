@@ -1,7 +1,8 @@
 """ArduPilot's DataFlash `.BIN`, read with numpy: which messages it has, and their fields as columns.
 
-Where the messages stand is found by `gcs.logs.formats.dataflash_chain`. There are no checksums in this format, so a
-flipped bit inside a payload cannot be seen; `gcs.logs.formats.tables` throws out the time stamps that cannot be.
+Where messages may stand is found by `gcs.logs.formats.dataflash_scan`, which of them do by `dataflash_chain`. There are
+no checksums in this format, so a flipped bit inside a payload cannot be seen; `gcs.logs.formats.tables` throws out the
+time stamps that cannot be.
 
 A file is read in pieces that stay in the processor's cache, once for the chain and once for each type of message that
 is asked for; kept are five bytes for each message and what was asked for last, up to `CACHE_BYTES`. It is not mapped
@@ -23,30 +24,16 @@ from numpy.typing import NDArray
 
 from gcs.errors import TippathError
 from gcs.logs.formats.damage import Damage
-from gcs.logs.formats.dataflash_chain import (
-    CLOCKS,
-    FMT_ID,
-    FMT_LENGTH,
-    HEAD,
-    TYPES,
-    Bytes,
-    Format,
-    Offsets,
-    Places,
-    Source,
-    boots,
-    chain,
-    scan,
-    settle,
-)
+from gcs.logs.formats.dataflash_boots import boots
+from gcs.logs.formats.dataflash_chain import chain, settle
+from gcs.logs.formats.dataflash_scan import HEAD, TYPES, Format, Places, Source, scan
+from gcs.logs.formats.raw import Bytes, Offsets, gathered
 from gcs.logs.words import printable
-
-__all__ = ["CLOCKS", "FMT_ID", "FMT_LENGTH", "HEAD", "TYPES", "Damage", "DataFlashLog", "Format", "parse", "read"]
 
 CACHE_BYTES = 1 << 29  # of messages gathered before
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class DataFlashLog:
     """A log whose messages have been located; columns are gathered when asked for.
 
@@ -84,12 +71,12 @@ class DataFlashLog:
     @cached_property
     def _by_name(self) -> dict[str, int]:
         """Kinds by name; where several carry one name, the one with the most messages."""
-        found: dict[str, int] = {}
+        kinds: dict[str, int] = {}
         for kind, fmt in self._kinds.items():
-            other = found.get(fmt.name)
+            other = kinds.get(fmt.name)
             if other is None or self._counts[kind] > self._counts[other]:
-                found[fmt.name] = kind
-        return found
+                kinds[fmt.name] = kind
+        return kinds
 
     @cached_property
     def formats(self) -> Mapping[str, Format]:
@@ -108,8 +95,8 @@ class DataFlashLog:
     def places(self, message: str) -> Offsets:
         """First byte of every message of this type, in the file's order, shape (n,); empty where there is none."""
         kind = self._by_name.get(message, -1)
-        found = (piece.base + piece.at[piece.kinds == kind].astype(np.int64) for piece in self._pieces)
-        return np.concatenate((np.empty(0, np.int64), *found))
+        places = (piece.base + piece.at[piece.kinds == kind].astype(np.int64) for piece in self._pieces)
+        return np.concatenate((np.empty(0, np.int64), *places))
 
     def count(self, message: str) -> int:
         return int(self._counts[self._by_name[message]]) if message in self._by_name else 0
@@ -188,9 +175,7 @@ class DataFlashLog:
             at = piece.at[at].astype(np.intp)
             if any(int(data[at[k] + i]) != head[i] for k in (0, -1) for i in range(3)):
                 raise self._source.changed()
-            # every byte as a possible first byte of the field: the gather then copies the field alone
-            everywhere = np.ndarray((data.size - offset - width + 1,), f"V{width}", data, offset, (1,))
-            out[done : done + at.size] = everywhere[at]
+            out[done : done + at.size] = gathered(data, offset, f"V{width}", at)
             done += at.size
         return out.view(np.uint8).reshape(out.size, width)
 
@@ -221,10 +206,13 @@ def _locate(source: Source) -> DataFlashLog:
     chained = chain(source, parts, places)
     kinds = {kind: fmt for kind, fmt in enumerate(parts.kinds) if fmt is not None}
     cache: dict[tuple[int, int], Bytes] = {}
+
+    def log(pieces: Sequence[Places], its_boots: Sequence[DataFlashLog] = ()) -> DataFlashLog:
+        return DataFlashLog(
+            damage=chained.damage, _source=source, _kinds=kinds, _pieces=pieces, _cache=cache, _boots=its_boots
+        )
+
     firsts = boots(source, parts, chained)
-    its_boots = [
-        DataFlashLog(chained.damage, source, kinds, [piece.between(start, stop) for piece in chained.messages], cache)
-        for start, stop in pairwise((*firsts, source.size))
-        if len(firsts) > 1
-    ]
-    return DataFlashLog(chained.damage, source, kinds, chained.messages, cache, its_boots)
+    edges = pairwise((*firsts, source.size)) if len(firsts) > 1 else ()
+    its_boots = [log([piece.between(start, stop) for piece in chained.messages]) for start, stop in edges]
+    return log(chained.messages, its_boots)

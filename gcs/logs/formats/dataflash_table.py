@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.logs.formats.dataflash import CLOCKS, Format
+from gcs.logs.formats.dataflash_scan import CLOCKS, Format
 from gcs.logs.formats.tables import FloatArray, Series, before_no_gap, increasing
 
 _FIELD = re.compile(r"([A-Za-z0-9_]{1,4})(?:\[(\d{1,3})\])?\.([A-Za-z0-9_]+)")
@@ -125,8 +125,8 @@ class DataFlashTables:
         if key is None:
             return ()
         modes = self.series(key)
-        told = zip(modes.t.tolist(), modes.values.tolist(), strict=True)
-        return [(t, int(mode)) for t, mode in told if math.isfinite(mode)]
+        entered = zip(modes.t.tolist(), modes.values.tolist(), strict=True)
+        return [(t, int(mode)) for t, mode in entered if math.isfinite(mode)]
 
     def armed(self) -> Sequence[tuple[float, bool]]:
         if self.has("ARM.ArmState"):

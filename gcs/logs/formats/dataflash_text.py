@@ -26,13 +26,10 @@ from numpy.typing import NDArray
 
 from gcs.errors import TippathError
 from gcs.logs.formats.damage import Damage
-from gcs.logs.formats.dataflash import CLOCKS, TYPES, Format
+from gcs.logs.formats.dataflash_scan import CLOCKS, FMT, TYPES, Format
+from gcs.logs.formats.raw import Bytes, Offsets, gathered, read_padded
 from gcs.logs.words import printable
 
-Bytes = NDArray[np.uint8]
-Offsets = NDArray[np.int64]
-
-FMT = Format(0x80, "FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
 STRINGS = "nNZ"
 FLOATS = "fdg"
 LONGEST_NAME = 4
@@ -62,11 +59,23 @@ def recognises(head: bytes) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class TextLog:
-    """A text log whose lines have been located; columns are parsed when asked for. It is a `MessageLog`."""
+class _Lines:
+    """Where the lines of a file stand."""
 
     data: Bytes
     """The file and some blanks behind it."""
+    first: Offsets
+    """First and behind the last byte of every line, without what indents it, shape (lines,)."""
+    stop: Offsets
+
+    def text(self, line: int) -> bytes:
+        return self.data[self.first[line] : self.stop[line]].tobytes()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TextLog:
+    """A text log whose lines have been located; columns are parsed when asked for. It is a `MessageLog`."""
+
     formats: Mapping[str, Format]
     """By message name, those that are declared."""
     damage: Damage
@@ -74,9 +83,7 @@ class TextLog:
     """Name of a message without a (readable) FMT -> its lines; they are skipped."""
     _lines: Mapping[str, Offsets]
     """Message -> its lines that can be believed, in the file's order."""
-    _first: Offsets
-    """First and behind the last byte of every line, shape (lines,)."""
-    _stop: Offsets
+    _where: _Lines
     _commas: Offsets
     """Every comma of the file."""
     _cells: dict[tuple[str, str], NDArray[Any]] = field(default_factory=dict)
@@ -129,7 +136,7 @@ class TextLog:
         firsts = self._boot_lines()
         if not firsts:
             return (self,)
-        edges = [0, *firsts, self._first.size]
+        edges = [0, *firsts, self._where.first.size]
         return tuple(
             replace(
                 self,
@@ -145,7 +152,7 @@ class TextLog:
         """The first line of each boot but the first: where the clock goes back for good."""
         lines, times = [], []
         for name, fmt in self.formats.items():
-            clock = next((one for one in CLOCKS if one in fmt.columns), None)
+            clock = next((column for column in CLOCKS if column in fmt.columns), None)
             if clock is not None and self.starts(name).size:
                 lines.append(self.starts(name))
                 times.append(self.column(name, clock) * CLOCKS[clock])
@@ -155,7 +162,7 @@ class TextLog:
         at, t = at[np.isfinite(t)], t[np.isfinite(t)]
         order = np.argsort(at)
         at, t = at[order], t[order]
-        found = []
+        firsts = []
         for k in np.flatnonzero(np.diff(t) < -BACK_S)[:MOST_BREAKS].tolist():
             before = float(np.median(t[max(0, k + 1 - STAYS) : k + 1]))
             after = t[k + 1 :]
@@ -166,36 +173,34 @@ class TextLog:
             if after.size >= STAYS and back > BACK_S and jump < 0.5 * back:
                 declared = self.starts("FMT")
                 declared = declared[(declared > at[k]) & (declared < at[k + 1])]
-                found.append(int(declared[0] if declared.size else at[k + 1]))
-        return found
+                firsts.append(int(declared[0] if declared.size else at[k + 1]))
+        return firsts
 
     def _parse(self, fmt: Format, place: int, lines: Offsets) -> NDArray[Any]:
         letter = fmt.types[place]
         if "a" in fmt.types:  # its commas are not the columns'
             raw = self._matched(fmt, place, lines)
             return _arrays(raw) if letter == "a" else np.array(raw, "S") if letter in STRINGS else _numbers(raw)
-        first = np.searchsorted(self._commas, self._first[lines]) + place
+        first = np.searchsorted(self._commas, self._where.first[lines]) + place
         begin = self._commas[first] + 1
         last = place == len(fmt.columns) - 1
-        stop = self._stop[lines] if last else self._commas[first + 1]
+        stop = self._where.stop[lines] if last else self._commas[first + 1]
         if letter in STRINGS:
             ends = zip(begin.tolist(), stop.tolist(), strict=True)
-            return np.array([self.data[a:b].tobytes().strip() for a, b in ends], "S")
+            return np.array([self._where.data[a:b].tobytes().strip() for a, b in ends], "S")
         values = np.empty(lines.size)
         for start in range(0, lines.size, ROWS):
             some = slice(start, start + ROWS)
             length = np.minimum(stop[some] - begin[some], LONGEST_CELL)
             width = max(int(length.max()), 1)
-            everywhere = np.ndarray((self.data.size - width + 1,), f"V{width}", self.data, 0, (1,))
-            cells = everywhere[begin[some]].view(np.uint8).reshape(-1, width)
+            cells = gathered(self._where.data, 0, f"V{width}", begin[some]).view(np.uint8).reshape(-1, width)
             cells[np.arange(width) >= length[:, None]] = ord(" ")
             values[some] = cells.view(f"S{width}").ravel().astype(np.float64)
         return values
 
     def _matched(self, fmt: Format, place: int, lines: Offsets) -> list[bytes]:
         pattern = _pattern(fmt)
-        ends = zip(self._first[lines].tolist(), self._stop[lines].tolist(), strict=True)
-        matches = (pattern.fullmatch(self.data[a:b].tobytes()) for a, b in ends)
+        matches = (pattern.fullmatch(self._where.text(line)) for line in lines.tolist())
         return [match[place + 1].strip() for match in matches if match is not None]
 
 
@@ -214,13 +219,7 @@ def _arrays(raw: list[bytes]) -> NDArray[np.float64]:
 
 def read(path: Path) -> tuple[TextLog, str]:
     """Read a text log; also the SHA-256 of its bytes. Raises TippathError where it cannot be opened or is none."""
-    try:
-        size = path.stat().st_size
-        data = np.full(size + LONGEST_CELL, ord(" "), np.uint8)
-        with path.open("rb") as stream:
-            size = stream.readinto(data[:size].data)
-    except OSError as error:
-        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+    data, size = read_padded(path, LONGEST_CELL, ord(" "))
     sha256 = hashlib.sha256(data[:size].data).hexdigest()
     return _located(data, size, str(path)), sha256
 
@@ -249,7 +248,8 @@ def _located(data: Bytes, size: int, name: str) -> TextLog:
     blank = (first >= stop) & (zeros == 0)
     blank |= (stop - first == 1) & (data[np.minimum(first, data.size - 1)] == ord("\r"))
 
-    formats = _formats(data, first, stop, np.flatnonzero((name_of == names.get("FMT", -2)) & whole))
+    where = _Lines(data, first, stop)
+    formats = _formats(where, np.flatnonzero((name_of == names.get("FMT", -2)) & whole))
     if not formats:
         raise TippathError(
             f"{name}: not a text DataFlash log: no line FMT, ... that can be read; take the .BIN that it was "
@@ -271,24 +271,30 @@ def _located(data: Bytes, size: int, name: str) -> TextLog:
         plain = regular[its_own] & (columns[its_own] == len(fmt.columns))
         if any(letter in "a" + STRINGS for letter in fmt.types):
             plain[:] = False
-        formats[text], plain = _judge(data, fmt, plain, its_own, first, stop)
+        formats[text], plain = _judge(where, fmt, plain, its_own)
         lines[text] = its_own[plain]
         good[lines[text]] = True
-    blank |= _heading(data, first, stop, np.flatnonzero(columns == 0), lines["FMT"])
-    damage = _damage(size, newlines, good, blank, unknown, int(zeros[good].sum()))
+    blank |= _heading(where, np.flatnonzero(columns == 0), lines["FMT"])
+    lengths = np.diff(np.concatenate(([0], newlines + 1, [size])))
+    unread = int(lengths[~good & ~blank].sum()) + int(zeros[good].sum())
     # a name that few lines bear and no FMT declares is a damaged one
     undeclared = {text: count for text, count in undeclared.items() if count >= 3}
-    return TextLog(data, formats, damage, undeclared, lines, first, stop, commas)
+    return TextLog(
+        formats=formats,
+        damage=_damage(size, unread, good[~blank], unknown[~blank]),
+        undeclared=undeclared,
+        _lines=lines,
+        _where=where,
+        _commas=commas,
+    )
 
 
-def _heading(
-    data: Bytes, first: Offsets, stop: Offsets, without_commas: Offsets, formats: Offsets
-) -> NDArray[np.bool_]:
+def _heading(where: _Lines, without_commas: Offsets, formats: Offsets) -> NDArray[np.bool_]:
     """Which lines are the words with which old logs begin (`ArduCopter V3.0.1`, `Free RAM: 1331`), shape (lines,)."""
-    heading = np.zeros(first.size, np.bool_)
+    heading = np.zeros(where.first.size, np.bool_)
     before = without_commas[without_commas < formats[:1].sum()]
     for line in before[:LONGEST_HEADING].tolist():
-        words = data[first[line] : stop[line]].tobytes().rstrip(b"\r")
+        words = where.text(line).rstrip(b"\r")
         heading[line] = len(words) <= LONGEST_WORDS and words.isascii() and words.decode().isprintable()
     return heading
 
@@ -378,20 +384,20 @@ def _names(
     keys, inverse = np.unique(key, return_inverse=True)
     names: dict[str, int] = {}
     number_of = np.full(keys.size, -1, np.int64)
-    for i, one in enumerate(keys.tolist()):
-        raw = one.to_bytes(LONGEST_NAME, "little").rstrip(b"\0")
+    for i, packed in enumerate(keys.tolist()):
+        raw = packed.to_bytes(LONGEST_NAME, "little").rstrip(b"\0")
         if _NAME.fullmatch(raw):
             number_of[i] = names[raw.decode()] = i
     numbers[named] = number_of[inverse]
     return names, numbers
 
 
-def _formats(data: Bytes, first: Offsets, stop: Offsets, lines: Offsets) -> dict[str, Format]:
+def _formats(where: _Lines, lines: Offsets) -> dict[str, Format]:
     """What the FMT lines declare, by name. Of two for one name the one whose length is right, else the first."""
     formats = {}
     sound: set[str] = set()
     for line in lines.tolist():
-        fmt = _definition(data[first[line] : stop[line]].tobytes())
+        fmt = _definition(where.text(line))
         if fmt is None:
             continue
         right = fmt.length == 3 + sum(np.dtype(TYPES[letter][0]).itemsize for letter in fmt.types)
@@ -435,9 +441,7 @@ def _pattern(fmt: Format) -> re.Pattern[bytes]:
     return re.compile(re.escape(fmt.name.encode()) + b"".join(rb",(" + part + rb")" for part in parts) + rb"\r?")
 
 
-def _judge(
-    data: Bytes, fmt: Format, plain: NDArray[np.bool_], lines: Offsets, first: Offsets, stop: Offsets
-) -> tuple[Format, NDArray[np.bool_]]:
+def _judge(where: _Lines, fmt: Format, plain: NDArray[np.bool_], lines: Offsets) -> tuple[Format, NDArray[np.bool_]]:
     """The format, and which of its lines can be believed: those that are plain, or that its pattern fits.
 
     A flight mode (letter M) written as a word makes its column one of strings.
@@ -447,8 +451,7 @@ def _judge(
     words: set[int] = set()
     good = plain.copy()
     for k in np.flatnonzero(~plain).tolist():
-        line = lines[k]
-        match = pattern.fullmatch(data[first[line] : stop[line]].tobytes())
+        match = pattern.fullmatch(where.text(int(lines[k])))
         if match is None or any(len(match[i + 1]) > LONGEST_CELL for i, x in enumerate(fmt.types) if x not in "anNZ"):
             continue
         good[k] = True
@@ -459,20 +462,13 @@ def _judge(
     return fmt, good
 
 
-def _damage(
-    size: int,
-    newlines: Offsets,
-    good: NDArray[np.bool_],
-    blank: NDArray[np.bool_],
-    unknown: NDArray[np.bool_],
-    zeros: int,
-) -> Damage:
-    """Bytes in lines that are not read, and zeros before others; broken lines with a good one behind are one resync."""
-    lengths = np.diff(np.concatenate(([0], newlines + 1, [size])))
-    told = np.flatnonzero(~blank)
-    lost = ~good & ~blank
-    broken = (lost & ~unknown)[told]
-    begins = np.flatnonzero(broken & ~np.concatenate(([False], broken[:-1]))) if told.size else told
-    believed = np.flatnonzero(good[told])
+def _damage(size: int, unread: int, good: NDArray[np.bool_], unknown: NDArray[np.bool_]) -> Damage:
+    """`unread` of `size` bytes; broken lines with a good one behind are one resync.
+
+    `good`, `unknown`: which lines are read, and which have a name that is not declared, of those that are not blank.
+    """
+    broken = ~good & ~unknown
+    begins = np.flatnonzero(broken & ~np.concatenate(([False], broken[:-1]))) if good.size else np.empty(0, np.int64)
+    believed = np.flatnonzero(good)
     resyncs = int(np.count_nonzero(begins < (believed[-1] if believed.size else 0)))
-    return Damage(size, int(lengths[lost].sum()) + zeros, resyncs, {}, bool(told.size and broken[-1]))
+    return Damage(size, unread, resyncs, {}, bool(good.size and broken[-1]))

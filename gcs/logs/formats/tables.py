@@ -12,7 +12,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,8 +90,26 @@ def before_no_gap(t: FloatArray) -> NDArray[np.bool_]:
     keep = np.ones(t.size, np.bool_)
     if t.size >= 10:
         spacing = np.diff(t)
-        keep[:-1] = spacing <= 3 * float(np.median(spacing))
+        keep[:-1] = spacing <= late_after_s(spacing)
     return keep
+
+
+def late_after_s(spacing: FloatArray) -> float:
+    """The spacing above which a message of a log came late: three medians. (What counts as a gap for a fit is
+    `sysid.data.preprocess.gap_threshold_s`.)"""
+    return 3 * float(np.median(spacing))
+
+
+def changes(t: FloatArray, values: NDArray[Any]) -> list[tuple[float, Any]]:
+    """The first value and every other one that is not as the one before, with their times; shapes (n,)."""
+    new = np.concatenate(([True], np.diff(values) != 0))
+    return list(zip(t[new].tolist(), values[new].tolist(), strict=True))
+
+
+def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First place of each run of True, and the place behind its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0])))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 AROUND = 64  # stamps on either side of a break among which the damaged one is looked for
@@ -123,8 +141,7 @@ def increasing(t: FloatArray, *, strictly: bool = True) -> NDArray[np.bool_]:
     if not in_order(stamps[~looked_at]):  # the clock goes back for good: no neighbourhood is enough
         looked_at[:] = True
     chosen = ~looked_at
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], looked_at.astype(np.int8), [0]))))
-    for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for start, stop in stretches(looked_at):
         low = stamps[start - 1] if start else -np.inf
         high = stamps[stop] if stop < stamps.size else np.inf
         part = stamps[start:stop]
@@ -149,9 +166,9 @@ def _longest(stamps: FloatArray, strictly: bool) -> NDArray[np.int64]:
             tails[length] = stamp
             ends[length] = i
         before[i] = ends[length - 1] if length else -1
-    found = []
+    chosen = []
     i = ends[-1] if ends else -1
     while i >= 0:
-        found.append(i)
+        chosen.append(i)
         i = int(before[i])
-    return np.array(found[::-1], np.int64)
+    return np.array(chosen[::-1], np.int64)

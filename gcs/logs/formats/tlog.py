@@ -30,18 +30,15 @@ from gcs.link.decode import TextAssembly, sanitise
 from gcs.link.events import StatusText, StatusTextPart
 from gcs.link.tlog import PAD, Frames, Layout, layouts, locate
 from gcs.logs.formats.damage import Damage
-from gcs.logs.formats.tables import FloatArray, Series, increasing
-from gcs.logs.profile import profiles
-from gcs.logs.profile.profiles import Profile
+from gcs.logs.formats.raw import Offsets, read_padded
+from gcs.logs.formats.tables import FloatArray, Series, changes, increasing
 from gcs.logs.words import printable
-
-Offsets = NDArray[np.int64]
 
 HEARTBEAT, STATUSTEXT = 0, 253
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: stations, cameras, gimbals
 NO_VEHICLE_TYPES = (6, 18, 26, 27, 30)  # station, onboard computer, gimbal, ADSB, camera
 STATION = 6
-QUADROTOR, X_FRAME, MOTORS = 2, 1, "tlog_motors"
+QUADROTOR, X_FRAME = 2, 1
 ARMED = 128
 TEXT_SIZE = 50
 BOOT_S = 1.0  # the clock goes back by more: a new boot, not frames that overtook each other
@@ -173,7 +170,7 @@ class TlogTables:
                 told.append((at, StatusText(0, 0, severity, sanitise(text))))
             else:
                 last = len(bytes(row["text"])) < TEXT_SIZE
-                part = StatusTextPart(0, 0, severity, text, number, int(row["chunk_seq"]), last)
+                part = StatusTextPart(0, 0, severity, text, id=number, chunk=int(row["chunk_seq"]), last=last)
                 told += [(at, whole) for whole in assembly.add(part, at)]
         told += [(at, whole) for whole in assembly.overdue(np.inf)]
         return [(at, printable(whole.text)) for at, whole in told]
@@ -190,8 +187,7 @@ class TlogTables:
             return []
         table, t = self._table("HEARTBEAT")
         values = table[field].astype(np.int64) & bits
-        at = np.flatnonzero(np.concatenate(([True], np.diff(values) != 0)))
-        return list(zip(t[at].tolist(), values[at].tolist(), strict=True))
+        return changes(t, values)
 
     def _parts(self, key: str) -> tuple[Layout, int | None, str, int | None]:
         match = _FIELD.fullmatch(key)
@@ -301,13 +297,7 @@ class Read:
 
 def read(path: Path) -> Read:
     """Read a `.tlog` file. Raises TippathError where it cannot be opened, is none, or nothing in it is a vehicle's."""
-    try:
-        size = path.stat().st_size
-        data = np.zeros(size + PAD, np.uint8)
-        with path.open("rb") as stream:
-            size = stream.readinto(data[:size].data)
-    except OSError as error:
-        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+    data, size = read_padded(path, PAD)
     return parse(data, size, str(path))
 
 
@@ -322,7 +312,7 @@ def parse(data: NDArray[np.uint8], size: int, path: str = "log") -> Read:
             "check that it is the .tlog that the ground station wrote"
         )
     sources = _sources(frames)
-    vehicles = sorted((one for one in sources if one.autopilot), key=lambda one: -one.frames)
+    vehicles = sorted((sender for sender in sources if sender.autopilot), key=lambda sender: -sender.frames)
     if not vehicles:
         raise TippathError(
             f"{path}: nothing in it comes from a vehicle: its {frames.ids.size} frames are "
@@ -351,13 +341,13 @@ def _sources(frames: Frames) -> list[Sender]:
     beats = np.flatnonzero(frames.ids == HEARTBEAT)
     table, by = frames.table(HEARTBEAT, beats), frames.sources[beats]
     flies = (table["autopilot"] != NO_AUTOPILOT) & ~np.isin(table["type"], NO_VEHICLE_TYPES)
-    found = []
+    senders = []
     for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
         its_own = by == number
         types = frozenset(table["type"][its_own].tolist())
         autopilot = bool(np.any(flies[its_own])) if types else number & 255 == 1 and not np.any(flies)
-        found.append(Sender(number, count, types, autopilot))
-    return found
+        senders.append(Sender(number, count, types, autopilot))
+    return senders
 
 
 def _boots(frames: Frames, path: str, rows: Offsets) -> tuple[TlogTables, ...]:
@@ -435,19 +425,7 @@ def _hints(boots: Sequence[TlogTables], vehicle: Sender, sources: Sequence[Sende
         f"as received: {', '.join(rates) or 'neither body rates nor actuators'}; "
         "the vehicle's own log (.BIN, .ulg) has every sample"
     ]
-    others = [one for one in sources if one.number != vehicle.number and not one.autopilot]
+    others = [sender for sender in sources if sender.number != vehicle.number and not sender.autopilot]
     if others:
         hints.append(f"frames of others than the autopilot are left out: {'; '.join(map(str, others))}")
     return tuple(hints)
-
-
-def choose(log: Read, profile: Profile | None, bundled: Sequence[Profile]) -> Profile:
-    """The profile asked for, or the one of the package that suits the longest boot.
-
-    That for the four motors of an X frame is none unless the vehicle says that it has them.
-    """
-    if profile is not None:
-        return profile
-    boot = max(log.boots, key=lambda boot: boot.sampled_s)
-    fitting = [one for one in bundled if one.kind == "tlog" and (one.name != MOTORS or boot.is_quad_x)]
-    return profiles.choose(boot, fitting) or next(one for one in bundled if one.name == "tlog")

@@ -130,10 +130,10 @@ def _guess(channel: str, fields: Sequence[str]) -> tuple[str, ChannelSource, str
             if re.search(pattern, name) and not _WANTED.search(name):
                 scale, why = _scale(channel, field)
                 return field, ChannelSource(channel, (field,), scale), f"guessed by name: check the sign; {why}"
-    motors = {found[1]: field for field in fields if (found := _MOTORS.match(_plain(field).lower()))}
+    motors = {match[1]: field for field in fields if (match := _MOTORS.match(_plain(field).lower()))}
     if channel in ("delta_x", "delta_y") and len(motors) == 4 and all(m.isidentifier() for m in motors.values()):
-        one, two, three, four = (motors[number] for number in "1234")
-        signs = f"-{one} - {two} + {three} + {four}" if channel == "delta_x" else f"{one} - {two} - {three} + {four}"
+        m1, m2, m3, m4 = (motors[number] for number in "1234")
+        signs = f"-{m1} - {m2} + {m3} + {m4}" if channel == "delta_x" else f"{m1} - {m2} - {m3} + {m4}"
         why = "guessed: X frame with the motors in Bitcraze's order; check the order, divide by twice full command"
         return f"({signs}) / 2", ChannelSource(channel, (f"({signs}) / 2",)), why
     return None
@@ -166,13 +166,13 @@ def _entry(channel: str, text: str, source: ChannelSource, why: str) -> list[str
 
 
 def _plain(field: str) -> str:
-    found = _UNIT.match(field)
-    return field if found is None else found[1]
+    match = _UNIT.match(field)
+    return field if match is None else match[1]
 
 
 def _unit(field: str) -> str:
-    found = _UNIT.match(field)
-    return "" if found is None else found[2].strip()
+    match = _UNIT.match(field)
+    return "" if match is None else match[2].strip()
 
 
 def _quoted(text: str) -> str:

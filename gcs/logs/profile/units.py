@@ -34,11 +34,11 @@ def factor(channel: str, unit: str) -> float | None:
 
 def factor_or_ask(channel: str, unit: str, where: str) -> float:
     """As `factor`. Raises TippathError that asks for a profile."""
-    found = factor(channel, unit)
-    if found is None:
+    known = factor(channel, unit)
+    if known is None:
         ours = CHANNELS[channel]
         raise TippathError(
             f"{where}: unit {unit!r} is not known for {channel}, which is in {ours}; write one of "
             f"{', '.join(FACTORS[ours])}, or give the scale in a profile: --profile FILE.toml"
         )
-    return found
+    return known

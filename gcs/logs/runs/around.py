@@ -14,11 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.errors import TippathError
-from gcs.logs.formats.tables import FloatArray, Log, Series
-from gcs.logs.profile import profiles
+from gcs.logs.formats.tables import FloatArray, Log, Series, stretches
+from gcs.logs.profile import mapping
 from gcs.logs.profile.profiles import Profile
-from gcs.logs.runs import health
-from gcs.logs.runs.health import Quiet
+from gcs.logs.profile.sources import keys_of
+from gcs.logs.runs.health import F_HIGH_HZ, Quiet, too_slow
+from gcs.logs.runs.spectra import COMMAND_RMS
 
 KNOWN_LATE_S = 5.0
 """A state of arming that is told so soon after the first sample was that of the start."""
@@ -35,7 +36,6 @@ SAME_OUTPUT = 1e-6
 LISTED = 6
 MESSAGES = 60
 """Kinds that are looked at for a first sample or a rate; all of them are there in any log."""
-NO_ACTUATORS = "actuators not logged"
 MOTORS = (
     ("RCOU.C1", "RCOU.C2", "RCOU.C3", "RCOU.C4"),
     ("RCOU.Ch1", "RCOU.Ch2", "RCOU.Ch3", "RCOU.Ch4"),
@@ -88,18 +88,18 @@ def _one_of_each(log: Log) -> dict[str, Series]:
 def quiet(
     log: Log,
     profile: Profile,
-    start_s: float,
-    stop_s: float,
+    at: tuple[float, float],
     rms: float,
     others: Sequence[tuple[float, float]],
 ) -> tuple[Quiet, ...]:
     """The longest quiet stretch before a run and after it, each of at least `QUIET_S`.
 
-    rms: of the run's rates, rad/s. others: start and stop of the other runs of the log.
+    at: its start and stop, s. rms: of the run's rates, rad/s. others: start and stop of the other runs of the log.
     """
+    start_s, stop_s = at
     earlier = max((stop for start, stop in others if start < start_s), default=-math.inf)
     later = min((start for start, stop in others if stop > stop_s), default=math.inf)
-    found = []
+    quiet_ones = []
     for where, low, high in (
         ("before", max(start_s - QUIET_WITHIN_S, earlier), start_s),
         ("after", stop_s, min(stop_s + QUIET_WITHIN_S, later)),
@@ -108,13 +108,13 @@ def quiet(
             continue
         only = {name: profile.channels[name] for name in ("p", "q", "delta_x", "delta_y") if name in profile.channels}
         try:
-            channels = profiles.apply(replace(profile, channels=only), log, low, high).channels
+            channels = mapping.apply(replace(profile, channels=only), log, low, high).channels
         except TippathError:
             continue
         stretch = _longest_quiet(channels, max(QUIET_RATE, QUIET_SHARE * rms))
         if stretch is not None and disarmed(log, *stretch) is None:
-            found.append(Quiet(stretch[0], stretch[1] - stretch[0], where))
-    return tuple(found)
+            quiet_ones.append(Quiet(stretch[0], stretch[1] - stretch[0], where))
+    return tuple(quiet_ones)
 
 
 def _longest_quiet(channels: Mapping[str, FloatArray], most: float) -> tuple[float, float] | None:
@@ -129,10 +129,7 @@ def _longest_quiet(channels: Mapping[str, FloatArray], most: float) -> tuple[flo
         values = channels[name] - float(np.median(channels[name]))
         mean_square = np.bincount(second, values**2, minlength=count) / np.maximum(samples, 1)
         good &= mean_square <= most**2
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(np.int8), [0]))))
-    pieces = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    pieces.sort(key=lambda piece: piece[0] - piece[1])
-    for a, b in pieces:
+    for a, b in sorted(stretches(good), key=lambda piece: piece[0] - piece[1]):
         start, stop = float(t[0]) + a, min(float(t[0]) + b, float(t[-1]))
         inside = (t >= start) & (t <= stop)
         flies = np.ptp(channels["delta_x"][inside]) > 0 or np.ptp(channels["delta_y"][inside]) > 0
@@ -141,45 +138,51 @@ def _longest_quiet(channels: Mapping[str, FloatArray], most: float) -> tuple[flo
     return None
 
 
-def not_logged(log: Log, profile: Profile, f_high_hz: float = health.F_HIGH_HZ) -> list[str]:
-    """What is wrong with a log from which no record can be cut: rates too slow, actuators missing, in sentences."""
-    reasons = []
-    rates = [key for channel in ("p", "q") for key in _had(log, profile, channel)]
-    if rates:
-        best = min(rates, key=lambda key: log.series(key).spacing_s)
-        series = log.series(best)
-        if series.t.size > 1:
-            slow = health.too_slow(best.split(".")[0], 1 / series.spacing_s, f_high_hz)
-            reasons += [] if slow is None else [slow]
+def slow_rates(log: Log, profile: Profile, f_high_hz: float = F_HIGH_HZ) -> str | None:
+    """That the rates of a log from which no record can be cut are too slow besides; None where they are not."""
+    rates = _rates(log, profile)
+    if not rates:
+        return None
+    best = min(rates, key=lambda key: log.series(key).spacing_s)
+    series = log.series(best)
+    return None if series.t.size < 2 else too_slow(best.split(".")[0], 1 / series.spacing_s, f_high_hz)
+
+
+def no_actuators(log: Log, profile: Profile) -> str | None:
+    """That a log with rates lacks the commands; None where it has them, or no rates either."""
     wanted = [name for name in ("delta_x", "delta_y") if not _had(log, profile, name)]
-    if wanted and rates:
-        asked = dict.fromkeys(
-            key.split(".")[0]
-            for name in wanted
-            if name in profile.channels
-            for text in profile.channels[name].sources
-            for key in profiles.keys_of(text, log)
-        )
-        reasons.append(
-            f"{NO_ACTUATORS}: no {' or '.join(asked) or 'commands'} for {', '.join(wanted)} "
-            f"(there is {_listed(log)}); log what goes to the servos or motors in every control loop, or name its "
-            "fields in a profile: --profile FILE.toml (ingest --explain shows how)"
-        )
-    return reasons
+    if not wanted or not _rates(log, profile):
+        return None
+    asked = dict.fromkeys(
+        key.split(".")[0]
+        for name in wanted
+        if name in profile.channels
+        for text in profile.channels[name].sources
+        for key in keys_of(text, log)
+    )
+    return (
+        f"actuators not logged: no {' or '.join(asked) or 'commands'} for {', '.join(wanted)} "
+        f"(there is {_listed(log)}); log what goes to the servos or motors in every control loop, or name its "
+        "fields in a profile: --profile FILE.toml (ingest --explain shows how)"
+    )
+
+
+def _rates(log: Log, profile: Profile) -> list[str]:
+    return [key for channel in ("p", "q") for key in _had(log, profile, channel)]
 
 
 def _had(log: Log, profile: Profile, channel: str) -> list[str]:
     """The first field of each source of a channel of which all fields are there."""
     if channel not in profile.channels:
         return []
-    keys = [profiles.keys_of(text, log) for text in profile.channels[channel].sources]
-    return [one[0] for one in keys if one and all(log.has(key) for key in one)]
+    keys = [keys_of(text, log) for text in profile.channels[channel].sources]
+    return [fields[0] for fields in keys if fields and all(log.has(key) for key in fields)]
 
 
 def _listed(log: Log) -> str:
     """`RATE at 400 Hz, ATT at 10 Hz`: the fastest messages."""
     clocks = _one_of_each(log)
-    rates = {name: 1 / one.spacing_s for name, one in clocks.items() if one.t.size > 2 and one.spacing_s > 0}
+    rates = {name: 1 / clock.spacing_s for name, clock in clocks.items() if clock.t.size > 2 and clock.spacing_s > 0}
     fastest = sorted(rates, key=lambda name: -rates[name])[:LISTED]
     return ", ".join(f"{name} at {rates[name]:.3g} Hz" for name in fastest) or "nothing that is logged regularly"
 
@@ -192,23 +195,23 @@ def equal_motors(
     Of the outputs that the commands are worked out from, or, where commands that move are logged apart, of the usual
     ones. excitation: axis -> rms of (command, rate).
     """
-    worked_out = [profiles.keys_of(sources[name], log) for name in ("delta_x", "delta_y") if name in sources]
+    worked_out = [keys_of(sources[name], log) for name in ("delta_x", "delta_y") if name in sources]
     worked_out = [keys for keys in worked_out if len(keys) > 1]
     if worked_out:
         families = [tuple(dict.fromkeys(key for keys in worked_out for key in keys))]
-    elif max((command for command, _ in excitation.values()), default=0.0) >= health.COMMAND_RMS:
+    elif max((command for command, _ in excitation.values()), default=0.0) >= COMMAND_RMS:
         families = [keys for keys in MOTORS if all(log.has(key) for key in keys)][:1]
         families = [keys for keys in families if not _others_move(log, keys, start_s, stop_s)]
     else:
         families = []
-    return next((said for keys in families if (said := _all_equal(log, keys, start_s, stop_s))), None)
+    return next((reason for keys in families if (reason := _all_equal(log, keys, start_s, stop_s))), None)
 
 
 def _others_move(log: Log, keys: Sequence[str], start_s: float, stop_s: float) -> bool:
     """Whether further outputs of the same message move: the motors are on those."""
     alike = [key for key in log.fields() if key not in keys and _DIGITS.sub("#", key) == _DIGITS.sub("#", keys[0])]
     values = [log.series(key).part(start_s, stop_s).values for key in alike if log.has(key)]
-    return any(np.ptp(one[np.isfinite(one)]) > 0 for one in values if np.isfinite(one).any())
+    return any(np.ptp(output[np.isfinite(output)]) > 0 for output in values if np.isfinite(output).any())
 
 
 def _all_equal(log: Log, keys: Sequence[str], start_s: float, stop_s: float) -> str | None:

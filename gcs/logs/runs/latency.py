@@ -17,9 +17,10 @@ from functools import cache
 import numpy as np
 
 from gcs.logs.formats.tables import FloatArray, Log, Series
-from gcs.logs.profile import profiles
 from gcs.logs.profile.expression import Expression
-from gcs.logs.profile.profiles import Profile
+from gcs.logs.profile.mapping import ABSURD
+from gcs.logs.profile.profiles import Profile, bundled_profiles
+from gcs.logs.profile.sources import keys_of
 
 SLOWEST_S = 1 / 25
 """A field that comes more seldom tells nothing about milliseconds."""
@@ -58,15 +59,14 @@ def measure(
     profile: Profile,
     sources: Mapping[str, str],
     excitation: Mapping[str, tuple[float, float]],
-    start_s: float,
-    stop_s: float,
+    at: tuple[float, float],
 ) -> tuple[Latency, ...]:
     """The fields of a run against others of the same quantity, on the axis that moves most.
 
-    sources: channel -> field it was taken from; excitation: axis -> rms of (command, rate).
+    sources: channel -> field it was taken from; excitation: axis -> rms of (command, rate); at: start and stop, s.
     """
-    stop_s = min(stop_s, start_s + LONGEST_RUN_S)
-    found = []
+    start_s, stop_s = at[0], min(at[1], at[0] + LONGEST_RUN_S)
+    measured = []
     for channels, place in ((("p", "q"), 1), (("delta_x", "delta_y"), 0)):
         moved = {"roll": channels[0], "pitch": channels[1]}
         strength = {axis: excitation[axis][place] for axis in moved if axis in excitation}
@@ -77,10 +77,10 @@ def measure(
         if used is None:
             continue
         for other in _others(log.kind, channel, profile):
-            one = _compare(log, used, other, start_s, stop_s)
-            if one is not None and abs(one.late_s) >= WORTH_SAYING_S:
-                found.append(one)
-    return tuple(found)
+            latency = _compare(log, used, other, start_s, stop_s)
+            if latency is not None and abs(latency.late_s) >= WORTH_SAYING_S:
+                measured.append(latency)
+    return tuple(measured)
 
 
 def _others(kind: str, channel: str, profile: Profile) -> tuple[str, ...]:
@@ -92,7 +92,7 @@ def _others(kind: str, channel: str, profile: Profile) -> tuple[str, ...]:
 def _bundled(kind: str, channel: str) -> tuple[str, ...]:
     """Every source of a channel in the profiles that come along."""
     sources: list[str] = []
-    for profile in profiles.bundled_profiles():
+    for profile in bundled_profiles():
         if profile.kind == kind and channel in profile.channels:
             sources += profile.channels[channel].sources
     return tuple(dict.fromkeys(sources))
@@ -101,15 +101,15 @@ def _bundled(kind: str, channel: str) -> tuple[str, ...]:
 def _compare(log: Log, used: str, other: str, start_s: float, stop_s: float) -> Latency | None:
     """None where they share their fields, one is missing, too slow, or not the same quantity."""
     ours, theirs = _on_its_clock(log, used, start_s, stop_s), _on_its_clock(log, other, start_s, stop_s)
-    if ours is None or theirs is None or set(profiles.keys_of(used, log)) & set(profiles.keys_of(other, log)):
+    if ours is None or theirs is None or set(keys_of(used, log)) & set(keys_of(other, log)):
         return None
-    found = shift(ours, theirs)
-    return None if found is None or abs(found[1]) < ALIKE else Latency(other, used, *found)
+    shifted = shift(ours, theirs)
+    return None if shifted is None or abs(shifted[1]) < ALIKE else Latency(other, used, *shifted)
 
 
 def _on_its_clock(log: Log, text: str, start_s: float, stop_s: float) -> Series | None:
     """A field, or arithmetic on fields of one message."""
-    keys = profiles.keys_of(text, log)
+    keys = keys_of(text, log)
     if not keys or not all(log.has(key) for key in keys):
         return None
     parts = {key: log.series(key).part(start_s, stop_s) for key in keys}
@@ -128,7 +128,7 @@ def shift(ours: Series, theirs: Series) -> tuple[float, float] | None:
     if high - low < 2.0:
         return None
     grid = np.arange(low, high, GRID_S)
-    a, b = (_in_band(grid, one) for one in (ours, theirs))
+    a, b = (_in_band(grid, series) for series in (ours, theirs))
     power = math.sqrt(float(np.sum(np.abs(a) ** 2) * np.sum(np.abs(b) ** 2)))
     if power == 0 or not math.isfinite(power):
         return None
@@ -146,7 +146,7 @@ def shift(ours: Series, theirs: Series) -> tuple[float, float] | None:
 
 def _in_band(grid: FloatArray, series: Series) -> FloatArray:
     """The spectrum of a field between the ends of the band, zero elsewhere."""
-    good = np.isfinite(series.values) & (np.abs(series.values) < profiles.ABSURD)
+    good = np.isfinite(series.values) & (np.abs(series.values) < ABSURD)
     if np.count_nonzero(good) < 2:
         return np.zeros(grid.size // 2 + 1)
     values = np.interp(grid, series.t[good], series.values[good])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gcs.logs.formats.tables import FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Span:
     """Where a maneuver lies in a log, before its data are looked at."""
 

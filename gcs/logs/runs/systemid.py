@@ -1,10 +1,14 @@
-"""ArduPilot's mode SYSTEMID in a DataFlash log: what SIDS, SIDD, MODE and MSG tell about the maneuvers flown."""
+"""ArduPilot's mode SYSTEMID in a DataFlash log: what SIDS, SIDD, MODE and MSG tell about the maneuvers flown.
+
+SIDS holds the settings at the entry of the mode, SIDD every loop: one second of nothing, the maneuver, then zero input
+until the mode is left. Where SIDS was lost, SIDD's own clock tells the entry.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,7 +50,8 @@ def find(log: DataFlashTables) -> list[Span]:
             next((t for t in leaving if t > entry.t), math.inf),
             end_of_log,
         )
-        spans.append(_span(log, entry, end, sidd, [(t, text) for t, text in texts if entry.t <= t <= end + 0.5]))
+        its_texts = [(t, text) for t, text in texts if entry.t <= t <= end + 0.5]
+        spans.append(_Flown(log, entry, end, sidd).span(its_texts))
     return spans
 
 
@@ -84,15 +89,15 @@ def _restarts(t: FloatArray, clock: FloatArray) -> list[float]:
     good = np.isfinite(begun)
     t, begun = t[good], begun[good]
     edges = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(begun)) > 0.5) + 1, [t.size]))
-    found: list[tuple[float, float]] = []  # time zero of the stretch, at its first and last sample
+    zeros: list[tuple[float, float]] = []  # time zero of the stretch, at its first and last sample
     for first, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         if stop - first < 25:
             continue
-        if found and abs(begun[first] - found[-1][1]) < 0.25:
-            found[-1] = (found[-1][0], float(begun[stop - 1]))
+        if zeros and abs(begun[first] - zeros[-1][1]) < 0.25:
+            zeros[-1] = (zeros[-1][0], float(begun[stop - 1]))
         else:
-            found.append((float(begun[first]), float(begun[stop - 1])))
-    return [zero for zero, _ in found]
+            zeros.append((float(begun[first]), float(begun[stop - 1])))
+    return [zero for zero, _ in zeros]
 
 
 def _leaving(log: DataFlashTables) -> list[float]:
@@ -108,68 +113,113 @@ def _end(log: DataFlashTables) -> float:
     return float(max(ends, default=math.inf))
 
 
-def _span(
-    log: DataFlashTables, entry: _Entry, end: float, sidd: Series | None, texts: Sequence[tuple[float, str]]
-) -> Span:
-    notes: list[str] = []
-    reasons: list[str] = []
-    maneuver = "chirp"
-    if log.has("SIDY.Kind"):
-        kinds = log.series("SIDY.Kind")
-        nearest = int(np.argmin(np.abs(kinds.t - entry.t)))
-        if abs(kinds.t[nearest] - entry.t) < 0.5:
-            maneuver = KINDS.get(_number(kinds.values[nearest]), "unknown")
-            if maneuver == "chirp":
-                notes.append(_law(log, nearest))
-    elif not entry.lost:
-        notes.append("ArduPilot's law, no noise")
-    start = entry.t + LEAD_S
-    stop = end if entry.duration_s is None else min(start + entry.duration_s, end)
-    for at, text in texts:
-        if text.startswith("SystemID Stopped"):
-            stop = min(stop, at)
-            notes.append(f"the vehicle ended it: {text}")
-        elif text.startswith("SystemID Parameter Error"):
-            reasons.append("the vehicle refused it: SystemID Parameter Error; SID_T_REC must exceed 2 / SID_F_START_HZ")
-    band = entry.band
-    moved = None if sidd is None else _moved(sidd, entry, end)
-    if maneuver != "quiet" and moved is not None:
-        if maneuver != "doublet" and (moved[1] < stop - 0.5 or entry.duration_s is None):
-            stop = moved[1]  # a doublet rests in between, and at its end
+@dataclass(frozen=True, kw_only=True)
+class _Maneuver:
+    """What was flown after an entry, as far as it is known."""
+
+    kind: str
+    start_s: float
+    stop_s: float
+    band: tuple[float, float] | None
+    notes: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Flown:
+    """An entry into the mode, with what the log holds until its end."""
+
+    log: DataFlashTables
+    entry: _Entry
+    end_s: float
+    """When the mode was left, entered again, or the log ended."""
+    sidd: Series | None
+
+    def span(self, texts: Sequence[tuple[float, str]]) -> Span:
+        """Where the maneuver lies; `texts`: what the vehicle said meanwhile."""
+        entry = self.entry
+        maneuver = self._as_it_moved(self._as_told(self._as_set(), texts))
+        notes = list(maneuver.notes)
         if entry.lost:
-            start = max(start, moved[0]) if moved[0] - start > 5 else start
-            frequency = log.series("SIDD.F").part(*moved).values if log.has("SIDD.F") else np.empty(0)
-            swept = frequency[np.isfinite(frequency) & (frequency > 0)]
-            if swept.size and swept.max() > 1.1 * swept.min():
-                band = (float(swept.min()), float(swept.max()))
-            else:
-                maneuver = "unknown"
-    elif maneuver != "quiet" and sidd is not None:
-        reasons.append("it ended before the maneuver began: nothing was injected; fly it again")
-        stop = start
-    if entry.lost:
-        notes.append("SIDS, the settings at the start, is missing from the log: axis and band worked out from the data")
-    axis = AXES.get(entry.axis) if entry.axis is not None and maneuver != "quiet" else None
-    if axis is None and maneuver != "quiet":
-        axis = _excited_axis(log, start, stop)
-    if entry.axis is not None and entry.axis not in AXES and axis is None and maneuver != "quiet":
-        notes.append(f"SID_AXIS {entry.axis} excites neither roll nor pitch nor the elevator")
-    stop = max(start, stop)
-    planned = entry.duration_s
-    return Span(
-        start,
-        stop,
-        entry.t,
-        end,
-        maneuver,
-        axis,
-        band if maneuver in ("chirp", "unknown") else None,
-        planned,
-        entry.axis not in RATE_AXES,
-        tuple(reasons),
-        tuple(notes),
-        entry.t,
-    )
+            notes.append(
+                "SIDS, the settings at the start, is missing from the log: axis and band worked out from the data"
+            )
+        axis = self._axis(maneuver)
+        if entry.axis is not None and entry.axis not in AXES and axis is None and maneuver.kind != "quiet":
+            notes.append(f"SID_AXIS {entry.axis} excites neither roll nor pitch nor the elevator")
+        return Span(
+            start_s=maneuver.start_s,
+            stop_s=max(maneuver.start_s, maneuver.stop_s),
+            first_s=entry.t,
+            last_s=self.end_s,
+            maneuver=maneuver.kind,
+            axis=axis,
+            swept_band_hz=maneuver.band if maneuver.kind in ("chirp", "unknown") else None,
+            planned_s=entry.duration_s,
+            excites_command=entry.axis not in RATE_AXES,
+            reasons=maneuver.reasons,
+            notes=tuple(notes),
+            entered_s=entry.t,
+        )
+
+    def _as_set(self) -> _Maneuver:
+        """By the settings at the entry."""
+        log, entry = self.log, self.entry
+        kind = "chirp"
+        notes: list[str] = []
+        if log.has("SIDY.Kind"):
+            kinds = log.series("SIDY.Kind")
+            nearest = int(np.argmin(np.abs(kinds.t - entry.t)))
+            if abs(kinds.t[nearest] - entry.t) < 0.5:
+                kind = KINDS.get(_number(kinds.values[nearest]), "unknown")
+                notes += [_law(log, nearest)] if kind == "chirp" else []
+        elif not entry.lost:
+            notes.append("ArduPilot's law, no noise")
+        start = entry.t + LEAD_S
+        stop = self.end_s if entry.duration_s is None else min(start + entry.duration_s, self.end_s)
+        return _Maneuver(kind=kind, start_s=start, stop_s=stop, band=entry.band, notes=tuple(notes))
+
+    def _as_told(self, maneuver: _Maneuver, texts: Sequence[tuple[float, str]]) -> _Maneuver:
+        """By the vehicle's own words about its end."""
+        stop, notes, reasons = maneuver.stop_s, list(maneuver.notes), list(maneuver.reasons)
+        for at, text in texts:
+            if text.startswith("SystemID Stopped"):
+                stop = min(stop, at)
+                notes.append(f"the vehicle ended it: {text}")
+            elif text.startswith("SystemID Parameter Error"):
+                reasons.append(
+                    "the vehicle refused it: SystemID Parameter Error; SID_T_REC must exceed 2 / SID_F_START_HZ"
+                )
+        return replace(maneuver, stop_s=stop, notes=tuple(notes), reasons=tuple(reasons))
+
+    def _as_it_moved(self, maneuver: _Maneuver) -> _Maneuver:
+        """By what was injected, where the log has it."""
+        if maneuver.kind == "quiet" or self.sidd is None:
+            return maneuver
+        moved = _moved(self.sidd, self.entry, self.end_s)
+        if moved is None:
+            reason = "it ended before the maneuver began: nothing was injected; fly it again"
+            return replace(maneuver, stop_s=maneuver.start_s, reasons=(*maneuver.reasons, reason))
+        ended = moved[1] < maneuver.stop_s - 0.5 or self.entry.duration_s is None
+        if maneuver.kind != "doublet" and ended:  # a doublet rests in between, and at its end
+            maneuver = replace(maneuver, stop_s=moved[1])
+        return self._without_settings(maneuver, moved) if self.entry.lost else maneuver
+
+    def _without_settings(self, maneuver: _Maneuver, moved: tuple[float, float]) -> _Maneuver:
+        """Start and band by the data alone."""
+        late = moved[0] - maneuver.start_s > 5
+        start = max(maneuver.start_s, moved[0]) if late else maneuver.start_s
+        frequency = self.log.series("SIDD.F").part(*moved).values if self.log.has("SIDD.F") else np.empty(0)
+        swept = frequency[np.isfinite(frequency) & (frequency > 0)]
+        if swept.size and swept.max() > 1.1 * swept.min():
+            return replace(maneuver, start_s=start, band=(float(swept.min()), float(swept.max())))
+        return replace(maneuver, start_s=start, kind="unknown")
+
+    def _axis(self, maneuver: _Maneuver) -> str | None:
+        if maneuver.kind == "quiet":
+            return None
+        named = None if self.entry.axis is None else AXES.get(self.entry.axis)
+        return _excited_axis(self.log, maneuver.start_s, maneuver.stop_s) if named is None else named
 
 
 def _law(log: DataFlashTables, row: int) -> str:

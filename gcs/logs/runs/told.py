@@ -28,11 +28,12 @@ _STARTS = re.compile(rf"\b{_WHAT}\w*\b.*\b(?:start\w*|begin\w*|activ\w+|running|
 _ENDS = re.compile(
     rf"\b{_WHAT}\w*\b.*\b(?:finish\w*|done|end\w*|stop\w*|complete\w*|abort\w*|inactiv\w*|deactiv\w*|off|error)\b", re.I
 )
+_FINISHED = re.compile(r"finish|done|complete|\boff\b|inactiv|deactiv", re.I)
 _NUMBER = re.compile(r"\baxis\s*[=: ]\s*(\d+)", re.I)
 _WORD = re.compile(r"\b(roll|pitch|elevator)\b", re.I)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Told:
     """An excitation of which the log tells."""
 
@@ -51,14 +52,14 @@ def find(log: Log, shown: Sequence[Span] = ()) -> list[Span]:
     """The maneuvers that modes and texts tell of, in order of time; `shown` are those that the excitation shows."""
     spans: list[Span] = []
     for told in _all(log):
-        inside = [one for one in shown if told.t - SAME_S <= (one.start_s + one.stop_s) / 2 <= told.stop_s + SAME_S]
-        spans += [_refined(told, one, log.kind == "dataflash") for one in inside] or [_alone(told)]
+        inside = [span for span in shown if told.t - SAME_S <= (span.start_s + span.stop_s) / 2 <= told.stop_s + SAME_S]
+        spans += [_refined(told, span, log.kind == "dataflash") for span in inside] or [_alone(told)]
     spans.sort(key=lambda span: span.start_s)
     return [replace(span, last_s=min(span.last_s, after.start_s)) for span, after in pairwise([*spans, _beyond()])]
 
 
 def _beyond() -> Span:
-    return Span(math.inf, math.inf, math.inf, math.inf)
+    return Span(start_s=math.inf, stop_s=math.inf, first_s=math.inf, last_s=math.inf)
 
 
 def _refined(told: _Told, shown: Span, prompt: bool) -> Span:
@@ -83,12 +84,12 @@ def _alone(told: _Told) -> Span:
     start = min(told.t + told.lead_s, told.stop_s)
     note = "start and end as the log's modes and texts tell them; band not known: the log has no settings"
     return Span(
-        start,
-        told.stop_s,
-        told.t,
-        told.stop_s,
-        told.maneuver,
-        told.axis,
+        start_s=start,
+        stop_s=told.stop_s,
+        first_s=told.t,
+        last_s=told.stop_s,
+        maneuver=told.maneuver,
+        axis=told.axis,
         excites_command=told.number not in RATE_AXES,
         notes=(note, *_notes(told)),
         entered_s=told.t,
@@ -104,21 +105,20 @@ def _notes(told: _Told) -> list[str]:
 
 def _all(log: Log) -> list[_Told]:
     """Texts and modes about the same excitation become one."""
-    said = _in_texts(log.texts())
-    flown = _in_modes(log)
-    found = []
-    for mode in flown:
-        about = [one for one in said if mode.t - SAME_S <= one.t <= mode.stop_s]
+    by_text = _in_texts(log.texts())
+    excitations: list[_Told] = []
+    for mode in _in_modes(log):
+        about = [text for text in by_text if mode.t - SAME_S <= text.t <= mode.stop_s]
         for text in about:
-            said.remove(text)
+            by_text.remove(text)
         if not about:
-            found.append(mode)
+            excitations.append(mode)
         for text in about:
             later = [other.t for other in about if other.t > text.t]
-            found.append(replace(text, stop_s=min(text.stop_s, mode.stop_s, *later)))
-    found += said
-    found.sort(key=lambda one: one.t)
-    return [one for one in found if one.stop_s - one.t >= SHORTEST_S]
+            excitations.append(replace(text, stop_s=min(text.stop_s, mode.stop_s, *later)))
+    excitations += by_text
+    excitations.sort(key=lambda told: told.t)
+    return [told for told in excitations if told.stop_s - told.t >= SHORTEST_S]
 
 
 def _in_modes(log: Log) -> list[_Told]:
@@ -127,39 +127,44 @@ def _in_modes(log: Log) -> list[_Told]:
         return []
     if any(text.startswith(OTHER_VEHICLES) for _, text in log.texts()):
         return []
-    found: list[_Told] = []
+    stretches: list[_Told] = []
     entered: float | None = None
     for t, mode in log.modes():
         if mode == SYSTEMID:
             entered = t if entered is None else entered
         elif entered is not None:
-            found.append(_Told(entered, t, LEAD_S))
+            stretches.append(_Told(t=entered, stop_s=t, lead_s=LEAD_S))
             entered = None
     if entered is not None:
-        found.append(_Told(entered, math.inf, LEAD_S))
-    return found
+        stretches.append(_Told(t=entered, stop_s=math.inf, lead_s=LEAD_S))
+    return stretches
 
 
 def _in_texts(texts: Sequence[tuple[float, str]]) -> list[_Told]:
-    found: list[_Told] = []
+    """From each text that an excitation starts to the next about one."""
+    ended: list[_Told] = []
     running: _Told | None = None
     for t, text in texts:
         starts, ends = _STARTS.search(text) is not None, _ENDS.search(text) is not None
         if running is not None and (starts or ends):
-            finished = re.search(r"finish|done|complete|\boff\b|inactiv|deactiv", text, re.I) is not None
-            found.append(replace(running, stop_s=t, ended="" if starts or finished else text))
+            as_planned = starts or _FINISHED.search(text) is not None
+            ended.append(replace(running, stop_s=t, ended="" if as_planned else text))
             running = None
         if starts and not ends:
-            number = _NUMBER.search(text)
-            word = _WORD.search(text)
-            ardupilot = text.startswith("SystemID")
-            axis = AXES.get(int(number[1])) if number and ardupilot else word[1].lower() if word else None
-            running = _Told(
-                t,
-                math.inf,
-                LEAD_S if ardupilot else 0.0,
-                axis,
-                int(number[1]) if number and ardupilot else None,
-                "doublet" if re.search("doublet|3211", text, re.I) else "chirp",
-            )
-    return found if running is None else [*found, running]
+            running = _started(t, text)
+    return ended if running is None else [*ended, running]
+
+
+def _started(t: float, text: str) -> _Told:
+    ardupilot = text.startswith("SystemID")
+    number = _NUMBER.search(text) if ardupilot else None
+    word = _WORD.search(text)
+    named = word[1].lower() if word else None
+    return _Told(
+        t=t,
+        stop_s=math.inf,
+        lead_s=LEAD_S if ardupilot else 0.0,
+        axis=named if number is None else AXES.get(int(number[1])),
+        number=None if number is None else int(number[1]),
+        maneuver="doublet" if re.search("doublet|3211", text, re.I) else "chirp",
+    )

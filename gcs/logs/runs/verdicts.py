@@ -14,7 +14,7 @@ from typing import Any
 
 from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
-from gcs.logs.runs.runs import Run
+from gcs.logs.runs.run import Run
 from gcs.logs.words import printable
 
 SAME_S = 0.25
@@ -41,8 +41,7 @@ def _flown(log: Path) -> list[Mapping[str, Any]]:
     recording = about.get("recording")
     logs = recording.get("logs") if isinstance(recording, dict) else None
     if isinstance(logs, list):
-        its_own = [Path(str(one.get("path"))).name for one in logs if isinstance(one, dict)]
-        known = log.name in its_own
+        known = log.name in [Path(str(entry.get("path"))).name for entry in logs if isinstance(entry, dict)]
     else:
         known = log.stem.lower().startswith("flight")  # it ended before the recording was summed up
     return list(flown) if known else []
@@ -51,12 +50,16 @@ def _flown(log: Path) -> list[Mapping[str, Any]]:
 def _judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
     if run.entered_s is None:
         return run
-    for one in flown:
-        start, against = one.get("log_start_s"), _against(one)
+    for entry in flown:
+        start, against = entry.get("log_start_s"), _against(entry)
         if isinstance(start, int | float) and abs(start - run.entered_s) <= SAME_S and against:
-            reason = f"the sweep's verdict: {against}; named by itself ({run.id}) it can still be fitted"
-            return replace(run, usable=False, reasons=(*run.reasons, reason), verdict=reason)
+            judged = replace(run, usable=False, verdict=against)
+            return replace(judged, reasons=(*run.reasons, _reason(judged)))
     return run
+
+
+def _reason(run: Run) -> str:
+    return f"the sweep's verdict: {run.verdict}; named by itself ({run.id}) it can still be fitted"
 
 
 def _against(flown: Mapping[str, Any]) -> str:
@@ -69,16 +72,15 @@ def _against(flown: Mapping[str, Any]) -> str:
         if verdict.get("keep") is True and ending == "finished":
             return ""
         reasons = verdict.get("reasons")
-        listed = [str(one) for one in reasons] if isinstance(reasons, list) else []
+        listed = [str(reason) for reason in reasons] if isinstance(reasons, list) else []
         return printable("fly again: " + ("; ".join(listed) or f"{ending}: {reason}"))
     return "" if ending == "finished" else printable(f"{ending}: {reason}")
 
 
 def named_all_the_same(run: Run) -> Run:
     """A run whose verdict alone is against it, usable, because the user named it; others as they are."""
-    if run.verdict is None or run.record is None or run.reasons != (run.verdict,):
+    if run.verdict is None or run.record is None or run.reasons != (_reason(run),):
         return run
-    said = run.verdict.partition("; named by itself")[0]
-    notes = (*run.notes, f"used because it was named, against {said}")
+    notes = (*run.notes, f"used because it was named, against the sweep's verdict: {run.verdict}")
     record = replace(run.record, notes=(*run.record.notes, notes[-1]))
     return replace(run, record=record, usable=True, reasons=(), notes=notes)

@@ -205,12 +205,12 @@ def test_explain_tells_what_is_there_where_no_run_could_be_cut(
 def test_explain_tells_the_latency_where_it_was_measured(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from gcs.logs.runs import runs
+    from gcs.logs.runs import cutting
     from gcs.logs.runs.latency import Latency
 
     late = Latency("RATE.P", "SIDD.Gy", 0.01, 0.99)
     monkeypatch.setenv("TIPPATH_CACHE", "off")
-    monkeypatch.setattr(runs.latency, "measure", lambda *a: (late,))
+    monkeypatch.setattr(cutting.latency, "measure", lambda *a: (late,))
     log = flight(tmp_path / "flight.csv")
     assert call(log, "--explain") == 0
     assert "flight.csv#1: RATE.P is 10.0 ms later than SIDD.Gy" in capsys.readouterr().out

@@ -25,7 +25,20 @@ def run(number: int, maneuver: str, axis: str | None, size: float = 0.1, duratio
     channels |= {name: amplitude * np.sqrt(2) * np.sin(7 * t) for name, amplitude in excited.items()}
     record = Record(f"a.BIN#{number}", channels, maneuver=maneuver, axis=axis, path="a.BIN")
     return replace(
-        Run(record, record.id, "a.BIN", maneuver, axis, 0.0, duration_s, 100.0, (), True, (), rate_source="SIDD"),
+        Run(
+            record=record,
+            id=record.id,
+            path="a.BIN",
+            maneuver=maneuver,
+            axis=axis,
+            start_s=0.0,
+            duration_s=duration_s,
+            rate_hz=100.0,
+            gaps=(),
+            usable=True,
+            reasons=(),
+            rate_source="SIDD",
+        ),
         **more,
     )
 
@@ -53,7 +66,7 @@ def test_what_cannot_be_used_with_the_others_is_left_out() -> None:
     against = "the sweep's verdict: fly again: gust; named by itself (a.BIN#2) it can still be fitted"
     runs = [
         run(1, "chirp", "roll"),
-        run(2, "chirp", "roll", usable=False, reasons=(against,), verdict=against),
+        run(2, "chirp", "roll", usable=False, reasons=(against,), verdict="fly again: gust"),
         run(3, "chirp", "pitch", usable=False, reasons=("too short",)),
         run(4, "chirp", "pitch"),
         run(5, "chirp", "pitch", rate_source="RATE"),

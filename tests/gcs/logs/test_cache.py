@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError, UsageError
-from gcs.logs import cache, ingest, logs_in, reading, resolve_runs
-from gcs.logs.formats import kinds as formats
+from gcs.logs import cache, ingest, logs_in, opening, reading, resolve_runs
 from gcs.logs.reading import Progress
 
 Save = Callable[[bytes, str], Path]
@@ -27,13 +26,13 @@ def switched_on(monkeypatch: pytest.MonkeyPatch) -> None:
 def parses(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """The logs that were really opened."""
     opened: list[Path] = []
-    really = formats.open_log
+    really = opening.open_log
 
-    def count(path: Path, profile: object) -> formats.Opened:
+    def count(path: Path, profile: object) -> opening.Opened:
         opened.append(path)
         return really(path, profile)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(reading.formats, "open_log", count)
+    monkeypatch.setattr(reading.opening, "open_log", count)
     return opened
 
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from gcs.errors import TippathError
-from gcs.logs import ingest, resolve_runs
-from gcs.logs.formats import kinds as formats
+from gcs.logs import ingest, opening, resolve_runs
 from gcs.logs.formats.csv import CsvFile
 
 Saved = Callable[[bytes, str], Path]
@@ -163,7 +162,7 @@ def test_no_damaged_csv_makes_the_reader_fail(saved: Saved) -> None:
         try:
             file = CsvFile.parse(bytes(raw), "x.csv")
             found = file.rows(file.header[:3], file.header[3:])
-            opened = formats.open_log(path, None)
+            opened = opening.open_log(path, None)
             for run in ingest([path]).runs:
                 assert run.record is None or np.all(np.diff(run.record.t) > 0)
         except TippathError:

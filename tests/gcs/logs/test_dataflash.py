@@ -15,6 +15,7 @@ from pymavlink import DFReader
 
 from gcs.errors import TippathError
 from gcs.logs.formats import dataflash
+from gcs.logs.formats.damage import Damage
 from gcs.logs.formats.dataflash import DataFlashLog
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.words import printable
@@ -110,7 +111,7 @@ def test_header_bytes_inside_a_payload_are_not_messages(writer: Callable[..., An
         log.add("BBBB", i, 0x0295A3)
     read = parse(log.data)
     assert (read.count("AAAA"), read.count("BBBB")) == (100, 100)
-    assert read.damage == dataflash.Damage(len(log.data), 0, 0)
+    assert read.damage == Damage(len(log.data), 0, 0)
 
 
 def test_a_file_cut_anywhere_keeps_exactly_the_whole_messages_before_the_cut(two_chirps: bytes) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from gcs.errors import TippathError
 from gcs.logs import ingest
-from gcs.logs.formats import dataflash, dataflash_chain
+from gcs.logs.formats import dataflash, dataflash_boots, dataflash_chain, dataflash_scan
 from gcs.logs.formats.dataflash import DataFlashLog
 from gcs.logs.formats.dataflash_table import DataFlashTables
 
@@ -163,7 +163,9 @@ def test_pieces_make_no_difference(two_chirps: bytes, monkeypatch: pytest.Monkey
         messages = {name: whole.raw(name) for name in whole.names}
         sha256 = whole.sha256()
         with monkeypatch.context() as patch:
-            patch.setattr(dataflash_chain, "PIECE", chance.choice((300, 1000, 4097)))
+            piece = chance.choice((300, 1000, 4097))
+            for module in (dataflash_scan, dataflash_chain, dataflash_boots):
+                patch.setattr(module, "PIECE", piece)
             for read in (parse(bytes(data)), dataflash.read(path)):
                 assert read.damage == whole.damage
                 assert read.names == whole.names

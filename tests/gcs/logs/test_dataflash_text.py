@@ -14,9 +14,8 @@ from injuries import injure
 from pymavlink import DFReader
 
 from gcs.errors import TippathError
-from gcs.logs import ingest
+from gcs.logs import ingest, opening
 from gcs.logs.formats import dataflash_text
-from gcs.logs.formats import kinds as formats
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.dataflash_text import TextLog, parse
 from sysid.data.record import Record
@@ -213,7 +212,7 @@ def test_ends_of_lines_blanks_and_marks_make_no_difference(change: Callable[[str
             assert np.array_equal(ours, values, equal_nan=ours.dtype.kind == "f"), (name, column)
     path = tmp_path / "log.txt"
     path.write_bytes(change(OLD).encode())
-    assert formats.open_log(path, None).kind == "dataflash"
+    assert opening.open_log(path, None).kind == "dataflash"
 
 
 def test_arrays_and_their_neighbours(tmp_path: Path) -> None:
@@ -420,7 +419,7 @@ def test_a_log_is_recognised_by_its_first_line_and_a_binary_one_by_its_own(
     for name, data in (("a.txt", spoken), ("b", spoken), ("c.log", two_chirps), ("d.log", b"hello\n" + spoken)):
         path = tmp_path / name
         path.write_bytes(data)
-        assert formats.open_log(path, None).kind == "dataflash"
+        assert opening.open_log(path, None).kind == "dataflash"
         assert len(ingest([path]).usable) == 2
 
 

@@ -14,14 +14,14 @@ from gcs.logs import ingest
 from gcs.logs.formats.tables import Log, Series
 from gcs.logs.profile.profiles import ChannelSource, Profile
 from gcs.logs.runs import excited, runs, told
-from gcs.logs.runs.runs import Run
+from gcs.logs.runs.run import Run
 from sitl.autopilot.vehicle import make_vehicle
 
 Saved = Callable[[bytes, str], Path]
 Array = np.ndarray
 
 CHANNELS = ("p", "q", "delta_x", "delta_y")
-PROFILE = Profile("fake", {name: ChannelSource(name, (f"M.{name}",)) for name in CHANNELS})
+PROFILE = Profile(name="fake", channels={name: ChannelSource(name, (f"M.{name}",)) for name in CHANNELS})
 
 
 class FakeLog:

@@ -13,6 +13,7 @@ from gcs.logs import ingest
 from gcs.logs.formats.tables import Series
 from gcs.logs.profile.profiles import ChannelSource, Profile
 from gcs.logs.runs import around, health, latency
+from sysid.data import preprocess
 from sysid.data.record import Record
 
 Change = Callable[[dict[str, np.ndarray]], None]
@@ -51,8 +52,8 @@ def test_gaps_split_and_do_not_count_in_the_rate() -> None:
 
 def test_a_gap_is_more_than_three_medians_and_more_than_a_quarter_of_the_shortest_period() -> None:
     t = np.cumsum(np.r_[0, np.full(500, 0.002), 0.016, np.full(500, 0.002), 0.018, np.full(500, 0.002)])
-    assert health.gaps_in(t, 15.0).tolist() == [1001]
-    assert health.gaps_in(t, 20.0).tolist() == [500, 1001]
+    assert (preprocess.gap_places(np.diff(t), 15.0) - 1).tolist() == [1001]
+    assert (preprocess.gap_places(np.diff(t), 20.0) - 1).tolist() == [500, 1001]
 
 
 def still(c: dict[str, np.ndarray]) -> None:
@@ -258,7 +259,9 @@ class FakeLog:
 
 
 def profile(**sources: str) -> Profile:
-    return Profile("fake", {name: ChannelSource(name, tuple(text.split("|"))) for name, text in sources.items()})
+    return Profile(
+        name="fake", channels={name: ChannelSource(name, tuple(text.split("|"))) for name, text in sources.items()}
+    )
 
 
 SAMPLES = {"G": {"t": np.arange(10.0, 100.0, 0.5), "p": np.arange(180.0)}}
@@ -293,7 +296,9 @@ def test_rates_too_slow_and_actuators_not_logged_say_what_there_is() -> None:
         kind="tlog",
     )
     of = profile(p="ATTITUDE.rollspeed", q="ATTITUDE.pitchspeed", delta_x="SERVO.x - SERVO.y", delta_y="SERVO.y")
-    slow_reason, missing = around.not_logged(log, of)
+    slow_reason, missing = around.slow_rates(log, of), around.no_actuators(log, of)
+    assert slow_reason is not None
+    assert missing is not None
     assert slow_reason.startswith("ATTITUDE at 1 Hz: too slow for attitude identification")
     assert missing.startswith("actuators not logged: no SERVO for delta_x, delta_y")
     assert "VFR_HUD at 4 Hz, ATTITUDE at 1 Hz" in missing
@@ -328,13 +333,13 @@ def test_quiet_hover_is_found_beside_a_run_and_not_in_another() -> None:
     log = FakeLog({"G": {"t": t, "p": p, "q": p[::-1].copy(), "x": 0.1 * p, "y": 0.1 * p}})
     log._messages["G"]["q"][:] = p  # type: ignore[index]
     of = profile(p="G.p", q="G.q", delta_x="G.x", delta_y="G.y")
-    before, after = around.quiet(log, of, 30.0, 60.0, 0.4, [(68.0, 90.0)])
+    before, after = around.quiet(log, of, (30.0, 60.0), 0.4, [(68.0, 90.0)])
     assert (before.where, after.where) == ("before", "after")
     assert before.start_s == pytest.approx(20, abs=1.1)
     assert before.duration_s == pytest.approx(10, abs=1.1)
     assert after.duration_s == pytest.approx(8, abs=1.1)
     still = FakeLog({"G": {"t": t, "p": 0.01 * p, "q": 0.01 * p, "x": 0 * p, "y": 0 * p}})
-    assert around.quiet(still, of, 30.0, 60.0, 0.4, []) == (), "commands that do not move: not in the air"
+    assert around.quiet(still, of, (30.0, 60.0), 0.4, []) == (), "commands that do not move: not in the air"
 
 
 @pytest.mark.parametrize("late_s", [0.0098, -0.0037, 0.031])
@@ -353,7 +358,7 @@ def test_latency_is_measured_between_samples(late_s: float) -> None:
         }
     )
     of = profile(p="A.p|B.p|C.p", q="A.p", delta_x="A.x", delta_y="A.x")
-    (found,) = latency.measure(log, of, {"p": "A.p", "delta_x": "A.x"}, {"roll": (0.1, 0.3)}, 0.0, 30.0)
+    (found,) = latency.measure(log, of, {"p": "A.p", "delta_x": "A.x"}, {"roll": (0.1, 0.3)}, (0.0, 30.0))
     assert (found.field, found.against) == ("B.p", "A.p")
     assert found.late_s == pytest.approx(late_s, abs=5e-4)
     assert ("later" if late_s > 0 else "earlier") in found.words

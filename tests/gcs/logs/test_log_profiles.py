@@ -11,7 +11,8 @@ import pytest
 from gcs.errors import TippathError
 from gcs.logs import ingest
 from gcs.logs.formats.tables import Series
-from gcs.logs.profile import profiles
+from gcs.logs.profile import mapping, profiles
+from gcs.logs.profile.choice import choose
 from gcs.logs.profile.expression import Expression
 from gcs.logs.profile.profiles import bundled_profiles
 
@@ -122,25 +123,25 @@ def test_powers_and_divisions_without_a_value_are_not_finite_and_do_not_hang() -
         ("[channels.t]\nsource = 'a'", r"\[time\]"),
         ("[channels.p]\nsorce = 'a'", "did you mean source"),
         ("[channels.p]\nscale = 1", "source is missing"),
-        ("[channels.p]\nsource = 3", "must be text"),
+        ("[channels.p]\nsource = 3", r"\[channels.p\]: source is text in quotes or a list, not 3"),
         ("[channels.p]\nsource = ''", "empty"),
-        ("[channels.p]\nsource = 'a'\nscale = 'x'", "must be a number"),
-        ("[channels.p]\nsource = 'a'\nscale = nan", "must be a number"),
-        ("channels = 3", "must be a table"),
-        ("[channels]\np = 'x'", "table with source"),
+        ("[channels.p]\nsource = 'a'\nscale = 'x'", "scale is a number, not 'x'"),
+        ("[channels.p]\nsource = 'a'\nscale = nan", "scale is a number that is finite, not nan"),
+        ("channels = 3", "channels is a table, not 3"),
+        ("[channels]\np = 'x'", "p is a table, not 'x'"),
         ("name = 'x'", "no \\[channels"),
         ("nmae = 'x'", "did you mean name"),
         ("[channels.p]\nsource='a'\n[log]\nkind='xls'", "dataflash"),
         ("[channels.p]\nsource='a'\n[[runs]]\nstart_s=3\nstop_s=1", "before"),
         ("[channels.p]\nsource='a'\n[[runs]]\naxis='yaw'", "axis is one of"),
-        ("[channels.p]\nsource='a'\n[time]\nsource=1", "name of one field"),
-        ("[channels.p]\nsource='a'\n[axes]\ny='lfet'", "y is right or left, not 'lfet'"),
-        ("[channels.p]\nsource='a'\n[axes]\nw='left'", "unknown; allowed are x, y, z"),
+        ("[channels.p]\nsource='a'\n[time]\nsource=1", r"\[time\]: source is text in quotes, not 1"),
+        ("[channels.p]\nsource='a'\n[axes]\ny='lfet'", "y is one of right, left, not 'lfet'; did you mean left"),
+        ("[channels.p]\nsource='a'\n[axes]\nw='left'", "unknown key 'w'; there are: x, y, z"),
         ("[channels.p]\nsource='a'\n[axes]\ny='left'", "left-handed: turn x or z as well"),
         ("[channels.p]\nsource='a'\n[axes]\nx='backward'\ny='left'\nz='up'", "left-handed"),
         ("[channels.p]\nsource='a'\n[settings]\naxis='b'", "active is missing"),
         ("[channels.p]\nsource='a'\n[settings]\nactve='b'", "did you mean active"),
-        ("[channels.p]\nsource='a'\n[settings]\nactive=1", "active must be text"),
+        ("[channels.p]\nsource='a'\n[settings]\nactive=1", "active is text in quotes, not 1"),
         ("[channels.p]\nsource='a'\n[settings]\nactive='b'\naxes=['rol']", "did you mean roll"),
         ("[channels.p]\nsource='a'\n[settings]\nactive='b'\nf_start_hz='c'", "go together"),
         ("[channels.p]\nsource='a'\n[settings]\nactive='b'\nmaneuver='chip'", "maneuver is one of"),
@@ -152,6 +153,67 @@ def test_a_wrong_profile_says_where_and_what(saved: Saved, text: str, words: str
     with pytest.raises(TippathError, match=words) as caught:
         profiles.load(path)
     assert str(path) in str(caught.value)
+
+
+HUGE_NUMBER = "9" * 400
+DAMAGED = {
+    "nothing": b"",
+    "binary": bytes(range(256)) * 40,
+    "a DataFlash log": b"\xa3\x95\x80" * 500,
+    "half a profile": QUADROTOR.encode()[:90],
+    "UTF-16": QUADROTOR.encode("utf-16"),
+    "too large": b"# " + b"x" * (1 << 20),
+    "deep lists": b"notes = " + b"[" * 5000 + b"]" * 5000,
+    "deep tables": b"a." * 5000 + b"b = 1",
+    "deep, but read": b"notes = " + b"[" * 70 + b"]" * 70,
+    "a number of very many digits": b"[channels.p]\nsource = 'a'\nscale = " + b"9" * 6000,
+    "a whole number beyond a float": f"[channels.p]\nsource = 'a'\nscale = {HUGE_NUMBER}".encode(),
+    "a priority beyond every profile": f"[channels.p]\nsource = 'a'\n[log]\npriority = {HUGE_NUMBER}".encode(),
+    "a priority that is infinite": b"[channels.p]\nsource = 'a'\n[log]\npriority = inf",
+    "a date": b"[channels.p]\nsource = 1979-05-27",
+    "no date": b"[channels.p]\nsource = 1979-13-77",
+    "a time scale of nothing": b"[channels.p]\nsource = 'a'\n[time]\nscale = 0",
+    "NaN in a run": b"[channels.p]\nsource = 'a'\n[[runs]]\nstart_s = nan",
+    "NaN in a band": b"[channels.p]\nsource = 'a'\n[[runs]]\nswept_band_hz = [nan, 5]",
+    "a band of three": b"[channels.p]\nsource = 'a'\n[[runs]]\nswept_band_hz = [1, 2, 3]",
+    "a run that is a number": b"[channels.p]\nsource = 'a'\nruns = [1]",
+    "runs that are a table": b"[channels.p]\nsource = 'a'\n[runs]\nstart_s = 1",
+    "settings that are a list": b"settings = []\n[channels.p]\nsource = 'a'",
+    "a list of sources with a number in it": b"[channels.p]\nsource = ['a', 3]",
+    "no source in the list": b"[channels.p]\nsource = []",
+    "a list of lists": b"[channels.p]\nsource = [['a']]",
+    "a channel within a channel": b"[channels.p.q]\nsource = 'a'",
+    "channels as a list of tables": b"[[channels]]\nsource = 'a'",
+    "a name of control characters": b'"\\u001b[2J" = 1',
+    "a channel of control characters": b'[channels."\\u001b[2J"]\nsource = "a"',
+    "a name that is a number": b"name = 3\n[channels.p]\nsource = 'a'",
+    "twice the same key": b"name = 'a'\nname = 'b'",
+}
+
+
+@pytest.mark.parametrize("case", DAMAGED)
+def test_a_damaged_profile_is_an_error_that_names_it(saved: Saved, case: str) -> None:
+    path = saved(DAMAGED[case], "mine.toml")
+    with pytest.raises(TippathError) as caught:
+        profiles.load(path)
+    assert str(caught.value).startswith(str(path))
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 600
+
+
+def test_bytes_changed_anywhere_give_a_profile_or_an_error(saved: Saved) -> None:
+    text = bytearray((Path(profiles.__file__).parent / "bundled" / "paparazzi_chirp.toml").read_bytes())
+    chance = np.random.default_rng(3)
+    refused = 0
+    for _ in range(300):
+        changed = bytearray(text)
+        for place in chance.integers(0, len(text), 3):
+            changed[place] = chance.integers(0, 256)
+        try:
+            profiles.load(saved(bytes(changed), "mine.toml"))
+        except TippathError:
+            refused += 1
+    assert 100 < refused < 300
 
 
 def test_a_profile_that_is_not_there_lists_those_that_are(tmp_path: Path) -> None:
@@ -212,16 +274,16 @@ def test_a_profile_for_other_columns_names_what_is_missing_and_what_there_is(sav
 def test_a_slow_command_holds_and_a_slow_speed_is_interpolated() -> None:
     fast = Series(np.arange(0, 1, 0.01), np.zeros(100), "GYRO")
     slow = Series(np.arange(0, 1, 0.1), np.arange(10.0), "SLOW")
-    held = profiles._onto(fast, slow, held=True)
+    held = mapping.onto(fast, slow, held=True)
     assert np.array_equal(held[[0, 9, 10, 55]], [0, 0, 1, 5])
-    between = profiles._onto(fast, slow, held=False)
+    between = mapping.onto(fast, slow, held=False)
     assert between[55] == pytest.approx(5.5)
 
 
 def test_equal_rates_match_within_half_a_sample_or_not_at_all() -> None:
     clock = Series(np.arange(100) * 0.002, np.zeros(100), "SIDD")
     other = np.delete(np.arange(100), [40, 41]) * 0.002 + 0.0004
-    matched = profiles._onto(clock, Series(other, other.copy(), "RATE"), held=True)
+    matched = mapping.onto(clock, Series(other, other.copy(), "RATE"), held=True)
     assert np.flatnonzero(np.isnan(matched)).tolist() == [40, 41]
     assert np.nanmax(np.abs(matched - clock.t)) == pytest.approx(0.0004)
 
@@ -339,7 +401,7 @@ def test_paparazzis_file_logger(saved: Saved) -> None:
 @pytest.mark.data
 def test_the_cyclic_comes_back_out_of_three_swashplate_servos(shared_data: Path) -> None:
     """RCOU, whole microseconds at 10 Hz, against the commands that RATE logs in every loop."""
-    from gcs.logs.formats.kinds import open_log
+    from gcs.logs.opening import open_log
 
     heli = profiles.load(Path("arducopter_heli"))
     for name in ("heli_roll_sweep.BIN", "heli_pitch_sweep.BIN"):
@@ -403,7 +465,7 @@ def test_the_profile_with_the_faster_rates_and_commands_is_chosen(
     fields |= dict.fromkeys(("IMU_GyrX", "IMU_GyrY"), float(gyro_hz))
     fields |= dict.fromkeys(("RCOU_C1", "RCOU_C2", "RCOU_C3", "RCOU_C4"), float(servo_hz))
     fields |= dict.fromkeys(("SWSH_RCyc", "SWSH_PCyc") if plate else (), float(servo_hz))
-    chosen = profiles.choose(Logged(**fields), bundled_profiles())
+    chosen = choose(Logged(**fields), bundled_profiles())
     assert chosen is not None
     assert chosen.name == name
 

@@ -18,11 +18,10 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from gcs.errors import TippathError
 from gcs.link.tlog import PAD, Frames, layouts, locate
-from gcs.logs import ingest
-from gcs.logs.formats import kinds as formats
+from gcs.logs import ingest, opening
 from gcs.logs.formats import tlog
 from gcs.logs.formats.tlog import TlogTables
-from gcs.logs.profile import profiles
+from gcs.logs.profile import mapping
 
 BEGUN_US = 1_700_000_000_000_000
 
@@ -494,12 +493,12 @@ def test_a_log_is_recognised_whatever_its_ending(tmp_path: Path) -> None:
     for i, log in enumerate((flight(4), flight(4, old=True), flight(4, signed=True))):
         path = tmp_path / f"flight{i}.dat"
         path.write_bytes(log.data)
-        opened = formats.open_log(path, None)
+        opened = opening.open_log(path, None)
         assert opened.kind == "tlog"
         assert opened.profile.name == "tlog"
     path = tmp_path / "cut.tlog"
     path.write_bytes(log.data[13:])
-    assert formats.open_log(path, None).kind == "tlog"
+    assert opening.open_log(path, None).kind == "tlog"
 
 
 @pytest.mark.data
@@ -581,11 +580,11 @@ def test_streamed_controls_are_commands(tmp_path: Path) -> None:
         log.add(i / 200, mavlink.MAVLink_actuator_control_target_message(us, 0, [0.1, -0.2, 0, 0.5, 0, 0, 0, 0]))
     path = tmp_path / "px4.tlog"
     path.write_bytes(log.data)
-    opened = formats.open_log(path, None)
+    opened = opening.open_log(path, None)
     assert opened.profile.name == "tlog"
     boot = opened.boots[0]
     assert isinstance(boot, TlogTables)
-    channels = profiles.apply(opened.profile, boot).channels
+    channels = mapping.apply(opened.profile, boot).channels
     assert set(channels["delta_x"]) == {np.float32(0.1)}
     assert set(channels["delta_y"]) == {np.float32(-0.2)}
     assert channels["t"] == pytest.approx(1 + 0.005 * np.arange(400))

@@ -25,7 +25,9 @@ from pyulog import ULog
 from gcs.errors import TippathError
 from gcs.logs import ingest, resolve_runs
 from gcs.logs.formats import ulog
-from gcs.logs.formats.ulog import ULogFile, UlogTables
+from gcs.logs.formats.ulog import ULogFile
+from gcs.logs.formats.ulog_table import UlogTables
+from gcs.logs.profile.choice import choose
 from gcs.logs.profile.profiles import bundled_profiles
 
 Tippath = Callable[..., tuple[int, str, str]]
@@ -332,8 +334,8 @@ def test_the_faster_rates_are_chosen_unasked() -> None:
             log.put(60, "Q6f", 4000 * i + 2, *range(6))
         return parse(log.data)
 
-    chosen = [ulog.choose(log(every), "log", None, bundled_profiles())[0].name for every in (1, 5)]
-    assert chosen == ["px4", "px4_sensor_combined"]
+    chosen = [choose(UlogTables(log(every), "log"), bundled_profiles()) for every in (1, 5)]
+    assert [None if profile is None else profile.name for profile in chosen] == ["px4", "px4_sensor_combined"]
 
 
 # ------------------------------------------------------------------------------------------------ damaged

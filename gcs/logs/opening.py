@@ -1,7 +1,7 @@
 """The kinds of log that are read: how each is recognised and opened.
 
-To read another kind, write its module beside this one (a class that is a `gcs.logs.formats.tables.Log`) and add it to
-`FORMATS`.
+To read another kind, write its module in `gcs.logs.formats` (a class that is a `gcs.logs.formats.tables.Log`) and add
+it to `FORMATS`.
 """
 
 from __future__ import annotations
@@ -14,19 +14,27 @@ from pathlib import Path
 from gcs.errors import TippathError
 from gcs.logs.formats import dataflash, dataflash_text, ulog
 from gcs.logs.formats.csv import CsvFile
+from gcs.logs.formats.csv_table import CsvLog, open_table
 from gcs.logs.formats.damage import Damage
+from gcs.logs.formats.dataflash_scan import HEAD
 from gcs.logs.formats.dataflash_table import DataFlashTables, MessageLog
+from gcs.logs.formats.raw import unreadable
 from gcs.logs.formats.tables import Log
-from gcs.logs.profile import profiles
-from gcs.logs.profile.profiles import Profile
+from gcs.logs.formats.ulog_table import UlogTables
+from gcs.logs.profile.choice import choose, contract_profile
+from gcs.logs.profile.cuts import cuts_by_settings
+from gcs.logs.profile.profiles import Profile, bundled_profiles, named
+from gcs.logs.profile.sources import fields_in, fields_of
+from gcs.logs.runs.health import F_HIGH_HZ
 from gcs.logs.words import printable
-from sysid.data.record import CHANNELS
+from sysid.data.record import CHANNELS, REQUIRED
 
 HEAD_BYTES = 64
+TLOG_MOTORS = "tlog_motors"
 READ = "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), and records (.npz) of tippath ingest -o"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Opened:
     """A log that was read, before runs are looked for."""
 
@@ -73,7 +81,7 @@ def open_log(path: Path, profile: Profile | None) -> Opened:
         with path.open("rb") as stream:
             head = stream.read(HEAD_BYTES)
     except OSError as error:
-        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise unreadable(path, error) from error
     for format in FORMATS:
         if format.recognises(head):
             return format.open(path, profile)
@@ -107,52 +115,72 @@ def _never(head: bytes) -> bool:
 
 
 def _is_dataflash(head: bytes) -> bool:
-    return head[:2] == bytes(dataflash.HEAD)
+    return head[:2] == bytes(HEAD)
 
 
 def _open_dataflash(path: Path, profile: Profile | None) -> Opened:
     log = dataflash.read(path)
-    return _dataflash_opened(log.boots, path, profile, log.sha256(), log.damage)
+    boots, chosen, notes = _dataflash_boots(log.boots, path, profile)
+    return Opened(boots=boots, kind="dataflash", sha256=log.sha256(), profile=chosen, damage=log.damage, notes=notes)
 
 
 def _open_dataflash_text(path: Path, profile: Profile | None) -> Opened:
     log, sha256 = dataflash_text.read(path)
-    return _dataflash_opened(log.boots, path, profile, sha256, log.damage, log.notes)
+    boots, chosen, notes = _dataflash_boots(log.boots, path, profile)
+    return Opened(
+        boots=boots,
+        kind="dataflash",
+        sha256=sha256,
+        profile=chosen,
+        damage=log.damage,
+        notes=(*log.notes, *notes),
+    )
 
 
-def _dataflash_opened(
-    logs: Sequence[MessageLog],
-    path: Path,
-    profile: Profile | None,
-    sha256: str,
-    damage: Damage,
-    notes: tuple[str, ...] = (),
-) -> Opened:
-    """The boots of a DataFlash log, in whichever of its two spellings."""
+def _dataflash_boots(
+    logs: Sequence[MessageLog], path: Path, profile: Profile | None
+) -> tuple[tuple[DataFlashTables, ...], Profile, tuple[str, ...]]:
+    """The boots of a DataFlash log, in whichever of its two spellings, its profile, and a note on several boots."""
     time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
     scale = None if profile is None else profile.time_scale
     boots = tuple(DataFlashTables(boot, str(path), time, scale) for boot in logs)
     sampled = tuple(boot for boot in boots if boot.sampled) or boots[:1]
+    notes: tuple[str, ...] = ()
     if len(boots) > 1:
         silent = len(boots) - len(sampled)
-        notes = (
-            *notes,
-            f"{len(boots)} boots in this log, each with its own clock"
-            + (f"; {silent} of them without samples" if silent else ""),
-        )
+        without = f"; {silent} of them without samples" if silent else ""
+        notes = (f"{len(boots)} boots in this log, each with its own clock{without}",)
     chosen = profile
     for boot in sampled:
-        chosen = chosen or profiles.choose(boot, profiles.bundled_profiles())
-    if chosen is None:
-        chosen = next(one for one in profiles.bundled_profiles() if one.name == "arducopter")
-    return Opened(sampled, "dataflash", sha256, chosen, damage, notes)
+        chosen = chosen or choose(boot, bundled_profiles())
+    return sampled, chosen or named("arducopter"), notes
 
 
 def _open_ulog(path: Path, profile: Profile | None) -> Opened:
     log = ulog.read(path)
-    sha256 = hashlib.sha256(log.data.data).hexdigest()
-    chosen, tables = ulog.choose(log, str(path), profile, profiles.bundled_profiles())
-    return Opened((tables,), "ulog", sha256, chosen, log.damage, log.notes, ulog.advice(tables, chosen))
+    chosen = profile or choose(UlogTables(log, str(path)), bundled_profiles()) or named("px4")
+    tables = UlogTables(log, str(path), chosen.time_source, chosen.time_scale)
+    return Opened(
+        boots=(tables,),
+        kind="ulog",
+        sha256=hashlib.sha256(log.data.data).hexdigest(),
+        profile=chosen,
+        damage=log.damage,
+        notes=log.notes,
+        hints=_ulog_advice(tables, chosen),
+    )
+
+
+def _ulog_advice(tables: UlogTables, profile: Profile) -> tuple[str, ...]:
+    """What to set for the next flight, where PX4's usual settings have logged rates or commands too slowly."""
+    slowest = 0.0
+    for channel in ("p", "delta_x"):
+        sources = profile.channels[channel].sources if channel in profile.channels else ()
+        spacings = [tables.series(key).spacing_s for key in sources if tables.has(key)]
+        slowest = max(slowest, min(spacings, default=0.0))
+    if slowest <= 1 / (4 * F_HIGH_HZ):
+        return ()
+    return ("rates or commands are logged too slowly: set bit 3 (system identification) of PX4's SDLOG_PROFILE",)
 
 
 def _is_tlog(head: bytes) -> bool:
@@ -166,21 +194,34 @@ def _is_tlog(head: bytes) -> bool:
 
 
 def _open_tlog(path: Path, profile: Profile | None) -> Opened:
-    from gcs.logs.formats import tlog
+    """By the profile asked for, or the one of the package that suits the longest boot.
+
+    That for the four motors of an X frame is none unless the vehicle says that it has them.
+    """
+    from gcs.logs.formats import tlog  # MAVLink's dialects: 0.3 s that no other kind of log needs
 
     log = tlog.read(path)
-    chosen = tlog.choose(log, profile, profiles.bundled_profiles())
-    return Opened(log.boots, "tlog", log.sha256, chosen, log.damage, log.notes, log.hints)
+    boot = max(log.boots, key=lambda boot: boot.sampled_s)
+    fitting = [each for each in bundled_profiles() if each.name != TLOG_MOTORS or boot.is_quad_x]
+    return Opened(
+        boots=log.boots,
+        kind="tlog",
+        sha256=log.sha256,
+        profile=profile or choose(boot, fitting) or named("tlog"),
+        damage=log.damage,
+        notes=log.notes,
+        hints=log.hints,
+    )
 
 
 def _open_csv(path: Path, profile: Profile | None) -> Opened:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise TippathError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise unreadable(path, error) from error
     file = CsvFile.parse(raw, str(path))
     chosen = profile or _csv_profile(file)
-    log = profiles.open_csv(file, chosen)
+    log = _csv_log(file, chosen)
     hints = [*file.layout.hints]
     if profile is None and chosen.name == "channels":
         others = [name for name in file.layout.names if name and name not in CHANNELS]
@@ -188,11 +229,22 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
             hints.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
     cut: tuple[Profile, ...] = ()
     if chosen.settings is not None:
-        told = [profiles.cuts_by_settings(chosen, boot) for boot in log.boots]
-        cut = tuple(replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ()))) for cuts, notes in told)
-        hints += [note for cuts, notes in told if not cuts for note in notes]
-    sha256 = hashlib.sha256(raw).hexdigest()
-    return Opened(log.boots, "csv", sha256, chosen, log.damage, log.notes, tuple(hints), cut)
+        cuts_and_notes = [cuts_by_settings(chosen, boot) for boot in log.boots]
+        cut = tuple(
+            replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ())))
+            for cuts, notes in cuts_and_notes
+        )
+        hints += [note for cuts, notes in cuts_and_notes if not cuts for note in notes]
+    return Opened(
+        boots=log.boots,
+        kind="csv",
+        sha256=hashlib.sha256(raw).hexdigest(),
+        profile=chosen,
+        damage=log.damage,
+        notes=log.notes,
+        hints=tuple(hints),
+        cut=cut,
+    )
 
 
 def _csv_profile(file: CsvFile) -> Profile:
@@ -201,10 +253,23 @@ def _csv_profile(file: CsvFile) -> Profile:
     names = [name for name in layout.names if file.column(name) is not None]
     units = {name: layout.units[place] for name in names if (place := file.column(name)) is not None}
     if {"p", "q"} <= set(names):
-        return profiles.contract_profile(names, units, file.path)
+        return contract_profile(names, units, file.path)
     columns = set(file.header)
-    bundled = (one for one in profiles.bundled_profiles() if one.kind == "csv" and set(one.needs) <= columns)
-    return next(bundled, profiles.contract_profile(names, {}, file.path))
+    bundled = (each for each in bundled_profiles() if each.kind == "csv" and set(each.needs) <= columns)
+    return next(bundled, contract_profile(names, {}, file.path))
+
+
+def _csv_log(file: CsvFile, profile: Profile) -> CsvLog:
+    """A CSV seen through a profile, its columns read in one pass. Raises TippathError for what is wrong in it."""
+    needed: dict[str, None] = {}
+    for name in REQUIRED:
+        for text in profile.channels[name].sources if name in profile.channels else ():
+            fields = (text,) if file.column(text) is not None else fields_in(text)
+            if fields and all(file.column(key) is not None for key in fields):
+                needed.update(dict.fromkeys(fields))
+                break
+    others = [key for key in fields_of(profile) if file.column(key) is not None and key not in needed]
+    return open_table(file, profile.time_source or "t", profile.time_scale or 1.0, list(needed), others)
 
 
 FORMATS = (

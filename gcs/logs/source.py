@@ -8,7 +8,7 @@ from gcs.logs.formats.damage import Damage
 from gcs.logs.profile.profiles import Profile
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Source:
     """A log as it was read."""
 
