@@ -68,13 +68,17 @@ class Verdict:
     @property
     def words(self) -> str:
         """In one line: `keep   coherence 0.5-9.6 Hz   gaps 0`."""
-        parts = ["keep" if self.keep else "fly again: " + "; ".join(self.reasons)]
+        return "   ".join(["keep" if self.keep else "fly again: " + "; ".join(self.reasons), *self.figures])
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """`coherence 0.5-9.6 Hz`, `gaps 0`, `44 % of the limits`: as far as there are any."""
+        parts = []
         if self.coherent_hz is not None:
             parts.append(f"coherence {self.coherent_hz[0]:.1f}-{self.coherent_hz[1]:.1f} Hz")
         if NO_SAMPLES not in self.reasons:
             parts.append(self.gaps_words)
-        parts.append(f"{self.use.largest:.0f} % of the limits")
-        return "   ".join(parts)
+        return (*parts, f"{self.use.largest:.0f} % of the limits")
 
     def to_json(self) -> dict[str, Any]:
         return {

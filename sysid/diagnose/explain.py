@@ -125,6 +125,10 @@ class Explanation:
     why: tuple[str, ...]
     changes: tuple[str, ...]
     resembles: tuple[str, ...]
+    marks: tuple[str, ...] = ()
+    """Of `why`: the effects' usual signatures, and"""
+    shown: tuple[str, ...] = ()
+    """what these runs show, strongest first, less that the fit's numbers change."""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -169,12 +173,15 @@ def explain(
     """
     if complete or winner is None or winner.fit is None:
         return Explanation((), _no_winner(parent, complete), (), _implausible_parent(parent, None, others), ())
+    marks, shown = tuple(f"{one.signature}." for one in _own(winner)), _shown(parent, winner, others)
     return Explanation(
         winner.effects,
         tuple(_what(winner.fit, effect) for effect in _own(winner)),
-        (*(f"Its mark: {one.signature}." for one in _own(winner)), *_shown(parent, winner, others)),
+        (*(f"Its mark: {mark}" for mark in marks), *shown, _fall(parent, winner)),
         (*_changes(parent, winner.fit), *_implausible_parent(parent, winner, others)),
         _resembles(winner, others, alike),
+        marks,
+        shown,
     )
 
 
@@ -225,11 +232,15 @@ def _shown(parent: Candidate, winner: Judged, others: Sequence[Judged]) -> tuple
     found = [*_response(parent, winner.fit)]
     removed = _Removed.of(parent, winner.fit)
     found += [*removed.where(), *_not_linear(parent, winner.fit, removed), *_in_step(parent, winner, removed)]
-    found += [*removed.growth(), *_best_linear(winner, others)]
+    return (*found, *removed.growth(), *_best_linear(winner, others))
+
+
+def _fall(parent: Candidate, winner: Judged) -> str:
+    """How the fit's numbers change."""
+    assert winner.fit is not None
     before, after = parent.nrmse_percent, winner.fit.nrmse_percent
     fall = ", ".join(f"{name} {before[name]:.1f} → {after[name]:.1f} %" for name in before)
-    found.append(f"With it the fit goes from {fall}.")
-    return tuple(found)
+    return f"With it the fit goes from {fall}."
 
 
 def _response(parent: Candidate, fit: Candidate) -> list[str]:

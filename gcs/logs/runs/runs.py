@@ -71,6 +71,8 @@ class Run:
     """When the excitation mode was entered, in the log's own time, where the log tells."""
     verdict: str | None = None
     """What the flight's own verdict has against it, see `gcs.logs.runs.verdicts`; it is then among the reasons."""
+    against: str = ""
+    """The same without what to do about it: `fly again: 104 % of the limits`."""
 
 
 def runs_of(

@@ -55,7 +55,7 @@ def _judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
         start, against = one.get("log_start_s"), _against(one)
         if isinstance(start, int | float) and abs(start - run.entered_s) <= SAME_S and against:
             reason = f"the sweep's verdict: {against}; named by itself ({run.id}) it can still be fitted"
-            return replace(run, usable=False, reasons=(*run.reasons, reason), verdict=reason)
+            return replace(run, usable=False, reasons=(*run.reasons, reason), verdict=reason, against=against)
     return run
 
 
@@ -78,7 +78,6 @@ def named_all_the_same(run: Run) -> Run:
     """A run whose verdict alone is against it, usable, because the user named it; others as they are."""
     if run.verdict is None or run.record is None or run.reasons != (run.verdict,):
         return run
-    said = run.verdict.partition("; named by itself")[0]
-    notes = (*run.notes, f"used because it was named, against {said}")
+    notes = (*run.notes, f"used because it was named, against the sweep's verdict: {run.against}")
     record = replace(run.record, notes=(*run.record.notes, notes[-1]))
     return replace(run, record=record, usable=True, reasons=(), notes=notes)
