@@ -45,7 +45,7 @@ RUNS = tuple(
 USE = Use(44.0, 24.0, 13.0, 3.0)
 LONG = "not ready: in the air: not armed: the pilot arms and takes off, then fly this again; mode: Land; " * 4
 
-IDLE = State("udpin:127.0.0.1:14550", "hover", VEHICLE, stage=Stage.IDLE, card="hover", runs=RUNS)
+IDLE = State(link="udpin:127.0.0.1:14550", plant="hover", vehicle=VEHICLE, stage=Stage.IDLE, card="hover", runs=RUNS)
 FLYING = replace(
     IDLE,
     vehicle=replace(RECORDING, mode=25, mode_name="SystemID"),
@@ -91,7 +91,7 @@ DESIGNED = replace(
     bank=Bank(0x123456, None, True),
 )
 MOMENTS = {
-    "no vehicle": State("udpin:127.0.0.1:14550", card="hover", runs=RUNS, trouble="no vehicle at udpin: " + LONG),
+    "no vehicle": State(link="udpin:127.0.0.1:14550", card="hover", runs=RUNS, trouble="no vehicle at udpin: " + LONG),
     "idle": IDLE,
     "refused": replace(IDLE, said=LONG),
     "checking": replace(FLYING, stage=Stage.CHECKING, progress=None),
@@ -109,7 +109,7 @@ MOMENTS = {
 }
 ANALYSED = {name: joined(replace(IDLE, flight=Path("flight-0007")), desk) for name, desk in DESKS.items()}
 """The moments of the work after the flight."""
-NOWHERE = State("", card="hover", runs=RUNS)
+NOWHERE = State(link="", card="hover", runs=RUNS)
 
 
 class FakeWorker:

@@ -41,6 +41,8 @@ LAND_WITHIN_S = 20.0
 TAKE_OFF_WITHIN_S = 20.0
 
 Say = Callable[[str], None]
+Fly = Callable[[str, FlightFolder], SweepResult]
+"""Flies a card by its name, and records it in a folder."""
 
 
 class DemoError(TippathError):
@@ -144,31 +146,22 @@ def fly_demo(
             raise KeyboardInterrupt
         say(words)
 
-    def fly(session: Session, card: str, where: FlightFolder) -> SweepResult:
-        def briefed(briefing: Briefing) -> bool:
-            on_briefing(briefing)
-            return True
-
-        result = fly_card(
-            session,
-            load_card(card),
-            folder=where,
-            confirm=briefed,
-            on_progress=on_progress,
-            aborted=aborted,
-            interruptions=interruptions,
-            about={"link": session.link, "simulated": {"plant": plant, "seed": seed}},
-        )
-        require_flown(result, aborted)
-        return result
-
     tell(f"starting the simulated vehicle, plant {plant}, seed {seed}")
     with (
         SimulatedVehicle(plant, folder.path / "vehicle", seed=seed) as vehicle,
         Session.open(vehicle.ground_link, primary=True, connect_timeout_s=10.0) as session,
     ):
-        flown, identified = _fly_and_identify(folder, vehicle, session, fly, tell)
-        closed_loop = _fly_gains(folder, vehicle, session, identified.gains, fly, tell)
+        fly = _flies(
+            session,
+            about={"link": session.link, "simulated": {"plant": plant, "seed": seed}},
+            on_progress=on_progress,
+            on_briefing=on_briefing,
+            aborted=aborted,
+            interruptions=interruptions,
+        )
+        flown = fly("hover", folder)
+        identified = _identified(folder, vehicle, tell)
+        closed_loop = _fly_gains(_Aloft(vehicle, session, fly, tell), folder, identified.gains)
     demonstration = Demonstration(
         folder=folder,
         plant=plant,
@@ -191,8 +184,36 @@ def fly_demo(
     return demonstration
 
 
-Fly = Callable[[Session, str, FlightFolder], SweepResult]
-"""Flies a card by its name, and records it in a folder."""
+def _flies(
+    session: Session,
+    *,
+    about: dict[str, Any],
+    on_progress: Callable[[Progress], None],
+    on_briefing: Callable[[Briefing], None],
+    aborted: Callable[[], str | None],
+    interruptions: Callable[[], int],
+) -> Fly:
+    """Flies cards over a session; `about` goes into each flight.json."""
+
+    def briefed(briefing: Briefing) -> bool:
+        on_briefing(briefing)
+        return True
+
+    def fly(card: str, where: FlightFolder) -> SweepResult:
+        result = fly_card(
+            session,
+            load_card(card),
+            folder=where,
+            confirm=briefed,
+            on_progress=on_progress,
+            aborted=aborted,
+            interruptions=interruptions,
+            about=about,
+        )
+        require_flown(result, aborted)
+        return result
+
+    return fly
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,17 +225,22 @@ class _Identified:
     """The gentle ones first."""
 
 
-def _fly_and_identify(
-    folder: FlightFolder, vehicle: SimulatedVehicle, session: Session, fly: Fly, tell: Say
-) -> tuple[SweepResult, _Identified]:
-    """The hover card, the fits of it, and gains on them."""
-    flown = fly(session, "hover", folder)
+def _identified(folder: FlightFolder, vehicle: SimulatedVehicle, tell: Say) -> _Identified:
+    """The fits of the flight in a folder, and gains on them."""
     on_board = require_same_bytes(folder.log, vehicle.directory)
     tell(f"{folder.log.name} is {on_board.name} of the vehicle, byte for byte")
     tell("fitting TPP and CD to the chirps, judging them on the doublets")
     identification, records = identify_runs(folder)
     tell("designing the LQR, its observer and its prefilter")
-    return flown, _Identified(on_board, identification, records, design_gains(identification))
+    return _Identified(on_board, identification, records, design_gains(identification))
+
+
+@dataclass(frozen=True, eq=False)
+class _Aloft:
+    vehicle: SimulatedVehicle
+    session: Session
+    fly: Fly
+    tell: Say
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,15 +251,9 @@ class _ClosedLoop:
     reverted: RevertResult
 
 
-def _fly_gains(
-    folder: FlightFolder,
-    vehicle: SimulatedVehicle,
-    session: Session,
-    gains: Sequence[Gains],
-    fly: Fly,
-    tell: Say,
-) -> _ClosedLoop:
+def _fly_gains(aloft: _Aloft, folder: FlightFolder, gains: Sequence[Gains]) -> _ClosedLoop:
     """The gains on the ground to the vehicle, the doublets with them in the air, and back to the first set."""
+    vehicle, session, tell = aloft.vehicle, aloft.session, aloft.tell
     land(vehicle, session, tell)
     pushed = tuple(push_gains(session, one, tell) for one in gains)
     take_off(vehicle, session, tell)
@@ -241,7 +261,7 @@ def _fly_gains(
     tell("the pilot's switch selects the LQR")
     again = FlightFolder(folder.path / "lqr")
     again.path.mkdir()
-    flown = fly(session, "lqr-doublet", again)
+    flown = aloft.fly("lqr-doublet", again)
     following = tuple(measure_following(again.log, flown.runs))
     for one in following:
         tell(one.words)

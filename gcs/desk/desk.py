@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 INPUT_COST = 5.0
 """The paper's, and that of `tippath design`."""
+ENDINGS = {"a comparison": "compare", "a diagnosis": "diagnosis"}
+"""Of their files."""
 
 
 class Cancelled(TippathError):
@@ -188,7 +190,7 @@ class Desk:
             comparison, text = self._calculations.compare(rung, self._flown(rung.fit))
             floor = comparison.noise_floor_percent or rung.noise_floor_percent
             self._replace(rung.fit, comparison=comparison, comparison_text=text, noise_floor_percent=floor)
-            self._keep_document("comparison", "compare", rung.fit, comparison.to_json(), shell.compare, "compared")
+            self._keep_document("a comparison", rung.fit, comparison.to_json(), shell.compare, "compared")
 
     def diagnose(self) -> None:
         """Which effect the current rung lacks."""
@@ -204,21 +206,16 @@ class Desk:
             answer = last.verdict + (f" {last.effect}" if last.verdict == "missing" else "")
             self._set(said=f"{answer}, confidence {last.confidence:.2f}")
             document = diagnosis.to_json()
-            self._keep_document("diagnosis", "diagnosis", rung.fit, document, shell.diagnose, f"asked: {answer}")
+            self._keep_document("a diagnosis", rung.fit, document, shell.diagnose, f"asked: {answer}")
 
     def _keep_document(
-        self,
-        what: str,
-        ending: str,
-        fit: Fit,
-        document: Mapping[str, Any],
-        command: Callable[[Fit, Path, Path], str],
-        did: str,
+        self, what: str, fit: Fit, document: Mapping[str, Any], command: Callable[[Fit, Path, Path], str], did: str
     ) -> None:
         """Keep what was asked of a fit, under the fit's name with an ending."""
+        ending = ENDINGS[what]
         self._keeping.keep_file(
             ToKeep(
-                what=f"a {what}",
+                what=what,
                 name=lambda: f"{self._place(fit).stem}-{ending}.json",
                 text=lambda _: document_text(document),
                 command=lambda path: command(fit, self._place(fit), path),

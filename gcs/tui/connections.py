@@ -24,7 +24,7 @@ MOST_PORTS = 6
 EPHEMERAL = 32768
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Connection:
     """One line of the list."""
 
@@ -45,19 +45,19 @@ class Connection:
         return f"{self.plant} + secret" if self.hidden else self.plant
 
 
-NOWHERE = Connection("no vehicle", "work on flights that were recorded")
+NOWHERE = Connection(name="no vehicle", about="work on flights that were recorded")
 SIMULATED = (
-    Connection("simulated hover", "with physics that the models lack", plant="hover"),
-    Connection("simulated hover-ideal", "the paper's Table 4 exactly", plant="hover-ideal"),
-    Connection("simulated forward", "Table 5 in forward flight, with an elevator", plant="forward"),
-    Connection("simulated, hidden", "hover-ideal with a secret: --hidden random", plant=SECRET, hidden=True),
+    Connection(name="simulated hover", about="with physics that the models lack", plant="hover"),
+    Connection(name="simulated hover-ideal", about="the paper's Table 4 exactly", plant="hover-ideal"),
+    Connection(name="simulated forward", about="Table 5 in forward flight, with an elevator", plant="forward"),
+    Connection(name="simulated, hidden", about="hover-ideal with a secret: --hidden random", plant=SECRET, hidden=True),
 )
-UDP = Connection(ANY_UDP, "whatever vehicle sends to this computer", ANY_UDP)
+UDP = Connection(name=ANY_UDP, about="whatever vehicle sends to this computer", link=ANY_UDP)
 
 
 def connections(folder: Path) -> tuple[Connection, ...]:
     """All that is offered now, likeliest first. Looks at ports and at the flights in `folder`: milliseconds."""
-    recent = tuple(Connection(word, "flown with before", word) for word in recent_links(folder))
+    recent = tuple(Connection(name=word, about="flown with before", link=word) for word in recent_links(folder))
     ports = tuple(of_port(one) for one in serial_ports()[:MOST_PORTS])
     first = (UDP, *recent, *ports)
     seen: dict[str | None, Connection] = {}
@@ -68,19 +68,19 @@ def connections(folder: Path) -> tuple[Connection, ...]:
 
 def of_port(port: SerialPort) -> Connection:
     """A serial port as a connection."""
-    return Connection(sanitise(port.link), port.about or "serial port", port.link)
+    return Connection(name=sanitise(port.link), about=port.about or "serial port", link=port.link)
 
 
 def typed(text: str) -> Connection:
     """A connection from what somebody typed: a LINK. Raises UsageError, with the words there are."""
     word = text.strip()
     parse_link(word)
-    return Connection(word, "", word)
+    return Connection(name=word, about="", link=word)
 
 
 def simulated(plant: str, *, seed: int | None = None, on_ground: bool = False) -> Connection:
     """The simulated vehicle with a plant by name."""
-    return Connection(f"simulated {plant}", plant=plant, seed=seed, on_ground=on_ground)
+    return Connection(name=f"simulated {plant}", plant=plant, seed=seed, on_ground=on_ground)
 
 
 def recent_links(folder: Path) -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 
 from gcs.analysis.candidates import ranked, shows
-from gcs.analysis.ladder import short_names
+from gcs.analysis.ladder import RungNumbers, short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
@@ -62,10 +62,11 @@ def broken(lines: Sequence[Line], width: int) -> list[Line]:
 
 
 def run_head(width: int) -> tuple[str, str]:
-    return (fitted(_row("", "run", "maneuver", "s", "size", "used to", "health", width), width), "underline")
+    return (fitted(_row(("", "run", "maneuver", "s", "size", "used to", "health"), width), width), "underline")
 
 
-def _row(mark: str, run: str, maneuver: str, duration: str, size: str, use: str, health: str, width: int) -> str:
+def _row(cells: tuple[str, str, str, str, str, str, str], width: int) -> str:
+    mark, run, maneuver, duration, size, use, health = cells
     wide = 28 if width >= 120 else 15
     name = fitted(run, wide)
     return f" {mark:1} {name:<{wide}} {maneuver:<14} {duration:>5} {size:>5}  {use:<12}  {health}"
@@ -82,16 +83,8 @@ def run_rows(desk: DeskState, at: int, width: int, height: int) -> list[Line]:
         maneuver = " ".join(word for word in (row.axis, row.maneuver) if word)
         size = "" if row.size is None else f"{row.size:.2f}"
         use = f"{SIGNS[row.choice]} {row.choice.value}" if row.usable else "✗ not usable"
-        text = _row(
-            "▶" if number == at else " ",
-            sanitise(row.id),
-            sanitise(maneuver),
-            f"{row.duration_s:.1f}",
-            size,
-            use,
-            sanitise(row.health),
-            width,
-        )
+        mark, name, duration = "▶" if number == at else " ", sanitise(row.id), f"{row.duration_s:.1f}"
+        text = _row((mark, name, sanitise(maneuver), duration, size, use, sanitise(row.health)), width)
         lines.append((fitted(text, width), "reverse") if number == at else fitted(text, width))
     hidden = len(rows) - len(lines)
     if hidden:
@@ -288,7 +281,7 @@ def rung_lines(desk: DeskState, width: int, style: Style) -> list[Line]:
     current = desk.current
     if wrong is not None:
         name, percent, judged = wrong
-        lines.append(_numbers("·", f"placebo {name}", percent, judged, name_width, room, style))
+        lines.append(_numbers("·", (f"placebo {name}", percent, judged), name_width, room, style))
     shares = explained_shares(desk)
     if shares is not None:
         drawn = "  ".join(f"{axis} {bar(one, 8, style)} {100 * one:.0f} %" for axis, one in shares.items())
@@ -320,12 +313,11 @@ def explained_shares(desk: DeskState) -> dict[str, float] | None:
 
 
 def _rung(rung: Rung, name_width: int, room: int, style: Style) -> str:
-    return _numbers("●", rung.name, rung.nrmse_percent, rung.validation_nrmse_percent, name_width, room, style)
+    return _numbers("●", (rung.name, rung.nrmse_percent, rung.validation_nrmse_percent), name_width, room, style)
 
 
-def _numbers(
-    sign: str, name: str, percent: Nrmse, judged: Nrmse | None, name_width: int, room: int, style: Style
-) -> str:
+def _numbers(sign: str, rung: RungNumbers, name_width: int, room: int, style: Style) -> str:
+    name, percent, judged = rung
     cells = "   ".join(f"{percent[k]:5.1f} " + (f"{judged[k]:5.1f}" if judged else "    -") for k in ("p", "q"))
     drawn = f"  {bar((percent['p'] + percent['q']) / 200, room, style)}" if room >= 6 else ""
     return f" {sign} {fitted(sanitise(name), name_width):<{name_width}}  {cells}{drawn}"

@@ -103,7 +103,7 @@ class Bank:
     """Whether the pilot's switch selects the LQR; None where the vehicle does not say."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class State:
     """One moment."""
 

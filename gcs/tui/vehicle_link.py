@@ -92,7 +92,15 @@ class VehicleLink:
             rows = np.array(self._telemetry, dtype=float).reshape(-1, 3)
         rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
         unknown = np.full(len(rows), np.nan)
-        return LiveWindow(rows[:, 0], rows[:, 1], rows[:, 2], unknown, unknown, unknown, unknown)
+        return LiveWindow(
+            t=rows[:, 0],
+            p=rows[:, 1],
+            q=rows[:, 2],
+            delta_x=unknown,
+            delta_y=unknown,
+            excitation_x=unknown,
+            excitation_y=unknown,
+        )
 
     def pilot(self, line: str) -> None:
         """A line to the pilot of the simulated vehicle that this app started; there is none on any other link.

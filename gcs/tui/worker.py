@@ -74,7 +74,7 @@ class FlightWorker:
         """Without `link` and `start_vehicle` there is no vehicle, and the desk alone works. `make_desk` gives the desk
         to work on, told by `on_command` and `on_said` whom to tell. With `probe`, by default on every vehicle that the
         app did not start itself, a small step on each axis comes before a card."""
-        self._moment = Moment(State(link or ("the simulated vehicle" if start_vehicle else ""), plant))
+        self._moment = Moment(State(link=link or ("the simulated vehicle" if start_vehicle else ""), plant=plant))
         self._link = VehicleLink(self._moment, link, start_vehicle, open_session, primary=primary)
         self._card = CardFlight(
             self._moment,

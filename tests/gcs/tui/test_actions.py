@@ -229,7 +229,7 @@ class Berth:
 
     def __init__(self, link: str | None, **options: object) -> None:
         self.link, self.options = link, options
-        self.now = State(link or "", stage=Stage.IDLE, commands=(f"on {link}",))
+        self.now = State(link=link or "", stage=Stage.IDLE, commands=(f"on {link}",))
         self.desk = options["make_desk"](on_command=lambda _: None, on_said=lambda _: None)
         self.closed = False
         Berth.made.append(self)

@@ -45,7 +45,12 @@ class Connections:
     connection = SIMULATED[0]
 
     def connections(self) -> tuple[Connection, ...]:
-        return (UDP, Connection("/dev/ttyUSB0,57600", "a radio [/]", "/dev/ttyUSB0,57600"), *SIMULATED, NOWHERE)
+        return (
+            UDP,
+            Connection(name="/dev/ttyUSB0,57600", about="a radio [/]", link="/dev/ttyUSB0,57600"),
+            *SIMULATED,
+            NOWHERE,
+        )
 
     def connect(self, connection: Connection) -> None:
         raise AssertionError("nobody asked for it")

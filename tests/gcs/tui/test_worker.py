@@ -202,7 +202,7 @@ def test_ready_then_start_flies_and_each_run_asks_again(engine):
     reach(engine, Stage.READY)
     state = engine.state()
     assert (state.current, state.link_loss) == (1, "link lost: RETURNS after 5 s")
-    assert state.checks == ((True, "trim: centred"),)
+    assert state.checks == (Check("trim", "centred"),)
     assert engine.fake_card.flown == []
     assert engine.fake_card.probe is True, "the app did not start this vehicle itself"
     engine.start()
@@ -379,7 +379,7 @@ def test_what_was_flown_lies_on_the_desk_by_itself(engine, tmp_path):
     assert state.flight == state.desk.path
     engine.fit()
     state = engine.state()
-    assert state.fitted.flight == tmp_path / "flight-0001"
+    assert state.desk.path == tmp_path / "flight-0001"
     assert state.fitted.commands == state.commands[-2:] == state.desk.commands[-2:]
     engine.design()
     state = engine.state()
