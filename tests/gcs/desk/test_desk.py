@@ -452,7 +452,7 @@ def test_a_folder_that_takes_nothing_loses_nothing(
             raise TippathError(f"{path} cannot be written (Read-only file system)")
         return keep(text, path)
 
-    keep = gcs.desk.desk.keep_text
+    keep = gcs.desk.keeping.keep_text
     desk = Desk()
     desk.open(str(short))
     monkeypatch.setattr(gcs.desk.keeping, "keep_text", refuse)
