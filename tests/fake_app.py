@@ -7,15 +7,18 @@ import itertools
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
-from fake_desk import DESKS, FakeDesk
+from fake_desk import DESKS, GAINS, FakeDesk
 
 from gcs.cards.envelope import Use
+from gcs.desk import DeskState, Fitted
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
+from gcs.flight.preflight import Check
 from gcs.tui.app import TippathApp
-from gcs.tui.state import Bank, Designed, Fitted, Mark, Progress, RunView, Stage, State, joined
+from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State, joined
 from gcs.tui.widgets.lines import Lines
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
@@ -34,7 +37,7 @@ VEHICLE = VehicleSnapshot(
 )
 RECORDING = replace(VEHICLE, recording=Path("flight-0007/flight.BIN"), blocks_received=900)
 RUNS = tuple(
-    RunView(i, f"{axis} {kind} {i % 2 + 1}/2", "0.5-10 Hz  30 s  A 0.10")
+    RunView(number=i, label=f"{axis} {kind} {i % 2 + 1}/2", numbers="0.5-10 Hz  30 s  A 0.10", kind=kind, size="A 0.10")
     for i, (axis, kind) in enumerate(
         itertools.product(("roll", "pitch", "roll", "pitch"), ("chirp", "doublet")), start=1
     )
@@ -42,17 +45,17 @@ RUNS = tuple(
 USE = Use(44.0, 24.0, 13.0, 3.0)
 LONG = "not ready: in the air: not armed: the pilot arms and takes off, then fly this again; mode: Land; " * 4
 
-IDLE = State("udpin:127.0.0.1:14550", "hover", VEHICLE, stage=Stage.IDLE, card="hover", runs=RUNS)
+IDLE = State(link="udpin:127.0.0.1:14550", plant="hover", vehicle=VEHICLE, stage=Stage.IDLE, card="hover", runs=RUNS)
 FLYING = replace(
     IDLE,
     vehicle=replace(RECORDING, mode=25, mode_name="SystemID"),
     stage=Stage.FLYING,
     current=3,
     runs=(
-        replace(RUNS[0], mark=Mark.KEEP, verdict="keep   coherence 0.5-9.6 Hz   gaps 0   44 % of the limits"),
-        replace(RUNS[1], mark=Mark.AGAIN, verdict="fly again: the rates did not answer (they vary by 0.0041 rad/s)"),
+        replace(RUNS[0], mark=Mark.KEEP, why=("coherence 0.5-9.6 Hz", "gaps 0", "44 % of the limits")),
+        replace(RUNS[1], mark=Mark.AGAIN, why=("the rates did not answer (they vary by 0.0041 rad/s)",)),
         replace(RUNS[2], mark=Mark.FLYING),
-        replace(RUNS[3], mark=Mark.LOCKED, verdict="until 3 is clean"),
+        replace(RUNS[3], mark=Mark.LOCKED, why=("until 3 is clean",)),
         *RUNS[4:],
     ),
     progress=Progress(12.4, 30.0, 4.6, "Table 1"),
@@ -62,28 +65,33 @@ FLYING = replace(
     samples=9120,
     disk_free=41_000_000_000,
     flight=Path("flight-0007"),
-    checks=((True, "link: heard 0.0 s ago"), (True, "trim: delta_x +0.01, delta_y +0.01")),
+    checks=(Check("link", "heard 0.0 s ago"), Check("trim", "delta_x +0.01, delta_y +0.01")),
 )
 FITTED = replace(
     IDLE,
     flight=Path("flight-0007"),
-    fitted=Fitted(
-        Path("flight-0007"),
-        ("flight.BIN#1",),
-        (),
-        "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60)),
-        ("look at this " * 12,),
-        ("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
+    desk=DeskState(
+        path=Path("flight-0007"),
+        fitted=Fitted(
+            found=SimpleNamespace(),  # type: ignore[arg-type]
+            tables="\n".join(f"row {i:3d} {'x' * 60}" for i in range(60)),
+            runs=("flight.BIN#1",),
+            validation=(),
+            warnings=("look at this " * 12,),
+            tpp_path=None,
+            cd_path=None,
+            commands=("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
+        ),
     ),
 )
 DESIGNED = replace(
     FITTED,
     vehicle=replace(VEHICLE, armed=False),
-    designed=Designed("K  1 2 3 4", Path("flight-0007/gains.json"), 0xABCDEF, "tippath design"),
+    desk=replace(FITTED.desk, designed=replace(GAINS, text="K  1 2 3 4")),
     bank=Bank(0x123456, None, True),
 )
 MOMENTS = {
-    "no vehicle": State("udpin:127.0.0.1:14550", card="hover", runs=RUNS, trouble="no vehicle at udpin: " + LONG),
+    "no vehicle": State(link="udpin:127.0.0.1:14550", card="hover", runs=RUNS, trouble="no vehicle at udpin: " + LONG),
     "idle": IDLE,
     "refused": replace(IDLE, said=LONG),
     "checking": replace(FLYING, stage=Stage.CHECKING, progress=None),
@@ -101,10 +109,10 @@ MOMENTS = {
 }
 ANALYSED = {name: joined(replace(IDLE, flight=Path("flight-0007")), desk) for name, desk in DESKS.items()}
 """The moments of the work after the flight."""
-NOWHERE = State("", card="hover", runs=RUNS)
+NOWHERE = State(link="", card="hover", runs=RUNS)
 
 
-class FakeEngine:
+class FakeWorker:
     """Shows what it is told to show and writes down what is asked of it."""
 
     def __init__(self, state: State) -> None:
@@ -175,8 +183,8 @@ class FakeEngine:
         self.closed.set()
 
 
-def app_on(state: State, style="braille") -> tuple[TippathApp, FakeEngine]:
-    engine = FakeEngine(state)
+def app_on(state: State, style="braille") -> tuple[TippathApp, FakeWorker]:
+    engine = FakeWorker(state)
     return TippathApp(engine, style, bell=False), engine
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
 from sysid.compare.values import BandError, Densities, Trace
 from sysid.control.stability import Margins
@@ -18,8 +19,9 @@ HOME = Path("flight-0007")
 
 def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "roll", **more: Any) -> RunRow:
     row = RunRow(
-        f"flight.BIN#{number}", f"flight-0007/flight.BIN#{number}", maneuver, axis, 30.0, 500.0, 0.07,
-        "500 Hz, no gaps, 0.5-10 Hz", True, (), (), "keep", choice, choice,
+        id=f"flight.BIN#{number}", word=f"flight-0007/flight.BIN#{number}", maneuver=maneuver, axis=axis,
+        duration_s=30.0, rate_hz=500.0, size=0.07, health="500 Hz, no gaps, 0.5-10 Hz", usable=True, reasons=(),
+        notes=(), verdict="keep", choice=choice, default=choice,
     )  # fmt: skip
     return replace(row, **more)
 
@@ -107,21 +109,30 @@ def diagnosis(verdict: str = "missing") -> Any:
     )  # fmt: skip
 
 
-MISSING = """\
-missing: servo_lag  (not to be told from gyro_lag)             confidence 0.97
-  which is: first-order lag of the servos
-  explains 94 % of what can be explained  p  64.1 →  81.0   q  70.9 →  87.6 %
-  tau_s = 31.2 ± 0.4 ms                   plausible: 20 to 50 ms
-  why: phase falls linearly up to 8 Hz on both axes while the gain falls too
+MISSING = (
+    Block("answer", ("missing: servo_lag  (not to be told from gyro_lag)             confidence 0.97",)),
+    Block(
+        "measures",
+        (
+            "  which is: first-order lag of the servos",
+            "  explains 94 % of what can be explained  p  64.1 →  81.0   q  70.9 →  87.6 %",
+            "  tau_s = 31.2 ± 0.4 ms                   plausible: 20 to 50 ms",
+            "  why: phase falls linearly up to 8 Hz on both axes while the gain falls too",
+        ),
+        joined=True,
+    ),
+    Block("beside", (Sentence("to tell servo_lag from gyro_lag: move the elevator", " ", "   ", offer="card"),)),
+    Block("next", (" next: tippath add flight-0007/tpp.json servo_lag -o \\", "   flight-0007/tpp-2.json")),
+    Block("in full", (" in full: the same with --explain",), joined=True),
+)
+COMPARED = (
+    Block("title", ("TPP against flight.BIN#1, #3",)),
+    Block("figures", ("  NRMSE fit, %  64.1  70.9",)),
+    Block("findings", (" findings",)),
+    Block("bands", ("error by band, %", "  0.5-2 Hz  20")),
+)
 
- to tell servo_lag from gyro_lag: move the elevator; --card CARD.toml writes that as a test card
-
- next: tippath add flight-0007/tpp.json servo_lag -o \\
-   flight-0007/tpp-2.json
- in full: the same with --explain"""
-COMPARED = "TPP against flight.BIN#1, #3\n\n  NRMSE fit, %  64.1  70.9\n\n findings\n\nerror by band, %\n  0.5-2 Hz  20"
-
-BOTTOM = Rung("TPP", None, fit(p=64.1, q=70.9), HOME / "tpp.json")
+BOTTOM = Rung(name="TPP", effect=None, fit=fit(p=64.1, q=70.9), path=HOME / "tpp.json")
 COMPARED_RUNG = replace(
     BOTTOM, comparison=comparison(), comparison_text=COMPARED, noise_floor_percent={"p": 82.0, "q": 88.3}
 )
@@ -131,14 +142,21 @@ ADDED = replace(
     name="+ servo_lag",
     effect="servo_lag",
     fit=fit("servo_lag", p=81.0, q=87.6),
-    addition_text="servo_lag: the error falls\n\nladder\n placebo 64.3 71.0\n\n next: tippath diagnose x.json",
+    addition_text=(
+        Block("answer", ("servo_lag: the error falls",)),
+        Block("ladder", ("ladder", " placebo 64.3 71.0")),
+        Block("next", (" next: tippath diagnose x.json",)),
+    ),
 )
-COMPLETE = replace(ADDED, diagnosis=diagnosis("complete"), diagnosis_text="complete: what is left is noise")
+COMPLETE = replace(
+    ADDED, diagnosis=diagnosis("complete"), diagnosis_text=(Block("answer", ("complete: what is left is noise",)),)
+)
 
 TABLES = "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60))
 FITTED: Any = Fitted(
-    SimpleNamespace(), TABLES, ("flight.BIN#1", "flight.BIN#3"), ("flight.BIN#4",), ("look at this " * 12,),  # type: ignore[arg-type]
-    HOME / "tpp.json", HOME / "cd.json", ("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
+    found=SimpleNamespace(), tables=TABLES, runs=("flight.BIN#1", "flight.BIN#3"), validation=("flight.BIN#4",),  # type: ignore[arg-type]
+    warnings=("look at this " * 12,), tpp_path=HOME / "tpp.json", cd_path=HOME / "cd.json",
+    commands=("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
 )  # fmt: skip
 
 
@@ -152,14 +170,15 @@ def doublet(axis: str) -> Any:
 
 
 GAINS: Any = Designed(
-    "LQR on TPP\n  K  1 2 3 4", HOME / "gains.json", 0xABCDEF, "tippath design", "TPP + servo_lag",
-    SimpleNamespace(margins=Margins(10.4, 107.0, 0.142)),  # type: ignore[arg-type]
-    SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
+    text="LQR on TPP\n  K  1 2 3 4", path=HOME / "gains.json", crc=0xABCDEF, command="tippath design",
+    rung="TPP + servo_lag", gains=SimpleNamespace(margins=Margins(10.4, 107.0, 0.142)),  # type: ignore[arg-type]
+    following=SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
 )  # fmt: skip
 
 OPEN = DeskState(
-    HOME, HOME, "first day", (TimedNote("2026-05-04T12:30:00.000+00:00", "gusty [/] after noon"),), "simulated 4.5.7",
-    RUNS, ("other.BIN: not read: it is cut short",), Base(), commands=("tippath ingest flight-0007",),
+    path=HOME, home=HOME, name="first day",
+    notes=(TimedNote("2026-05-04T12:30:00.000+00:00", "gusty [/] after noon"),), vehicle="simulated 4.5.7", runs=RUNS,
+    unread=("other.BIN: not read: it is cut short",), base=Base(), commands=("tippath ingest flight-0007",),
 )  # fmt: skip
 DESKS = {
     "open": OPEN,

@@ -126,10 +126,15 @@ class Maneuver:
         return f"{self.axis} {'rate ' if self.target == 'rate' else ''}{self.kind}"
 
     @property
+    def size(self) -> str:
+        """Its amplitude in words, without the unit: `A 0.10`; empty for quiet hover."""
+        digits = 2 if abs(self.amplitude - round(self.amplitude, 2)) < 1e-9 else 3
+        return "" if self.kind == "quiet" else f"A {self.amplitude:.{digits}f}"
+
+    @property
     def numbers(self) -> str:
         """Its numbers in words: `0.5-10 Hz  30 s  A 0.10`."""
-        digits = 2 if abs(self.amplitude - round(self.amplitude, 2)) < 1e-9 else 3
-        amplitude = f"A {self.amplitude:.{digits}f}" + (" rad/s" if self.target == "rate" else "")
+        amplitude = self.size + (" rad/s" if self.target == "rate" else "")
         match self.kind:
             case "chirp":
                 return f"{self.f_start_hz:g}-{self.f_stop_hz:g} Hz  {self.duration_s:g} s  {amplitude}"

@@ -51,9 +51,12 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.diagnosis import add_effect, flown_with_validation, ladder_of, placebo_of
-    from gcs.analysis.diagnosis_text import addition_text
-    from gcs.analysis.pictures import ladder_picture, picture_kind, write_picture
+    from gcs.analysis.addition import add_effect
+    from gcs.analysis.comparison import flown_with_validation
+    from gcs.analysis.ladder import rungs_of
+    from gcs.analysis.pages.ladder import ladder_picture
+    from gcs.analysis.pages.pictures import picture_kind, write_picture
+    from gcs.analysis.text.addition import addition_text
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
     from gcs.desk.ladder import effect_to_add
@@ -80,9 +83,9 @@ def run(args: argparse.Namespace) -> int:
         found = add_effect(fit, effect, records, validation, band_hz=band, say=say)
     text = addition_text(found, str(args.fit), None if args.output is None else str(args.output))
     if args.plot is not None:
-        write_picture(
-            args.plot, ladder_picture(*ladder_of(found), placebo=placebo_of(found)), f"tippath add: {args.effect}", text
-        )
+        rungs = rungs_of(found.after.model.structure.base, found.after.lineage)
+        picture = ladder_picture(rungs, found.noise_floor_percent, placebo=found.placebo_rung)
+        write_picture(args.plot, picture, f"tippath add: {args.effect}", text)
         print(f"wrote {args.plot}", file=sys.stderr)
     document = found.to_json(args.output.parent if args.output else Path.cwd())
     if args.output:

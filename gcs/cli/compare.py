@@ -54,8 +54,9 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from gcs.analysis.comparison import compare_text, flown
-    from gcs.analysis.pictures import compare_picture, picture_kind, write_picture
+    from gcs.analysis.comparison import flown
+    from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
+    from gcs.analysis.text.comparison import compare_text
     from gcs.cli.fit import print_notes
     from sysid.compare.compare import compare
     from sysid.fit.result import Fit

@@ -38,7 +38,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.fits import gains_text
+    from gcs.analysis.text.gains import gains_text
     from gcs.errors import UsageError
     from sysid.control.regulator import design
     from sysid.fit.result import Fit

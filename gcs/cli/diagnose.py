@@ -89,9 +89,10 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.diagnosis import diagnose_fit, flown_with_validation
-    from gcs.analysis.diagnosis_text import diagnosis_text
-    from gcs.analysis.pictures import picture_kind
+    from gcs.analysis.comparison import flown_with_validation
+    from gcs.analysis.diagnosis import diagnose_fit
+    from gcs.analysis.pages.pictures import picture_kind
+    from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
     from gcs.errors import UsageError
@@ -158,8 +159,8 @@ def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:
 
 def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: str) -> None:
     """The files asked for, or why there is nothing to write in them."""
-    from gcs.analysis.diagnosis import drawn
-    from gcs.analysis.pictures import write_picture
+    from gcs.analysis.pages.diagnosis import drawn
+    from gcs.analysis.pages.pictures import write_picture
 
     def said(path: Path, missing: str | None = None) -> None:
         print(f"wrote {path}" if missing is None else f"{path} not written: {missing}", file=sys.stderr)

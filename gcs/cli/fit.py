@@ -85,7 +85,8 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.fits import assess, fit_text, implied_text, load_vehicle
+    from gcs.analysis.fits import assess, load_vehicle
+    from gcs.analysis.text.fit import fit_text, implied_text
     from gcs.errors import TippathError
     from gcs.logs import parse_window, resolve_runs
     from sysid.fit.identify import identify

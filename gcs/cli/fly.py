@@ -5,11 +5,16 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
+import os
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gcs.errors import TippathError, UsageError
+
 if TYPE_CHECKING:
+    from gcs.tui.connections import Connection
     from gcs.tui.reconnect import Reconnecting
 
 PLANTS = ("hover", "hover-ideal", "forward")
@@ -26,6 +31,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "keys of a terminal. Without --connect and --sim it asks where to connect; recorded flights need no vehicle.",
         epilog="F12 aborts from anywhere. NO_COLOR=1 switches colours off.",
     )
+    _add_flight(parser)
+    _add_screen(parser)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def _add_flight(parser: argparse.ArgumentParser) -> None:
+    """What is flown, where to connect, where results go."""
     parser.add_argument("flight", nargs="?", metavar="FLIGHT", help="a flight folder or a log to open at once")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -56,6 +69,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, metavar="N", help="of the simulated vehicle's gusts and noise")
     parser.add_argument("--on-ground", action="store_true", help="the simulated vehicle begins on the ground")
+
+
+def _add_screen(parser: argparse.ArgumentParser) -> None:
+    """How it looks, and where."""
     parser.add_argument(
         "--plot",
         choices=("braille", "block", "ascii"),
@@ -77,8 +94,6 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="PORT",
         help="the same app in a browser on this computer, http://127.0.0.1:PORT (default 8000); needs the extra web",
     )
-    parser.set_defaults(run=run)
-    return parser
 
 
 def _port(word: str) -> int:
@@ -93,19 +108,7 @@ def _port(word: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where the app itself failed. Raises TippathError where the app cannot begin."""
-    from gcs.errors import TippathError, UsageError
-
-    if args.sim is None and (args.seed is not None or args.on_ground):
-        raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
-    from gcs.cards.maneuver import load_card
-    from gcs.link.transport import parse_link
-
-    # Before anything is started, and before it is asked where: words that make no sense do so anywhere.
-    if args.connect is not None:
-        parse_link(args.connect)
-    load_card(args.card)
-    if args.flight is not None and not Path(args.flight).expanduser().exists():
-        raise TippathError(f"{args.flight}: no such folder or log")
+    _require_words(args)
     if args.serve is not None:
         return _serve(args)
     if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
@@ -115,47 +118,69 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise TippathError(f"{args.output}: {error.strerror or error}; choose another folder with -o") from error
 
-    from gcs.tui.app import TippathApp
-    from gcs.tui.places import NOWHERE, simulated, typed
+    from gcs.tui.app import TippathApp  # as in every command: --help answers at once without textual
+    from gcs.tui.connections import NOWHERE
     from gcs.tui.reconnect import Reconnecting
 
-    place = NOWHERE
-    if args.connect is not None:
-        place = typed(args.connect)
-    elif args.sim is not None:
-        place = simulated(args.sim, seed=args.seed, on_ground=args.on_ground)
-    first = "runs" if args.flight is not None else "connect" if place is NOWHERE else "fly"
+    connection = _connection(args)
+    first = "runs" if args.flight is not None else "connect" if connection is NOWHERE else "fly"
     with contextlib.ExitStack() as ends:
-        engine = Reconnecting(place, folder=args.output, primary=args.primary, card=args.card, probe=args.probe)
-        ends.callback(_close, engine)
+        worker = Reconnecting(connection, folder=args.output, primary=args.primary, card=args.card, probe=args.probe)
+        ends.callback(_close, worker)
         app = TippathApp(
-            engine,
+            worker,
             args.plot,
             bell=not args.no_bell,
             theme=args.theme,
-            harbour=engine,
+            connections=worker,
             first=first,
             flight=args.flight,
         )
         gc.collect()
         gc.freeze()  # a full collection over all that was imported stops the keys for a tenth of a second
         app.run()
-    commands = engine.state().commands
+    commands = worker.state().commands
     if commands and not _served():
         with contextlib.suppress(OSError):
             print("\n".join(["what was done, as a shell does it:", *commands]))
     return app.return_code or 0
 
 
-def _close(engine: Reconnecting) -> None:
+def _require_words(args: argparse.Namespace) -> None:
+    """Before anything is started, and before it is asked where: words that make no sense do so anywhere.
+
+    Raises UsageError or TippathError.
+    """
+    if args.sim is None and (args.seed is not None or args.on_ground):
+        raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
+    from gcs.cards.maneuver import load_card
+    from gcs.link.transport import parse_link
+
+    if args.connect is not None:
+        parse_link(args.connect)
+    load_card(args.card)
+    if args.flight is not None and not Path(args.flight).expanduser().exists():
+        raise TippathError(f"{args.flight}: no such folder or log")
+
+
+def _connection(args: argparse.Namespace) -> Connection:
+    """Where to connect to first."""
+    from gcs.tui.connections import NOWHERE, simulated, typed
+
+    if args.connect is not None:
+        return typed(args.connect)
+    return NOWHERE if args.sim is None else simulated(args.sim, seed=args.seed, on_ground=args.on_ground)
+
+
+def _close(worker: Reconnecting) -> None:
     """However the app ends: a run under way is ended before the link is let go, also past an impatient Ctrl-C."""
-    if engine.state().stage.under_way:
+    if worker.state().stage.under_way:
         with contextlib.suppress(OSError):  # a terminal that was closed cannot be told; the vehicle must be
             print("ending the run: waiting until the vehicle is out of it", file=sys.stderr)
     try:
-        engine.close()
+        worker.close()
     except KeyboardInterrupt:
-        engine.close()
+        worker.close()
 
 
 # ------------------------------------------------------------------------------------------------ in a browser
@@ -163,21 +188,15 @@ def _close(engine: Reconnecting) -> None:
 
 def _served() -> bool:
     """Whether textual-serve started this process: its terminal is a browser."""
-    import os
-
     return os.environ.get("TEXTUAL_DRIVER", "").endswith("WebDriver")
 
 
 def _serve(args: argparse.Namespace) -> int:
     """Serve the app on loopback until interrupted; every page is an app of its own, so one link has one page."""
-    from gcs.errors import TippathError
-
     try:
         from textual_serve.server import Server
     except ImportError as error:
         raise TippathError("--serve needs textual-serve, which is not installed: pip install 'tippath[web]'") from error
-    import shlex
-
     words = [sys.executable, "-m", "gcs.cli", "fly", *_again(args)]
     print(f"serving on http://{SERVED}:{args.serve}; Ctrl-C ends it", file=sys.stderr)
     Server(shlex.join(words), host=SERVED, port=args.serve, title="tippath").serve()

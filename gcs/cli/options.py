@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs.errors import TippathError, UsageError
+from gcs.errors import UsageError
+from gcs.files import write_whole
 
 if TYPE_CHECKING:
     from gcs.logs import Window
@@ -103,14 +103,8 @@ def write_json(document: Any, path: Path) -> None:
 
 
 def write_text(text: str, path: Path) -> None:
-    """Whole or not at all: written aside, then moved into place; nothing is left of a failure."""
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise TippathError(f"{path}: cannot be written ({error.strerror or error})") from error
+    """Whole or not at all. Raises TippathError where the disk does not take it."""
+    write_whole(text.encode(), path)
 
 
 def print_json(document: Any) -> None:

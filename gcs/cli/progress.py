@@ -59,9 +59,7 @@ class ProgressLines:
         for check in briefing.checks:
             self._line(f"   {'✓' if check.ok else '✗'} {check.name}: {printable(check.words)}")
         self._line(f"   {briefing.link_loss.words}")
-        self._link_loss = "the vehicle's own answer to a lost link: " + briefing.link_loss.words.removeprefix(
-            "link lost: "
-        )
+        self._link_loss = f"the vehicle's own answer to a lost link: {briefing.link_loss.answer}"
         flown = sorted({plan.words for run, plan in briefing.plans if run.maneuver.kind == "chirp"})
         if flown:
             self._line(f"   chirps: {'; '.join(flown)}")

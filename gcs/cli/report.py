@@ -34,7 +34,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.report import flight_report
+    from gcs.analysis.pages.report import flight_report
     from gcs.cli.progress import Counting
 
     refuse_existing(args.output, args.force)

@@ -10,13 +10,18 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
+from gcs.cli.options import print_json
 from gcs.cli.push import add_link_options
+from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
     from gcs.analysis.following import Following
+    from gcs.cards.maneuver import TestCard
     from gcs.flight.sweep import SweepResult
 
 WORD = "fly"
@@ -101,28 +106,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0 flown to the end, 130 ended by Ctrl-C, 1 otherwise. Raises TippathError for what a user meets."""
-    from gcs.cards.maneuver import Maneuver, load_card, single_card
-    from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
-    from gcs.cli.interrupts import interrupts
-    from gcs.cli.options import print_json
+    from gcs.cli.interrupts import interrupts  # as below: --help answers at once without pymavlink and numpy
     from gcs.cli.progress import ProgressLines
-    from gcs.errors import UsageError
     from gcs.flight import folder as flightdir
     from gcs.flight.session import Session
-    from gcs.flight.sweep import Briefing, Ending, fly_card, require_flyable
+    from gcs.flight.sweep import Briefing, fly_card, require_flyable
     from gcs.logs.words import printable
 
-    single = [name for name in ("axis", "amplitude", "duration") if getattr(args, name) is not None]
-    if args.card is not None and single:
-        raise UsageError(f"--card says what to fly; leave out --{single[0]}")
-    if args.card is None and args.axis is None:
-        raise UsageError("what to fly? Give --axis roll|pitch|elevator, or --card hover")
-    if args.card is not None:
-        card = load_card(args.card)
-    else:
-        amplitude = 0.1 if args.amplitude is None else args.amplitude
-        duration_s = 30.0 if args.duration is None else args.duration
-        card = single_card(Maneuver("chirp", args.axis, amplitude, duration_s))
+    card = card_of(args)
     lines = ProgressLines(card.limits)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
@@ -150,40 +141,75 @@ def run(args: argparse.Namespace) -> int:
         )
         if result.link_loss is not None and result.link_loss.ends_sweep and session.snapshot().armed:
             # We hold its failsafe, and are about to leave.
-            words = result.link_loss.words.removeprefix("link lost: ")
-            print(f" the vehicle is still in the air and {words} once this program has ended", file=sys.stderr)
+            answer = result.link_loss.answer
+            print(f" the vehicle is still in the air and {answer} once this program has ended", file=sys.stderr)
     args.flown = folder.path
     followed, unknown = rates_followed(result)
-    ended = f"   stopped: {printable(result.stopped)}" if result.stopped else ""
     if args.json:
-        about = folder.read()
-        head = {"format": "tippath.sweep/1", "folder": str(folder.path), "complete": result.complete}
-        ending = None if result.ending is None else result.ending.value
-        rest = {key: value for key, value in about.items() if key != "format"}
-        print_json({**head, "ending": ending, **rest, "following": [one.to_json() for one in followed]})
+        print_document(result, followed)
     else:
-        count = f"{len(result.runs)} of {result.planned} runs"
-        log = folder.log if result.recording is not None and result.recording.logs else folder.path
-        print(f" recorded {log}  {count}  {result.missing_words}{ended}")
-        for problem in result.recording.problems if result.recording is not None else ():
-            print(f"   {printable(problem)}")
-        if followed:
-            print(" how the rates followed their commands")
-        for one in followed:
-            print(f"   {one.words}")
+        print_result(result, followed)
     if unknown:
         print(f" how the rates followed is not known: {printable(unknown)}", file=sys.stderr)
+    return exit_status(result, wishes() is not None, say_why=args.json)
+
+
+def card_of(args: argparse.Namespace) -> TestCard:
+    """What to fly. Raises UsageError where the options do not say it, or say it twice."""
+    from gcs.cards.maneuver import Maneuver, load_card, single_card
+
+    single = [name for name in ("axis", "amplitude", "duration") if getattr(args, name) is not None]
+    if args.card is not None and single:
+        raise UsageError(f"--card says what to fly; leave out --{single[0]}")
+    if args.card is not None:
+        return load_card(args.card)
+    if args.axis is None:
+        raise UsageError("what to fly? Give --axis roll|pitch|elevator, or --card hover")
+    amplitude = 0.1 if args.amplitude is None else args.amplitude
+    duration_s = 30.0 if args.duration is None else args.duration
+    return single_card(Maneuver("chirp", args.axis, amplitude, duration_s))
+
+
+def print_document(result: SweepResult, followed: Sequence[Following]) -> None:
+    """The sweep as one JSON document."""
+    head = {"format": "tippath.sweep/1", "folder": str(result.folder.path), "complete": result.complete}
+    ending = None if result.ending is None else result.ending.value
+    rest = {key: value for key, value in result.folder.read().items() if key != "format"}
+    print_json({**head, "ending": ending, **rest, "following": [one.to_json() for one in followed]})
+
+
+def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
+    """The sweep in lines: where it was recorded, whether whole, and how rates followed."""
+    from gcs.logs.words import printable
+
+    ended = f"   stopped: {printable(result.stopped)}" if result.stopped else ""
+    count = f"{len(result.runs)} of {result.planned} runs"
+    recorded = result.recording is not None and result.recording.logs
+    log = result.folder.log if recorded else result.folder.path
+    print(f" recorded {log}  {count}  {result.missing_words}{ended}")
+    for problem in result.recording.problems if result.recording is not None else ():
+        print(f"   {printable(problem)}")
+    if followed:
+        print(" how the rates followed their commands")
+    for one in followed:
+        print(f"   {one.words}")
+
+
+def exit_status(result: SweepResult, interrupted: bool, *, say_why: bool) -> int:
+    """What the shell is told; with `say_why` also why, where the sweep is not complete."""
+    from gcs.flight.sweep import Ending
+    from gcs.logs.words import printable
+
     if result.complete:
         return EXIT_DONE
-    if args.json:
+    if say_why:
         print(f"stopped: {printable(result.stopped or 'the recording is not complete')}", file=sys.stderr)
-    return EXIT_INTERRUPTED if wishes() is not None and result.ending is Ending.ABORTED else EXIT_NO
+    return EXIT_INTERRUPTED if interrupted and result.ending is Ending.ABORTED else EXIT_NO
 
 
 def rates_followed(result: SweepResult) -> tuple[list[Following], str]:
     """How the rates followed where rates were commanded, and why that is not known."""
     from gcs.analysis.following import measure_following
-    from gcs.errors import TippathError
     from gcs.flight.sweep import Ending
 
     flown = [one for one in result.runs if one.ending is Ending.FINISHED and one.run.maneuver.target == "rate"]
@@ -212,8 +238,6 @@ def is_loopback(link: str) -> bool:
 
 def require_terminal(yes: bool) -> None:
     """Raises UsageError where nobody could type the word, or where `--yes` would answer in his place."""
-    from gcs.errors import UsageError
-
     if yes:
         raise UsageError(f"--yes does not fly hardware: somebody types {WORD}")
     if not sys.stdin.isatty():

@@ -41,13 +41,15 @@ LAND_WITHIN_S = 20.0
 TAKE_OFF_WITHIN_S = 20.0
 
 Say = Callable[[str], None]
+Fly = Callable[[str, FlightFolder], SweepResult]
+"""Flies a card by its name, and records it in a folder."""
 
 
 class DemoError(TippathError):
     """Something that had to hold does not; the message says what."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Demonstration:
     """What the demonstration did and found."""
 
@@ -67,11 +69,12 @@ class Demonstration:
 
     def tables(self) -> str:
         """The paper's tables with ours beside, the gains, and how the vehicle followed."""
-        from gcs.analysis.fits import gains_text
+        from gcs.analysis.text.fit import identification_text
+        from gcs.analysis.text.gains import gains_text
 
         last = self.pushed[-1]
         lines = [
-            self.identification.tables(),
+            identification_text(self.identification),
             "",
             gains_text(self.gains),
             "",
@@ -143,11 +146,60 @@ def fly_demo(
             raise KeyboardInterrupt
         say(words)
 
-    def fly(session: Session, card: str, where: FlightFolder) -> SweepResult:
-        def briefed(briefing: Briefing) -> bool:
-            on_briefing(briefing)
-            return True
+    tell(f"starting the simulated vehicle, plant {plant}, seed {seed}")
+    with (
+        SimulatedVehicle(plant, folder.path / "vehicle", seed=seed) as vehicle,
+        Session.open(vehicle.ground_link, primary=True, connect_timeout_s=10.0) as session,
+    ):
+        fly = _flies(
+            session,
+            about={"link": session.link, "simulated": {"plant": plant, "seed": seed}},
+            on_progress=on_progress,
+            on_briefing=on_briefing,
+            aborted=aborted,
+            interruptions=interruptions,
+        )
+        flown = fly("hover", folder)
+        identified = _identified(folder, vehicle, tell)
+        closed_loop = _fly_gains(_Aloft(vehicle, session, fly, tell), folder, identified.gains)
+    demonstration = Demonstration(
+        folder=folder,
+        plant=plant,
+        seed=seed,
+        flown=flown,
+        on_board=identified.on_board,
+        identification=identified.identification,
+        gains=identified.gains[-1],
+        pushed=closed_loop.pushed,
+        lqr_flown=closed_loop.flown,
+        following=closed_loop.following,
+        reverted=closed_loop.reverted,
+        duration_s=time.monotonic() - began,
+    )
+    tell("writing the report")
+    save_results(demonstration, identified.records)
+    if not all(one.follows for one in demonstration.following):
+        words = "; ".join(one.words for one in demonstration.following)
+        raise DemoError(f"the vehicle does not follow the LQR's rate command: {words}")
+    return demonstration
 
+
+def _flies(
+    session: Session,
+    *,
+    about: dict[str, Any],
+    on_progress: Callable[[Progress], None],
+    on_briefing: Callable[[Briefing], None],
+    aborted: Callable[[], str | None],
+    interruptions: Callable[[], int],
+) -> Fly:
+    """Flies cards over a session; `about` goes into each flight.json."""
+
+    def briefed(briefing: Briefing) -> bool:
+        on_briefing(briefing)
+        return True
+
+    def fly(card: str, where: FlightFolder) -> SweepResult:
         result = fly_card(
             session,
             load_card(card),
@@ -156,55 +208,65 @@ def fly_demo(
             on_progress=on_progress,
             aborted=aborted,
             interruptions=interruptions,
-            about={"link": session.link, "simulated": {"plant": plant, "seed": seed}},
+            about=about,
         )
         require_flown(result, aborted)
         return result
 
-    tell(f"starting the simulated vehicle, plant {plant}, seed {seed}")
-    with (
-        SimulatedVehicle(plant, folder.path / "vehicle", seed=seed) as vehicle,
-        Session.open(vehicle.ground_link, primary=True, connect_timeout_s=10.0) as session,
-    ):
-        flown = fly(session, "hover", folder)
-        on_board = require_same_bytes(folder.log, vehicle.directory)
-        tell(f"{folder.log.name} is {on_board.name} of the vehicle, byte for byte")
-        tell("fitting TPP and CD to the chirps, judging them on the doublets")
-        identification, records = identify_runs(folder)
-        tell("designing the LQR, its observer and its prefilter")
-        designed = design_gains(identification)
-        land(vehicle, session, tell)
-        pushed = tuple(push_gains(session, gains, tell) for gains in designed)
-        take_off(vehicle, session, tell)
-        vehicle.say("lqr on")
-        tell("the pilot's switch selects the LQR")
-        again = FlightFolder(folder.path / "lqr")
-        again.path.mkdir()
-        lqr_flown = fly(session, "lqr-doublet", again)
-        following = tuple(measure_following(again.log, lqr_flown.runs))
-        for one in following:
-            tell(one.words)
-        land(vehicle, session, tell)
-        reverted = revert_gains(session, pushed, tell)
-    demonstration = Demonstration(
-        folder,
-        plant,
-        seed,
-        flown,
-        on_board,
-        identification,
-        designed[-1],
-        pushed,
-        lqr_flown,
-        following,
-        reverted,
-        time.monotonic() - began,
-    )
-    tell("writing the report")
-    save_results(demonstration, records)
-    if not all(one.follows for one in following):
-        raise DemoError(f"the vehicle does not follow the LQR's rate command: {'; '.join(f.words for f in following)}")
-    return demonstration
+    return fly
+
+
+@dataclass(frozen=True, eq=False)
+class _Identified:
+    on_board: Path
+    identification: Identification
+    records: Sequence[Record]
+    gains: tuple[Gains, ...]
+    """The gentle ones first."""
+
+
+def _identified(folder: FlightFolder, vehicle: SimulatedVehicle, tell: Say) -> _Identified:
+    """The fits of the flight in a folder, and gains on them."""
+    on_board = require_same_bytes(folder.log, vehicle.directory)
+    tell(f"{folder.log.name} is {on_board.name} of the vehicle, byte for byte")
+    tell("fitting TPP and CD to the chirps, judging them on the doublets")
+    identification, records = identify_runs(folder)
+    tell("designing the LQR, its observer and its prefilter")
+    return _Identified(on_board, identification, records, design_gains(identification))
+
+
+@dataclass(frozen=True, eq=False)
+class _Aloft:
+    vehicle: SimulatedVehicle
+    session: Session
+    fly: Fly
+    tell: Say
+
+
+@dataclass(frozen=True, eq=False)
+class _ClosedLoop:
+    pushed: tuple[PushResult, ...]
+    flown: SweepResult
+    following: tuple[Following, ...]
+    reverted: RevertResult
+
+
+def _fly_gains(aloft: _Aloft, folder: FlightFolder, gains: Sequence[Gains]) -> _ClosedLoop:
+    """The gains on the ground to the vehicle, the doublets with them in the air, and back to the first set."""
+    vehicle, session, tell = aloft.vehicle, aloft.session, aloft.tell
+    land(vehicle, session, tell)
+    pushed = tuple(push_gains(session, one, tell) for one in gains)
+    take_off(vehicle, session, tell)
+    vehicle.say("lqr on")
+    tell("the pilot's switch selects the LQR")
+    again = FlightFolder(folder.path / "lqr")
+    again.path.mkdir()
+    flown = aloft.fly("lqr-doublet", again)
+    following = tuple(measure_following(again.log, flown.runs))
+    for one in following:
+        tell(one.words)
+    land(vehicle, session, tell)
+    return _ClosedLoop(pushed, flown, following, revert_gains(session, pushed, tell))
 
 
 # ------------------------------------------------------------------------------------------------ the steps
@@ -291,7 +353,8 @@ def revert_gains(session: Session, pushed: Sequence[PushResult], say: Say) -> Re
 
 def save_results(demonstration: Demonstration, records: Sequence[Record]) -> None:
     """tpp.json, cd.json, gains.json, tables.txt and report.html beside the log."""
-    from gcs.analysis.report import page, run_picture
+    from gcs.analysis.pages.page import page
+    from gcs.analysis.pages.report import run_picture
 
     found, folder = demonstration.identification, demonstration.folder.path
     for name, document in (

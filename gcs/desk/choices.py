@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs.desk.state import Base, Choice, RunRow
+from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
 from gcs.logs import Run
 from gcs.logs.runs.verdicts import SAME_S, named_all_the_same
@@ -35,20 +36,20 @@ def rows_of(runs: Sequence[Run], folder: FlightFolder) -> tuple[RunRow, ...]:
     choices = default_choices(runs)
     return tuple(
         RunRow(
-            printable(run.id),
-            word_of(run),
-            run.maneuver,
-            run.axis,
-            run.duration_s,
-            run.rate_hz,
-            size_of(run),
-            _health(run),
-            record_of(run) is not None,
-            tuple(map(printable, run.reasons)),
-            tuple(map(printable, run.notes)),
-            _verdict(run, flown),
-            choice,
-            choice,
+            id=printable(run.id),
+            word=word_of(run),
+            maneuver=run.maneuver,
+            axis=run.axis,
+            duration_s=run.duration_s,
+            rate_hz=run.rate_hz,
+            size=size_of(run),
+            health=_health(run),
+            usable=record_of(run) is not None,
+            reasons=tuple(map(printable, run.reasons)),
+            notes=tuple(map(printable, run.notes)),
+            verdict=_verdict(run, flown),
+            choice=choice,
+            default=choice,
         )
         for run, choice in zip(runs, choices, strict=True)
     )
@@ -86,19 +87,18 @@ def default_choices(runs: Sequence[Run]) -> list[Choice]:
     usable = [run for run in usable if run.maneuver == "quiet" or run.rate_source == kind]
     chirps = [run for run in usable if run.maneuver == "chirp"]
     main = {axis: _main_size([run for run in chirps if run.axis == axis]) for axis in {run.axis for run in chirps}}
-    found = []
-    for run in runs:
-        if not any(run is one for one in usable):
-            found.append(Choice.OUT)
-        elif run.maneuver == "quiet":
-            found.append(Choice.NOISE)
-        elif not chirps:
-            found.append(Choice.FIT)
-        elif run.maneuver == "chirp":
-            found.append(Choice.FIT if _same(size_of(run), main[run.axis]) else Choice.VALIDATE)
-        else:
-            found.append(Choice.VALIDATE if run.maneuver == "doublet" else Choice.OUT)
-    return found
+    return [_default(run, main) if any(run is one for one in usable) else Choice.OUT for run in runs]
+
+
+def _default(run: Run, main: Mapping[str | None, float | None]) -> Choice:
+    """What a usable run is used for; `main` are the sizes of the chirps to be fitted, by axis, if there are any."""
+    if run.maneuver == "quiet":
+        return Choice.NOISE
+    if not main:
+        return Choice.FIT
+    if run.maneuver == "chirp":
+        return Choice.FIT if _same(size_of(run), main[run.axis]) else Choice.VALIDATE
+    return Choice.VALIDATE if run.maneuver == "doublet" else Choice.OUT
 
 
 def default_base(runs: Sequence[Run]) -> Base:
@@ -125,7 +125,7 @@ def _main_size(chirps: Sequence[Run]) -> float | None:
 
 def _health(run: Run) -> str:
     if run.reasons:
-        return printable(run.reasons[0].partition(";")[0])
+        return printable(f"the sweep's verdict: {run.verdict}" if run.reasons == (run.verdict,) else run.reasons[0])
     said = [] if run.rate_hz is None else [f"{run.rate_hz:.0f} Hz"]
     said.append(f"{len(run.gaps)} gaps" if len(run.gaps) > 1 else "1 gap" if run.gaps else "no gaps")
     if run.swept_band_hz is not None:
@@ -134,8 +134,6 @@ def _health(run: Run) -> str:
 
 
 def _flown(folder: FlightFolder) -> list[Mapping[str, object]]:
-    from gcs.errors import TippathError
-
     try:
         return list(folder.runs())
     except TippathError:
@@ -157,8 +155,6 @@ def _verdict(run: Run, flown: Sequence[Mapping[str, object]]) -> str:
 
 def vehicle_words(folder: FlightFolder) -> str:
     """What flew, as flight.json tells it; empty where it does not."""
-    from gcs.errors import TippathError
-
     try:
         said = folder.read().get("vehicle")
     except TippathError:

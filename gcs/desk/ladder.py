@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gcs.analysis.diagnosis import rung_names
-from gcs.analysis.fits import Identification, checks_text, modes_table, nrmse_table, parameter_table
+from gcs.analysis.fits import Identification
+from gcs.analysis.ladder import added, rung_names, short_names
+from gcs.analysis.text.fit import checks_text, modes_table, nrmse_table, parameter_table
 from gcs.desk.state import Fitted, Rung
 from gcs.errors import UsageError
 from sysid.fit.result import Fit
@@ -36,14 +37,14 @@ def tables(found: Identification, kept: tuple[Path, Path] | None = None) -> Fitt
     # The checks before the long table of parameters: they say whether to read it.
     text = "\n\n".join((nrmse_table(found), modes_table(found), checks_text(found.checks), parameter_table(found)))
     return Fitted(
-        found,
-        text,
-        tuple(one.id for one in found.tpp.records),
-        tuple(one.id for one in found.tpp.validation),
-        tuple(dict.fromkeys((*found.tpp.warnings, *found.cd.warnings))),
-        None if kept is None else kept[0],
-        None if kept is None else kept[1],
-        (),
+        found=found,
+        tables=text,
+        runs=tuple(one.id for one in found.tpp.records),
+        validation=tuple(one.id for one in found.tpp.validation),
+        warnings=tuple(dict.fromkeys((*found.tpp.warnings, *found.cd.warnings))),
+        tpp_path=None if kept is None else kept[0],
+        cd_path=None if kept is None else kept[1],
+        commands=(),
     )
 
 
@@ -51,16 +52,16 @@ def named(ladder: Sequence[Rung]) -> tuple[Rung, ...]:
     """The rungs with their names, and what each added."""
     if not ladder:
         return ()
-    structures = [one.fit.model.structure for one in ladder]
-    names = rung_names(structures[-1].base, [one.effects for one in structures])
-    found = [replace(one, name=name) for one, name in zip(ladder, names, strict=True)]
+    effects = [one.fit.model.structure.effects for one in ladder]
+    names = rung_names(ladder[-1].fit.model.structure.base, effects)
+    brought = [None, *added(effects)]
     return tuple(
-        one if k == 0 or one.effect is not None else replace(one, effect=one.name.removeprefix("+ "))
-        for k, one in enumerate(found)
+        replace(one, name=name, effect=one.effect or its_own)
+        for one, name, its_own in zip(ladder, names, brought, strict=True)
     )
 
 
 def full_name(fit: Fit) -> str:
     """`TPP + servo_lag`."""
     structure = fit.model.structure
-    return " + ".join([structure.base.upper(), *(Path(one).name for one in structure.effects)])
+    return " + ".join([structure.base.upper(), *short_names(structure.effects)])

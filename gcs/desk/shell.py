@@ -32,6 +32,10 @@ def named(*fits: Fit) -> list[str]:
     return ["--with", ",".join(files)] if files else []
 
 
+Making = tuple[Sequence[str], str, Sequence[str], Sequence[str]]
+"""What a fit is made of: the runs, the model, its effects, the runs that judge."""
+
+
 def fit(runs: Sequence[str], model: str, effects: Sequence[str], validation: Sequence[str], path: Path, /) -> str:
     parts: list[object] = ["tippath", "fit", *runs, "--model", model]
     parts += ["--with", ",".join(effects)] if effects else []

@@ -12,8 +12,11 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gcs.analysis.text.blocks import Blocks
+
 if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
-    from gcs.analysis.diagnosis import Addition, FitDiagnosis, Sign
+    from gcs.analysis.addition import Addition, Sign
+    from gcs.analysis.diagnosis import FitDiagnosis
     from gcs.analysis.fits import Identification
     from sysid.compare.values import Comparison
     from sysid.control.loop import Following
@@ -34,7 +37,7 @@ class Choice(Enum):
     """Quiet hover: it tells the noise, never enters a fit, and the user cannot choose it nor away from it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunRow:
     """One run of the flight."""
 
@@ -87,7 +90,7 @@ class Base:
         return " + ".join((self.model, *self.effects))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Fitted:
     """TPP, CD and the CD that the TPP reduces to, on the same runs."""
 
@@ -105,7 +108,7 @@ class Fitted:
     commands: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Rung:
     """One step of the ladder: a fit, and what was asked of it."""
 
@@ -120,12 +123,12 @@ class Rung:
     """NRMSE that a model which leaves nothing but noise would reach; None until compared, asked or added."""
     addition: Addition | None = None
     """With signs and placebo; None at the bottom, and of rungs from an earlier session."""
-    addition_text: str = ""
+    addition_text: Blocks = ()
     comparison: Comparison | None = None
     """With traces, responses and densities to be drawn."""
-    comparison_text: str = ""
+    comparison_text: Blocks = ()
     diagnosis: FitDiagnosis | None = None
-    diagnosis_text: str = ""
+    diagnosis_text: Blocks = ()
 
     @property
     def nrmse_percent(self) -> Nrmse:
@@ -148,12 +151,10 @@ class Rung:
     @property
     def placebo(self) -> tuple[str, Nrmse, Nrmse | None] | None:
         """The best wrong effect in this one's place: name, NRMSE fitted and on validation runs."""
-        from gcs.analysis.diagnosis import placebo_of
-
-        return None if self.addition is None else placebo_of(self.addition)
+        return None if self.addition is None else self.addition.placebo_rung
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Designed:
     """Gains, and what they promise."""
 
@@ -171,7 +172,7 @@ class Designed:
     """The closed loop's predicted answer to the rate doublet of the card `lqr-doublet`, for each axis."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class DeskState:
     """One moment."""
 
@@ -196,6 +197,8 @@ class DeskState:
     report: Path | None = None
     busy: str = ""
     """What is being worked on; empty where nothing is."""
+    called_off: bool = False
+    """It was called off, and ends at its next step."""
     progress: float | None = None
     """0..1; None where it cannot be told."""
     said: str = ""

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import TippathError, UsageError
+from gcs.files import put_in_place
 
 FORMAT = "tippath.flight/1"
 _NUMBERED = re.compile(r"flight-(\d{4,})")
@@ -83,14 +84,10 @@ class FlightFolder:
         users: dict[str, Any] = {}
         with contextlib.suppress(TippathError):  # nothing there yet, or nothing to be kept of
             users = {key: value for key, value in self.read().items() if key in USERS_KEYS}
-        part = self.about.with_name(self.about.name + ".part")
+        text = json.dumps({"format": FORMAT, **users, **about}, indent=1, allow_nan=False, ensure_ascii=False)
         try:
-            text = json.dumps({"format": FORMAT, **users, **about}, indent=1, allow_nan=False, ensure_ascii=False)
-            part.write_text(text + "\n", "utf-8")
-            part.replace(self.about)
+            put_in_place(f"{text}\n".encode(), self.about)
         except OSError as error:
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)
             raise TippathError(f"{self.about} cannot be written ({error.strerror or error})") from error
 
     def rename(self, name: str) -> None:

@@ -50,31 +50,36 @@ class Check:
 class LinkLoss:
     """What the vehicle does when it no longer hears the ground."""
 
-    words: str
-    """`link lost: RETURNS after 5 s`, `link lost: the sweep RUNS ON (...)`."""
+    answer: str
+    """`RETURNS after 5 s`, `the sweep RUNS ON (...)`."""
     ends_sweep: bool | None
     """None where the vehicle does not tell."""
+
+    @property
+    def words(self) -> str:
+        """`link lost: RETURNS after 5 s`."""
+        return f"link lost: {self.answer}"
 
 
 def link_loss(parameters: Mapping[str, float], station: int) -> LinkLoss:
     """The vehicle's answer to a lost link, read from its parameters, for a ground station with this system id."""
     enabled = parameters.get("FS_GCS_ENABLE")
     if enabled is None:
-        return LinkLoss("link lost: the vehicle does not tell what it would do (no FS_GCS_ENABLE)", None)
+        return LinkLoss("the vehicle does not tell what it would do (no FS_GCS_ENABLE)", None)
     if int(enabled) == 0:
-        return LinkLoss("link lost: the sweep RUNS ON (FS_GCS_ENABLE 0: the vehicle does not notice)", False)
+        return LinkLoss("the sweep RUNS ON (FS_GCS_ENABLE 0: the vehicle does not notice)", False)
     primary = parameters.get("SYSID_MYGCS", parameters.get("MAV_GCS_SYSID"))
     if primary is not None and int(primary) != station:
         return LinkLoss(
-            f"link lost: the sweep RUNS ON (the failsafe listens to station {int(primary)}, this is {station}; "
+            f"the sweep RUNS ON (the failsafe listens to station {int(primary)}, this is {station}; "
             "--primary takes its place)",
             False,
         )
     if int(parameters.get("FS_OPTIONS", 0)) & CONTINUE_PILOT_CONTROL:
-        return LinkLoss("link lost: the sweep RUNS ON (FS_OPTIONS 16: continuing pilot control)", False)
+        return LinkLoss("the sweep RUNS ON (FS_OPTIONS 16: continuing pilot control)", False)
     after_s = parameters.get("FS_GCS_TIMEOUT", 5.0)
     action = _FAILSAFE_ACTIONS.get(int(enabled), f"does what FS_GCS_ENABLE {int(enabled)} means")
-    return LinkLoss(f"link lost: {action} after {after_s:g} s", True)
+    return LinkLoss(f"{action} after {after_s:g} s", True)
 
 
 def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, ...]:

@@ -1,4 +1,4 @@
-"""Keep a run, or fly it again? Judged at once, from the samples that came, so that the pilot is still in the air.
+"""Keep a run, or fly it again? Ranked at once, from the samples that came, so that the pilot is still in the air.
 
 Three questions: did the samples come, did the vehicle stay inside its envelope, and was it excited. For a chirp the
 last is the coherence between what was put in and what the vehicle did; for a doublet, whether the command moved as
@@ -68,13 +68,17 @@ class Verdict:
     @property
     def words(self) -> str:
         """In one line: `keep   coherence 0.5-9.6 Hz   gaps 0`."""
-        parts = ["keep" if self.keep else "fly again: " + "; ".join(self.reasons)]
+        return "   ".join(["keep" if self.keep else "fly again: " + "; ".join(self.reasons), *self.figures])
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """`coherence 0.5-9.6 Hz`, `gaps 0`, `44 % of the limits`: as far as there are any."""
+        parts = []
         if self.coherent_hz is not None:
             parts.append(f"coherence {self.coherent_hz[0]:.1f}-{self.coherent_hz[1]:.1f} Hz")
         if NO_SAMPLES not in self.reasons:
             parts.append(self.gaps_words)
-        parts.append(f"{self.use.largest:.0f} % of the limits")
-        return "   ".join(parts)
+        return (*parts, f"{self.use.largest:.0f} % of the limits")
 
     def to_json(self) -> dict[str, Any]:
         return {

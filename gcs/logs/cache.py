@@ -8,6 +8,7 @@ full disk, costs the cache and nothing else. `TIPPATH_CACHE=off` in the environm
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.files import put_in_place
 from gcs.logs.runs.run import Run
 from gcs.logs.source import Source
 
@@ -93,14 +95,10 @@ def save(place: Path, content: Content) -> None:
         return
     if len(body) > MOST_BYTES:
         return
-    part = place.with_name(f"{place.name}.{os.getpid()}.part")
-    try:
+    with contextlib.suppress(OSError):
         place.parent.mkdir(exist_ok=True)
-        part.write_bytes(hashlib.sha256(body).digest() + body)
-        part.replace(place)
+        put_in_place(hashlib.sha256(body).digest() + body, place)
         _remove_old(place, content.source.path)
-    except OSError:
-        _unlink(part)
 
 
 def _remove_old(place: Path, log: str) -> None:

@@ -9,7 +9,7 @@ from textual.widget import Widget
 from gcs.tui import connect_words
 from gcs.tui.actions import Act
 from gcs.tui.base import Scrolled
-from gcs.tui.places import Place
+from gcs.tui.connections import Connection
 from gcs.tui.plot import Style
 from gcs.tui.state import State
 from gcs.tui.widgets.lines import Lines
@@ -24,27 +24,27 @@ class ConnectScreen(Scrolled):
         Act("down", "move(1)", "", "mark the line below", "down"),
         Act("enter", "go", "connect", "connect to the marked line", "enter"),
         Act("a,A", "app.type_link", "another link", "type a link"),
-        Act("g,G", "app.look_for_places", "look again", "look again for serial ports"),
+        Act("g,G", "app.look_for_connections", "look again", "look again for serial ports"),
         Act("o,O", "app.open_flight", "open a flight", "open a flight folder or a log"),
     )
 
     def __init__(self, style: Style) -> None:
         super().__init__(style)
         self.at = 0
-        self.offered: tuple[Place, ...] = ()
+        self.offered: tuple[Connection, ...] = ()
         self.here = ""
 
     def body(self) -> Iterable[Widget]:
         yield Lines(self.style, "title")
-        yield Lines(self.style, "places")
+        yield Lines(self.style, "connections")
         yield Lines(self.style, "heard-title")
         yield self.scrolled()
 
-    def offer(self, places: tuple[Place, ...], here: str) -> None:
+    def offer(self, connections: tuple[Connection, ...], here: str) -> None:
         """What there is to connect to, and where we are; the mark stays on its line."""
         marked = self.offered[self.at].name if self.at < len(self.offered) else ""
-        names = [one.name for one in places]
-        self.offered, self.here = places, here
+        names = [one.name for one in connections]
+        self.offered, self.here = connections, here
         self.at = names.index(marked) if marked in names else 0
 
     def action_move(self, lines: int) -> None:
@@ -60,8 +60,8 @@ class ConnectScreen(Scrolled):
     def show_body(self, state: State, width: int) -> None:
         self.query_one("#title", Lines).show([(" where to", "bold")])
         self.query_one("#heard-title", Lines).show([(" what is heard", "bold")])
-        box = self.query_one("#places", Lines)
+        box = self.query_one("#connections", Lines)
         box.styles.height = min(max(1, len(self.offered)), max(6, self.size.height - 17))
         height = max(1, box.size.height)
-        box.show(connect_words.place_lines(self.offered, self.at, self.here, width, height))
+        box.show(connect_words.connection_lines(self.offered, self.at, self.here, width, height))
         self.put_text(connect_words.heard_lines(state, self.text_width))

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs.link.decode import sanitise
+from gcs.link.transport import parse_link
+from gcs.tui.connections import Connection
 from gcs.tui.desk_words import Line, broken
-from gcs.tui.places import Place
 from gcs.tui.state import Stage, State
-from gcs.tui.words import fitted, justified, place_words
+from gcs.tui.words import connection_words, fitted, justified
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 AUTOPILOTS = {3: "ArduPilot", 12: "PX4", 0: "a generic autopilot", 9: "Paparazzi"}
@@ -17,7 +18,22 @@ PRIMARY = 255
 KINDS = {1: "aeroplane", 2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter", 13: "hexarotor", 14: "octorotor"}
 
 
-def place_lines(offered: Sequence[Place], at: int, here: str, width: int, height: int) -> list[Line]:
+TO_CHECK = {
+    "udpin": (
+        "is the vehicle (or MAVProxy, mavlink-router) told to send to this computer's address, port {port}?",
+        "same network? does a firewall let UDP in? is another ground station on that port?",
+    ),
+    "udpout": ("is that the vehicle's address and port?", "does a firewall let the answer back in?"),
+    "tcp": ("does something listen there? `tcp:` connects, it does not wait",),
+    "serial": (
+        "is the radio's other end powered, and both on one net id?",
+        "is the baud rate that of SERIALn_BAUD, and SERIALn_PROTOCOL 2 (MAVLink 2)?",
+    ),
+}
+"""Where nothing is heard, by the kind of link."""
+
+
+def connection_lines(offered: Sequence[Connection], at: int, here: str, width: int, height: int) -> list[Line]:
     """The list, the marked line in sight."""
     if not offered:
         return [" this app was started on one link; q, then `tippath fly` chooses another"]
@@ -41,7 +57,7 @@ def place_lines(offered: Sequence[Place], at: int, here: str, width: int, height
 def heard_lines(state: State, width: int) -> list[Line]:
     """What is heard; or what to check, where nothing is."""
     vehicle = state.vehicle
-    lines: list[Line] = [(f" link: {place_words(state)}", "bold")]
+    lines: list[Line] = [(f" link: {connection_words(state)}", "bold")]
     if vehicle is None:
         if not state.link:
             lines.append(" no vehicle is looked for; recorded flights can be worked on (3)")
@@ -95,21 +111,5 @@ def _checks(state: State) -> list[Line]:
     """What to look at, for the kind of link."""
     if state.simulated:
         return ["   the simulated vehicle takes some seconds to start"]
-    link = state.link
-    said: tuple[str, ...]
-    if link.startswith("udpin"):
-        port = link.rpartition(":")[2]
-        said = (
-            f"is the vehicle (or MAVProxy, mavlink-router) told to send to this computer's address, port {port}?",
-            "same network? does a firewall let UDP in? is another ground station on that port?",
-        )
-    elif link.startswith("udpout"):
-        said = ("is that the vehicle's address and port?", "does a firewall let the answer back in?")
-    elif link.startswith("tcp"):
-        said = ("does something listen there? `tcp:` connects, it does not wait",)
-    else:
-        said = (
-            "is the radio's other end powered, and both on one net id?",
-            "is the baud rate that of SERIALn_BAUD, and SERIALn_PROTOCOL 2 (MAVLink 2)?",
-        )
-    return ["   check:", *(f"   - {text}" for text in said)]
+    link = parse_link(state.link)
+    return ["   check:", *(f"   - {text.format(port=link.port)}" for text in TO_CHECK[link.kind])]

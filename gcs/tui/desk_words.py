@@ -5,12 +5,14 @@ The texts of tables and findings are the commands' own; here they are chosen, pu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
+from gcs.analysis.candidates import ranked, shows
+from gcs.analysis.ladder import RungNumbers, short_names
+from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
@@ -20,14 +22,16 @@ from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
 
 if TYPE_CHECKING:
     from gcs.analysis.diagnosis import FitDiagnosis
-    from sysid.diagnose.candidates import Ranked
 
 Line = str | tuple[str, str]
 
 SIGNS = {Choice.FIT: "●", Choice.VALIDATE: "○", Choice.OUT: " ", Choice.NOISE: "~"}
 """Beside the word, never in its place."""
-LEAST_SHARE = 0.005
 MOST_CANDIDATES = 12
+KEYS = {"card": "W writes that as a test card"}
+"""What the app offers where a shell offers an option."""
+TO_TYPE = ("next", "in full")
+"""Blocks on what to type next: those are keys here."""
 
 
 def flight_line(state: State, width: int) -> tuple[str, str]:
@@ -58,10 +62,11 @@ def broken(lines: Sequence[Line], width: int) -> list[Line]:
 
 
 def run_head(width: int) -> tuple[str, str]:
-    return (fitted(_row("", "run", "maneuver", "s", "size", "used to", "health", width), width), "underline")
+    return (fitted(_row(("", "run", "maneuver", "s", "size", "used to", "health"), width), width), "underline")
 
 
-def _row(mark: str, run: str, maneuver: str, duration: str, size: str, use: str, health: str, width: int) -> str:
+def _row(cells: tuple[str, str, str, str, str, str, str], width: int) -> str:
+    mark, run, maneuver, duration, size, use, health = cells
     wide = 28 if width >= 120 else 15
     name = fitted(run, wide)
     return f" {mark:1} {name:<{wide}} {maneuver:<14} {duration:>5} {size:>5}  {use:<12}  {health}"
@@ -78,16 +83,8 @@ def run_rows(desk: DeskState, at: int, width: int, height: int) -> list[Line]:
         maneuver = " ".join(word for word in (row.axis, row.maneuver) if word)
         size = "" if row.size is None else f"{row.size:.2f}"
         use = f"{SIGNS[row.choice]} {row.choice.value}" if row.usable else "✗ not usable"
-        text = _row(
-            "▶" if number == at else " ",
-            sanitise(row.id),
-            sanitise(maneuver),
-            f"{row.duration_s:.1f}",
-            size,
-            use,
-            sanitise(row.health),
-            width,
-        )
+        mark, name, duration = "▶" if number == at else " ", sanitise(row.id), f"{row.duration_s:.1f}"
+        text = _row((mark, name, sanitise(maneuver), duration, size, use, sanitise(row.health)), width)
         lines.append((fitted(text, width), "reverse") if number == at else fitted(text, width))
     hidden = len(rows) - len(lines)
     if hidden:
@@ -111,7 +108,7 @@ def run_details(desk: DeskState, at: int, width: int) -> list[Line]:
 
 
 def _run_said(row: RunRow) -> list[Line]:
-    lines: list[Line] = [(f" {row.id}: {row.health}", "bold")]
+    lines: list[Line] = [(f" {row.id}" if row.reasons else f" {row.id}: {row.health}", "bold")]
     lines += [f"   against it: {text}" for text in row.reasons]
     if row.verdict:
         lines.append(f"   whoever flew it: {row.verdict}")
@@ -186,15 +183,8 @@ def compare_lines(desk: DeskState, width: int, *, full: bool = True) -> list[Lin
     lines: list[Line] = [(f" suspicion: {one.text}", "bold") for one in found.suspicions]
     lines += [f" {text}" for text in found.findings] or [" nothing to tell: what is left looks like noise"]
     if full:
-        # Of the command's text what follows the findings: tables.
-        blocks = rung.comparison_text.split("\n\n")
-        lines += ["", *(f" {line}" for line in "\n\n".join(_without_findings(blocks)).splitlines())]
+        lines += ["", *_indented(spaced(rung.comparison_text, KEYS, but=("findings",)))]  # those stand above
     return broken(lines, width)
-
-
-def _without_findings(blocks: Sequence[str]) -> list[str]:
-    """Title, figures, findings, tables: less the findings, which stand above."""
-    return [*blocks[:2], *blocks[3:]]
 
 
 # ------------------------------------------------------------------------------------------------ diagnosis
@@ -213,43 +203,28 @@ def verdict_lines(desk: DeskState, width: int) -> list[Line]:
             " D refits it with each effect of the catalogue, one by one, and judges by",
             " what noise allows and by the runs that were not fitted",
         ]
-    blocks = [_for_keys(block) for block in rung.diagnosis_text.split("\n\n")]
-    lines: list[Line] = []
-    for number, block in enumerate(filter(None, blocks)):
-        lines += ([""] if lines else []) + [
-            (f" {line}", "bold") if number == 0 and k == 0 else f" {line}" for k, line in enumerate(block.splitlines())
-        ]
-    return broken(lines, width)
-
-
-def _for_keys(block: str) -> str:
-    kept, skipping = [], False
-    for line in block.splitlines():
-        if line.startswith((" next: ", " in full: ")):
-            skipping = line.endswith("\\")
-            continue
-        if skipping:
-            skipping = line.endswith("\\")
-            continue
-        kept.append(line.replace("; --card CARD.toml writes that as a test card", "; W writes that as a test card"))
-    return "\n".join(kept)
+    head, rest = _parted(rung.diagnosis_text, ("answer",))
+    answer: list[Line] = [(line, "bold") for line in _indented(spaced(head, KEYS))]
+    return broken([*answer, *_indented(spaced(rest, KEYS, but=TO_TYPE))], width)
 
 
 def explained_lines(rung: Rung, width: int) -> list[Line]:
-    """All reasons."""
+    """All reasons: they were asked for, and come right behind the answer."""
     if rung.diagnosis is None:
         return ["", " not asked yet"]
-    from gcs.analysis.diagnosis_text import diagnosis_text
+    from gcs.analysis.text.diagnosis import diagnosis_blocks  # scipy comes along; with a diagnosis it is there
 
-    head, *others = filter(None, map(_for_keys, diagnosis_text(rung.diagnosis, full=True).split("\n\n")))
-    answer, _, rest = head.partition("\n")
-    reasons = [one for one in others if one.lstrip().startswith("what it is")]  # they were asked for: first
-    blocks = [answer, *reasons, rest, *(one for one in others if one not in reasons)]
-    return broken([f" {line}" for line in "\n\n".join(filter(None, blocks)).splitlines()], width)
+    head, rest = _parted(diagnosis_blocks(rung.diagnosis, full=True), ("answer", "reasons"))
+    return broken(_indented([*spaced(head, KEYS), "", *spaced(rest, KEYS, but=TO_TYPE)]), width)
 
 
-def _blocks(text: str) -> list[str]:
-    return "\n\n".join(filter(None, map(_for_keys, text.split("\n\n")))).splitlines()
+def _parted(blocks: Blocks, keys: Collection[str]) -> tuple[Blocks, Blocks]:
+    """The blocks of these keys, and the others."""
+    return tuple(one for one in blocks if one.key in keys), tuple(one for one in blocks if one.key not in keys)
+
+
+def _indented(lines: Sequence[str]) -> list[str]:
+    return [f" {line}" for line in lines]
 
 
 def candidates(found: FitDiagnosis | None) -> list[tuple[str, float | None, str]]:
@@ -257,23 +232,18 @@ def candidates(found: FitDiagnosis | None) -> list[tuple[str, float | None, str]
     if found is None:
         return []
     last = found.last
-    best = last.winner
-    asked: list[Ranked] = sorted(
-        (one for one in (*last.pairs[:1], *last.candidates) if one.fit is not None),
-        key=lambda one: (one is not best, one.delta_bic),
-    )
-    rows: list[tuple[str, float | None, str]] = []
-    for one in asked[:MOST_CANDIDATES]:
-        share = one.explained_share or 0.0
-        if one is best or share >= LEAST_SHARE:
-            rows.append((short_name(one.effects), share, "implausible" if one.implausible else ""))
+    rows: list[tuple[str, float | None, str]] = [
+        (short_name(one.effects), one.explained_share or 0.0, "implausible" if one.implausible else "")
+        for one in ranked(last)[:MOST_CANDIDATES]
+        if shows(one, last)
+    ]
     rows += [(short_name(one.effects), None, "") for one in last.candidates if one.not_testable is not None]
     return rows
 
 
 def short_name(effects: Sequence[str]) -> str:
     """Files without their folder."""
-    return sanitise(" + ".join(Path(one).name for one in effects))
+    return sanitise(" + ".join(short_names(effects)))
 
 
 # ------------------------------------------------------------------------------------------------ the ladder
@@ -311,7 +281,7 @@ def rung_lines(desk: DeskState, width: int, style: Style) -> list[Line]:
     current = desk.current
     if wrong is not None:
         name, percent, judged = wrong
-        lines.append(_numbers("·", f"placebo {name}", percent, judged, name_width, room, style))
+        lines.append(_numbers("·", (f"placebo {name}", percent, judged), name_width, room, style))
     shares = explained_shares(desk)
     if shares is not None:
         drawn = "  ".join(f"{axis} {bar(one, 8, style)} {100 * one:.0f} %" for axis, one in shares.items())
@@ -343,12 +313,11 @@ def explained_shares(desk: DeskState) -> dict[str, float] | None:
 
 
 def _rung(rung: Rung, name_width: int, room: int, style: Style) -> str:
-    return _numbers("●", rung.name, rung.nrmse_percent, rung.validation_nrmse_percent, name_width, room, style)
+    return _numbers("●", (rung.name, rung.nrmse_percent, rung.validation_nrmse_percent), name_width, room, style)
 
 
-def _numbers(
-    sign: str, name: str, percent: Nrmse, judged: Nrmse | None, name_width: int, room: int, style: Style
-) -> str:
+def _numbers(sign: str, rung: RungNumbers, name_width: int, room: int, style: Style) -> str:
+    name, percent, judged = rung
     cells = "   ".join(f"{percent[k]:5.1f} " + (f"{judged[k]:5.1f}" if judged else "    -") for k in ("p", "q"))
     drawn = f"  {bar((percent['p'] + percent['q']) / 200, room, style)}" if room >= 6 else ""
     return f" {sign} {fitted(sanitise(name), name_width):<{name_width}}  {cells}{drawn}"
@@ -387,7 +356,7 @@ def sign_lines(rung: Rung, width: int) -> list[Line]:
             if rung.effect
             else " the lowest rung has no placebo: nothing was added",
         ]
-    return broken([f" {line}" for line in _blocks(text)], width)
+    return broken(_indented(spaced(text, KEYS, but=TO_TYPE)), width)
 
 
 def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
@@ -397,7 +366,7 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
         return ["", " not asked yet: D asks, and then knows which maneuver would tell more"]
     lines: list[Line] = []
     if found.next is not None:
-        lines += [(f" to tell {' from '.join(map(_name_of, found.next.separates))}", "bold")]
+        lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
         lines += [f"   {found.next.maneuver}", f"   {found.next.why}"]
         lines.append(
             "   6, then W writes it as a test card" if found.next.card is not None else "   no card can hold that"
@@ -408,10 +377,6 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
         lines.append(f" written: {desk.card}; 2, then C flies it")
     lines += ["", *(f" {text}" for text in found.hiding.sentences)]
     return broken(lines, width)
-
-
-def _name_of(effect: str) -> str:
-    return Path(effect).name
 
 
 # ------------------------------------------------------------------------------------------------ gains
@@ -429,8 +394,6 @@ def controller_lines(state: State, width: int) -> list[Line]:
         lines.append((f" on {made.rung}: {made.gains.margins.words}", "bold"))
         lines += _following_said(state)
     lines += ["", *(f" {line}" for line in designed.text.splitlines())]
-    if designed.note:
-        lines += ["", f" {designed.note}"]
     lines += ["", f" checksum {designed.crc:06x}, kept in {designed.path}"]
     lines += ["", " the same in a shell:", *(f"   {command}" for command in state.commands[-4:])]
     return broken(lines, width)

@@ -54,7 +54,8 @@ class DiagnoseScreen(Split):
         rung = desk.current
         rows = [] if rung is None else desk_words.candidates(rung.diagnosis)
         self.lay_out(bool(rows))
-        if not self.changed(desk, self.full, self.view, width, self.size.height, self.text_width):
+        size = width, self.size.height, self.text_width
+        if not self.changed(desk, self.full, self.view, size):
             return
         title = desk_words.ladder_title(desk, width) if rung is not None else desk_words.flight_line(state, width)
         self.query_one("#title", Lines).show([title])

@@ -45,9 +45,9 @@ def predicted(designed: Designed, axis: int) -> TimePlot:
     asked = {"p": one.asked if one.axis == "roll" else None, "q": one.asked if one.axis != "roll" else None}
     t = found.t
     panels = (
-        Panel("p", t, one.p, over=asked["p"], unit="rad/s", weight=2.0),
-        Panel("q", t, one.q, over=asked["q"], unit="rad/s", weight=2.0),
-        Panel("δx", t, one.delta_x),
-        Panel("δy", t, one.delta_y),
+        Panel(name="p", x=t, line=one.p, over=asked["p"], unit="rad/s", weight=2.0),
+        Panel(name="q", x=t, line=one.q, over=asked["q"], unit="rad/s", weight=2.0),
+        Panel(name="δx", x=t, line=one.delta_x),
+        Panel(name="δy", x=t, line=one.delta_y),
     )
-    return TimePlot(panels, f"{one.axis} doublet, predicted", ("answer", "asked for", ""))
+    return TimePlot(panels=panels, title=f"{one.axis} doublet, predicted", words=("answer", "asked for", ""))

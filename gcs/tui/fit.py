@@ -46,7 +46,7 @@ class FitScreen(Split):
         title = self.query_one("#title", Lines)
         title.show([desk_words.fit_title(state, width)])
         height = self.size.height
-        if not self.changed(state.desk, state.fitted, self.part, width, height, self.text_width):
+        if not self.changed(state.desk, self.part, width, height, self.text_width):
             return
         self.put_text(desk_words.fit_lines(state, self.text_width))
         plot = None if rung is None else run_strips(rung, self.part, both=height >= TALL)

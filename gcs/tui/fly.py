@@ -24,9 +24,9 @@ class FlyScreen(Page):
 
     NAME = "Fly"
     ACTS = (
-        Act("r,R", "app.engine('ready')", "ready", "make the next run ready: nothing moves"),
-        Act("s,S", "app.engine('start')", "start", "start the run that is ready"),
-        Act("e,E", "app.engine('end_card')", "end card", "end the card between two runs"),
+        Act("r,R", "app.wish('ready')", "ready", "make the next run ready: nothing moves"),
+        Act("s,S", "app.wish('start')", "start", "start the run that is ready"),
+        Act("e,E", "app.wish('end_card')", "end card", "end the card between two runs"),
         Act("c,C", "app.choose_card", "card", "choose a card"),
     )
 

@@ -8,6 +8,7 @@ from textual.widget import Widget
 
 from gcs.tui.actions import Act
 from gcs.tui.base import READ, Scrolled
+from gcs.tui.pages import PAGES
 from gcs.tui.state import State
 from gcs.tui.words import wrapped
 
@@ -82,8 +83,6 @@ class HelpScreen(Scrolled):
         return f"up/down scroll  {super().keys}"
 
     def show_body(self, state: State, width: int) -> None:
-        from gcs.tui.app import PAGES
-
         if not self.changed(state.simulated, width, self.text_width):
             return
         lines = (_TEXT + (_PILOT if state.simulated else "") + _LINES).splitlines()

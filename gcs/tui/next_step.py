@@ -49,7 +49,7 @@ def next_words(state: State, screen: str) -> str:
 
 def _wait(state: State) -> str:
     share = "" if state.desk.progress is None else f" {100 * state.desk.progress:.0f} %"
-    off = "; K calls it off" if state.desk.busy and not state.desk.busy.startswith("calling off") else ""
+    off = "; K calls it off" if state.desk.busy and not state.desk.called_off else ""
     return f"wait: {sanitise(state.busy)}{share}{off}"
 
 
@@ -103,8 +103,12 @@ def _next_fly(state: State, vehicle: VehicleSnapshot | None) -> str:
         case Stage.HELD:
             return f"R makes {run.label if run else 'the next run'} ready; E ends the card here"
         case _:
-            pass
-    to_fit = any(run.mark is Mark.KEEP and "chirp" in run.label for run in state.runs)
+            return _next_idle(state, vehicle)
+
+
+def _next_idle(state: State, vehicle: VehicleSnapshot | None) -> str:
+    """On Fly while no card is under way."""
+    to_fit = any(run.mark is Mark.KEEP and run.kind == "chirp" for run in state.runs)
     if vehicle is None or not vehicle.armed:
         if to_fit:
             return "3 shows the runs that were flown, 4 fits them"

@@ -1,4 +1,4 @@
-"""An engine whose link can be changed: each link gets an engine of its own, the desk with its flight stays.
+"""A worker whose link can be changed: each link gets a worker of its own, the desk with its flight stays.
 
 A link is left only while no card is under way; the vehicle is left as it is.
 """
@@ -15,27 +15,27 @@ from gcs.demo.pilot import SimulatedVehicle
 from gcs.desk import Desk
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
-from gcs.tui.engine import FlightEngine
-from gcs.tui.places import NOWHERE, Place, places, vehicle_logs
+from gcs.tui.connections import NOWHERE, Connection, connections, vehicle_logs
 from gcs.tui.state import State
+from gcs.tui.worker import FlightWorker
 
 
 class Reconnecting:
-    """What the app asks (`Engine`), and beside it where to connect to.
+    """What the app asks (`AppWorker`), and beside it where to connect to.
 
     primary: be the station whose heartbeat holds a real vehicle's failsafe; of a simulated one it always does.
-    probe: as `FlightEngine`'s.
+    probe: as `FlightWorker`'s.
     """
 
     def __init__(
         self,
-        place: Place = NOWHERE,
+        connection: Connection = NOWHERE,
         *,
         folder: Path = Path(),
         primary: bool = False,
         card: str = "hover",
         probe: bool | None = None,
-        make: Callable[..., FlightEngine] = FlightEngine,
+        make: Callable[..., FlightWorker] = FlightWorker,
         make_vehicle: Callable[..., SimulatedVehicle] = SimulatedVehicle,
     ) -> None:
         self._folder = folder
@@ -50,21 +50,21 @@ class Reconnecting:
         self._on_command: Callable[[str], None] = lambda _: None
         self._on_said: Callable[[str], None] = lambda _: None
         self._desk = Desk(on_command=lambda text: self._on_command(text), on_said=lambda text: self._on_said(text))
-        self._place = place
-        self._now = self._engine(place)
+        self._connection = connection
+        self._now = self._on(connection)
 
     # Where to.
 
     @property
-    def place(self) -> Place:
+    def connection(self) -> Connection:
         """Where we are, or try to be."""
-        return self._place
+        return self._connection
 
-    def places(self) -> tuple[Place, ...]:
+    def connections(self) -> tuple[Connection, ...]:
         """What there is to connect to; looks at ports and folders."""
-        return places(self._folder)
+        return connections(self._folder)
 
-    def connect(self, place: Place) -> None:
+    def connect(self, connection: Connection) -> None:
         """Leave this link for another; waits until the old one is gone. Raises TippathError during a card."""
         if not self._changing.acquire(blocking=False):
             raise TippathError("wait: another link is being opened")
@@ -74,31 +74,31 @@ class Reconnecting:
             # Two links to one port cannot be; so the old one goes first. What it says until then is still true.
             self._now.close()
             self._before = self.state().commands
-            self._place = place
-            self._now = self._engine(place)
+            self._connection = connection
+            self._now = self._on(connection)
         finally:
             self._changing.release()
 
-    def _engine(self, place: Place) -> FlightEngine:
+    def _on(self, connection: Connection) -> FlightWorker:
         start: Callable[[], SimulatedVehicle] | None = None
-        if place.plant is not None:
+        if connection.plant is not None:
 
             def start() -> SimulatedVehicle:
-                seed = secrets.randbelow(10_000) if place.hidden and place.seed is None else place.seed
+                seed = secrets.randbelow(10_000) if connection.hidden and connection.seed is None else connection.seed
                 return self._make_vehicle(
-                    place.plant,
-                    vehicle_logs(self._folder, place.hidden),
+                    connection.plant,
+                    vehicle_logs(self._folder, connection.hidden),
                     seed=seed,
-                    on_ground=place.on_ground,
-                    more=("--hidden", "random") if place.hidden else (),
+                    on_ground=connection.on_ground,
+                    more=("--hidden", "random") if connection.hidden else (),
                 )
 
         return self._make(
-            place.link,
-            plant=place.flies,
+            connection.link,
+            plant=connection.flies,
             start_vehicle=start,
             folder=self._folder,
-            primary=self._primary or place.plant is not None,
+            primary=self._primary or connection.plant is not None,
             card=self._card,
             probe=self._probe,
             make_desk=self._taken_over,
@@ -108,7 +108,7 @@ class Reconnecting:
         self._on_command, self._on_said = on_command, on_said
         return self._desk
 
-    # The engine of the link that is there.
+    # The worker on the link that is there.
 
     @property
     def desk(self) -> Desk:

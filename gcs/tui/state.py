@@ -1,4 +1,4 @@
-"""What the screens show: one immutable value, made by the engine, read by the app on a timer.
+"""What the screens show: one immutable value, made by the app worker, read by the app on a timer.
 
 Every line on every screen is a function of a `State` and a width. Nothing is kept in a widget, so a screen that was
 away shows the same as one that was not, and a test shows any moment of a flight without flying.
@@ -11,7 +11,8 @@ from enum import Enum
 from pathlib import Path
 
 from gcs.cards.envelope import Limits, Use
-from gcs.desk.state import DeskState
+from gcs.desk.state import Designed, DeskState, Fitted
+from gcs.flight.preflight import Check
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 
@@ -60,7 +61,7 @@ class Mark(Enum):
         return self.value[1]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RunView:
     """One line of the card."""
 
@@ -69,9 +70,13 @@ class RunView:
     """`roll chirp 1/2`."""
     numbers: str
     """`0.5-10 Hz  30 s  A 0.10`."""
+    kind: str = ""
+    """`chirp`, `doublet` or `quiet`."""
+    size: str = ""
+    """`A 0.10`; empty where it has no amplitude."""
     mark: Mark = Mark.WAITING
-    verdict: str = ""
-    """Why, in the verdict's words."""
+    why: tuple[str, ...] = ()
+    """Of the mark: reasons, then figures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,32 +92,6 @@ class Progress:
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
-    """What the fit of a flight says, ready to be shown."""
-
-    flight: Path
-    runs: tuple[str, ...]
-    validation: tuple[str, ...]
-    tables: str
-    warnings: tuple[str, ...]
-    commands: tuple[str, ...]
-    """What gives the same in a shell."""
-
-
-@dataclass(frozen=True, slots=True)
-class Designed:
-    """Gains that were designed, ready to be shown and pushed."""
-
-    text: str
-    path: Path
-    """GAINS.json."""
-    crc: int
-    """Of the set as the vehicle will hold it."""
-    command: str
-    note: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Bank:
     """What the vehicle holds, as last read back."""
 
@@ -124,7 +103,7 @@ class Bank:
     """Whether the pilot's switch selects the LQR; None where the vehicle does not say."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class State:
     """One moment."""
 
@@ -145,8 +124,8 @@ class State:
     limits: Limits = field(default_factory=Limits)
     use: Use | None = None
     """Peaks of the run under way (or of the last) in percent of the limits."""
-    checks: tuple[tuple[bool, str], ...] = ()
-    """What was looked at before the start: passed or not, and in words."""
+    checks: tuple[Check, ...] = ()
+    """What was looked at before the start."""
     link_loss: str = ""
     """What the vehicle does when the link is lost, once it was read."""
     rpm_reference: float | None = None
@@ -157,16 +136,27 @@ class State:
     flight: Path | None = None
     """Folder of the flight under way, or of the last."""
     said: str = ""
-    """The engine's last word: a refusal, a verdict, what was done."""
+    """The worker's last word: a refusal, a verdict, what was done."""
+    said_by_desk: bool = False
+    """It is of a recorded flight."""
     busy: str = ""
     """What is being worked on away from the screen: a fit, a push."""
-    fitted: Fitted | None = None
-    designed: Designed | None = None
     bank: Bank | None = None
     commands: tuple[str, ...] = ()
     """What was done, as a shell would do it; newest last."""
     desk: DeskState = field(default_factory=DeskState)
-    """What is done with a flight after it was flown; `fitted`, `designed` and `busy` tell of it in brief."""
+    """What is done with a flight after it was flown."""
+
+    @property
+    def fitted(self) -> Fitted | None:
+        """The fits of the flight that is open."""
+        return self.desk.fitted
+
+    @property
+    def designed(self) -> Designed | None:
+        """Gains that can be pushed: those that are kept in a file."""
+        designed = self.desk.designed
+        return None if designed is None or designed.path is None else designed
 
     @property
     def simulated(self) -> bool:
@@ -191,11 +181,4 @@ class State:
 
 def joined(state: State, desk: DeskState) -> State:
     """A moment with what lies on the desk in it."""
-    fitted, designed = state.fitted, state.designed
-    if desk.fitted is not None and desk.path is not None:
-        found = desk.fitted
-        fitted = Fitted(desk.path, found.runs, found.validation, found.tables, found.warnings, found.commands)
-    if desk.designed is not None and desk.designed.path is not None:
-        made = desk.designed
-        designed = Designed(made.text, desk.designed.path, made.crc, made.command)
-    return replace(state, desk=desk, fitted=fitted, designed=designed, busy=state.busy or desk.busy)
+    return replace(state, desk=desk, busy=state.busy or desk.busy)

@@ -7,7 +7,6 @@ is never markup. Where a line does not fit, what matters least goes first; the a
 from __future__ import annotations
 
 import math
-import re
 import textwrap
 from collections.abc import Sequence
 
@@ -15,7 +14,7 @@ from rich.cells import cell_len
 from textual.content import Content
 
 from gcs.cards.envelope import Limits
-from gcs.flight.preflight import LAG_LIMIT_S
+from gcs.flight.preflight import LAG_LIMIT_S, Check
 from gcs.link.clock import LOST_AFTER_S
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import BY_ITSELF, current
@@ -150,11 +149,11 @@ def screens_line(state: State, here: str, width: int) -> Content:
         is_here = name == here or (key == "?" and here == "help")
         parts += [(f"[{text}]", "bold reverse") if is_here else text, gap]
     left = "".join(part if isinstance(part, str) else part[0] for part in parts)
-    right = fitted(sanitise(place_words(state)), max(0, width - cell_len(left) - 1)) if width >= 120 else ""
+    right = fitted(sanitise(connection_words(state)), max(0, width - cell_len(left) - 1)) if width >= 120 else ""
     return Content.assemble(*parts, " " * (width - cell_len(left) - cell_len(right) - 1), right)
 
 
-def place_words(state: State) -> str:
+def connection_words(state: State) -> str:
     """Where we are connected to."""
     return f"SIMULATED {state.plant}" if state.simulated else state.link or "no link"
 
@@ -217,9 +216,8 @@ def progress_line(state: State, width: int, style: Style) -> str:
 
 
 def amplitude(run: RunView | None) -> str:
-    """`A 0.10`, as the run's numbers have it; empty where they have none."""
-    found = None if run is None else re.search(r"\bA [\d.]+", run.numbers)
-    return "" if found is None else found[0]
+    """`A 0.10`; empty where it has none."""
+    return "" if run is None else run.size
 
 
 def _progress(progress: Progress, size: str, style: Style, width: int) -> str:
@@ -283,7 +281,7 @@ def notice(state: State, screen: str, width: int) -> str:
     if screen == "Fly" and state.vehicle is None and state.trouble:
         return state.trouble
     cautious = caution(state, width) if screen in ("Fly", "Connect") else ""
-    of_desk = state.said == state.desk.said and screen in OF_FLYING
+    of_desk = state.said_by_desk and screen in OF_FLYING
     return cautious or ("" if of_desk else state.said)
 
 
@@ -310,11 +308,11 @@ def run_lines(state: State, width: int, height: int) -> list[tuple[str, str]]:
     for run in runs[first : first + height]:
         head = f" {run.number:2d}  {run.label:<{label_width}}  "
         outcome = f"{run.mark.sign} {run.mark.word}"
-        verdict = re.sub(r"\s{2,}", ", ", run.verdict.removeprefix(run.mark.word).lstrip(":; "))
-        if verdict:
-            outcome += f"  {verdict}"
+        why = ", ".join(run.why)
+        if why:
+            outcome += f"  {why}"
         text = f"{head}{run.numbers:<{numbers_width}}  {outcome}"
-        if verdict and cell_len(text) > width:  # what became of it matters more than what was asked
+        if why and cell_len(text) > width:  # what became of it matters more than what was asked
             text = head + outcome
         bold = run.mark in (Mark.FLYING, Mark.READY, Mark.NEXT)
         lines.append((fitted(sanitise_line(text), width), "bold" if bold else ""))
@@ -339,11 +337,11 @@ def sanitise_line(text: str) -> str:
     return " " * (len(text) - len(text.lstrip(" "))) + sanitise(text)
 
 
-def looked_at(checks: Sequence[tuple[bool, str]], width: int, height: int) -> list[str]:
-    """What was found before the start: in full where it fits, else what was looked at and what is wrong."""
-    in_full = " · ".join(text if ok else f"NOT {text}" for ok, text in checks)
-    wrong = [f"NOT {text}" for ok, text in checks if not ok]
-    names = [text.partition(":")[0] for ok, text in checks if ok]
+def looked_at(checks: Sequence[Check], width: int, height: int) -> list[str]:
+    """What was seen before the start: in full where it fits, else what was looked at and what is wrong."""
+    in_full = " · ".join(f"{'' if one.ok else 'NOT '}{one.name}: {one.words}" for one in checks)
+    wrong = [f"NOT {one.name}: {one.words}" for one in checks if not one.ok]
+    names = [one.name for one in checks if one.ok]
     briefly = " · ".join([*wrong, *([f"in order: {', '.join(names)}"] if names else [])])
     lines: list[str] = []
     for text in (f"looked at: {in_full}", briefly, f"{len(names)} of {len(checks)} checks in order"):

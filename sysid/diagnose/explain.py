@@ -23,7 +23,7 @@ import numpy as np
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.quantities import amount, amount_signed, listed, plausible_range, quantity
-from sysid.diagnose.removed_error import name_of, shown_by_runs
+from sysid.diagnose.removed_error import fall, name_of, shown_by_runs
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
 from sysid.model.structure import Mode
@@ -50,6 +50,10 @@ class Explanation:
     why: tuple[str, ...]
     changes: tuple[str, ...]
     resembles: tuple[str, ...]
+    marks: tuple[str, ...] = ()
+    """Of `why`: the effects' usual signatures, and"""
+    shown: tuple[str, ...] = ()
+    """what these runs show, strongest first, less that the fit's numbers change."""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -94,12 +98,15 @@ def explain(
     """
     if complete or winner is None or winner.fit is None:
         return Explanation((), _no_winner(parent, complete), (), _implausible_parent(parent, None, others), ())
+    marks, shown = tuple(f"{one.signature}." for one in _own(winner)), shown_by_runs(parent, winner, others)
     return Explanation(
         winner.effects,
         tuple(_what(winner.fit, effect) for effect in _own(winner)),
-        (*(f"Its mark: {one.signature}." for one in _own(winner)), *shown_by_runs(parent, winner, others)),
+        (*(f"Its mark: {mark}" for mark in marks), *shown, fall(parent, winner)),
         (*_changes(parent, winner.fit), *_implausible_parent(parent, winner, others)),
         _resembles(winner, others, alike),
+        marks,
+        shown,
     )
 
 

@@ -50,11 +50,15 @@ def shown_by_runs(parent: Candidate, winner: Ranked, others: Sequence[Ranked]) -
     found = [*_response(parent, winner.fit)]
     removed = RemovedError.of(parent, winner.fit)
     found += [*removed.where(), *_not_linear(parent, winner.fit, removed), *_in_step(parent, winner, removed)]
-    found += [*removed.growth(), *_best_linear(winner, others)]
+    return (*found, *removed.growth(), *_best_linear(winner, others))
+
+
+def fall(parent: Candidate, winner: Ranked) -> str:
+    """How the fit's numbers change."""
+    assert winner.fit is not None
     before, after = parent.nrmse_percent, winner.fit.nrmse_percent
-    fall = ", ".join(f"{name} {before[name]:.1f} → {after[name]:.1f} %" for name in before)
-    found.append(f"With it the fit goes from {fall}.")
-    return tuple(found)
+    each = ", ".join(f"{name} {before[name]:.1f} → {after[name]:.1f} %" for name in before)
+    return f"With it the fit goes from {each}."
 
 
 def _response(parent: Candidate, fit: Candidate) -> list[str]:

@@ -248,8 +248,8 @@ def strips_app(what: str, feed: Feed, seconds: float, found: dict[str, Any]) -> 
 
         def draw() -> None:
             window = feed.log.window(SPAN_S)
-            panels = tuple(Panel(name, window.t, getattr(window, field)) for name, field in STRIPS)
-            traces.show(TimePlot(panels, span_s=SPAN_S))
+            panels = tuple(Panel(name=name, x=window.t, line=getattr(window, field)) for name, field in STRIPS)
+            traces.show(TimePlot(panels=panels, span_s=SPAN_S))
 
     elif what == "textual-plot":
         from textual_plot import HiResMode, PlotWidget
@@ -347,11 +347,14 @@ class Fake:
         vehicle = VehicleSnapshot(
             1, 1, link_age_s=0.1, lost=False, mode=25, mode_name="SystemID", armed=True, heartbeats=3, rpm=1648.0
         )
-        runs = tuple(RunView(i, f"roll chirp {i}/8", "0.5-10 Hz  30 s  A 0.10", Mark.NEXT) for i in range(1, 9))
+        runs = tuple(
+            RunView(number=i, label=f"roll chirp {i}/8", numbers="0.5-10 Hz  30 s  A 0.10", kind=Mark.NEXT)
+            for i in range(1, 9)
+        )
         self.make = lambda said: State(
-            "udpin:127.0.0.1:14550",
-            None,
-            vehicle,
+            link="udpin:127.0.0.1:14550",
+            plant=None,
+            vehicle=vehicle,
             stage=Stage.IDLE,
             card="hover",
             runs=runs,

@@ -14,7 +14,7 @@ from textual.widgets import Input
 
 from gcs.tui.app import TippathApp
 from gcs.tui.base import Dialog
-from gcs.tui.places import simulated
+from gcs.tui.connections import simulated
 from gcs.tui.reconnect import Reconnecting
 from gcs.tui.state import Stage
 from gcs.tui.widgets.lines import Lines
@@ -36,7 +36,7 @@ async def test_a_lag_is_found_added_and_its_gains_are_pushed(tmp_path: Path) -> 
     flight = fly_folder(tmp_path / "flight-0001", "servo_lag", CARD).path
     engine = Reconnecting(folder=tmp_path)
     desk = engine.desk
-    app = TippathApp(engine, bell=False, harbour=engine, first="connect")
+    app = TippathApp(engine, bell=False, connections=engine, first="connect")
     try:
         async with app.run_test(size=(120, 40)) as pilot:
 

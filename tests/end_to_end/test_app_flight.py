@@ -10,8 +10,8 @@ import pytest
 
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.tui.app import TippathApp
-from gcs.tui.engine import FlightEngine
 from gcs.tui.state import Mark, Stage
+from gcs.tui.worker import FlightWorker
 
 CARD = """\
 name = "short"
@@ -34,7 +34,7 @@ async def until(condition, within_s=10.0):
 async def test_connect_see_samples_fly_and_abort(tmp_path):
     card = tmp_path / "short.toml"
     card.write_text(CARD)
-    engine = FlightEngine(
+    engine = FlightWorker(
         None,
         plant="hover",
         start_vehicle=lambda: SimulatedVehicle("hover", tmp_path / "vehicle", seed=3),

@@ -13,8 +13,8 @@ from fake_app import screen_text, settle
 from radio import Radio, on_radio
 
 from gcs.tui.app import TippathApp
-from gcs.tui.engine import FlightEngine
 from gcs.tui.state import Mark, Stage
+from gcs.tui.worker import FlightWorker
 
 CARD = """\
 name = "short"
@@ -46,7 +46,7 @@ async def test_a_link_lost_in_a_chirp_is_told_and_nothing_is_flown_after_it(tmp_
         return radio[0]
 
     # Not the station that holds the vehicle's failsafe: so the vehicle chirps on, and is to be brought back.
-    engine = FlightEngine(None, plant="hover-ideal", start_vehicle=start, folder=tmp_path, card=str(card))
+    engine = FlightWorker(None, plant="hover-ideal", start_vehicle=start, folder=tmp_path, card=str(card))
     try:
         app = TippathApp(engine, bell=False)
         async with app.run_test(size=(80, 24)) as pilot:

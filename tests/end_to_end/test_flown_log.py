@@ -12,6 +12,7 @@ import pytest
 from flying import CHIRP, DOUBLET, fly_maneuver, log_of
 
 from gcs.analysis.fits import Identification, identify_flight, split_runs
+from gcs.analysis.text.fit import identification_text
 from gcs.logs import ingest, resolve_runs
 from sitl.autopilot.parameters import BANK_ORDER, bank_crc
 from sitl.autopilot.vehicle import make_vehicle
@@ -84,7 +85,7 @@ def test_the_issue_s_figures(found: tuple[str, Identification]) -> None:
 
 
 def test_tables_fit_a_terminal_and_show_the_paper(found: tuple[str, Identification]) -> None:
-    text = found[1].tables()
+    text = identification_text(found[1])
     assert max(len(line) for line in text.splitlines()) <= 80
     for figure in ("77.8", "25.9", "5.04 Hz", "713.378", "paper 0.9 and 1.8 %"):
         assert figure in text

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs.analysis.diagnosis import add_effect, diagnose_fit
+from gcs.analysis.addition import add_effect
+from gcs.analysis.diagnosis import diagnose_fit
 from gcs.logs import resolve_runs
 from sysid.fit.checks import eigenfrequency_checks
 from sysid.fit.identify import identify

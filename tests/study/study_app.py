@@ -34,9 +34,9 @@ from gcs.link.procedures import ReadParameter
 from gcs.tui.app import TippathApp
 from gcs.tui.base import Dialog
 from gcs.tui.connect import ConnectScreen
-from gcs.tui.engine import FlightEngine
 from gcs.tui.reconnect import Reconnecting
 from gcs.tui.state import Mark, Stage
+from gcs.tui.worker import FlightWorker
 
 SECRET = 23
 """The seed of a vehicle whose servos lag by 23.7 ms."""
@@ -134,7 +134,7 @@ async def study_from_connect_to_verified_gains(tmp_path: Path, monkeypatch: pyte
 
     engine = Reconnecting(folder=Path(), make_vehicle=make)
     desk = engine.desk
-    app = TippathApp(engine, bell=False, harbour=engine, first="connect")
+    app = TippathApp(engine, bell=False, connections=engine, first="connect")
     print("\nfrom Connect to verified gains")
     try:
         async with app.run_test(size=(120, 40)) as pilot:
@@ -159,8 +159,8 @@ async def study_from_connect_to_verified_gains(tmp_path: Path, monkeypatch: pyte
                 await who.press("s")
                 await who.shows("SystemID (tippath)", "s left")
                 await until(lambda n=number: engine.state().runs[n - 1].mark in (Mark.KEEP, Mark.AGAIN), 30)
-                assert engine.state().runs[number - 1].mark is Mark.KEEP, engine.state().runs[number - 1].verdict
-                who.did(f"flew {engine.state().runs[number - 1].label}: {engine.state().runs[number - 1].verdict}")
+                assert engine.state().runs[number - 1].mark is Mark.KEEP, engine.state().runs[number - 1].why
+                who.did(f"flew {engine.state().runs[number - 1].label}: {engine.state().runs[number - 1].why}")
                 if number == 2:  # R before its time is refused, and the refusal does not stay
                     assert engine.state().stage is Stage.CHECKING
                     await who.press("r")
@@ -300,7 +300,7 @@ async def flown_over_a_radio(folder: Path, *, primary: bool, runs: int = 1) -> A
         radio.append(on_radio("hover-ideal", folder / "vehicle", seed=3))
         return radio[0]
 
-    engine = FlightEngine(None, plant="hover-ideal", start_vehicle=start, primary=primary, card=str(card))
+    engine = FlightWorker(None, plant="hover-ideal", start_vehicle=start, primary=primary, card=str(card))
     try:
         app = TippathApp(engine, bell=False)
         async with app.run_test(size=(80, 24)) as pilot:
@@ -314,7 +314,7 @@ async def flown_over_a_radio(folder: Path, *, primary: bool, runs: int = 1) -> A
         engine.close()
 
 
-async def lose(who: Sitting, engine: FlightEngine, radio: Radio) -> float:
+async def lose(who: Sitting, engine: FlightWorker, radio: Radio) -> float:
     """Cut the radio and wait until the screen says so; when it was cut."""
     radio.cut, cut_at = True, time.monotonic()
     await who.shows("LINK LOST", within_s=5)
@@ -325,7 +325,7 @@ async def lose(who: Sitting, engine: FlightEngine, radio: Radio) -> float:
     return cut_at
 
 
-def kept_whole(engine: FlightEngine, folder: Path) -> dict[str, Any]:
+def kept_whole(engine: FlightWorker, folder: Path) -> dict[str, Any]:
     """Of the flight flown last; its log is one of the vehicle's own, to the last byte."""
     flight = engine.state().flight
     assert flight is not None

@@ -109,7 +109,7 @@ def _reversed(axis: str, blame: str) -> ProbeFinding:
 def _mixing(fit: Fit) -> FloatArray:
     """How what is added shows on the commands, as one of the eight ways: rows delta_x, delta_y, columns what is added.
 
-    Judged at the edges of what is added, where no feedback is as fast; in order where that is not known.
+    Ranked at the edges of what is added, where no feedback is as fast; in order where that is not known.
     """
     way = np.eye(2)
     for grid in fit.steps:

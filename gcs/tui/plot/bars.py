@@ -10,7 +10,7 @@ from rich.cells import cell_len
 
 from gcs.tui.plot.draw import CharArray, Style
 from gcs.tui.plot.model import Bar, BarPlot, Ink, Row
-from gcs.tui.plot.paint import CodeArray, fit, headed
+from gcs.tui.plot.rows import CodeArray, fit, headed
 
 _PARTS: dict[Style, str] = {"braille": "█▓░", "block": "█▓░", "ascii": "#=."}
 _PART_INKS: tuple[Ink, Ink, Ink] = ("full", "rest", "reference")

@@ -57,7 +57,7 @@ def envelope(
         return np.full(max(columns, 0), np.nan), np.full(max(columns, 0), np.nan)
     slice_s = span_s / columns
     joined = join(t, slice_s) if t.size > 1 else None
-    return slices(t, values, math.floor(end_s / slice_s) - columns + 1, slice_s, columns, joined)
+    return slices(t, values, math.floor(end_s / slice_s) - columns + 1, slice_s, columns, joined=joined)
 
 
 def join(x: FloatArray, slice_x: float = 0.0) -> BoolArray:
@@ -154,7 +154,7 @@ def glyphs(numbers: IntArray, style: Style, kind: Kind = "line") -> CharArray:
 
 def chart(low: FloatArray, high: FloatArray, rows: int, columns: int, limit: float, style: Style) -> list[str]:
     """Draw an envelope of shape (columns * dots,) between -limit and +limit as `rows` lines of `columns` characters."""
-    drawn = glyphs(cells(raster(low, high, rows, columns, -limit, limit, style), style), style)
+    drawn = glyphs(cells(raster(low, high, rows, columns, -limit, top=limit, style=style), style), style)
     zero = zero_row(rows)
     every = np.arange(0, columns, ZERO_EVERY)
     drawn[zero, every[drawn[zero, every] == " "]] = ZERO[style]

@@ -20,7 +20,7 @@ ENOUGH = 0.8
 
 def strip(name: str, t: FloatArray, values: FloatArray, unit: str = "", least: float = 0.1) -> Panel:
     """One signal over time, (n,) each."""
-    return Panel(name, t, values, unit=unit, least=least)
+    return Panel(name=name, x=t, line=values, unit=unit, least=least)
 
 
 def compared(
@@ -28,8 +28,8 @@ def compared(
 ) -> tuple[Panel, Panel]:
     """Model over measurement, and the residual below on a scale of its own; (n,) each. The scales are told."""
     return (
-        Panel(name, t, measured, modelled, unit=unit, least=least, weight=2.0),
-        Panel(f"{name} res", t, measured - modelled, unit=unit, least=least, residual=True),
+        Panel(name=name, x=t, line=measured, over=modelled, unit=unit, least=least, weight=2.0),
+        Panel(name=f"{name} res", x=t, line=measured - modelled, unit=unit, least=least, residual=True),
     )
 
 
@@ -47,16 +47,22 @@ def time_plot(
     same_scale: residuals on the scale of their signal.
     """
     trace = comparison.traces[part]
-    panels = [Panel(name, trace.t, values) for name, values in (commands or {}).items()]
+    panels = [Panel(name=name, x=trace.t, line=values) for name, values in (commands or {}).items()]
     for k in range(len(comparison.outputs)) if outputs is None else outputs:
         above, below = compared(comparison.outputs[k], trace.t, trace.measured[k], trace.modelled[k])
         if same_scale:
             below = Panel(
-                below.name, below.x, below.line, unit=below.unit, scale_of=len(panels), residual=True, least=below.least
+                name=below.name,
+                x=below.x,
+                line=below.line,
+                unit=below.unit,
+                scale_of=len(panels),
+                residual=True,
+                least=below.least,
             )
         panels += [above, below]
     origin = float(trace.t[0]) if trace.t.size else 0.0
-    return TimePlot(tuple(panels), f"run {trace.run}", ("measured", "model", ""), origin_s=origin)
+    return TimePlot(panels=tuple(panels), title=f"run {trace.run}", words=("measured", "model", ""), origin_s=origin)
 
 
 def worst_part(comparison: Comparison, k: int = 0) -> int:
@@ -74,24 +80,27 @@ def response_plot(comparison: Comparison, k: int = 0) -> FrequencyPlot:
     # beside the measured: where the two are apart by a turn less a little, the sum leaves -180..180
     modelled = (turn + one.degrees + 180.0) % 360.0 - 180.0
     panels = [
-        Panel("dB", f, level, level + one.decibels, unit="dB", centred=False, least=10.0, weight=1.5),
-        Panel("phase", f, turn, modelled, unit="deg", fixed=(-180.0, 180.0), wraps=True, weight=1.5),
+        Panel(name="dB", x=f, line=level, over=level + one.decibels, unit="dB", centred=False, least=10.0, weight=1.5),
+        Panel(name="phase", x=f, line=turn, over=modelled, unit="deg", fixed=(-180.0, 180.0), wraps=True, weight=1.5),
     ]
     panels += [
         Panel(
-            "Δ dB", f, one.decibels, reference=one.allowed_db, unit="dB", least=1.0, most=LARGEST_DB, residual=True
+            name="Δ dB", x=f, line=one.decibels, reference=one.allowed_db, unit="dB", least=1.0, most=LARGEST_DB,
+            residual=True,
         ),
         Panel(
-            "Δ deg", f, one.degrees, reference=one.allowed_deg, unit="deg", least=10.0, most=LARGEST_DEG,
+            name="Δ deg", x=f, line=one.degrees, reference=one.allowed_deg, unit="deg", least=10.0, most=LARGEST_DEG,
             wraps=True, residual=True,
         ),
-        Panel("coh", one.mismatch.frequency_hz, one.mismatch.coherence, fixed=(0.0, 1.0), weight=0.75),
+        Panel(name="coh", x=one.mismatch.frequency_hz, line=one.mismatch.coherence, fixed=(0.0, 1.0), weight=0.75),
     ]  # fmt: skip
+    low_hz, high_hz = _band(comparison.band_hz)
     return FrequencyPlot(
-        tuple(panels),
-        response_names(comparison)[k],
-        ("measured", "model", "allowed"),
-        *_band(comparison.band_hz),
+        panels=tuple(panels),
+        title=response_names(comparison)[k],
+        words=("measured", "model", "allowed"),
+        low_hz=low_hz,
+        high_hz=high_hz,
         marked=one.noticed,
     )
 
@@ -109,10 +118,12 @@ def spectra_plot(comparison: Comparison, k: int = 0) -> FrequencyPlot:
 def densities_plot(found: Densities, k: int, output: str, band_hz: tuple[float, float]) -> FrequencyPlot:
     """As `spectra_plot`, of densities alone."""
     panel = Panel(
-        output, found.frequency_hz, found.measured[:, k], found.residual[:, k], found.noise[:, k],
-        unit="rad/s/√Hz", logarithmic=True, centred=False, least=1.0, most=4.0,
+        name=output, x=found.frequency_hz, line=found.measured[:, k], over=found.residual[:, k],
+        reference=found.noise[:, k], unit="rad/s/√Hz", logarithmic=True, centred=False, least=1.0, most=4.0,
     )  # fmt: skip
-    return FrequencyPlot((panel,), f"{output}: spectra", ("measured", "residual", "noise"), *_band(band_hz))
+    low_hz, high_hz = _band(band_hz)
+    words = ("measured", "residual", "noise")
+    return FrequencyPlot(panels=(panel,), title=f"{output}: spectra", words=words, low_hz=low_hz, high_hz=high_hz)
 
 
 def _band(band_hz: tuple[float, float]) -> tuple[float, float]:
@@ -127,8 +138,8 @@ def candidate_bars(candidates: Sequence[tuple[str, float | None, str]], title: s
     for number, (label, share, note) in enumerate(candidates):
         said = "not testable" if share is None else f"{100 * share:.0f} %"
         parts = () if share is None else (float(np.clip(np.nan_to_num(share), 0.0, 1.0)),)
-        bars.append(Bar(label, parts, f"{said}  {note}".rstrip(), chosen=number == 0))
-    return BarPlot(tuple(bars), title, lines=((ENOUGH, "enough to name it"),) if bars else ())
+        bars.append(Bar(label=label, parts=parts, text=f"{said}  {note}".rstrip(), chosen=number == 0))
+    return BarPlot(bars=tuple(bars), title=title, lines=((ENOUGH, "enough to name it"),) if bars else ())
 
 
 Nrmse = Mapping[str, float]
@@ -141,9 +152,13 @@ def ladder_bars(rungs: Sequence[tuple[str, Nrmse, Nrmse | None]], floor: Nrmse |
         value = fitted[output]
         beside = None if judged is None else judged[output]
         text = f"{value:.1f}" + ("" if beside is None else f"  {beside:.1f}")
-        bars.append(Bar(label, (max(0.0, value),), text, beside=beside, chosen=number == len(rungs) - 1))
+        bars.append(
+            Bar(label=label, parts=(max(0.0, value),), text=text, beside=beside, chosen=number == len(rungs) - 1)
+        )
     lines = ((floor[output], f"noise {floor[output]:.0f}"),) if floor is not None else ()
-    return BarPlot(tuple(bars), f"{output}: NRMSE, %", 100.0, lines, ("fitted",), "validation")
+    return BarPlot(
+        bars=tuple(bars), title=f"{output}: NRMSE, %", full=100.0, lines=lines, words=("fitted",), beside="validation"
+    )
 
 
 def band_bars(bands: Sequence[BandError], axis: str) -> BarPlot:
@@ -154,8 +169,14 @@ def band_bars(bands: Sequence[BandError], axis: str) -> BarPlot:
         noise = one.error_share * (one.noise_share or 0.0)
         linear = min(one.error_share * one.coherence_together, one.error_share - noise)
         parts = linear, max(0.0, one.error_share - noise - linear), noise
-        bars.append(Bar(f"{one.low_hz:.2g}-{one.high_hz:.2g} Hz", parts, f"{100 * one.error_share:.0f} %"))
+        bars.append(
+            Bar(label=f"{one.low_hz:.2g}-{one.high_hz:.2g} Hz", parts=parts, text=f"{100 * one.error_share:.0f} %")
+        )
     largest = max((one.error_share for one in shown), default=1.0)
     return BarPlot(
-        tuple(bars), f"{axis}: error by band", max(largest, 1e-9), (), ("follows the commands", "other", "noise")
+        bars=tuple(bars),
+        title=f"{axis}: error by band",
+        full=max(largest, 1e-9),
+        lines=(),
+        words=("follows the commands", "other", "noise"),
     )

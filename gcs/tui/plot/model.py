@@ -30,7 +30,7 @@ Row = tuple[tuple[str, Ink], ...]
 """One line of the screen as runs of characters."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Panel:
     """One strip. All arrays have shape (n,); x increases (s or Hz); what is not finite is not drawn."""
 
@@ -66,7 +66,7 @@ class Panel:
     """Said where there is nothing to draw."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Plot:
     """Panels above each other over one axis. `words` name line, over and reference in the legend; empty: no legend."""
 
@@ -85,7 +85,7 @@ class Plot:
         return replace(self, panels=panels, title=change(self.title), words=(first, second, third))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TimePlot(Plot):
     """Strips over time."""
 
@@ -97,7 +97,7 @@ class TimePlot(Plot):
     """Live, and nothing newer comes: the word that stands in place of the newest values (`no link`)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FrequencyPlot(Plot):
     """Responses or spectra over log frequency."""
 
@@ -112,7 +112,7 @@ class FrequencyPlot(Plot):
     logarithmic: ClassVar[bool] = True
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Bar:
     """One horizontal bar."""
 
@@ -129,7 +129,7 @@ class Bar:
     chosen: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BarPlot:
     """Bars below each other. A bar of length `full` reaches the right edge of its column."""
 

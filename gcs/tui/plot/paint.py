@@ -8,15 +8,14 @@ characters of its own, so that the two are told apart without colour.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from rich.cells import cell_len, set_cell_size
+from rich.cells import cell_len
 
+from gcs.tui.plot.axis import axis_row, marks_row
 from gcs.tui.plot.draw import (
-    DOTS,
     ZERO,
     ZERO_EVERY,
     BoolArray,
@@ -30,101 +29,17 @@ from gcs.tui.plot.draw import (
     slices,
     zero_row,
 )
-from gcs.tui.plot.model import FrequencyPlot, Ink, Panel, Plot, Row, TimePlot, View
-from gcs.tui.plot.ready import Layer, Prepared, ReadyPanel, nearest, reading
+from gcs.tui.plot.layout import Grid, Sheet, sheet_of
+from gcs.tui.plot.model import Ink, Panel, Plot, Row, TimePlot, View
+from gcs.tui.plot.ready import Layer, Prepared, ReadyPanel, reading
+from gcs.tui.plot.rows import CURSOR, GRID, RESIDUAL, TEXT, CodeArray, figure, fit, headed, runs
 
+Scale = tuple[float, float]
+"""Values at the bottom and at the top."""
+Extent = tuple[FloatArray, FloatArray]
+"""Least and largest value, (slices,)."""
 REFERENCE_EVERY = 4
 """A reference has a dot in every so many columns."""
-TICK_CELLS = 9
-"""Labels of the axis stand at least so far apart."""
-INKS: tuple[Ink, ...] = (
-    "blank", "measured", "model", "both", "reference", "measured", "model", "both", "grid", "residual", "cursor",
-    "mark", "text",
-)  # fmt: skip
-"""The first eight are sums of: 1 the line, 2 the one over it, 4 the reference."""
-GRID, RESIDUAL, CURSOR, MARK = 8, 9, 10, 11
-
-CodeArray = NDArray[np.uint8]
-
-
-# ------------------------------------------------------------------------------------------------ layout
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """How a box is divided, in cells."""
-
-    left: int
-    columns: int
-    right: int
-    head: bool
-    rows: tuple[int, ...]
-    """Of the panels that are shown: the first ones where not all fit."""
-    marks: bool
-    axis: bool
-
-
-def layout(plot: Plot, width: int, height: int) -> Layout:
-    """Names at the left, values at the right, a line above and below: as much of it as leaves room for the signals."""
-    left = 9 if width >= 50 else 6 if width >= 18 else 0
-    right = 15 if width >= 64 else 9 if width >= 40 else 0
-    count = min(len(plot.panels), max(height, 0))
-    rest = height - count
-    axis = rest >= 1 and count > 0
-    head = rest >= 2 + count and bool(plot.title or plot.words[0])
-    marks = rest >= 3 + count and isinstance(plot, FrequencyPlot) and bool(plot.marked)
-    weights = [max(one.weight, 0.1) for one in plot.panels[:count]]
-    return Layout(left, width - left - right, right, head, _shares(height - axis - head - marks, weights), marks, axis)
-
-
-def _shares(rows: int, weights: Sequence[float]) -> tuple[int, ...]:
-    """Rows divided by weight, each at least one."""
-    if not weights:
-        return ()
-    wanted = np.array(weights) / sum(weights) * rows
-    given = np.maximum(1, np.floor(wanted)).astype(int)
-    while given.sum() > rows:
-        given[int(np.argmax(given))] -= 1
-    for i in np.argsort(given - wanted, kind="stable")[: rows - int(given.sum())]:
-        given[i] += 1
-    return tuple(int(one) for one in given)
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Where the dots of a row lie on the axis: slice i is from (first + i) * width to the next, seen from `origin`."""
-
-    origin: float
-    first: int
-    width: float
-    dots: int
-
-    def dot(self, place: float) -> int | None:
-        found = math.floor((place - self.origin) / self.width) - self.first
-        return found if 0 <= found < self.dots else None
-
-    def place(self, dot: float) -> float:
-        return self.origin + (self.first + dot) * self.width
-
-
-def _grid(ready: Prepared, view: View, dots: int) -> Grid:
-    if isinstance(ready.plot, TimePlot) and ready.plot.span_s is not None and view == ready.first:
-        # Slices on a fixed grid of time: the picture moves along and does not shimmer.
-        width = view.span / dots
-        return Grid(0.0, math.floor(view.high / width) - dots + 1, width, dots)
-    return Grid(view.low, 0, view.span / dots * (1 + 1e-9), dots)
-
-
-def cursor_at(ready: Prepared, view: View, width: int, height: int, x: int) -> float | None:
-    """The sample nearest to column x of a picture; None beside the panels."""
-    plan = layout(ready.plot, width, height)
-    if not plan.left <= x < plan.left + plan.columns or not ready.places.size:
-        return None
-    grid = _grid(ready, view, plan.columns)
-    return float(ready.places[nearest(ready.places, grid.place(x - plan.left + 0.5))])
-
-
-# ------------------------------------------------------------------------------------------------ picture
 
 
 def picture(
@@ -133,104 +48,109 @@ def picture(
     """`height` rows of exactly `width` cells. cursor: on the axis as drawn (s, log10 of Hz)."""
     if width < 1 or height < 1:
         return ()
-    plan = layout(ready.plot, width, height)
-    grid = _grid(ready, view, plan.columns * DOTS[style][1])
-    at = None if cursor is None else grid.dot(cursor)
-    column = None if at is None else at // DOTS[style][1]
+    sheet = sheet_of(ready, view, width, height, style, cursor=cursor)
     rows: list[Row] = []
-    if plan.head:
+    if sheet.plan.head:
         rows.append(_head(ready.plot, width, style))
-    scales: list[tuple[float, float]] = []
-    for one, height_rows in zip(ready.panels, plan.rows, strict=False):
-        rows += _panel(ready, one, grid, plan, height_rows, style, scales, cursor if at is not None else None, column)
-    if plan.marks:
-        rows.append(_marks(ready.plot, grid, plan, style))
-    if plan.axis:
-        rows.append(_axis_row(ready, view, grid, plan, style, cursor if at is not None else None, column))
+    scales: list[Scale] = []
+    for one, height_rows in zip(ready.panels, sheet.plan.rows, strict=False):
+        rows += _panel(sheet, one, height_rows, scales)
+    if sheet.plan.marks:
+        rows.append(marks_row(sheet))
+    if sheet.plan.axis:
+        rows.append(axis_row(sheet))
     blank: Row = ((" " * width, "text"),)
     return tuple(rows[:height]) + (blank,) * (height - len(rows))
 
 
-def _panel(
-    ready: Prepared,
-    one: ReadyPanel,
-    grid: Grid,
-    plan: Layout,
-    rows: int,
-    style: Style,
-    scales: list[tuple[float, float]],
-    cursor: float | None,
-    column: int | None,
-) -> list[Row]:
-    panel = one.panel
+@dataclass(frozen=True, eq=False, slots=True)
+class _Extents:
+    """Least and largest value of every signal of a panel in each slice of the axis."""
 
-    def extent(layer: Layer) -> tuple[FloatArray, FloatArray]:
+    line: Extent
+    over: Extent | None
+    references: tuple[Extent, ...]
+
+    @property
+    def signals(self) -> list[Extent]:
+        """What is measured and what is modelled."""
+        return [self.line] if self.over is None else [self.line, self.over]
+
+
+def _extents(one: ReadyPanel, grid: Grid) -> _Extents:
+    def extent(layer: Layer) -> Extent:
         u = layer.u - grid.origin if grid.origin else layer.u
-        return slices(u, layer.values, grid.first, grid.width, grid.dots, layer.joined)
+        return slices(u, layer.values, grid.first, grid.width, grid.dots, joined=layer.joined)
 
-    line = extent(one.line)
     over = None if one.over is None else extent(one.over)
-    references = [extent(layer) for layer in one.references]
-    drawn = [line] if over is None else [line, over]
-    bottom, top = _scale(panel, drawn if panel.centred else drawn + references, scales)
-    scales.append((bottom, top))
-    chars, codes = _canvas(line, over, references, rows, plan.columns, (bottom, top), panel, style)
-    if panel.centred and bottom < 0 < top:
-        row = zero_row(rows) if bottom == -top else round((rows - 1) * top / (top - bottom))
-        every = np.arange(0, plan.columns, ZERO_EVERY)
-        every = every[chars[row, every] == " "]
-        chars[row, every], codes[row, every] = ZERO[style], GRID
+    return _Extents(extent(one.line), over, tuple(extent(layer) for layer in one.references))
+
+
+def _panel(sheet: Sheet, one: ReadyPanel, rows: int, scales: list[Scale]) -> list[Row]:
+    """A panel in its rows; its scale is appended to those of the panels above."""
+    panel, plan = one.panel, sheet.plan
+    extents = _extents(one, sheet.grid)
+    scale = _scale(panel, extents.signals if panel.centred else [*extents.signals, *extents.references], scales)
+    scales.append(scale)
+    chars, codes = _canvas(sheet, panel, extents, rows, scale)
+    _zero_line(sheet, panel, scale, chars, codes)
     if not one.line.u.size and panel.absent:
         text = panel.absent[: plan.columns]
         middle = (rows - 1) // 2
         chars[middle, : len(text)] = list(text)
-        codes[middle, : len(text)] = len(INKS) - 1
+        codes[middle, : len(text)] = TEXT
     _spread(chars, codes)
-    if column is not None:
-        bare = chars[:, column] == " "
-        chars[bare, column] = "|" if style == "ascii" else "│"
-        codes[:, column] = CURSOR
-    left = _left(panel, (bottom, top), rows, plan.left, style)
-    right = _right(ready.plot, one, drawn, (bottom, top), rows, plan.right, cursor)
-    found: list[Row] = []
+    if sheet.column is not None:
+        bare = chars[:, sheet.column] == " "
+        chars[bare, sheet.column] = "|" if sheet.style == "ascii" else "│"
+        codes[:, sheet.column] = CURSOR
+    left = _left(panel, scale, rows, plan.left, sheet.style)
+    right = _right(sheet, one, extents.line, rows, scale)
+    painted: list[Row] = []
     for i in range(rows):
-        middle_runs = runs(chars[i], codes[i])
         before: Row = ((fit(left[i], plan.left), "text"),) if plan.left else ()
         after: Row = ((fit(right[i], plan.right), "text"),) if plan.right else ()
-        found.append(before + middle_runs + after)
-    return found
+        painted.append(before + runs(chars[i], codes[i]) + after)
+    return painted
 
 
-def _canvas(
-    line: tuple[FloatArray, FloatArray],
-    over: tuple[FloatArray, FloatArray] | None,
-    references: Sequence[tuple[FloatArray, FloatArray]],
-    rows: int,
-    columns: int,
-    scale: tuple[float, float],
-    panel: Panel,
-    style: Style,
-) -> tuple[CharArray, CodeArray]:
-    """Characters and what each is a part of, (rows, columns)."""
+def _zero_line(sheet: Sheet, panel: Panel, scale: Scale, chars: CharArray, codes: CodeArray) -> None:
+    """Zero, sparse, where nothing else is."""
     bottom, top = scale
-    first = cells(raster(*line, rows, columns, bottom, top, style, wraps=panel.wraps), style)
+    if not (panel.centred and bottom < 0 < top):
+        return
+    rows = chars.shape[0]
+    row = zero_row(rows) if bottom == -top else round((rows - 1) * top / (top - bottom))
+    every = np.arange(0, sheet.plan.columns, ZERO_EVERY)
+    every = every[chars[row, every] == " "]
+    chars[row, every], codes[row, every] = ZERO[sheet.style], GRID
+
+
+def _canvas(sheet: Sheet, panel: Panel, extents: _Extents, rows: int, scale: Scale) -> tuple[CharArray, CodeArray]:
+    """Characters and what each is a part of, (rows, columns)."""
+    style, (bottom, top) = sheet.style, scale
+
+    def dots(extent: Extent, wraps: bool = panel.wraps) -> BoolArray:
+        low, high = extent
+        return raster(low, high, rows, sheet.plan.columns, bottom, top=top, style=style, wraps=wraps)
+
+    first = cells(dots(extents.line), style)
     codes = (first > 0).astype(np.uint8)
-    if over is None and not references:
+    if extents.over is None and not extents.references:
         codes[codes > 0] = RESIDUAL if panel.residual else 1
         return glyphs(first, style), codes
     second = np.zeros_like(first)
-    if over is not None:
-        dots = raster(*over, rows, columns, bottom, top, style, wraps=panel.wraps)
-        second = cells(dotted(dots) if style == "braille" else dots, style)
+    if extents.over is not None:
+        over = dots(extents.over)
+        second = cells(dotted(over) if style == "braille" else over, style)
         codes += 2 * (second > 0).astype(np.uint8)
     third = np.zeros_like(first)
-    for low, _ in references:
+    for low, _ in extents.references:
         # what lies outside the scale allows anything, and is not drawn at the edge
         inside = (low >= bottom) & (low <= top)
         inside[np.arange(inside.size) % REFERENCE_EVERY > 0] = False
         shown = np.where(inside, low, np.nan)
-        dots = raster(shown, shown, rows, columns, bottom, top, style) & inside
-        third |= cells(dots, style)
+        third |= cells(dots((shown, shown), wraps=False) & inside, style)
     codes += 4 * (third > 0).astype(np.uint8)
     if style == "braille":
         chars = glyphs(first | second | third, style)
@@ -256,9 +176,7 @@ def dotted(dots: BoolArray) -> BoolArray:
     return found
 
 
-def _scale(
-    panel: Panel, drawn: Sequence[tuple[FloatArray, FloatArray]], scales: Sequence[tuple[float, float]]
-) -> tuple[float, float]:
+def _scale(panel: Panel, drawn: Sequence[Extent], scales: Sequence[Scale]) -> Scale:
     if panel.fixed is not None and math.isfinite(panel.fixed[1] - panel.fixed[0]) and panel.fixed[1] > panel.fixed[0]:
         return panel.fixed
     if panel.scale_of is not None and 0 <= panel.scale_of < len(scales):
@@ -299,34 +217,7 @@ def _spread(chars: CharArray, codes: CodeArray) -> None:
     codes[:] = np.take_along_axis(codes, np.maximum.accumulate(place, axis=1), axis=1)
 
 
-def runs(chars: CharArray, codes: CodeArray) -> Row:
-    text = "".join(chars.tolist())
-    edges = [0, *(np.flatnonzero(codes[1:] != codes[:-1]) + 1).tolist(), len(text)]
-    inks = codes[edges[:-1]].tolist() if text else []
-    return tuple((text[a:b], INKS[ink]) for a, b, ink in zip(edges[:-1], edges[1:], inks, strict=True))
-
-
-# ------------------------------------------------------------------------------------------------ words
-
-
-def fit(text: str, width: int) -> str:
-    """Exactly `width` cells."""
-    return set_cell_size(text, width) if width > 0 else ""
-
-
-def figure(value: float, largest: float, signed: bool = True) -> str:
-    """A value with as many decimals as a scale up to `largest` is worth."""
-    if not math.isfinite(value):
-        return "?"
-    value += 0.0
-    sign = "+" if signed else ""
-    if not 1e-3 <= largest < 1e5:
-        return f"{value:{sign}.1e}"
-    decimals = 2 if 0.1 <= largest <= 10 else min(max(1 - math.floor(math.log10(largest) + 1e-9), 0), 4)
-    return f"{value:{sign}.{decimals}f}"
-
-
-def _left(panel: Panel, scale: tuple[float, float], rows: int, width: int, style: Style) -> list[str]:
+def _left(panel: Panel, scale: Scale, rows: int, width: int, style: Style) -> list[str]:
     bottom, top = scale
     if bottom == -top:
         ends = ("", f"{'+-' if style == 'ascii' else '±'}{top:.4g}")
@@ -347,22 +238,15 @@ def _left(panel: Panel, scale: tuple[float, float], rows: int, width: int, style
     return [first, *[""] * (rows - 2), last]
 
 
-def _right(
-    plot: Plot,
-    one: ReadyPanel,
-    drawn: Sequence[tuple[FloatArray, FloatArray]],
-    scale: tuple[float, float],
-    rows: int,
-    width: int,
-    cursor: float | None,
-) -> list[str]:
+def _right(sheet: Sheet, one: ReadyPanel, line: Extent, rows: int, scale: Scale) -> list[str]:
+    plot, width, cursor = sheet.ready.plot, sheet.plan.right, sheet.cursor
     if width < 1 or not one.line.u.size:
         return [""] * rows
     panel = one.panel
     largest = max(abs(scale[0]), abs(scale[1]))
     if panel.logarithmic:
         largest = 10.0 ** min(scale[1], 90.0)
-    low, high = drawn[0]
+    low, high = line
     peak = np.fmax.reduce(np.fmax(np.abs(low), np.abs(high)), initial=np.nan)
     lines: list[str]
     if cursor is not None:
@@ -419,128 +303,3 @@ def _head(plot: Plot, width: int, style: Style) -> Row:
         legend += [("*o#", "both"), (" both  ", "text")]
         room -= 10
     return (*headed(plot.title, room + title + 2, style), *legend)
-
-
-def _marks(plot: Plot, grid: Grid, plan: Layout, style: Style) -> Row:
-    """Where the marked bands lie."""
-    assert isinstance(plot, FrequencyPlot)
-    chars = np.full(plan.columns, " ")
-    across = grid.dots // plan.columns
-    for low, high in plot.marked:
-        if not 0 < low <= high < math.inf:
-            continue
-        begin, end = (math.floor((math.log10(f) - grid.origin) / grid.width / across) for f in (low, high))
-        if end >= 0 and begin < plan.columns:
-            chars[max(begin, 0) : end + 1] = "=" if style == "ascii" else "▀"
-    row: list[tuple[str, Ink]] = [("".join(chars.tolist()), "mark")]
-    if plan.left:
-        row.insert(0, (fit(f" {plot.marked_is}", plan.left), "text"))
-    if plan.right:
-        row.append((fit(" than noise", plan.right) if plot.marked_is == "beyond" else " " * plan.right, "text"))
-    return tuple(row)
-
-
-def _axis_row(
-    ready: Prepared, view: View, grid: Grid, plan: Layout, style: Style, cursor: float | None, column: int | None
-) -> Row:
-    """Ticks with labels, and where the cursor is."""
-    plot = ready.plot
-    chars = np.full(plan.columns, " ")
-    codes = np.full(plan.columns, len(INKS) - 1, dtype=np.uint8)
-    free = 0
-    tick = "|" if style == "ascii" else "│"
-    for place, label in _ticks(ready, view, plan.columns):
-        dot = grid.dot(place)
-        if dot is None and isinstance(plot, TimePlot) and plot.span_s is not None and place >= view.high - 1e-9:
-            dot = grid.dots - 1
-        if dot is None:
-            continue
-        at = dot * plan.columns // grid.dots
-        text = tick + label
-        if at < free:
-            continue
-        if at + len(text) > plan.columns:
-            text = tick
-        chars[at : at + len(text)] = list(text)
-        free = at + len(text) + 1
-    here = ""
-    if cursor is not None:
-        here = f"{10.0**cursor:.4g} Hz" if plot.logarithmic else f"{_seconds(ready, cursor, view, plan.columns)} s"
-    if here and not plan.right:
-        text = here[: plan.columns]
-        begin = min(max((column or 0) - len(text) // 2, 0), plan.columns - len(text))
-        chars[max(begin - 1, 0) : begin + len(text) + 1] = " "
-        chars[begin : begin + len(text)] = list(text)
-    if column is not None and plan.right:
-        codes[column] = CURSOR
-    row: list[tuple[str, Ink]] = list(runs(chars, codes))
-    if plan.left:
-        row.insert(0, (fit(f"{plot.unit:>{plan.left - 1}}", plan.left), "text"))
-    if plan.right:
-        said = f" at {here}" if here and len(here) + 4 <= plan.right else f" {here}"
-        row.append((fit(said, plan.right), "cursor" if here else "text"))
-    return tuple(row)
-
-
-def _origin(ready: Prepared) -> float:
-    plot = ready.plot
-    if not isinstance(plot, TimePlot):
-        return 0.0
-    return ready.whole.high if plot.span_s is not None else plot.origin_s
-
-
-def _seconds(ready: Prepared, place: float, view: View, columns: int) -> str:
-    finest = max(min(view.span / max(columns, 1), 1.0), 1e-6)
-    return f"{place - _origin(ready):.{min(max(math.ceil(-math.log10(finest)) + 1, 1), 6)}f}"
-
-
-def _ticks(ready: Prepared, view: View, columns: int) -> Iterable[tuple[float, str]]:
-    """Places on the axis and their labels, in order."""
-    count = max(columns // TICK_CELLS, 1)
-    if not ready.plot.logarithmic:
-        origin = _origin(ready)
-        for value, label in _even(view.low - origin, view.high - origin, count):
-            yield value + origin, label
-        return
-    low, high = 10.0 ** max(view.low, -300.0), 10.0 ** min(view.high, 300.0)
-    if view.span > 0.5:
-        decades = range(math.floor(view.low), math.ceil(view.high) + 1)
-        steps = (1.0, 2.0, 5.0) if columns / view.span >= 3 * 6 else (1.0,)
-        every = max(1, math.ceil(len(decades) * 6 / max(columns, 1)))
-        for power in decades[::every]:
-            for step in steps:
-                value = step * 10.0**power
-                if low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
-                    yield math.log10(value), f"{value:g}"
-        return
-    for value, label in _even(low, high, count):
-        if value > 0:
-            yield math.log10(value), label
-
-
-def _even(low: float, high: float, count: int) -> Iterable[tuple[float, str]]:
-    """Round values, about `count` of them."""
-    span = high - low
-    if not (math.isfinite(span) and span > 0):
-        return
-    step = round_limit(span / count, 1e-300)
-    decimals = min(max(-math.floor(math.log10(step) + 1e-9), 0), 9)
-    first = math.ceil(low / step - 1e-9)
-    for i in range(first, first + count + 2):
-        value = i * step
-        if value > high + 1e-9 * step:
-            return
-        yield value, f"{value + 0.0:.{decimals}f}" if abs(value) < 1e6 else f"{value:g}"
-
-
-def cut(text: str, width: int, style: Style) -> str:
-    """Exactly `width` cells, with an ellipsis where something was cut."""
-    if cell_len(text) <= width:
-        return fit(text, width)
-    return fit(text, max(width - 1, 0)) + ("~" if style == "ascii" else "…") * (width > 0)
-
-
-def headed(title: str, width: int, style: Style) -> Row:
-    """A title in exactly `width` cells, a blank at both sides."""
-    said = cut(title, max(width - 2, 0), style).rstrip()
-    return ((" ", "text"), (said, "title"), (" " * (width - 1 - cell_len(said)), "text"))

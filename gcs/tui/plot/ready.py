@@ -49,7 +49,7 @@ class ReadyPanel:
     references: tuple[Layer, ...]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Prepared:
     """A plot made ready to be drawn at any size and in any view."""
 
@@ -92,7 +92,9 @@ def prepared(plot: Plot) -> Prepared:
     steps = steps[steps > 0]
     least = 4 * float(steps.min()) if steps.size else 0.0
     least = max(least, 1e-12 * max(abs(low), abs(high), 1.0))
-    return Prepared(plot, tuple(panels), whole, first, places, min(least, whole.span))
+    return Prepared(
+        plot=plot, panels=tuple(panels), whole=whole, first=first, places=places, least_span=min(least, whole.span)
+    )
 
 
 def _axis(x: FloatArray, logarithmic: bool) -> Axis:

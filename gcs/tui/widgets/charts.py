@@ -44,13 +44,13 @@ def live_plot(window: LiveWindow, span_s: float, stale: bool = False) -> TimePlo
     """The strips of a window."""
     panels = tuple(
         Panel(
-            one.name,
-            window.t,
-            getattr(window, one.field),
+            name=one.name,
+            x=window.t,
+            line=getattr(window, one.field),
             unit=one.unit,
             least=one.least,
             absent="comes with the log: R" if one.field.startswith("delta") else "no samples yet",
         )
         for one in SIGNALS
     )
-    return TimePlot(panels, span_s=span_s, stale="no link" if stale else "")
+    return TimePlot(panels=panels, span_s=span_s, stale="no link" if stale else "")

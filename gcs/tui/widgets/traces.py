@@ -9,7 +9,7 @@ from textual.binding import Binding
 from textual.events import Click
 
 from gcs.tui.plot import Plot, Prepared, Reading, Style, View, picture, prepared
-from gcs.tui.plot.paint import cursor_at, layout
+from gcs.tui.plot.layout import cursor_at, layout
 from gcs.tui.plot.ready import clamped, holding, moved, readings, zoomed
 from gcs.tui.widgets.canvas import Canvas
 
@@ -72,7 +72,7 @@ class Traces(Canvas, can_focus=True):
         view = self._shown(ready)
         if self._cursor is not None and not view.low <= self._cursor <= view.high:
             self._cursor = None
-        self.put(picture(ready, view, width, height, self._style, self._cursor))
+        self.put(picture(ready, view, width, height, self._style, cursor=self._cursor))
 
     @property
     def cursor(self) -> float | None:

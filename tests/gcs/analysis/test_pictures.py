@@ -11,7 +11,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from planted import PLANTED, axes, fly
 
-from gcs.analysis.pictures import compare_picture, diagnosis_picture, ladder_picture, picture_kind, write_picture
+from gcs.analysis.pages.diagnosis import diagnosis_picture
+from gcs.analysis.pages.ladder import ladder_picture
+from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
 from gcs.errors import TippathError, UsageError
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison

@@ -24,7 +24,7 @@ import pytest
 from contract_schemas import DIAGNOSIS, FIT, REVEAL
 from flying import fly_maneuver, log_of
 
-from gcs.analysis.diagnosis_text import bar, ladder_text
+from gcs.analysis.text.ladder import bar, ladder_text
 from gcs.cards.maneuver import load_card
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.hidden import plant_one

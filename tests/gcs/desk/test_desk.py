@@ -20,7 +20,8 @@ from flown_folder import fly_folder
 from flying import CHIRP, ELEVATOR, PITCH, QUIET, ROLL
 from matplotlib.figure import Figure
 
-import gcs.desk.desk
+import gcs.desk.keeping
+from gcs.analysis.text.blocks import text_of
 from gcs.desk import Base, Cancelled, Choice, Desk
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
@@ -179,8 +180,8 @@ def test_the_hidden_lag_is_found_and_the_ladder_says_so(worked: tuple[Desk, Path
     assert last.placebo[0] != "servo_lag"
     assert last.noise_floor_percent is not None
     assert last.noise_floor_percent["q"] == pytest.approx(last.nrmse_percent["q"], abs=1.0)
-    assert "missing: servo_lag" in first.diagnosis_text
-    assert "on runs that were not fitted" in last.addition_text.replace("\n  ", " ")
+    assert "missing: servo_lag" in text_of(first.diagnosis_text)
+    assert "on runs that were not fitted" in text_of(last.addition_text).replace("\n  ", " ")
     assert state.comparison is last.comparison is not None
     assert state.comparison.traces
     assert state.diagnosis is last.diagnosis
@@ -361,12 +362,12 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
 def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
     worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gcs.analysis.report
+    import gcs.analysis.pages.report
 
     def counted(figure: Figure) -> str:
         return f"<svg>{len(figure.axes)} panels</svg>"
 
-    monkeypatch.setattr(gcs.analysis.report, "svg", counted)
+    monkeypatch.setattr(gcs.analysis.pages.report, "svg", counted)
     desk, home = worked
     monkeypatch.chdir(home)
     desk.rename("first flight")
@@ -396,7 +397,7 @@ def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
 
 
 def test_the_same_figure_is_the_same_page() -> None:
-    from gcs.analysis.report import svg
+    from gcs.analysis.pages.page import svg
 
     def drawn() -> str:
         figure = Figure(figsize=(2, 2))
@@ -453,10 +454,10 @@ def test_a_folder_that_takes_nothing_loses_nothing(
             raise TippathError(f"{path} cannot be written (Read-only file system)")
         return keep(text, path)
 
-    keep = gcs.desk.desk.keep_text
+    keep = gcs.desk.keeping.keep_text
     desk = Desk()
     desk.open(str(short))
-    monkeypatch.setattr(gcs.desk.desk, "keep_text", refuse)
+    monkeypatch.setattr(gcs.desk.keeping, "keep_text", refuse)
     desk.fit()
     desk.design()
     state = desk.state()
@@ -552,17 +553,17 @@ def test_what_is_called_off_changes_nothing(short: Path, monkeypatch: pytest.Mon
 
 
 def test_one_thing_at_a_time_and_the_state_is_there_meanwhile(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import gcs.analysis.fits
+    import gcs.desk.calculations
 
     begun, go_on = threading.Event(), threading.Event()
-    identify = gcs.analysis.fits.identify_flight
+    identify = gcs.desk.calculations.identify_flight
 
     def slow(*args: object, **kwargs: object) -> object:
         begun.set()
         assert go_on.wait(60)
         return identify(*args, **kwargs)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(gcs.analysis.fits, "identify_flight", slow)
+    monkeypatch.setattr(gcs.desk.calculations, "identify_flight", slow)
     desk = Desk()
     desk.open(str(short))
     worker = threading.Thread(target=desk.fit)

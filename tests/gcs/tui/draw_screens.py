@@ -58,7 +58,7 @@ def draw(app: TippathApp, path: Path) -> None:
 
 async def draw_all(flight: Path, folder: Path, size: tuple[int, int]) -> None:
     engine = Reconnecting(folder=folder)
-    app = TippathApp(engine, bell=False, harbour=engine, first="runs")
+    app = TippathApp(engine, bell=False, connections=engine, first="runs")
     try:
         engine.desk.open(str(flight))
         if engine.desk.state().current is not None:

@@ -14,11 +14,11 @@ from textual.widgets import Input
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
 from gcs.link.ports import SerialPort
-from gcs.tui import places, themes
-from gcs.tui.app import GENERAL, PAGES
+from gcs.tui import connections, themes
 from gcs.tui.base import Dialog
+from gcs.tui.connections import SIMULATED, UDP, Connection
+from gcs.tui.pages import GENERAL, PAGES
 from gcs.tui.palette import Entry, matching
-from gcs.tui.places import SIMULATED, UDP, Place
 from gcs.tui.reconnect import Reconnecting
 from gcs.tui.state import Stage, State, joined
 
@@ -165,23 +165,23 @@ def test_every_colour_stands_out_from_its_background(theme):
 # ------------------------------------------------------------------------------------------------ connection
 
 
-class Harbour:
+class Connections:
     """Writes down where it was sent."""
 
     def __init__(self) -> None:
-        self.place = places.NOWHERE
+        self.connection = connections.NOWHERE
         self.sent: list[str] = []
 
-    def places(self) -> tuple[Place, ...]:
+    def connections(self) -> tuple[Connection, ...]:
         return (UDP, *SIMULATED)
 
-    def connect(self, place: Place) -> None:
-        self.sent.append(place.name)
+    def connect(self, connection: Connection) -> None:
+        self.sent.append(connection.name)
 
 
 async def test_connect_by_mark_and_by_word():
     app, engine = app_on(NOWHERE)
-    app.harbour = harbour = Harbour()
+    app.connections = harbour = Connections()
     async with app.run_test() as pilot:
         await pilot.press("1")
         await done(app, pilot)
@@ -204,18 +204,22 @@ async def test_connect_by_mark_and_by_word():
 
 
 def test_ports_and_earlier_flights_are_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(places, "serial_ports", lambda: (SerialPort("/dev/ttyUSB0", "CP2102", 57600),))
+    monkeypatch.setattr(connections, "serial_ports", lambda: (SerialPort("/dev/ttyUSB0", "CP2102", 57600),))
     for number, link in enumerate(
         ("udpin:0.0.0.0:14560", "udpin:127.0.0.1:45123", "nonsense", "/dev/ttyUSB0,57600"), start=1
     ):
         folder = tmp_path / f"flight-000{number}"
         folder.mkdir()
         FlightFolder(folder).write({"link": link})
-    offered = places.places(tmp_path)
-    assert [one.link for one in offered if one.link] == [places.ANY_UDP, "/dev/ttyUSB0,57600", "udpin:0.0.0.0:14560"]
-    assert offered[-1] is places.NOWHERE
+    offered = connections.connections(tmp_path)
+    assert [one.link for one in offered if one.link] == [
+        connections.ANY_UDP,
+        "/dev/ttyUSB0,57600",
+        "udpin:0.0.0.0:14560",
+    ]
+    assert offered[-1] is connections.NOWHERE
     with pytest.raises(UsageError, match="is no link"):
-        places.typed("elsewhere")
+        connections.typed("elsewhere")
 
 
 class Berth:
@@ -225,7 +229,7 @@ class Berth:
 
     def __init__(self, link: str | None, **options: object) -> None:
         self.link, self.options = link, options
-        self.now = State(link or "", stage=Stage.IDLE, commands=(f"on {link}",))
+        self.now = State(link=link or "", stage=Stage.IDLE, commands=(f"on {link}",))
         self.desk = options["make_desk"](on_command=lambda _: None, on_said=lambda _: None)
         self.closed = False
         Berth.made.append(self)
@@ -246,7 +250,7 @@ def test_another_link_keeps_the_desk_and_what_was_done(tmp_path: Path):
         return SimpleNamespace()
 
     engine = Reconnecting(folder=tmp_path, make=Berth, make_vehicle=make_vehicle)
-    engine.connect(places.typed("tcp:10.0.0.1:5760"))
+    engine.connect(connections.typed("tcp:10.0.0.1:5760"))
     first, second = Berth.made
     assert first.closed
     assert (first.link, second.link) == (None, "tcp:10.0.0.1:5760")

@@ -159,9 +159,12 @@ RAMPS = {
 def test_a_ramp_is_drawn_exactly(style):
     alone, crossed = RAMPS[style]
     axis = "    s |0            " if style == "ascii" else "    s │0            "
-    assert texts(rows_of(TimePlot((Panel("p", STEPS, STEPS / 27, least=1.0),)), 20, 3, style)) == [*alone, axis]
-    panel = Panel("p", STEPS, STEPS / 27, 1 - STEPS / 27, least=1.0)
-    rows = rows_of(TimePlot((panel,)), 20, 3, style)
+    assert texts(rows_of(TimePlot(panels=(Panel(name="p", x=STEPS, line=STEPS / 27, least=1.0),)), 20, 3, style)) == [
+        *alone,
+        axis,
+    ]
+    panel = Panel(name="p", x=STEPS, line=STEPS / 27, over=1 - STEPS / 27, least=1.0)
+    rows = rows_of(TimePlot(panels=(panel,)), 20, 3, style)
     assert texts(rows) == [*crossed, axis]
     assert [ink for _, ink in rows[1]] == ["text", "measured", "grid", "model"]
 
@@ -172,14 +175,14 @@ def test_a_ramp_is_drawn_exactly(style):
 def test_model_and_measurement_are_told_apart_without_colour(style, signs):
     x = np.arange(240.0)
     top, bottom = np.full(x.size, 0.999), np.full(x.size, -0.999)
-    apart = Panel("p", x, top, bottom, least=1.0)
-    rows = rows_of(TimePlot((apart,), words=("measured", "model", "")), 60, 4, style)
+    apart = Panel(name="p", x=x, line=top, over=bottom, least=1.0)
+    rows = rows_of(TimePlot(panels=(apart,), words=("measured", "model", "")), 60, 4, style)
     measured, model = rows[1], rows[2]
     assert {ink for text, ink in measured if signs[0] in text} == {"measured"}
     lower = {"⠉⠉⠉": "⡀⡀⡀", "▀▀▀": "___", "'''": "___"}[signs[0]]
     assert {ink for text, ink in model if lower in text} == {"model"}
-    same = Panel("p", x, top, top, least=1.0)
-    assert "both" in {ink for _, ink in rows_of(TimePlot((same,)), 60, 4, style)[0]}
+    same = Panel(name="p", x=x, line=top, over=top, least=1.0)
+    assert "both" in {ink for _, ink in rows_of(TimePlot(panels=(same,)), 60, 4, style)[0]}
 
 
 def test_the_dotted_model_keeps_its_peaks():
@@ -201,8 +204,12 @@ def test_no_peak_is_lost_in_any_view_that_holds_it(style, at, which):
     t = np.arange(10_000) / 500
     quiet, spike = np.zeros(t.size), np.zeros(t.size)
     spike[at] = 1.0
-    panel = Panel("p", t, spike, quiet) if which == "line" else Panel("p", t, quiet, spike)
-    ready = prepared(TimePlot((panel,)))
+    panel = (
+        Panel(name="p", x=t, line=spike, over=quiet)
+        if which == "line"
+        else Panel(name="p", x=t, line=quiet, over=spike)
+    )
+    ready = prepared(TimePlot(panels=(panel,)))
     view = ready.whole
     for _ in range(12):
         upper = texts(picture(ready, view, 60, 5, style))[0]
@@ -213,7 +220,7 @@ def test_no_peak_is_lost_in_any_view_that_holds_it(style, at, which):
 @pytest.mark.parametrize("style", STYLES)
 def test_a_gap_in_time_is_not_joined(style):
     t = np.concatenate((np.arange(0, 4, 0.01), np.arange(6, 10, 0.01)))
-    rows = texts(rows_of(TimePlot((Panel("p", t, np.full(t.size, 0.5), least=1.0),)), 70, 5, style))
+    rows = texts(rows_of(TimePlot(panels=(Panel(name="p", x=t, line=np.full(t.size, 0.5), least=1.0),)), 70, 5, style))
     line = next(row for row in rows if drawn(row[9:55]))[9:55]
     assert not line[20:26].strip(" ·-")
     assert line[:16].strip(" ·-")
@@ -242,17 +249,24 @@ HOSTILE = {
 def test_every_picture_is_as_large_as_asked(style, case):
     x, y = HOSTILE[case]
     panels = (
-        Panel("p", x, y, y[::-1], unit="rad/s"),
-        Panel("δx", x, y, reference=y, residual=True, scale_of=0),
-        Panel("dB", x, y, centred=False, least=1.0),
-        Panel("psd", x, y, y, y, centred=False, logarithmic=True, least=1.0, most=4.0),
-        Panel("phase", x, y, wraps=True, fixed=(-180.0, 180.0)),
+        Panel(name="p", x=x, line=y, over=y[::-1], unit="rad/s"),
+        Panel(name="δx", x=x, line=y, reference=y, residual=True, scale_of=0),
+        Panel(name="dB", x=x, line=y, centred=False, least=1.0),
+        Panel(name="psd", x=x, line=y, over=y, reference=y, centred=False, logarithmic=True, least=1.0, most=4.0),
+        Panel(name="phase", x=x, line=y, wraps=True, fixed=(-180.0, 180.0)),
     )
     for plot in (
-        TimePlot(panels, "title", ("measured", "model", "noise")),
-        TimePlot(panels, span_s=20.0, stale="no link"),
-        FrequencyPlot(panels, "title", ("a", "b", "c"), 0.5, 15.0, ((1.0, 3.0), (-1.0, np.nan))),
-        FrequencyPlot(panels),
+        TimePlot(panels=panels, title="title", words=("measured", "model", "noise")),
+        TimePlot(panels=panels, span_s=20.0, stale="no link"),
+        FrequencyPlot(
+            panels=panels,
+            title="title",
+            words=("a", "b", "c"),
+            low_hz=0.5,
+            high_hz=15.0,
+            marked=((1.0, 3.0), (-1.0, np.nan)),
+        ),
+        FrequencyPlot(panels=panels),
     ):
         ready = prepared(plot)
         for width, height in ((1, 1), (5, 2), (20, 3), (33, 7), (80, 24), (120, 40), (64, 1), (7, 60)):
@@ -268,26 +282,38 @@ def test_every_picture_is_as_large_as_asked(style, case):
 def test_scales_are_told_and_shared():
     t = np.arange(100) / 10
     wave = np.sin(t)
-    plot = TimePlot((Panel("p", t, 0.8 * wave), Panel("res", t, 0.1 * wave, scale_of=0), Panel("own", t, 0.1 * wave)))
+    plot = TimePlot(
+        panels=(
+            Panel(name="p", x=t, line=0.8 * wave),
+            Panel(name="res", x=t, line=0.1 * wave, scale_of=0),
+            Panel(name="own", x=t, line=0.1 * wave),
+        )
+    )
     told = [line[:9].strip() for line in texts(rows_of(plot, 80, 10))]
     assert told == ["p", "", "±1", "res", "", "±1", "own", "", "±0.1", "s"]
 
 
 def test_the_axis_has_round_labels_at_their_places():
     t = np.arange(0, 30.001, 0.01) + 512
-    ready = prepared(TimePlot((Panel("p", t, np.sin(t)),), origin_s=512.0))
+    ready = prepared(TimePlot(panels=(Panel(name="p", x=t, line=np.sin(t)),), origin_s=512.0))
     line = texts(picture(ready, ready.first, 80, 4, "braille"))[-1]
     assert line.split() == ["s", "│0", "│5", "│10", "│15", "│20", "│25", "│30"] or "│30" not in line
     at = line.index("│15") - 9
     assert abs(at - 56 / 2) <= 1
     f = np.linspace(0.4, 15, 100)
-    axis = texts(rows_of(FrequencyPlot((Panel("dB", f, f),), low_hz=0.5, high_hz=15.0), 80, 4))[-1]
+    axis = texts(rows_of(FrequencyPlot(panels=(Panel(name="dB", x=f, line=f),), low_hz=0.5, high_hz=15.0), 80, 4))[-1]
     assert axis.split() == ["Hz", "│0.5", "│1", "│2", "│5", "│10"]
 
 
 def test_the_cursor_reads_every_strip_at_one_time():
     t = np.arange(1000) / 100
-    plot = TimePlot((Panel("p", t, t / 10, -t / 10), Panel("q", t[::2], t[::2]), Panel("r", t[:10], t[:10])))
+    plot = TimePlot(
+        panels=(
+            Panel(name="p", x=t, line=t / 10, over=-t / 10),
+            Panel(name="q", x=t[::2], line=t[::2]),
+            Panel(name="r", x=t[:10], line=t[:10]),
+        )
+    )
     ready = prepared(plot)
     found = readings(ready, 5.0)
     assert [one.name for one in found] == ["p", "q", "r"]
@@ -301,19 +327,19 @@ def test_the_cursor_reads_every_strip_at_one_time():
 
 def test_the_cursor_steps_by_columns_and_at_last_by_samples():
     t = np.arange(1000) / 100
-    ready = prepared(TimePlot((Panel("p", t, t),)))
+    ready = prepared(TimePlot(panels=(Panel(name="p", x=t, line=t),)))
     start = moved(ready, ready.first, None, 0.0)
     assert start in t
     assert moved(ready, ready.first, start, 0.5) == pytest.approx(start + 0.5)
     assert moved(ready, ready.first, start, 1e-6) == pytest.approx(start + 0.01)
     assert moved(ready, ready.first, start, -1e-6) == pytest.approx(start - 0.01)
     assert moved(ready, ready.first, t[-1], 3.0) == t[-1]
-    assert moved(prepared(TimePlot((Panel("p", t[:0], t[:0]),))), ready.first, None, 1.0) is None
+    assert moved(prepared(TimePlot(panels=(Panel(name="p", x=t[:0], line=t[:0]),))), ready.first, None, 1.0) is None
 
 
 def test_zoom_stays_inside_and_ends_at_single_samples():
     t = 100 + np.arange(1000) / 100
-    ready = prepared(TimePlot((Panel("p", t, t),)))
+    ready = prepared(TimePlot(panels=(Panel(name="p", x=t, line=t),)))
     view = ready.whole
     for _ in range(40):
         view = zoomed(ready, view, 0.5, 103.0)
@@ -327,7 +353,9 @@ def test_zoom_stays_inside_and_ends_at_single_samples():
 
 def test_bands_are_marked_where_they_lie():
     f = np.linspace(0.5, 15, 200)
-    plot = FrequencyPlot((Panel("dB", f, f),), low_hz=1.0, high_hz=10.0, marked=((1.0, 2.0), (9.0, 10.0)))
+    plot = FrequencyPlot(
+        panels=(Panel(name="dB", x=f, line=f),), low_hz=1.0, high_hz=10.0, marked=((1.0, 2.0), (9.0, 10.0))
+    )
     line = next(row for row in texts(rows_of(plot, 79, 8, "ascii")) if "beyond" in row)[9:64]
     assert (line.find("="), len(line.rstrip())) == (0, 55)
     assert abs(line.index(" ") - 55 * np.log10(2)) <= 2
@@ -336,7 +364,9 @@ def test_bands_are_marked_where_they_lie():
 def test_what_noise_allows_is_drawn_on_both_sides_and_not_at_the_edge():
     f = np.linspace(1, 10, 300)
     allowed = np.where(f < 5, 5.0, 400.0)
-    plot = FrequencyPlot((Panel("d dB", f, np.zeros(f.size), reference=allowed, least=10.0, most=20.0),))
+    plot = FrequencyPlot(
+        panels=(Panel(name="d dB", x=f, line=np.zeros(f.size), reference=allowed, least=10.0, most=20.0),)
+    )
     rows = texts(rows_of(plot, 80, 10, "ascii"))
     across = [i for i, row in enumerate(rows[:-1]) if "~" in row]
     assert len(across) == 2
@@ -346,7 +376,7 @@ def test_what_noise_allows_is_drawn_on_both_sides_and_not_at_the_edge():
 def test_a_phase_is_not_joined_over_its_turn():
     f = np.linspace(1, 10, 300)
     phase = (-60 * f + 180) % 360 - 180
-    plot = FrequencyPlot((Panel("phase", f, phase, fixed=(-180.0, 180.0), wraps=True),))
+    plot = FrequencyPlot(panels=(Panel(name="phase", x=f, line=phase, fixed=(-180.0, 180.0), wraps=True),))
     columns = ["".join(line) for line in zip(*[row[9:] for row in texts(rows_of(plot, 64, 9, "ascii"))], strict=True)]
     assert max(column.count("|") for column in columns) <= 3
 
@@ -355,7 +385,13 @@ def test_a_phase_is_not_joined_over_its_turn():
 
 
 def test_bars_are_as_long_as_their_share():
-    plot = BarPlot((Bar("ab", (0.5,), "50 %"), Bar("c", (0.25, 0.25, 0.5), "x"), Bar("d", (), "not testable")))
+    plot = BarPlot(
+        bars=(
+            Bar(label="ab", parts=(0.5,), text="50 %"),
+            Bar(label="c", parts=(0.25, 0.25, 0.5), text="x"),
+            Bar(label="d", parts=(), text="not testable"),
+        )
+    )
     assert texts(bars(plot, 37, 3, "ascii")) == [
         " ab ##########           50 %        ",
         " c  #####=====.......... x           ",
@@ -364,7 +400,12 @@ def test_bars_are_as_long_as_their_share():
 
 
 def test_bars_have_marks_bounds_and_a_second_value():
-    plot = BarPlot((Bar("a", (50.0,), "50", 40.0, 60.0, beside=20.0, chosen=True),), "p", 100.0, ((90.0, "noise"),))
+    plot = BarPlot(
+        bars=(Bar(label="a", parts=(50.0,), text="50", least=40.0, most=60.0, beside=20.0, chosen=True),),
+        title="p",
+        full=100.0,
+        lines=((90.0, "noise"),),
+    )
     (row,) = texts(bars(plot, 26, 1, "ascii"))
     assert row == " a ###o###<--->   |    50 "[:26] or "<" in row
     assert row.index("o") < row.index("<") < row.index(">") < row.index("|")
@@ -373,9 +414,16 @@ def test_bars_have_marks_bounds_and_a_second_value():
 @pytest.mark.parametrize("style", STYLES)
 def test_bars_fit_any_box(style):
     for lengths in ((), (np.nan,), (np.inf, 1.0), (-1.0, 0.0, 1e300), (0.2, 0.3, 0.4)):
-        one = Bar("a long label of a candidate " * 2, lengths, "not testable: no airspeed", -np.inf, np.inf, beside=0.5)
+        one = Bar(
+            label="a long label of a candidate " * 2,
+            parts=lengths,
+            text="not testable: no airspeed",
+            least=-np.inf,
+            most=np.inf,
+            beside=0.5,
+        )
         plot = BarPlot(
-            (one,) * 9, "title", lines=((0.8, "enough"), (np.nan, "")), words=("a", "b"), beside="validation"
+            bars=(one,) * 9, title="title", lines=((0.8, "enough"), (np.nan, "")), words=("a", "b"), beside="validation"
         )
         for width, height in ((1, 1), (3, 2), (20, 3), (80, 24), (50, 9), (31, 60)):
             rows = bars(plot, width, height, style)

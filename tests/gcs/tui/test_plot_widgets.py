@@ -17,9 +17,13 @@ from gcs.tui.widgets.traces import Response, Traces
 
 T = np.arange(4000) / 100
 WAVE = np.sin(2 * T)
-RUN = TimePlot(compared("p", T, WAVE, 0.9 * WAVE), "run 3", ("measured", "model", ""))
+RUN = TimePlot(panels=compared("p", T, WAVE, 0.9 * WAVE), title="run 3", words=("measured", "model", ""))
 F = np.linspace(0.3, 15, 200)
-RESPONSE = FrequencyPlot((Panel("dB", F, -F, reference=0.1 * F),), "p from delta_x", ("mismatch", "", "allowed"))
+RESPONSE = FrequencyPlot(
+    panels=(Panel(name="dB", x=F, line=-F, reference=0.1 * F),),
+    title="p from delta_x",
+    words=("mismatch", "", "allowed"),
+)
 
 
 class Shown(App[None]):
@@ -117,7 +121,7 @@ async def test_keys_before_any_data_do_nothing():
         keys = ("left", "right", "home", "end", "plus", "minus", "left_square_bracket", "0")
         await pilot.press(*keys)
         assert (traces.shown, traces.cursor, traces.view, traces.readings()) == ("", None, None, ())
-        traces.show(TimePlot((Panel("p", T[:0], T[:0]),)))
+        traces.show(TimePlot(panels=(Panel(name="p", x=T[:0], line=T[:0]),)))
         await pilot.press(*keys)
         assert traces.cursor is None
         assert "no samples" in traces.shown
@@ -142,7 +146,7 @@ async def test_a_live_plot_moves_along_until_it_is_zoomed():
     traces = Traces("braille", "t")
 
     def until(end: int) -> TimePlot:
-        return TimePlot((Panel("p", T[:end], WAVE[:end]),), span_s=10.0)
+        return TimePlot(panels=(Panel(name="p", x=T[:end], line=WAVE[:end]),), span_s=10.0)
 
     async with Shown(traces).run_test(size=(80, 10)) as pilot:
         traces.show(until(2000))
@@ -179,7 +183,9 @@ async def test_nothing_leaves_its_box_at_any_size(style):
 @pytest.mark.parametrize("style", STYLES)
 async def test_hostile_names_are_harmless(style):
     evil = "[red]a[/]\x1b[31m\x07\u202e界界\n"
-    plot = TimePlot((Panel(evil, T, WAVE, WAVE, unit=evil),), evil, (evil, evil, evil))
+    plot = TimePlot(
+        panels=(Panel(name=evil, x=T, line=WAVE, over=WAVE, unit=evil),), title=evil, words=(evil, evil, evil)
+    )
     traces, bars = Traces(style, "t"), Bars(style, "b")
     async with Shown(traces).run_test(size=(80, 12)) as pilot:
         traces.show(plot)
@@ -190,7 +196,15 @@ async def test_hostile_names_are_harmless(style):
         assert [traces.render_line(y).cell_length for y in range(12)] == [80] * 12
         assert style != "ascii" or traces.shown.isascii()
     async with Shown(bars).run_test(size=(60, 5)) as pilot:
-        bars.show(BarPlot((Bar(evil, (0.5,), evil),), evil, lines=((0.5, evil),), words=(evil,), beside=evil))
+        bars.show(
+            BarPlot(
+                bars=(Bar(label=evil, parts=(0.5,), text=evil),),
+                title=evil,
+                lines=((0.5, evil),),
+                words=(evil,),
+                beside=evil,
+            )
+        )
         await pilot.pause()
         assert "\x1b" not in bars.shown
         assert [bars.render_line(y).cell_length for y in range(5)] == [60] * 5
@@ -202,7 +216,7 @@ async def test_without_colours_the_model_is_bold_and_the_cursor_reversed(monkeyp
     x = np.arange(300.0)
     top = np.full(x.size, 0.99)
     async with Shown(traces).run_test(size=(80, 6)) as pilot:
-        traces.show(TimePlot((Panel("p", x, top, -top, least=1.0),)))
+        traces.show(TimePlot(panels=(Panel(name="p", x=x, line=top, over=-top, least=1.0),)))
         await pilot.press("right")
         await pilot.pause()
         styles = {text: style for y in range(5) for text, style, _ in traces.render_line(y)}
@@ -246,7 +260,11 @@ async def test_the_live_charts_say_where_no_value_is_now():
 async def test_bars_are_shown_and_what_does_not_fit_is_counted(style):
     bars = Bars(style, "b")
     async with Shown(bars).run_test(size=(60, 4)) as pilot:
-        bars.show(BarPlot(tuple(Bar(f"effect {i}", (1 - i / 10,)) for i in range(9)), "what is missing"))
+        bars.show(
+            BarPlot(
+                bars=tuple(Bar(label=f"effect {i}", parts=(1 - i / 10,)) for i in range(9)), title="what is missing"
+            )
+        )
         await pilot.pause()
         assert bars.shown.splitlines()[-1].strip() == "6 more"
         await pilot.resize_terminal(60, 12)

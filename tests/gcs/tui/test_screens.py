@@ -28,6 +28,7 @@ from rich.cells import cell_len
 from textual.geometry import Region
 from textual.widgets import Input
 
+from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import DeskState, TimedNote
 from gcs.flight.live import LiveWindow
 from gcs.tui.app import TippathApp
@@ -329,11 +330,12 @@ def hostile_desk(text: str) -> DeskState:
     """A desk whose every word comes from a file that somebody made to do harm."""
     desk = DESKS["added"]
     row = replace(desk.runs[0], id=text, health=text, notes=(text,), reasons=(text,), verdict=text, maneuver=text)
-    rung = replace(desk.ladder[0], name=text, comparison_text=text, diagnosis_text=text)
+    blocks = (Block("answer", (Sentence(text),)), Block("measures", (text,)))
+    rung = replace(desk.ladder[0], name=text, comparison_text=blocks, diagnosis_text=blocks)
     path = Path(text.replace("/", "_").replace("\0", "_"))
     return replace(
         desk, path=path, name=text, vehicle=text, runs=(row,), unread=(text,),
-        notes=(TimedNote(text, text),), ladder=(rung, replace(desk.ladder[1], name=text, addition_text=text)),
+        notes=(TimedNote(text, text),), ladder=(rung, replace(desk.ladder[1], name=text, addition_text=blocks)),
         commands=(text,), said=text,
     )  # fmt: skip
 

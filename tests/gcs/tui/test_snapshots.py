@@ -10,7 +10,7 @@ import pytest
 from fake_app import FLYING, IDLE, app_on, screen_text, settle
 from fake_desk import DESKS
 
-from gcs.tui.places import NOWHERE, SIMULATED, UDP, Place
+from gcs.tui.connections import NOWHERE, SIMULATED, UDP, Connection
 from gcs.tui.state import State, joined
 
 KEPT = Path(__file__).parent / "snapshots"
@@ -39,22 +39,27 @@ SHOTS = {
 }
 
 
-class Harbour:
+class Connections:
     """Ports that every computer has."""
 
-    place = SIMULATED[0]
+    connection = SIMULATED[0]
 
-    def places(self) -> tuple[Place, ...]:
-        return (UDP, Place("/dev/ttyUSB0,57600", "a radio [/]", "/dev/ttyUSB0,57600"), *SIMULATED, NOWHERE)
+    def connections(self) -> tuple[Connection, ...]:
+        return (
+            UDP,
+            Connection(name="/dev/ttyUSB0,57600", about="a radio [/]", link="/dev/ttyUSB0,57600"),
+            *SIMULATED,
+            NOWHERE,
+        )
 
-    def connect(self, place: Place) -> None:
+    def connect(self, connection: Connection) -> None:
         raise AssertionError("nobody asked for it")
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)], ids=["80x24", "120x40"])
 async def test_screens_look_as_they_did(size):
     app, engine = app_on(FLOWN)
-    app.harbour = Harbour()
+    app.connections = Connections()
     changed = []
     async with app.run_test(size=size) as pilot:
         await app.workers.wait_for_complete()

@@ -14,15 +14,16 @@ from rich.cells import cell_len
 
 from gcs.cards.envelope import Use
 from gcs.desk import DeskState
+from gcs.flight.preflight import Check
 from gcs.tui import next_step, words
-from gcs.tui.state import Mark, Progress, RunView, Stage, State, joined
+from gcs.tui.state import Progress, RunView, Stage, State, joined
 from gcs.tui.words import rings, top_line
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
     1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1648.0, battery_v=22.1
 )
-STATE = State("udpin:127.0.0.1:14550", vehicle=VEHICLE, stage=Stage.IDLE, card="hover", rpm_reference=1650.0)
+STATE = State(link="udpin:127.0.0.1:14550", vehicle=VEHICLE, stage=Stage.IDLE, card="hover", rpm_reference=1650.0)
 
 
 @pytest.mark.parametrize("width", [24, 40, 60, 80, 120])
@@ -66,7 +67,7 @@ def test_who_commands_the_mode(mode, stage, who):
 @pytest.mark.parametrize("height", [1, 2, 3, 5, 20])
 @pytest.mark.parametrize("current", [0, 1, 6, 12])
 def test_the_current_run_is_in_sight(height, current):
-    runs = tuple(RunView(i, f"roll chirp {i}/12", "0.5-10 Hz", Mark.WAITING, "") for i in range(1, 13))
+    runs = tuple(RunView(number=i, label=f"roll chirp {i}/12", numbers="0.5-10 Hz") for i in range(1, 13))
     lines = words.run_lines(replace(STATE, runs=runs, current=current), 80, height)
     assert len(lines) == min(height, 12)
     assert all(cell_len(line) <= 80 for line, _ in lines)
@@ -156,7 +157,7 @@ def test_in_a_lost_link_the_tool_does_not_claim_to_abort():
 
 
 CHECKS = tuple(
-    (True, text)
+    Check(*text.split(": ", 1))
     for text in (
         "link: heard 0.1 s ago",
         "in the air: armed and in the air",
@@ -173,15 +174,15 @@ CHECKS = tuple(
 
 @pytest.mark.parametrize("width", [80, 100, 120, 300])
 @pytest.mark.parametrize("height", [1, 2, 4])
-@pytest.mark.parametrize("checks", [CHECKS, (*CHECKS, (True, "stations: 2 other ground station(s) on this link"))])
+@pytest.mark.parametrize("checks", [CHECKS, (*CHECKS, Check("stations", "2 other ground station(s) on this link"))])
 def test_what_was_looked_at_is_shortened_and_never_cut(width, height, checks):
     lines = words.looked_at(checks, width, height)
     assert 1 <= len(lines) <= height
     assert all(cell_len(line) <= width for line in lines)
     text = " ".join(line.strip() for line in lines)
     assert (
-        text == "looked at: " + " · ".join(check for _, check in checks)
-        or text == "in order: " + ", ".join(check.partition(":")[0] for _, check in checks)
+        text == "looked at: " + " · ".join(f"{check.name}: {check.words}" for check in checks)
+        or text == "in order: " + ", ".join(check.name for check in checks)
         or text == f"{len(checks)} of {len(checks)} checks in order"
     )
     if width == 80 and height == 1 and checks is CHECKS:

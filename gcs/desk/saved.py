@@ -1,4 +1,4 @@
-"""What lies beside a log from earlier sessions: the fits that were kept, and the ladder they make.
+"""Results saved beside a log in earlier sessions: the fits that were kept, and the ladder they make.
 
 The newest fit says which runs were used; of the fits of just these runs, those that it grew from are the ladder. A fit
 that uses a user's effect file is not opened by itself, because that file is code.
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gcs.analysis.fits import on_cd
 from gcs.logs.words import printable
 from sysid.data.record import Record
 from sysid.errors import SysidError
@@ -31,7 +32,7 @@ class Kept:
 
 
 @dataclass(frozen=True, eq=False)
-class Shelf:
+class SavedResults:
     """What is there to go on with."""
 
     ladder: tuple[Kept, ...]
@@ -43,10 +44,10 @@ class Shelf:
     unread: tuple[str, ...]
 
 
-NOTHING = Shelf((), None, None, ())
+NOTHING = SavedResults((), None, None, ())
 
 
-def look(folder: Path, records: Sequence[Record]) -> Shelf:
+def look(folder: Path, records: Sequence[Record]) -> SavedResults:
     """The fits in a folder that were made from these records."""
     known = {(Path(one.path).resolve(), one.id): one.sha256 for one in records}
     found: list[Kept] = []
@@ -72,7 +73,7 @@ def look(folder: Path, records: Sequence[Record]) -> Shelf:
             else:
                 unread.append(printable(f"{path.name} was not opened: it was made from other runs too, or other bytes"))
     if not found:
-        return Shelf((), None, None, tuple(unread))
+        return SavedResults((), None, None, tuple(unread))
     newest = max(found, key=lambda one: one.time_ns)
     group = [one for one in found if _runs(one.fit) == _runs(newest.fit)]
     group.sort(key=lambda one: one.time_ns)
@@ -81,7 +82,7 @@ def look(folder: Path, records: Sequence[Record]) -> Shelf:
         tip = next((one for one in reversed(group) if not _bare_cd(one)), tip)
     ladder = _below(tip, group)
     tpp, cd = _pair(ladder[0], group)
-    return Shelf(tuple(ladder), tpp, cd, tuple(unread))
+    return SavedResults(tuple(ladder), tpp, cd, tuple(unread))
 
 
 def _document(path: Path) -> Any:
@@ -125,8 +126,6 @@ def _lineage(fit: Fit) -> list[Any]:
 
 def _pair(bottom: Kept, group: Sequence[Kept]) -> tuple[Kept | None, Kept | None]:
     """TPP and CD of the same runs: the bottom and its newest neighbour of the other base."""
-    from gcs.analysis.fits import on_cd
-
     own = bottom.fit.model.structure
     for other in reversed(group):
         structure = other.fit.model.structure

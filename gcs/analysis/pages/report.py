@@ -6,56 +6,49 @@ Where several fits are shown, the one with most steps behind it (the first of eq
 
 from __future__ import annotations
 
-import html
-import io
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from gcs.analysis.comparison import flown, flown_with_validation
+from gcs.analysis.diagnosis import diagnose_fit
+from gcs.analysis.fits import assess, runs_of
+from gcs.analysis.ladder import Nrmse, rungs_of, short_names
+from gcs.analysis.pages.diagnosis import drawn
+from gcs.analysis.pages.ladder import ladder_picture
+from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, page, svg
+from gcs.analysis.pages.pictures import compare_picture
+from gcs.analysis.text.addition import MARKS
+from gcs.analysis.text.blocks import wrapped
+from gcs.analysis.text.comparison import compare_text
+from gcs.analysis.text.diagnosis import diagnosis_text
+from gcs.analysis.text.fit import fit_text
+from gcs.analysis.text.gains import gains_text
+from gcs.analysis.text.ladder import ladder_text
+from gcs.errors import TippathError
+from gcs.flight.folder import flight_of
+from gcs.flight.gains import GainsError, checksum, load_gains
+from gcs.logs.words import printable
+from sysid.compare.compare import compare
+from sysid.control.loop import Following, following
+from sysid.control.regulator import Gains, lqr, not_held
 from sysid.data.preprocess import segments, spectrum
 from sysid.data.record import Record
+from sysid.errors import SysidError
+from sysid.fit.result import Fit
 from sysid.fit.simulate import overlay
 from sysid.model.structure import Model
-
-if TYPE_CHECKING:
-    from sysid.control.loop import Following
-    from sysid.control.regulator import Gains
-    from sysid.fit.result import Fit
 
 Section = tuple[str, str, list[str]]
 """Heading, text, pictures."""
 Progress = Callable[[str, float | None], None]
 
-# Okabe and Ito: told apart by colour-blind eyes
-BLACK, BLUE, ORANGE, GREEN = "#222222", "#0072B2", "#D55E00", "#009E73"
 
 SAME = 1e-9
 """Relative: gains designed again on another machine."""
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-pre { background: #f6f6f4; padding: .8rem 1rem; overflow-x: auto; line-height: 1.35; white-space: pre-wrap; }
-svg { max-width: 100%; height: auto; }
-h2 { margin-top: 2.2rem; border-bottom: 1px solid #ddd; }
-"""
-
-
-def page(title: str, sections: Sequence[tuple[str, str, Sequence[str]]]) -> str:
-    """Heading, preformatted text and SVG pictures for each section -> one HTML document without outside references."""
-    parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
-        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>",
-    ]
-    for heading, text, pictures in sections:
-        if heading:
-            parts.append(f"<h2>{html.escape(heading)}</h2>")
-        if text:
-            parts.append(f"<pre>{html.escape(text)}</pre>")
-        parts += pictures
-    return "\n".join([*parts, "</body></html>", ""])
 
 
 def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tuple[float, float]) -> str:
@@ -97,17 +90,6 @@ def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
     return figure, axes
 
 
-def svg(figure: Any) -> str:
-    """A figure as an SVG element to stand in a page."""
-    stream = io.StringIO()
-    from matplotlib import rc_context
-
-    with rc_context({"svg.hashsalt": "tippath"}):  # the same figure gives the same page
-        figure.savefig(stream, format="svg", metadata={"Date": None})
-    text = stream.getvalue()
-    return text[text.index("<svg") :]
-
-
 # ------------------------------------------------------------------------------------------------ a whole flight
 
 
@@ -125,12 +107,6 @@ def flight_report(
     `named` are the user's effect files, whose code may run. Raises TippathError where a log is gone, ResultError for a
     file that is no fit, GainsError for one that holds no gains.
     """
-    from gcs.analysis.comparison import compare_text, flown
-    from gcs.analysis.fits import assess, fit_text, runs_of
-    from gcs.analysis.pictures import compare_picture
-    from sysid.compare.compare import compare
-    from sysid.fit.result import Fit
-
     fits = [Fit.load(path, named) for path in paths]
     designed = [] if gains is None else [_gains_section(gains, list(zip(paths, fits, strict=True)), warn)]
     steps = len(fits) + 2 + diagnosing
@@ -164,15 +140,11 @@ def flight_report(
 
 
 def _label(fit: Fit) -> str:
-    return " + ".join([fit.model.structure.base.upper(), *(Path(one).name for one in fit.model.structure.effects)])
+    return " + ".join([fit.model.structure.base.upper(), *short_names(fit.model.structure.effects)])
 
 
 def _head(paths: Sequence[Path], log: str) -> tuple[str, str]:
     """The title, and what the flight's folder tells of the flight."""
-    from gcs.errors import TippathError
-    from gcs.flight.folder import flight_of
-    from gcs.logs.words import printable
-
     folder = flight_of(Path(log))
     title = folder.name or "tippath: " + ", ".join(path.stem for path in paths)
     lines = [printable(f"{time[:16].replace('T', ' ')}  {text}") for time, text in folder.notes()]
@@ -189,33 +161,21 @@ def _head(paths: Sequence[Path], log: str) -> tuple[str, str]:
     return title, "\n".join(lines)
 
 
-def _ladder_section(path: Path, fit: Fit, floor: Any) -> list[Section]:
+def _ladder_section(path: Path, fit: Fit, floor: Nrmse | None) -> list[Section]:
     """Rung by rung, with the signs that the last addition left in its file."""
-    from gcs.analysis.diagnosis import rung_names
-    from gcs.analysis.diagnosis_text import ladder_text
-    from gcs.analysis.fits import wrapped
-    from gcs.analysis.pictures import ladder_picture
-
     if len(fit.lineage) < 2:
         return []
-    names = rung_names(fit.model.structure.base, [rung.effects for rung in fit.lineage])
-    rungs = [
-        (name, rung.nrmse_percent, rung.validation_nrmse_percent) for name, rung in zip(names, fit.lineage, strict=True)
-    ]
+    rungs = rungs_of(fit.model.structure.base, fit.lineage)
     document = json.loads(path.read_text(encoding="utf-8"))
     floor = document.get("noise_floor_percent") or floor
     lines = ladder_text(rungs, floor)
-    marks = {True: "✓", False: "✗", None: "?"}
     signs = document.get("signs")
     for one in signs if isinstance(signs, list) else ():
-        lines += wrapped(f"{marks.get(one.get('seen'), '?')} {one.get('name')}: {one.get('text')}", " ", "   ")
+        lines += wrapped(f"{MARKS.get(one.get('seen'), '?')} {one.get('name')}: {one.get('text')}", " ", "   ")
     return [(f"The ladder to {path.name}", "\n".join(lines), [svg(ladder_picture(rungs, floor))])]
 
 
 def _diagnosis_section(path: Path, fit: Fit, say: Callable[[str], None]) -> Section:
-    from gcs.analysis.diagnosis import diagnose_fit, drawn, flown_with_validation
-    from gcs.analysis.diagnosis_text import diagnosis_text
-
     records, validation, quiet = flown_with_validation(fit, (), (), None, None)
     found = diagnose_fit(fit, records, validation, quiet, say=say)
     return f"What {path.name} lacks", diagnosis_text(found, path.name, full=True), [svg(drawn(found))]
@@ -226,11 +186,6 @@ def _gains_section(path: Path, named: Sequence[tuple[Path, Fit]], warn: Callable
 
     Raises GainsError, with the reason for each fit, where they are from none of them.
     """
-    from gcs.analysis.fits import gains_text
-    from gcs.flight.gains import GainsError, checksum, load_gains
-    from sysid.control.loop import following
-    from sysid.control.regulator import not_held
-
     crc = load_gains(path).crc
     document = json.loads(path.read_text(encoding="utf-8"))
     reasons = []
@@ -250,9 +205,6 @@ def _gains_section(path: Path, named: Sequence[tuple[Path, Fit]], warn: Callable
 
 def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
     """The gains of a document, with the loop that they make with this fit; or why they are not from it."""
-    from sysid.control.regulator import lqr
-    from sysid.errors import SysidError
-
     weights = document.get("weights")
     cost = weights.get("inputs") if isinstance(weights, dict) else None
     if not isinstance(cost, int | float):

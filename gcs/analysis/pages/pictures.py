@@ -1,4 +1,4 @@
-"""The drawings that `--plot` writes: a comparison, a diagnosis, a ladder; as PNG, SVG, or a page with the text.
+"""The drawings that `--plot` writes, as PNG, SVG, or a page with the text; and a comparison drawn.
 
 1200 points wide, one message a panel. Colours are Okabe and Ito's, told apart by colour-blind eyes, and what a line is
 never rests on its colour alone: what was measured is black, the model is dashed, noise is a grey area. Matplotlib's
@@ -8,15 +8,15 @@ figures are made without its global state, so that drawing works in any thread a
 from __future__ import annotations
 
 import io
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gcs.analysis.report import BLACK, BLUE, GREEN, ORANGE, page, svg
-from gcs.errors import TippathError, UsageError
+from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, page, svg
+from gcs.errors import UsageError
+from gcs.files import write_whole
 from sysid.compare.values import BandError, Comparison, Densities, ResponseError, Trace
 from sysid.data.record import AXIS_OF
 from sysid.model.structure import FloatArray
@@ -26,8 +26,6 @@ COMMAND_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, SKY)
 KINDS = (".png", ".svg", ".html")
 DOTS_PER_INCH = 100
 WIDTH = 12.0
-NOTE_AFTER = 46.0, 82.0
-"""Points right of a bar where a candidate's note begins: behind its percentage, or behind "not testable"."""
 BESIDE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 """Behind numbers that stand on lines."""
 LARGEST_DB, LARGEST_DEG = 20.0, 180.0
@@ -53,13 +51,7 @@ def write_picture(path: Path, figure: Any, title: str, text: str = "") -> None:
         stream = io.BytesIO()
         figure.savefig(stream, format=kind, dpi=DOTS_PER_INCH)
         content = stream.getvalue()
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise TippathError(f"{path}: cannot be written ({error.strerror or error})") from error
+    write_whole(content, path)
 
 
 # ------------------------------------------------------------------------------------------------ comparison
@@ -67,7 +59,7 @@ def write_picture(path: Path, figure: Any, title: str, text: str = "") -> None:
 
 def compare_picture(found: Comparison) -> Any:
     """A column for each axis: the worst run in time, mismatch and residual against frequency, error by band."""
-    figure, axes = _panels(6, len(found.outputs), 16.5, [1.25, 0.6, 0.9, 0.9, 1.1, 1.0])
+    figure, axes = panels(6, len(found.outputs), 16.5, [1.25, 0.6, 0.9, 0.9, 1.1, 1.0])
     for k, output in enumerate(found.outputs):
         column = axes[:, k]
         _overlay(column[0], column[1], _worst(found, k), k, output)
@@ -82,15 +74,15 @@ def compare_picture(found: Comparison) -> Any:
     return figure
 
 
-def _panels(rows: int, columns: int, height: float, ratios: Sequence[float] | None = None) -> tuple[Any, Any]:
-    figure = _sheet(height)
+def panels(rows: int, columns: int, height: float, ratios: Sequence[float] | None = None) -> tuple[Any, Any]:
+    figure = sheet(height)
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"height_ratios": ratios} if ratios else None)
     for axis in axes.flat:
-        _plain(axis)
+        plain(axis)
     return figure, axes
 
 
-def _sheet(height: float) -> Any:
+def sheet(height: float) -> Any:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -98,7 +90,7 @@ def _sheet(height: float) -> Any:
     return Figure(figsize=(WIDTH, height), layout=layout, facecolor="white")
 
 
-def _plain(axis: Any) -> None:
+def plain(axis: Any) -> None:
     axis.grid(True, linewidth=0.4, color="#dddddd")
     axis.set_axisbelow(True)
     axis.tick_params(labelsize=9)
@@ -148,7 +140,7 @@ def _mismatch(above: Any, below: Any, each: Sequence[ResponseError], band_hz: tu
             axis.plot(one.frequency_hz, shown, color=colour, linestyle=style, linewidth=1.6, label=name)
     for axis, words in ((above, "model less measured, dB"), (below, "degrees")):
         axis.axhline(0, color=BLACK, linewidth=0.6)
-        _logarithmic(axis, band_hz)
+        logarithmic(axis, band_hz)
         axis.set_ylabel(words, fontsize=10)
         if not axis.get_legend_handles_labels()[0]:
             axis.text(
@@ -165,21 +157,21 @@ def _spectra(axis: Any, found: Densities, k: int, band_hz: tuple[float, float]) 
     noise = np.maximum(found.noise[:, k], 1e-12)
     axis.plot(found.frequency_hz, found.measured[:, k], color=BLACK, linewidth=1.2, label="measured")
     axis.plot(found.frequency_hz, found.residual[:, k], color=BLUE, linewidth=1.8, label="residual")
-    _noise_area(axis, found.frequency_hz, noise)
+    noise_area(axis, found.frequency_hz, noise)
     low = max(0.3 * float(np.min(noise)), 1e-3 * float(np.max(found.measured[:, k])))
     axis.set_yscale("log")
     axis.set_ylim(max(low, 1e-9), 2 * float(max(np.max(found.measured[:, k]), np.max(noise), 1e-6)))
-    _logarithmic(axis, band_hz)
+    logarithmic(axis, band_hz)
     axis.set_ylabel("(rad/s)/√Hz", fontsize=10)
     axis.set_xlabel("frequency, Hz", fontsize=10)
     axis.legend(loc="best", ncols=3, fontsize=9, framealpha=0.85)
 
 
-def _noise_area(axis: Any, frequency_hz: FloatArray, noise: FloatArray) -> None:
+def noise_area(axis: Any, frequency_hz: FloatArray, noise: FloatArray) -> None:
     axis.fill_between(frequency_hz, 1e-12, noise, color=GREY, alpha=0.6, linewidth=0, label="noise")
 
 
-def _logarithmic(axis: Any, band_hz: tuple[float, float]) -> None:
+def logarithmic(axis: Any, band_hz: tuple[float, float]) -> None:
     """The band on a logarithmic scale, labelled with plain numbers."""
     low, high = max(band_hz[0], 0.25), band_hz[1]
     axis.set_xscale("log")
@@ -207,134 +199,3 @@ def _bars(axis: Any, bands: Sequence[BandError]) -> None:
     axis.set_ylabel("% of the error", fontsize=10)
     axis.set_xlabel("band, Hz", fontsize=10)
     axis.legend(loc="upper right", ncols=3, fontsize=9, frameon=False)
-
-
-# ------------------------------------------------------------------------------------------------ diagnosis
-
-
-def diagnosis_picture(
-    candidates: Sequence[tuple[str, float | None, str]],
-    parent: Densities,
-    best: Densities | None = None,
-    best_label: str = "best candidate",
-    outputs: Sequence[str] = ("p", "q"),
-    title: str = "",
-) -> Any:
-    """Bars of what each candidate explains of what can be explained, and the residuals against the noise.
-
-    candidates: (label, explained share 0..1 or None where it is not testable, note), best first; the first bar is dark,
-    those with a note hatched. parent, best: spectra of the residual before and with the best candidate. title: the
-    answer.
-    """
-    count = max(1, len(candidates))
-    tall = 0.36 * count + 1.0
-    figure = _sheet(tall + 4.4)
-    grid = figure.add_gridspec(2, len(outputs), height_ratios=[tall, 4.0])
-    axis = figure.add_subplot(grid[0, :])
-    _plain(axis)
-    shares = [0.0 if share is None else float(np.clip(share, 0, 1)) for _, share, _ in candidates]
-    place = np.arange(len(candidates))
-    colours = [BLUE if number == 0 else SKY for number in range(len(candidates))]
-    hatches = ["//" if note and share is not None else "" for _, share, note in candidates]
-    axis.barh(place, [100 * share for share in shares], color=colours, height=0.7, hatch=hatches, edgecolor="white")
-    for y, (share, (_, testable, note)) in enumerate(zip(shares, candidates, strict=True)):
-        said = "not testable" if testable is None else f"{100 * share:.0f} %"
-        axis.text(100 * share + 0.8, y, said, va="center", fontsize=9, bbox=BESIDE)
-        after = NOTE_AFTER[testable is None]
-        axis.annotate(
-            note, (100 * share, y), (after, 0), textcoords="offset points", va="center", fontsize=9, bbox=BESIDE
-        )
-    if candidates:
-        axis.axvline(80, color=BLACK, linewidth=0.8, linestyle=":")
-        axis.text(80, -0.62, "enough to name it", ha="center", va="bottom", fontsize=8, bbox=BESIDE)
-    else:
-        axis.text(50, -0.1, "nothing was refitted: there is nothing to explain", ha="center", fontsize=10)
-    axis.set_yticks(place, [label for label, _, _ in candidates])
-    axis.set_ylim(count - 0.4, -1.1)
-    noted = any(note for _, _, note in candidates)
-    axis.set_xlim(0, 150 if noted else 108)
-    axis.set_xticks([0, 20, 40, 60, 80, 100])
-    axis.set_title(title, fontsize=12, loc="left", fontweight="bold")
-    axis.set_xlabel("explained, % of what can be explained", fontsize=10, loc="left")
-    for k, output in enumerate(outputs):
-        panel = figure.add_subplot(grid[1, k])
-        _plain(panel)
-        noise = np.maximum((best or parent).noise[:, k], 1e-12)
-        panel.plot(parent.frequency_hz, parent.residual[:, k], color=ORANGE, linewidth=1.6, label="now")
-        if best is not None:
-            panel.plot(
-                best.frequency_hz, best.residual[:, k], color=BLUE, linewidth=1.8, linestyle="--", label=best_label
-            )
-        _noise_area(panel, (best or parent).frequency_hz, noise)
-        panel.set_yscale("log")
-        top = float(max(np.max(parent.residual[:, k]), np.max(noise)))
-        panel.set_ylim(0.3 * float(np.min(noise)), 3 * top)
-        _logarithmic(panel, (0.0, float(parent.frequency_hz[-1])))
-        panel.set_title(f"{AXIS_OF[output]}: residual", fontsize=11, loc="left", fontweight="bold")
-        panel.set_ylabel("(rad/s)/√Hz", fontsize=10)
-        panel.set_xlabel("frequency, Hz", fontsize=10)
-        panel.legend(loc="upper right", ncols=3, fontsize=9, framealpha=0.85)
-    return figure
-
-
-# ------------------------------------------------------------------------------------------------ ladder
-
-
-Nrmse = Mapping[str, float]
-
-
-def ladder_picture(
-    rungs: Sequence[tuple[str, Nrmse, Nrmse | None]],
-    floor: Nrmse | None,
-    outputs: Sequence[str] = ("p", "q"),
-    placebo: tuple[str, Nrmse, Nrmse | None] | None = None,
-) -> Any:
-    """Error that is left, 100 less the NRMSE fit in percent, rung by rung: fitted, validation, and noise's part.
-
-    The numbers are the NRMSE fit of the fitted runs. placebo: the best wrong effect in place of the last rung's.
-    """
-    figure, axes = _panels(1, len(outputs), 5.0)
-    place = np.arange(len(rungs))
-    for k, output in enumerate(outputs):
-        axis = axes[0, k]
-        fitted = np.array([100 - values[output] for _, values, _ in rungs])
-        judged = np.array([np.nan if values is None else 100 - values[output] for _, _, values in rungs])
-        axis.plot(place, fitted, color=BLUE, marker="o", markersize=7, linewidth=2, label="fitted runs")
-        if np.any(np.isfinite(judged)):
-            axis.plot(
-                place, judged, color=ORANGE, marker="s", markersize=6, linewidth=1.6, linestyle="--", label="validation"
-            )
-        top = float(np.nanmax(np.concatenate([fitted, judged])))
-        if placebo is not None:
-            wrong = 100 - placebo[1][output]
-            axis.plot(
-                [place[-1] + 0.12],
-                [wrong],
-                linestyle="none",
-                marker="^",
-                markersize=8,
-                markerfacecolor="white",
-                markeredgecolor=BLACK,
-                label=f"placebo: {placebo[0]}",
-            )
-            top = max(top, wrong)
-        if floor is not None:
-            level = 100 - floor[output]
-            axis.axhspan(0, level, color=GREY, alpha=0.6, linewidth=0, label="noise")
-            top = max(top, level)
-        for x, y in zip(place, fitted, strict=True):
-            axis.annotate(
-                f"{100 - y:.1f} %", (x, y), (0, -19), textcoords="offset points", ha="center", fontsize=9, bbox=BESIDE
-            )
-        axis.set_ylim(0, 1.25 * top)
-        axis.set_xlim(-0.5, len(rungs) - 0.5)
-        axis.grid(False, axis="x")
-        names = [label.replace(" + ", "\n+ ") for label, _, _ in rungs]
-        turned = len(rungs) > 4
-        axis.set_xticks(place, names, rotation=25 if turned else 0, ha="right" if turned else "center")
-        axis.set_title(
-            f"{AXIS_OF[output]}: the error left; numbers: NRMSE fit", fontsize=11, loc="left", fontweight="bold"
-        )
-        axis.set_ylabel("error left: 100 less NRMSE fit, %", fontsize=10)
-        axis.legend(loc="upper right", fontsize=9, frameon=False)
-    return figure

@@ -24,8 +24,8 @@ MOST_PORTS = 6
 EPHEMERAL = 32768
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Connection:
     """One line of the list."""
 
     name: str
@@ -45,42 +45,42 @@ class Place:
         return f"{self.plant} + secret" if self.hidden else self.plant
 
 
-NOWHERE = Place("no vehicle", "work on flights that were recorded")
+NOWHERE = Connection(name="no vehicle", about="work on flights that were recorded")
 SIMULATED = (
-    Place("simulated hover", "with physics that the models lack", plant="hover"),
-    Place("simulated hover-ideal", "the paper's Table 4 exactly", plant="hover-ideal"),
-    Place("simulated forward", "Table 5 in forward flight, with an elevator", plant="forward"),
-    Place("simulated, hidden", "hover-ideal with a secret: --hidden random", plant=SECRET, hidden=True),
+    Connection(name="simulated hover", about="with physics that the models lack", plant="hover"),
+    Connection(name="simulated hover-ideal", about="the paper's Table 4 exactly", plant="hover-ideal"),
+    Connection(name="simulated forward", about="Table 5 in forward flight, with an elevator", plant="forward"),
+    Connection(name="simulated, hidden", about="hover-ideal with a secret: --hidden random", plant=SECRET, hidden=True),
 )
-UDP = Place(ANY_UDP, "whatever vehicle sends to this computer", ANY_UDP)
+UDP = Connection(name=ANY_UDP, about="whatever vehicle sends to this computer", link=ANY_UDP)
 
 
-def places(folder: Path) -> tuple[Place, ...]:
+def connections(folder: Path) -> tuple[Connection, ...]:
     """All that is offered now, likeliest first. Looks at ports and at the flights in `folder`: milliseconds."""
-    recent = tuple(Place(word, "flown with before", word) for word in recent_links(folder))
+    recent = tuple(Connection(name=word, about="flown with before", link=word) for word in recent_links(folder))
     ports = tuple(of_port(one) for one in serial_ports()[:MOST_PORTS])
     first = (UDP, *recent, *ports)
-    seen: dict[str | None, Place] = {}
+    seen: dict[str | None, Connection] = {}
     for one in first:
         seen.setdefault(one.link, one)
     return (*seen.values(), *SIMULATED, NOWHERE)
 
 
-def of_port(port: SerialPort) -> Place:
-    """A serial port as a place."""
-    return Place(sanitise(port.link), port.about or "serial port", port.link)
+def of_port(port: SerialPort) -> Connection:
+    """A serial port as a connection."""
+    return Connection(name=sanitise(port.link), about=port.about or "serial port", link=port.link)
 
 
-def typed(text: str) -> Place:
-    """A place from what somebody typed: a LINK. Raises UsageError, with the words there are."""
+def typed(text: str) -> Connection:
+    """A connection from what somebody typed: a LINK. Raises UsageError, with the words there are."""
     word = text.strip()
     parse_link(word)
-    return Place(word, "", word)
+    return Connection(name=word, about="", link=word)
 
 
-def simulated(plant: str, *, seed: int | None = None, on_ground: bool = False) -> Place:
+def simulated(plant: str, *, seed: int | None = None, on_ground: bool = False) -> Connection:
     """The simulated vehicle with a plant by name."""
-    return Place(f"simulated {plant}", plant=plant, seed=seed, on_ground=on_ground)
+    return Connection(name=f"simulated {plant}", plant=plant, seed=seed, on_ground=on_ground)
 
 
 def recent_links(folder: Path) -> list[str]:
@@ -118,6 +118,6 @@ def vehicle_logs(folder: Path, hidden: bool) -> Path:
     return folder / f"vehicle-{max(numbers, default=0) + 1:04d}"
 
 
-def index_of(offered: Sequence[Place], name: str) -> int:
-    """Where a place of that name stands; 0 where it does not."""
+def index_of(offered: Sequence[Connection], name: str) -> int:
+    """Where a connection of that name stands; 0 where it does not."""
     return next((i for i, one in enumerate(offered) if one.name == name), 0)

@@ -13,7 +13,8 @@ from flown_folder import fly_folder
 from flying import CHIRP, PITCH, ROLL
 
 import gcs.flight.gains
-import gcs.tui.engine
+import gcs.tui.card_flight
+import gcs.tui.vehicle_link
 from gcs.cards.envelope import Limits, Peaks, Use
 from gcs.desk import Choice
 from gcs.errors import LinkError, TippathError
@@ -25,8 +26,8 @@ from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.sweep import Briefing, Ending, NotReadyError, Phase, RunProgress, RunReady, RunResult, SweepResult
 from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
-from gcs.tui.engine import FlightEngine
 from gcs.tui.state import Mark, Stage
+from gcs.tui.worker import FlightWorker
 from gcs.vehicle.profile import Plan
 from gcs.vehicle.snapshot import SYSTEMID, Beat, VehicleSnapshot
 
@@ -104,7 +105,7 @@ class FakeCard:
     def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about, probe):
         self.folder, self.probe = folder.path, probe
         planned = [(run, _plan(run)) for run in card.runs()]
-        loss = LinkLoss("link lost: RETURNS after 5 s", True)
+        loss = LinkLoss("RETURNS after 5 s", True)
         assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None))
         results: list[RunResult] = []
         for run, plan in planned[:2]:
@@ -188,9 +189,9 @@ def _result(run, plan, ending, reason) -> RunResult:
 @pytest.fixture
 def engine(monkeypatch, tmp_path):
     card, session = FakeCard(), FakeSession()
-    monkeypatch.setattr(gcs.tui.engine, "fly_card", card)
-    monkeypatch.setattr(gcs.tui.engine, "require_flyable", lambda session, card: None)
-    made = FlightEngine("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
+    monkeypatch.setattr(gcs.tui.card_flight, "fly_card", card)
+    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card: None)
+    made = FlightWorker("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
     made.fake_card, made.fake_session = card, session
     reach(made, Stage.IDLE)
     yield made
@@ -224,7 +225,7 @@ def test_ready_then_start_flies_and_each_run_asks_again(engine):
     reach(engine, Stage.READY)
     state = engine.state()
     assert (state.current, state.link_loss) == (1, "link lost: RETURNS after 5 s")
-    assert state.checks == ((True, "trim: centred"),)
+    assert state.checks == (Check("trim", "centred"),)
     assert engine.fake_card.flown == []
     assert engine.fake_card.probe is True, "the app did not start this vehicle itself"
     engine.start()
@@ -274,7 +275,7 @@ def test_abort_while_ready_calls_off_and_moves_nothing(engine):
 def test_abort_on_the_heels_of_a_start_wins(engine):
     engine.ready()
     reach(engine, Stage.READY)
-    with engine._lock:  # the card's thread cannot see the start before the abort
+    with engine._moment.lock:  # the card's thread cannot see the start before the abort
         engine.start()
         engine.abort()
     assert not engine.fake_card.flying.wait(0.25)
@@ -318,7 +319,7 @@ def test_a_fault_in_the_card_is_told_and_ends_it(engine, monkeypatch):
     def broken(*args, **kwargs):
         raise RuntimeError("no such thing")
 
-    monkeypatch.setattr(gcs.tui.engine, "fly_card", broken)
+    monkeypatch.setattr(gcs.tui.card_flight, "fly_card", broken)
     engine.ready()
     until(lambda: "no such thing" in engine.state().said)
     assert engine.state().stage is Stage.IDLE
@@ -328,7 +329,7 @@ def test_a_card_that_cannot_be_flown_leaves_no_folder(engine, monkeypatch, tmp_p
     def refuse(session, card):
         raise NotReadyError("not ready: not armed")
 
-    monkeypatch.setattr(gcs.tui.engine, "require_flyable", refuse)
+    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", refuse)
     engine.ready()
     until(lambda: engine.state().said == "not ready: not armed")
     reach(engine, Stage.IDLE)
@@ -401,7 +402,7 @@ def test_what_was_flown_lies_on_the_desk_by_itself(engine, tmp_path):
     assert state.flight == state.desk.path
     engine.fit()
     state = engine.state()
-    assert state.fitted.flight == tmp_path / "flight-0001"
+    assert state.desk.path == tmp_path / "flight-0001"
     assert state.fitted.commands == state.commands[-2:] == state.desk.commands[-2:]
     engine.design()
     state = engine.state()
@@ -443,7 +444,7 @@ def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
 
 
 def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):
-    monkeypatch.setattr(gcs.tui.engine, "AGAIN_S", 0.01)
+    monkeypatch.setattr(gcs.tui.vehicle_link, "AGAIN_S", 0.01)
     tries = threading.Semaphore(0)
     session = FakeSession()
 
@@ -454,7 +455,7 @@ def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):
         return session
 
     opened = threading.Event()
-    engine = FlightEngine("udpin:127.0.0.1:1", folder=tmp_path, open_session=open_session)
+    engine = FlightWorker("udpin:127.0.0.1:1", folder=tmp_path, open_session=open_session)
     try:
         assert tries.acquire(timeout=WITHIN_S)
         until(lambda: engine.state().trouble == "no vehicle at udpin:127.0.0.1:1: nothing heard")

@@ -1,0 +1,170 @@
+"""An effect added to a fit, beside the fit without it and the best wrong effect; and whether it is really there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gcs.analysis.fits import assess
+from gcs.analysis.ladder import WORSE_POINTS, RungNumbers, short_names, together
+from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
+from sysid.data.record import Record
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.quantities import listed, quantity
+from sysid.fit.checks import fit_checks
+from sysid.fit.identify import on_runs
+from sysid.fit.result import Fit
+from sysid.model.effect import Effect
+from sysid.model.parameter import Parameter
+
+Progress = Callable[[str], None]
+
+AGREEING = 1.5
+"""Standard errors, rms, that parameters of sets of runs may differ by."""
+
+NOTHING = 2.0
+"""Standard errors from its null, up to which nothing of an effect is left."""
+
+MOST_SAID = 4
+"""New parameters that are told one by one."""
+
+
+@dataclass(frozen=True)
+class Sign:
+    """One of the three signs that an effect is really there, and not only another way to follow the data."""
+
+    key: str
+    """`validation`, `agreement` or `plausible`."""
+    name: str
+    seen: bool | None
+    """None where these runs cannot show it."""
+    text: str
+
+    def to_json(self) -> dict[str, Any]:
+        return {"key": self.key, "name": self.name, "seen": self.seen, "text": self.text}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Addition:
+    """A fit with an effect added, beside the one without and beside the best wrong effect."""
+
+    named: str
+    """The effect: catalogue id, or path of a user's file."""
+    before: Fit
+    after: Fit
+    records: tuple[Record, ...]
+    noise_floor_percent: dict[str, float]
+    placebo: Ranked | None
+    signs: tuple[Sign, ...]
+
+    @property
+    def placebo_rung(self) -> RungNumbers | None:
+        """The placebo as a rung of the ladder."""
+        wrong = self.placebo
+        if wrong is None or wrong.fit is None:
+            return None
+        return " + ".join(short_names(wrong.effects)), wrong.fit.nrmse_percent, wrong.validation_nrmse_percent
+
+    def to_json(self, folder: Path) -> dict[str, Any]:
+        """The fit's document with what the ladder shows."""
+        return {
+            **self.after.to_json(folder),
+            **assess(self.after, self.records).to_json(),
+            "noise_floor_percent": self.noise_floor_percent,
+            "placebo": None if self.placebo is None else self.placebo.to_json(),
+            "signs": [one.to_json() for one in self.signs],
+        }
+
+
+def add_effect(
+    fit: Fit,
+    effect: Effect,
+    records: Sequence[Record],
+    validation: Sequence[Record] = (),
+    *,
+    band_hz: Band | None = None,
+    say: Progress = lambda _: None,
+) -> Addition:
+    """Refit with one effect more, and look for the signs that it is the right one.
+
+    Raises EffectError where it cannot act on these runs, FitError where they do not determine it.
+    """
+    composed = [*fit.model.structure.composed]
+    band = band_hz or fit.band_hz
+    before = fit if made_from(fit, records, validation, band) else refitted(fit, composed, records, validation, band)
+    say("the structure as it is")
+    after = refitted(fit, [*composed, effect], records, validation, band, grown=before)
+    say(effect.id)
+    structure = on_runs(fit.model.structure.base, composed, [*records, *validation], records)
+    held = {name: fit.model[name] for name in fit.fixed}
+    users = [] if effect.path is None else [effect]
+    asked = diagnose(
+        structure, records, validation, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
+    )
+    name = effect.path or effect.id
+    return Addition(
+        named=name,
+        before=before,
+        after=after,
+        records=tuple(records),
+        noise_floor_percent={key: float(value) for key, value in asked.noise_floor_percent.items()},
+        placebo=asked.placebo_of(name),
+        signs=(_validated(before, after), _agrees(before, after, records), _plausible(before, after)),
+    )
+
+
+def _validated(before: Fit, after: Fit) -> Sign:
+    key, name = "validation", "error falls on runs that were not fitted"
+    was, now = before.validation_nrmse_percent, after.validation_nrmse_percent
+    if was is None or now is None:
+        return Sign(key, name, None, "there are none; an error that falls on fitted runs alone proves little")
+    text = ", ".join(f"{axis} {was[axis]:.1f} → {now[axis]:.1f} %" for axis in now)
+    return Sign(key, name, together(now) - together(was) > WORSE_POINTS, text)
+
+
+def _agrees(before: Fit, after: Fit, records: Sequence[Record]) -> Sign:
+    """The base's parameters, fitted to sets of runs apart, come nearer to each other."""
+    key, name = "agreement", "runs agree better on the parameters"
+    spreads = [fit_checks(one.model, records, one.band_hz, one.fixed)[1] for one in (before, after)]
+    was, now = spreads
+    if was is None or now is None:
+        return Sign(key, name, None, "needs two chirps on each axis: fly each twice")
+    shared = set(before.model.structure.names)
+    first = {name: times for name, times in was.moves if name in shared}
+    second = {name: times for name, times in now.moves if name in shared}
+    both = sorted(set(first) & set(second))
+    if not both:
+        return Sign(key, name, None, "no parameter is free in every set of runs")
+    rms = [math.sqrt(sum(one[key] ** 2 for key in both) / len(both)) for one in (first, second)]
+    text = f"they differ by {rms[0]:.1f} σ without it, by {rms[1]:.1f} σ with it (rms)"
+    if max(rms) < AGREEING:
+        return Sign(key, name, None, f"{text}: they agree either way")
+    return Sign(key, name, rms[1] < rms[0], text)
+
+
+def _plausible(before: Fit, after: Fit) -> Sign:
+    """What it added, and what it did to the rest: an effect that drives another value beyond physics is no answer."""
+    key, name = "plausible", "its size is physically plausible"
+    errors = dict(zip(after.model.structure.names, after.standard_errors, strict=True))
+    new = [one for one in after.model.structure.parameters if one.name not in before.model.structure.names]
+    wild = newly_implausible(before, after)
+    if wild:
+        return Sign(key, name, False, f"physics does not allow {listed(wild)}")
+    said = [quantity(one, after.model[one.name], float(errors[one.name])) for one in new]
+    nulls = [one for one in new if one.null is not None]
+    if nulls and all(_at_null(one, after.model[one.name], float(errors[one.name])) for one in nulls):
+        return Sign(key, name, None, f"nothing of it is left: {', '.join(said)}")
+    if new and all(one.name in after.undetermined for one in new):
+        return Sign(key, name, None, f"these runs do not determine it: {', '.join(said)}")
+    return Sign(key, name, True, ", ".join(said) if len(said) <= MOST_SAID else f"all {len(said)} values are")
+
+
+def _at_null(one: Parameter, value: float, error: float) -> bool:
+    assert one.null is not None
+    if math.isinf(one.null):
+        return math.isinf(value)
+    return abs(value - one.null) <= NOTHING * error

@@ -1,0 +1,91 @@
+"""The ladder: fits that grew from each other, one effect a rung, with what each reached on fitted and on other runs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+Nrmse = Mapping[str, float]
+"""Percent by output, `p` and `q`; 100 is perfect."""
+RungNumbers = tuple[str, Nrmse, Nrmse | None]
+"""A rung's name, its NRMSE fit on fitted runs and on validation runs."""
+
+WORSE_POINTS = 0.2
+"""NRMSE on validation runs, by which an effect must change them to count."""
+NO_CHANGE = 0.1
+"""NRMSE points on fitted runs that are next to nothing."""
+
+
+class Rung(Protocol):
+    """A step of a fit's lineage, or of a repeated diagnosis."""
+
+    @property
+    def effects(self) -> tuple[str, ...]: ...
+    @property
+    def nrmse_percent(self) -> Nrmse: ...
+    @property
+    def validation_nrmse_percent(self) -> Nrmse | None: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """One rung of the ladder that a repeated question climbs."""
+
+    effects: tuple[str, ...]
+    nrmse_percent: dict[str, float]
+    validation_nrmse_percent: dict[str, float] | None
+    verdict: str | None
+    """What was said of it; None where it was not asked."""
+    effect: str | None
+    confidence: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "effects": list(self.effects),
+            "nrmse_percent": self.nrmse_percent,
+            "validation_nrmse_percent": self.validation_nrmse_percent,
+            "verdict": self.verdict,
+            "effect": self.effect,
+            "confidence": self.confidence,
+        }
+
+
+def together(nrmse_percent: Mapping[str, float]) -> float:
+    """NRMSE fit in percent of all outputs as one: error shares are added over axes, as the diagnosis adds them."""
+    shares = [(1 - value / 100) ** 2 for value in nrmse_percent.values()]
+    return 100 * (1 - math.sqrt(sum(shares) / len(shares)))
+
+
+def rung_names(base: str, effects: Sequence[Sequence[str]]) -> list[str]:
+    """`TPP`, `+ servo_lag`: the base with the effects it began with, then what each rung added."""
+    bottom = "CD" if _from_cd(effects) else base.upper()
+    if effects:
+        bottom = " + ".join([bottom, *short_names(effects[0])])
+    return [bottom, *(f"+ {name}" for name in added(effects))]
+
+
+def added(effects: Sequence[Sequence[str]]) -> list[str]:
+    """What each rung above the lowest added. `flapping` turns CD into TPP, and leaves no effect to be named by."""
+    from_cd = _from_cd(effects)
+    pairs = itertools.pairwise(effects[1:] if from_cd else effects)
+    names = [", ".join(short_names([one for one in now if one not in before])) for before, now in pairs]
+    return ["flapping", *names] if from_cd else names
+
+
+def _from_cd(effects: Sequence[Sequence[str]]) -> bool:
+    return len(effects) > 1 and len(effects[0]) == len(effects[1])
+
+
+def rungs_of(base: str, rungs: Sequence[Rung]) -> list[RungNumbers]:
+    """Rungs with their names, as pictures and tables want them."""
+    names = rung_names(base, [one.effects for one in rungs])
+    return [(name, one.nrmse_percent, one.validation_nrmse_percent) for name, one in zip(names, rungs, strict=True)]
+
+
+def short_names(effects: Sequence[str]) -> list[str]:
+    """Catalogue ids as they are, files without their folder."""
+    return [Path(one).name for one in effects]

@@ -1,0 +1,70 @@
+"""The ladder drawn: the error that is left, rung by rung."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gcs.analysis.ladder import Nrmse, RungNumbers
+from gcs.analysis.pages.page import BLACK, BLUE, ORANGE
+from gcs.analysis.pages.pictures import BESIDE, GREY, panels
+from sysid.data.record import AXIS_OF
+
+
+def ladder_picture(
+    rungs: Sequence[RungNumbers],
+    floor: Nrmse | None,
+    outputs: Sequence[str] = ("p", "q"),
+    placebo: RungNumbers | None = None,
+) -> Any:
+    """Error that is left, 100 less the NRMSE fit in percent, rung by rung: fitted, validation, and noise's part.
+
+    The numbers are the NRMSE fit of the fitted runs. placebo: the best wrong effect in place of the last rung's.
+    """
+    figure, axes = panels(1, len(outputs), 5.0)
+    place = np.arange(len(rungs))
+    for k, output in enumerate(outputs):
+        axis = axes[0, k]
+        fitted = np.array([100 - values[output] for _, values, _ in rungs])
+        judged = np.array([np.nan if values is None else 100 - values[output] for _, _, values in rungs])
+        axis.plot(place, fitted, color=BLUE, marker="o", markersize=7, linewidth=2, label="fitted runs")
+        if np.any(np.isfinite(judged)):
+            axis.plot(
+                place, judged, color=ORANGE, marker="s", markersize=6, linewidth=1.6, linestyle="--", label="validation"
+            )
+        top = float(np.nanmax(np.concatenate([fitted, judged])))
+        if placebo is not None:
+            wrong = 100 - placebo[1][output]
+            axis.plot(
+                [place[-1] + 0.12],
+                [wrong],
+                linestyle="none",
+                marker="^",
+                markersize=8,
+                markerfacecolor="white",
+                markeredgecolor=BLACK,
+                label=f"placebo: {placebo[0]}",
+            )
+            top = max(top, wrong)
+        if floor is not None:
+            level = 100 - floor[output]
+            axis.axhspan(0, level, color=GREY, alpha=0.6, linewidth=0, label="noise")
+            top = max(top, level)
+        for x, y in zip(place, fitted, strict=True):
+            axis.annotate(
+                f"{100 - y:.1f} %", (x, y), (0, -19), textcoords="offset points", ha="center", fontsize=9, bbox=BESIDE
+            )
+        axis.set_ylim(0, 1.25 * top)
+        axis.set_xlim(-0.5, len(rungs) - 0.5)
+        axis.grid(False, axis="x")
+        names = [label.replace(" + ", "\n+ ") for label, _, _ in rungs]
+        turned = len(rungs) > 4
+        axis.set_xticks(place, names, rotation=25 if turned else 0, ha="right" if turned else "center")
+        axis.set_title(
+            f"{AXIS_OF[output]}: the error left; numbers: NRMSE fit", fontsize=11, loc="left", fontweight="bold"
+        )
+        axis.set_ylabel("error left: 100 less NRMSE fit, %", fontsize=10)
+        axis.legend(loc="upper right", fontsize=9, frameon=False)
+    return figure

@@ -1,0 +1,71 @@
+"""A fit made again with other effects, on the same runs or on others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sysid.data.record import Record
+from sysid.diagnose.quantities import quantity
+from sysid.fit.identify import identify, on_runs
+from sysid.fit.result import Fit, RecordUsed
+from sysid.model.bases import compose
+from sysid.model.effect import Effect
+from sysid.model.structure import Model
+
+Band = tuple[float, float]
+
+
+def refitted(
+    fit: Fit,
+    effects: Sequence[str | Effect],
+    records: Sequence[Record],
+    validation: Sequence[Record],
+    band_hz: Band | None = None,
+    *,
+    grown: Fit | None = None,
+    begin: Model | None = None,
+) -> Fit:
+    """The fit's base with these effects on these runs, what the fit held held again; the rest as `identify` has it."""
+    held = {name: fit.model[name] for name in fit.fixed}
+    composed = on_runs(fit.model.structure.base, effects, [*records, *validation], records)
+    if begin is None and composed.base != fit.model.structure.base:
+        # flapping makes another base, whose parameters have no beginning in the old one
+        own = [one for one in composed.composed if one.id != "flapping"]
+        begin = identify(compose(composed.base), records, (), band_hz or fit.band_hz, effects=own).model
+    return identify(
+        compose(fit.model.structure.base),
+        records,
+        validation,
+        band_hz or fit.band_hz,
+        effects=effects,
+        fixed=held,
+        profile=fit.profile,
+        window_s=fit.window_s,
+        grown=grown,
+        begin=begin,
+    )
+
+
+def made_from(fit: Fit, records: Sequence[Record], validation: Sequence[Record], band_hz: Band) -> bool:
+    """Whether the fit was made from just these runs in this band."""
+
+    def same(used: Sequence[RecordUsed], given: Sequence[Record]) -> bool:
+        return {(one.id, one.sha256, one.samples) for one in used} == {
+            (one.id, one.sha256, one.t.size) for one in given
+        }
+
+    return band_hz == fit.band_hz and same(fit.records, records) and same(fit.validation, validation)
+
+
+def newly_implausible(before: Fit, after: Fit) -> tuple[str, ...]:
+    """`k_l = -5` of what was plausible, or not there, before."""
+    known = {
+        one.name
+        for one, value in zip(before.model.structure.parameters, before.model.values, strict=True)
+        if one.implausible(float(value))
+    }
+    return tuple(
+        quantity(one, float(value))
+        for one, value in zip(after.model.structure.parameters, after.model.values, strict=True)
+        if one.implausible(float(value)) and one.name not in known
+    )

@@ -1,0 +1,83 @@
+"""An added effect in words: whether it helped, the ladder with the placebo, the parameters, the three signs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gcs.analysis.addition import Addition
+from gcs.analysis.ladder import NO_CHANGE, WORSE_POINTS, rungs_of, together
+from gcs.analysis.text.blocks import WIDTH, Blocks, Sentence, block, command, text_of
+from gcs.analysis.text.ladder import cut, ladder_text, moved_text
+
+MARKS = {True: "✓", False: "✗", None: "?"}
+"""Of a sign: seen, not seen, not to be seen in these runs."""
+
+
+def addition_text(found: Addition, fit: str = "FIT.json", written: str | None = None) -> str:
+    """All of it for a shell; 78 columns."""
+    return text_of(addition_blocks(found, fit, written))
+
+
+def addition_blocks(found: Addition, fit: str = "FIT.json", written: str | None = None) -> Blocks:
+    """`answer`, `ladder`, `moved`, `signs`, `warning`s, and `next`, or `nothing` where it is not to be kept.
+
+    fit, written: where the fit before lies, and where that with the effect does, if anywhere.
+    """
+    good, answer = outcome(found)
+    rungs = rungs_of(found.after.model.structure.base, found.after.lineage)
+    wrong = found.placebo_rung
+    if wrong is not None:
+        rungs.append(("placebo", *wrong[1:]))
+    signs = [Sentence(f"{one.name}: {one.text}", f" {MARKS[one.seen]} ", "   ") for one in found.signs]
+    if not good:
+        last = block("nothing", [f" nothing to keep: go on with {cut(fit, WIDTH - 30)}"])
+    elif written is not None:
+        last = block("next", command(f"tippath diagnose {written}"))
+    else:
+        last = block("next", [" next: the same with -o FIT2.json keeps it"])
+    return (
+        block("answer", [Sentence(answer, "", "  ")]),
+        block("ladder", [*ladder_text(rungs, found.noise_floor_percent), *_placebo_sentences(found)]),
+        block("moved", moved_text(found.before, found.after)),
+        block("signs", signs),
+        *(block("warning", [Sentence(f"warning: {text}", rest="  ")]) for text in found.after.warnings),
+        last,
+    )
+
+
+def outcome(found: Addition) -> tuple[bool, str]:
+    """Whether to keep it, and that in a sentence."""
+    name = Path(found.named).name
+    before, after = found.before.nrmse_percent, found.after.nrmse_percent
+    fall = f"{name}: the error falls, p {before['p']:.1f} → {after['p']:.1f}, q {before['q']:.1f} → {after['q']:.1f} %"
+    signs = {one.key: one.seen for one in found.signs}
+    if together(after) - together(before) < NO_CHANGE:
+        return False, f"{name} changes next to nothing here: the error stays as it was"
+    was, now = found.before.validation_nrmse_percent, found.after.validation_nrmse_percent
+    if was is not None and now is not None and together(now) - together(was) < -WORSE_POINTS:
+        return False, f"{fall}, but it grows on runs that were not fitted: it follows the noise of the fitted ones"
+    if signs["plausible"] is False:
+        return False, f"{fall}, but only at implausible values: {name} stands in for something else"
+    if signs["validation"] is False:
+        return False, f"{fall}, but not on runs that were not fitted: there is little of it, if anything"
+    if signs["validation"] is None:
+        return True, f"{fall}; whether it would on other runs is open: name one with --validate"
+    return True, f"{fall}, and on runs that were not fitted too"
+
+
+def _placebo_sentences(found: Addition) -> list[Sentence]:
+    """What the placebo is, and what it proves."""
+    wrong = found.placebo_rung
+    if wrong is None:
+        return []
+    name, other, judged = wrong
+    own = found.after.nrmse_percent
+    if found.after.validation_nrmse_percent is not None and judged is not None:
+        own, other = found.after.validation_nrmse_percent, judged
+    beyond = together(own) - together(other)
+    what = f"the placebo is {name}, the best other effect with at most as many parameters"
+    if beyond > WORSE_POINTS:
+        said = f"{what}: mere freedom to follow the data would gain that much"
+    else:
+        said = f"{what}: it does as well, so that the error falls says little about which of the two it is"
+    return [Sentence(said, " ", "   ")]

@@ -1,0 +1,148 @@
+"""A diagnosis in words: the answer first, one screen, 78 columns.
+
+What decides the next step stands there: the verdict and how sure it is, what it explains on fitted and on other runs,
+the sizes found, one or two reasons, the rivals, what could hide, and the command to type next. The reasons in full, the
+harm that each hidden effect would do and why an effect could not be asked follow with `full` only: most people read
+them once. The sentences about physics are `sysid.diagnose.explain`'s and its neighbours'; here they are chosen and set.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gcs.analysis.candidates import ranked, shows
+from gcs.analysis.diagnosis import FitDiagnosis
+from gcs.analysis.ladder import rungs_of, short_names
+from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
+from gcs.analysis.text.ladder import cut, ladder_text
+from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
+from sysid.diagnose.verdict import Diagnosis
+
+SHOWN = 6
+"""Candidates in the table,"""
+SHOWN_FULL = 12
+"""and in full."""
+
+
+def diagnosis_text(
+    found: FitDiagnosis, fit: str = "FIT.json", rest: str = "", written: str | None = None, *, full: bool = False
+) -> str:
+    """All of it for a shell; 78 columns."""
+    return text_of(diagnosis_blocks(found, fit, rest, written, full=full))
+
+
+def diagnosis_blocks(
+    found: FitDiagnosis, fit: str = "FIT.json", rest: str = "", written: str | None = None, *, full: bool = False
+) -> Blocks:
+    """`ladder`, `answer`, `measures`, `suspicions`, `findings`, `candidates`, with full `reasons`, then `beside` and
+    what to type: `next` and, unless full, `in full`. A block may have no lines.
+
+    fit, rest: the words of the command that asked, for the one to type next; written: where the fit with what was
+    found lies, if anywhere.
+    """
+    last = found.last
+    trace = a_trace(last)
+    nameless = not trace and last.verdict != "complete" and not last.chain
+    rungs = rungs_of(found.fit.model.structure.base, found.rungs) if len(found.rungs) > 1 else []
+    suspicions = [Sentence(one.text, " suspicion: ", "   ") for one in found.comparison.suspicions]
+    findings = [Sentence(text, " ", "   ") for text in found.comparison.findings] if nameless else []
+    reasons = [f" {line}" for line in found.explanation.lines(WIDTH - 1)] if full else []
+    beside = [*_telling(found, full), *_hidden(found, full), *_untestable(last, full), *_remarks(found)]
+    step = _next_step(found, fit, rest, written)
+    return (
+        block("ladder", ladder_text(rungs, last.noise_floor_percent) if rungs else []),
+        block("answer", answer_lines(last)),
+        block("measures", measures(found, reasons=not full), joined=True),
+        block("suspicions", suspicions),
+        block("findings", findings),
+        block("candidates", [] if trace else candidates_text(last, SHOWN_FULL if full else SHOWN)),
+        block("reasons", reasons),
+        block("beside", beside),
+        block("next", step),
+        block("in full", [] if full else [" in full: the same with --explain"], joined=bool(step)),
+    )
+
+
+def candidates_text(last: Diagnosis, most: int) -> list[str]:
+    """What was refitted, the answer and then the likeliest first: explained share, NRMSE fit, name."""
+    asked = [one for one in ranked(last, None) if shows(one, last)][:most]
+    if not asked:
+        return []
+    lines = ["  explains  p: fitted valid.  q: fitted valid.  candidates, the answer first"]
+    for one in asked:
+        assert one.fit is not None
+        fitted, valid = one.fit.nrmse_percent, one.validation_nrmse_percent
+        numbers = [
+            f"{fitted[axis]:8.1f} " + (f"{'-':>6}" if valid is None else f"{valid[axis]:6.1f}") for axis in ("p", "q")
+        ]
+        mark = "✗" if one.implausible else " "
+        share = f"{100 * (one.explained_share or 0.0):4.0f} %"
+        lines.append(f" {mark}{share}   {numbers[0]}  {numbers[1]}    {cut(named_effects(one), 34)}")
+    if any(one.implausible for one in asked):
+        lines.append("  ✗ only at values that physics does not allow")
+    return lines
+
+
+def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
+    """The maneuver that would tell rivals apart, and a simple term where nothing known explains."""
+    lines: list[Line] = []
+    terms = found.last.terms
+    if terms is not None and terms.terms and found.last.verdict == "unexplained":
+        term = terms.terms[0]
+        others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
+        lines.append(Sentence(f"a simple term would do much: {term.entry.equation}{others}", " ", "   "))
+    if found.next is not None:
+        told = f"to tell {' from '.join(short_names(found.next.separates))}: {found.next.maneuver}"
+        why = f" ({found.next.why})" if full else ""
+        lines.append(Sentence(told + why, " ", "   ", offer="" if found.next.card is None else "card"))
+    return lines
+
+
+def _hidden(found: FitDiagnosis, full: bool) -> list[Line]:
+    """What these runs could not have seen; beside an error that nothing explains, of no use before that is found."""
+    if not full and found.last.verdict == "unexplained":
+        return []
+    if full:
+        return [Sentence(text, " ", "   ") for text in found.hiding.sentences]
+    groups = found.hiding.harmful
+    if not groups:
+        return [" nothing that could hide here would do harm"] if found.hiding.others else []
+    worst, *others = groups
+    said = f"could hide here: {worst[0].effect} {worst[0].up_to}, {worst[0].consequences}"
+    if others:
+        said += f"; also {', '.join(f'{one[0].effect} {one[0].up_to}' for one in others)}"
+    return [Sentence(said, " ", "   ")]
+
+
+def _untestable(last: Diagnosis, full: bool) -> list[Line]:
+    each = [one for one in last.candidates if one.not_testable is not None]
+    if not each:
+        return []
+    if not full:
+        names = short_names([one.effect for one in each])
+        return [Sentence(f"not testable here: {', '.join(names)}", " ", "   ")]
+    why = [Sentence(f"{Path(one.effect).name}: {one.not_testable}", "   ", "     ") for one in each]
+    return [" not testable here", *why]
+
+
+def _remarks(found: FitDiagnosis) -> list[Line]:
+    return [Sentence(text, " ", "   ") for text in found.remarks]
+
+
+def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[str]:
+    """The command to type next."""
+    last = found.last
+    again = f" {rest}" if rest else ""
+    if last.verdict == "complete" or a_trace(last):
+        return command(f"tippath design {written or fit}") if found.fit.model.structure.base == "tpp" else []
+    if written is not None:
+        return command(f"tippath compare {written}")
+    if last.verdict == "missing" and last.effect is not None:
+        return command(f"tippath add {fit} {last.effect}{again} -o {Path(fit).with_name(Path(fit).stem + '-2.json')}")
+    if any(one.kind == "mixed" for one in found.comparison.suspicions):
+        return [" next: fit the runs apart, and diagnose each fit"]
+    if found.comparison.suspicions:
+        return [" next: clear the suspicion, fit, and ask again"]
+    if last.stands_in:
+        return command(f"tippath add {fit} {last.effect}{again}")
+    return command(f"tippath diagnose {fit}{again} --suggest term.py")

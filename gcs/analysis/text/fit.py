@@ -1,0 +1,220 @@
+"""A fit in the engineers' tables, and TPP beside CD in the paper's: 78 columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAMETERS, Identification
+from gcs.analysis.text.blocks import wrapped
+from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches
+from sysid.fit.checks import Check
+from sysid.fit.implied import Implied
+from sysid.fit.result import HIGH_CORRELATION, Fit
+
+# What the paper found on the real vehicle; shown beside, never mixed in.
+
+PAPER_MODES = {"tpp": ((1.64, 0.39), (5.04, 0.22)), "cd": ((1.54, 0.35),)}
+
+PAPER_NRMSE = {
+    ("tpp", "chirps"): (77.8, 77.3),
+    ("cd", "chirps"): (77.2, 25.9),
+    ("tpp", "doublets"): (77.6, 64.7),
+    ("cd", "doublets"): (76.7, 20.0),
+}
+
+
+def identification_text(found: Identification) -> str:
+    """The paper's Tables 2, 3 and 4 with ours beside, and the eigenfrequency check."""
+    return "\n\n".join([nrmse_table(found), modes_table(found), parameter_table(found), checks_text(found.checks)])
+
+
+def nrmse_table(found: Identification) -> str:
+    """Table 3: NRMSE fit in percent, 100 is perfect."""
+    as_paper = not found.tpp.model.structure.composed
+    judged = {one.maneuver for one in found.tpp.validation}
+    lines = [f"NRMSE fit, %            TPP           CD      CD reduced{'    paper: TPP / CD' if as_paper else ''}"]
+    rows = [("chirps", found.tpp.nrmse_percent, found.cd.nrmse_percent, found.reduced_nrmse)]
+    if (
+        found.tpp.validation_nrmse_percent is not None
+        and found.cd.validation_nrmse_percent is not None
+        and found.reduced_validation is not None
+    ):
+        rows.append(
+            (
+                "doublets" if judged <= {"doublet"} else "validation",
+                found.tpp.validation_nrmse_percent,
+                found.cd.validation_nrmse_percent,
+                found.reduced_validation,
+            )
+        )
+    for maneuver, tpp, cd, reduced in rows:
+        for index, axis in enumerate(("p", "q")):
+            name = f"{maneuver if index == 0 else ''}"
+            paper = ""
+            if as_paper and ("tpp", maneuver) in PAPER_NRMSE:
+                paper = f"{PAPER_NRMSE['tpp', maneuver][index]:5.1f} / {PAPER_NRMSE['cd', maneuver][index]:.1f}"
+            line = f"  {name:10} {axis}     {tpp[axis]:8.1f}     {cd[axis]:8.1f}    {reduced[axis]:8.1f}      {paper}"
+            lines.append(line.rstrip())
+    return "\n".join(lines)
+
+
+def modes_table(found: Identification) -> str:
+    """Table 2: natural frequencies and damping ratios."""
+    as_paper = not found.tpp.model.structure.composed
+    lines = [f"natural modes       frequency, Hz   damping ratio{'    paper' if as_paper else ''}"]
+    for name, model, paper in (
+        ("TPP", found.tpp.model, PAPER_MODES["tpp"]),
+        ("CD", found.cd.model, PAPER_MODES["cd"]),
+        ("CD reduced", found.reduced, ()),
+    ):
+        for index, mode in enumerate(model.modes):
+            beside = f"{paper[index][0]:.2f} Hz  {paper[index][1]:.2f}" if as_paper and index < len(paper) else ""
+            lines.append(
+                f"  {name if index == 0 else '':12}      {mode.frequency_hz:8.3f}        "
+                f"{mode.damping_ratio:8.3f}       {beside}".rstrip()
+            )
+    return "\n".join(lines)
+
+
+def parameter_table(found: Identification) -> str:
+    """Table 4: parameters with standard errors."""
+    as_paper = not found.tpp.model.structure.composed
+    lines = [f"parameter           value ± standard error       unit{'        paper' if as_paper else ''}"]
+    for fit, paper in ((found.tpp, PAPER_PARAMETERS["tpp"]), (found.cd, PAPER_PARAMETERS["cd"])):
+        structure = fit.model.structure
+        beside = [f" {theirs:10.3f}" for theirs in paper] if as_paper else [""] * len(structure.names)
+        for parameter, value, error, theirs in zip(
+            structure.parameters, fit.model.values, fit.standard_errors, beside, strict=True
+        ):
+            label = f"{structure.base.upper():3} {parameter.name:6}"
+            line = f"  {label:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8}{theirs}"
+            lines.append(line.rstrip())
+    return "\n".join(lines)
+
+
+def checks_text(checks: Sequence[Check]) -> str:
+    """One line a check: ✓ passed, ✗ failed, ? not possible."""
+    marks = {True: "✓", False: "✗", None: "?"}
+    lines = ["eigenfrequency check"]
+    for one in checks:
+        lines += wrapped(f"{marks[one.passed]} {one.name}: {one.text}", "  ", "    ")
+    return "\n".join(lines)
+
+
+def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = None) -> str:
+    """One fit for people; 78 columns."""
+    structure = fit.model.structure
+    count = f"{len(fit.records)} run{'s' if len(fit.records) != 1 else ''}"
+    title = f"{' + '.join([structure.base.upper(), *structure.effects])} fitted to {count}"
+    lines = [*wrapped(f"{title}, {fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz", rest="  "), ""]
+    lines.append("NRMSE fit, %        p         q")
+    lines.append(f"  fitted       {fit.nrmse_percent['p']:6.1f}    {fit.nrmse_percent['q']:6.1f}")
+    if fit.validation_nrmse_percent is not None:
+        lines.append(
+            f"  validation   {fit.validation_nrmse_percent['p']:6.1f}    {fit.validation_nrmse_percent['q']:6.1f}"
+        )
+    lines += ["", "natural modes       frequency, Hz   damping ratio"]
+    lines += [f"  {mode.frequency_hz:26.3f}        {mode.damping_ratio:8.3f}" for mode in fit.model.modes]
+    if structure.outside_matrices:
+        named = ", ".join(Path(one).name for one in structure.outside_matrices)
+        lines += wrapped(f"not in them, for it acts on the commands before: {named}", "  ", "  ")
+    if not fit.stable:
+        lines.append("  unstable: see the warnings")
+    lines += ["", *_parameters(fit)]
+    if len(fit.lineage) > 1:
+        lines += ["", "ladder                              p         q"]
+        for rung in fit.lineage:
+            name = structure.base.upper() if not rung.effects else f"+ {Path(rung.effects[-1]).name}"
+            lines.append(f"  {name:26} {rung.nrmse_percent['p']:8.1f}  {rung.nrmse_percent['q']:8.1f}")
+    if responses is not None:
+        lines += ["", responses_text(responses)]
+    if checks:
+        lines += ["", checks_text(checks)]
+    for text in fit.warnings:
+        lines += ["", *wrapped(f"warning: {text}", rest="  ")]
+    return "\n".join(lines)
+
+
+def _parameters(fit: Fit) -> list[str]:
+    """Values with standard errors and the engineers' two figures, what is to be said of a value on a line below it."""
+    structure = fit.model.structure
+    width = max(12, *(len(name) for name in structure.names))
+    lines = [f"  {'parameter':{width}}      value ± std. error  unit        CR, %  insens., %"]
+    vague = fit.undetermined
+    for parameter, value, error, alone in zip(
+        structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
+    ):
+        marks = []
+        number, figures = f"{value:11.4f}", ""
+        if parameter.name in fit.fixed or parameter.name in fit.at_bound:
+            marks.append("held" if parameter.name in fit.fixed else "at its bound")
+        elif parameter.name in vague:
+            number = "not determined"
+        else:
+            share = 100 * error / abs(value) if value else math.inf
+            figures = f"{share:8.1f} {alone:9.1f}"
+            if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
+                marks.append("above a guide")
+        if parameter.implausible(float(value)) and parameter.name not in vague:
+            marks.append("implausible")
+        spread = f"± {error:<10.2g}" if figures else " " * (12 - max(0, len(number) - 11))
+        lines.append(f"  {parameter.name:{width}}{number} {spread} {parameter.unit:8}{figures}".rstrip())
+        if marks:
+            lines.append(f"  {'':{width}}    {', '.join(marks)}")
+    lines.append(f"  guides: CR at most {GUIDE_CRAMER_RAO:g} %, insensitivity at most {GUIDE_INSENSITIVITY:g} %")
+    pairs = [f"{one} and {other} {value:+.2f}" for one, other, value in fit.correlations]
+    if pairs:
+        above = abs(fit.correlations[0][2]) > HIGH_CORRELATION
+        said = f"correlated above {HIGH_CORRELATION:g}" if above else "largest correlation"
+        lines += wrapped(f"{said}: {', '.join(pairs)}", "  ", "    ")
+    return lines
+
+
+def responses_text(found: Mismatches) -> str:
+    """Model less measured responses where these can be trusted, with the integrated cost."""
+    lines = [
+        "model less measured     where coherence     rms        largest         cost",
+        f"                        is {LEAST_COHERENCE:g} or more    dB    deg     dB    deg          J",
+    ]
+    for one in found.each:
+        name = f"  {one.output} per {one.command}"
+        band = one.band_hz
+        if band is None:
+            separate = found.measured.separates(one.output, one.command)
+            lines.append(f"{name:24}{'nowhere' if separate else 'the runs do not separate the commands'}")
+            continue
+        (dB, deg), (most_dB, most_deg) = one.rms, one.largest
+        lines.append(
+            f"{name:24}{f'{band[0]:.2g}-{band[1]:.2g} Hz':14}{dB:6.1f} {deg:6.0f} {most_dB:6.1f} {most_deg:6.0f} "
+            f"{one.cost:10.0f}{' above' if one.cost > GOOD_COST else ''}"
+        )
+    lines.append(f"  guide: J at most {GOOD_COST:g}; {reference_text(found)}")
+    return "\n".join(lines)
+
+
+def reference_text(found: Mismatches) -> str:
+    """What the measured responses were taken against."""
+    if found.measured.closed_loop_safe:
+        return "measured against the logged excitation"
+    missing = [name for name in found.measured.references if not name.startswith("excitation")]
+    return f"excitation not logged for {', '.join(missing)}"
+
+
+def implied_text(figures: Sequence[Implied]) -> str:
+    """What the fit implies about the vehicle, beside what was measured."""
+    if not figures:
+        return "this structure implies nothing about the vehicle: fit with --model tpp"
+    lines = ["implied by the fit        value ± std. error    measured"]
+    for one in figures:
+        spread = "" if one.standard_error is None else f"± {one.standard_error:.2g}"
+        measured = "" if one.measured is None else f"{one.measured:.4g}"
+        lines.append(f"  {one.name:20} {one.value:8.3f} {spread:14}{measured:>9} {one.unit}".rstrip(" -"))
+        if one.implausible:
+            lines += wrapped(
+                "implausible: a clue that something is missing, or the vehicle file is off", " " * 6, " " * 6
+            )
+    if not any(one.name == "Lock number" for one in figures):
+        lines += wrapped("without the rotor speed (channel omega, or omega in the file) no Lock number", "  ", "  ")
+    return "\n".join(lines)

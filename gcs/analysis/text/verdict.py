@@ -1,0 +1,158 @@
+"""The verdict in words: what is missing and how sure that is, how much it explains, the sizes found, and why."""
+
+from __future__ import annotations
+
+from gcs.analysis.diagnosis import FitDiagnosis, rival
+from gcs.analysis.ladder import NO_CHANGE, short_names, together
+from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
+from gcs.analysis.text.ladder import LEFT, nrmse_row
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.quantities import listed, plausible_range, quantity
+from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
+from sysid.model.effect import catalogue
+from sysid.model.parameter import Parameter
+
+REASONS = 2
+
+
+def answer_lines(last: Diagnosis) -> list[str]:
+    """What is missing, with the confidence at the right end where there is room."""
+    lines = broken(Sentence(answer(last), "", "  "))
+    sure = f"confidence {last.confidence:.2f}"
+    if len(lines[-1]) + len(sure) + 2 > WIDTH:
+        lines.append("")
+    lines[-1] += sure.rjust(WIDTH - len(lines[-1]))
+    return lines
+
+
+def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
+    """How much it explains on fitted and on other runs, the sizes, what comes near, and why."""
+    last = found.last
+    winner = last.winner
+    before, floor = last.parent.nrmse_percent, last.noise_floor_percent
+    if winner is None or winner.fit is None or last.verdict == "complete":
+        return [
+            f"  {'the fit':{LEFT}}p {before['p']:5.1f}   q {before['q']:5.1f} %",
+            f"  {'noise alone would allow':{LEFT}}p {floor['p']:5.1f}   q {floor['q']:5.1f} %",
+            *_before(found),
+        ]
+    share = f"explains {100 * (last.explained_share or 0.0):.0f} % of what can be explained"
+    lines: list[Line] = [*_which(winner), nrmse_row(share, before, winner.fit.nrmse_percent)]
+    if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
+        lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
+    lines.append(nrmse_row("noise alone would allow", None, floor))
+    lines += [*_sizes(winner), *_sizes_that_differ(last), *_others(last)]
+    return [*lines, *(_why(found) if reasons else []), *_before(found)]
+
+
+def answer(last: Diagnosis) -> str:
+    """The first line, without the confidence."""
+    winner = last.winner
+    if last.verdict == "complete":
+        return "complete: what is left is noise"
+    if winner is None or winner.fit is None:
+        what = "a trace more than noise is left, too little to be named" if a_trace(last) else "no known effect does it"
+        return f"unexplained: {what}"
+    names = named_effects(winner)
+    same = short_names(last.indistinguishable)
+    alike = f"  (not to be told from {listed(same)})" if same else ""
+    if last.verdict == "missing":
+        return "missing: " + (", and then ".join(short_names(last.chain)) if len(last.chain) == 2 else names) + alike
+    if last.stands_in:
+        return f"unexplained: {names} would do it, but only at implausible values: it stands in"
+    if last.sizes_that_differ:
+        return f"unexplained: {names} is nearest, and its size does not hold on the validation runs"
+    if (winner.explained_share or 0.0) >= EXPLAINED:
+        return f"unexplained: {names} explains the fitted runs, but not the validation runs"
+    return f"unexplained: {names} does most, and that is too little"
+
+
+def a_trace(last: Diagnosis) -> bool:
+    """Whether what is left is significant and next to nothing: shares of it would be shares of rounding."""
+    if last.verdict != "unexplained" or last.chain:
+        return False
+    return together(last.noise_floor_percent) - together(last.parent.nrmse_percent) < NO_CHANGE
+
+
+def _which(winner: Ranked) -> list[Line]:
+    """What the ids stand for."""
+    assert winner.fit is not None
+    titles = {one.path or one.id: one.title for one in (*catalogue().values(), *winner.fit.model.structure.composed)}
+    said = [titles[name] for name in winner.effects if titles[name] != name]
+    return [Sentence(f"which is: {', and '.join(said)}", "  ", "    ")] if said else []
+
+
+def _others(last: Diagnosis) -> list[Line]:
+    """The NRMSE of what the data cannot tell from the answer, of a near rival, and of the placebo."""
+    lines: list[Line] = []
+    named = {*last.indistinguishable}
+    second = rival(last)
+    if last.verdict == "missing" and last.confidence < SURE and second is None:
+        lines.append(f"  not sure: of 100 answers like this, {100 * last.confidence:.0f} were right where it was known")
+    by_name = {one.effect: one for one in last.candidates}
+    same = [by_name[name] for name in last.indistinguishable[:1]]
+    for word, one in (*(("as well", one) for one in same), ("not sure", second), ("placebo", last.placebo)):
+        if one is None or one.fit is None or (word != "as well" and one.effect in named) or last.verdict != "missing":
+            continue
+        lines.append(nrmse_row(f"{word}: {named_effects(one)} reaches", None, one.fit.nrmse_percent))
+        named.add(one.effect)
+    return lines
+
+
+def _sizes(winner: Ranked) -> list[Line]:
+    assert winner.fit is not None
+    parameters = {one.name: one for one in winner.fit.model.structure.parameters}
+    lines: list[Line] = []
+    for name, value in winner.values.items():
+        one = parameters[name]
+        said = quantity(one, value, winner.standard_errors.get(name))
+        lines.append(Sentence(f"{said:{LEFT - 1}} {_judged(one, value)}".rstrip(), "  ", "    "))
+    return lines
+
+
+def _sizes_that_differ(last: Diagnosis) -> list[Line]:
+    """The size that two sets of runs put differently."""
+    if last.verdict != "unexplained" or not last.sizes_that_differ:
+        return []
+    one = last.sizes_that_differ[0]
+    there = quantity(one.parameter, one.elsewhere, one.elsewhere_error)
+    said = (
+        f"the validation runs alone ask for {there}: one vehicle has one {one.parameter.name}, so this only resembles "
+        "what is there"
+    )
+    return [Sentence(said, "  ", "    ")]
+
+
+def _judged(one: Parameter, value: float) -> str:
+    """What physics says of the size; empty where it says nothing."""
+    allowed = plausible_range(one)
+    if not one.implausible(value):
+        return f"plausible: {allowed}" if allowed else ""
+    low, high = one.plausible
+    return "implausible: there should be none" if low == high == one.null else f"implausible: physics allows {allowed}"
+
+
+def _why(found: FitDiagnosis) -> list[Line]:
+    """What these runs show most plainly, beside the effect's usual mark where that tells more than numbers."""
+    winner, why = found.last.winner, found.explanation
+    linear = winner is None or winner.fit is None or winner.fit.model.structure.linear
+    said = why.shown[:REASONS] if linear and why.shown else (*why.marks[:1], *why.shown[-1:])
+    if not said:
+        return []
+    return [Sentence(" ".join([said[0][0].lower() + said[0][1:], *said[1:]]), "  why: ", "    ")]
+
+
+def _before(found: FitDiagnosis) -> list[Line]:
+    """Values of the fit in question that physics does not allow: a missing effect often shows so."""
+    model = found.last.parent.model
+    off = [
+        f"{quantity(one, float(value))} (physics allows {plausible_range(one)})"
+        for one, value in zip(model.structure.parameters, model.values, strict=True)
+        if one.implausible(float(value)) and plausible_range(one)
+    ]
+    return [Sentence(f"implausible in the fit as it is: {', '.join(off)}", "  ", "    ")] if off else []
+
+
+def named_effects(judged: Ranked) -> str:
+    """`servo_lag + quadratic_damping`."""
+    return " + ".join(short_names(judged.effects))

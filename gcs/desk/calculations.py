@@ -1,0 +1,255 @@
+"""What the desk works out, step by step: the same functions as behind the commands, on one flight.
+
+Scipy and control come along with this module, which takes a second; the desk brings it in with its first step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from gcs.analysis.addition import Addition, add_effect
+from gcs.analysis.comparison import flown_with_validation, quiet_among
+from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
+from gcs.analysis.fits import assess, identify_flight, on_cd, side_by_side
+from gcs.analysis.text.addition import addition_blocks, outcome
+from gcs.analysis.text.blocks import Blocks
+from gcs.analysis.text.comparison import compare_blocks
+from gcs.analysis.text.diagnosis import diagnosis_blocks
+from gcs.analysis.text.gains import gains_text
+from gcs.desk import choices, ladder, saved, shell
+from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from gcs.errors import TippathError, UsageError
+from gcs.flight.folder import FlightFolder, flight_of
+from gcs.flight.gains import gains_of
+from gcs.logs import Run, check_same_rate_source, ingest
+from gcs.logs.words import printable
+from sysid.compare.compare import compare
+from sysid.compare.values import Comparison
+from sysid.control.loop import following
+from sysid.control.regulator import design
+from sysid.data.preprocess import DEFAULT_BAND_HZ
+from sysid.data.record import CHANNELS, Record
+from sysid.errors import SysidError
+from sysid.fit.result import Fit, RecordUsed
+from sysid.model.bases import compose
+from sysid.model.effect import Effect, EffectError
+
+
+class Step(Protocol):
+    """Hears how far the work is, and raises where it was called off."""
+
+    def __call__(self, what: str, share: float | None = None) -> None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A flight that was read, with what was kept of it in earlier sessions."""
+
+    runs: tuple[Run, ...]
+    folder: FlightFolder
+    places: Mapping[Fit, Path]
+    """Where its fits are kept."""
+    state: DeskState
+
+
+@dataclass(frozen=True, eq=False)
+class FittedFlight:
+    """The fits of a flight, and the documents that judge them."""
+
+    shown: Fitted
+    base: Base
+    judged: Mapping[Fit, Mapping[str, Any]]
+
+    @property
+    def bottom(self) -> Fit:
+        """The ladder's lowest rung."""
+        return self.shown.found.tpp if self.base.model == "tpp" else self.shown.found.cd
+
+    def effects(self, fit: Fit) -> Sequence[str]:
+        """What one of the two was fitted with."""
+        return self.base.effects if fit is self.shown.found.tpp else on_cd(self.base.effects)
+
+
+Flown = tuple[list[Record], list[Record], list[Record]]
+"""Runs that were fitted, runs that judge, and quiet hover."""
+
+
+class Calculations:
+    """Each tells `step` how far it is. All raise TippathError or SysidError: what is wrong and what to do."""
+
+    def __init__(self, step: Step) -> None:
+        self._step = step
+
+    def read(self, path: Path) -> Opened:
+        """A flight folder or a log, its runs and the fits kept beside it."""
+        read = ingest(
+            [path],
+            progress=lambda log: self._step(
+                printable(log.path.name), log.done_bytes / log.total_bytes if log.total_bytes else None
+            ),
+        )
+        folder = flight_of(path)
+        self._step("looking for fits")
+        records = [record for run in read.runs if (record := choices.record_of(run)) is not None]
+        kept = saved.look(folder.path, records)
+        rows, base = choices.rows_of(read.runs, folder), choices.default_base(read.runs)
+        if kept.ladder:
+            rows = choices.as_fitted(rows, read.runs, kept.ladder[0].fit)
+            base = choices.base_of(kept.ladder[0].fit)
+        fitted = _fitted_before(kept, records)
+        unread = [*read.refused.values(), *(f"{Path(p).name}: {d.describe()}" for p, d in read.damage.items())]
+        self._step("")
+        state = DeskState(
+            path=path,
+            home=folder.path,
+            name=printable(folder.name),
+            notes=tuple(TimedNote(printable(time), printable(text)) for time, text in folder.notes()),
+            vehicle=choices.vehicle_words(folder),
+            runs=rows,
+            unread=(*map(printable, unread), *kept.unread),
+            base=base,
+            fitted=fitted,
+            ladder=ladder.named([Rung(name="", effect=None, fit=one.fit, path=one.path) for one in kept.ladder]),
+        )
+        places = {one.fit: one.path for one in (*kept.ladder, kept.tpp, kept.cd) if one is not None}
+        return Opened(read.runs, folder, places, state)
+
+    def fit(self, records: Sequence[Record], validation: Sequence[Record], base: Base) -> FittedFlight:
+        """TPP, CD and the CD that the TPP reduces to."""
+        self._step("TPP and CD")
+        fits = identify_flight(records, validation, effects=base.effects)
+        self._step("judging them", 0.5)
+        judged = {one: assess(one, records).to_json() for one in (fits.tpp, fits.cd)}
+        self._step("", 0.9)
+        return FittedFlight(ladder.tables(fits), base, judged)
+
+    def compare(self, rung: Rung, flown: Flown) -> tuple[Comparison, Blocks]:
+        """Where a rung fails."""
+        self._step(rung.name)
+        records, _, quiet = flown
+        comparison = compare(rung.fit.model, records, rung.fit.band_hz, quiet)
+        text = compare_blocks(comparison, rung.fit)
+        self._step("")
+        return comparison, text
+
+    def diagnose(self, rung: Rung, flown: Flown, place: str) -> tuple[FitDiagnosis, Blocks]:
+        """What a rung lacks; `place`: where its fit is kept."""
+        self._step(rung.name)
+        diagnosis = diagnose_fit(rung.fit, *flown, say=self._step)
+        text = diagnosis_blocks(diagnosis, place, shell.words(shell.named(rung.fit)))
+        self._step("")
+        return diagnosis, text
+
+    def effect(self, fit: Fit, word: str) -> Effect:
+        """The effect to add that a word names; a file's code runs."""
+        return ladder.effect_to_add(fit, word)
+
+    def add(self, rung: Rung, effect: Effect, flown: Flown) -> Addition:
+        """A rung's fit with one effect more."""
+        self._step(rung.name)
+        records, validation, _ = flown
+        addition = add_effect(rung.fit, effect, records, validation, say=self._step)
+        self._step("writing")
+        return addition
+
+    def design(self, fit: Fit, input_cost: float) -> Designed:
+        """Gains, and the answer they promise; kept nowhere yet."""
+        self._step("")
+        gains = design(fit.model, input_cost)
+        self._step("the predicted answer", 0.5)
+        answer = following(gains, fit.model)
+        self._step("")
+        return Designed(
+            text=gains_text(gains),
+            path=None,
+            crc=gains_of(gains.to_json()).crc,
+            command="",
+            rung=ladder.full_name(fit),
+            gains=gains,
+            following=answer,
+        )
+
+    def used(self, rows: Sequence[RunRow], runs: Sequence[Run], choice: Choice) -> list[Record]:
+        """Of the runs that are used so, in their order. Raises TippathError where their rates differ in kind."""
+        records = [
+            record
+            for row, run in zip(rows, runs, strict=True)
+            if row.choice is choice and (record := choices.record_of(run)) is not None
+        ]
+        check_same_rate_source(records)
+        return records
+
+    def flown_by(self, fit: Fit, runs: Sequence[Run]) -> Flown:
+        """The runs that a fit was made from, those that judged it, and quiet hover, as its command would read them."""
+        if _own_reading(fit):
+            return flown_with_validation(fit, (), (), None, None)
+        known = [record for run in runs if (record := choices.record_of(run)) is not None]
+        records = _named(fit.records, known)
+        return records, _named(fit.validation, known), quiet_among(runs, fit, records)
+
+    def as_read(self, fit: Fit, place: Path | None) -> Fit:
+        """A kept fit with the paths of the user's effects as a command finds them in its file."""
+        files = shell.user_files(fit)
+        return fit if place is None or not files else Fit.load(place, files)
+
+    def require_base(self, model: str, effects: Sequence[str]) -> None:
+        """Raises UsageError where there is no such base model, or where the effects cannot be composed onto it."""
+        if model not in ("tpp", "cd"):
+            raise UsageError(f"{model}: there are tpp and cd")
+        try:
+            compose(model, effects, CHANNELS, {"Omega_0": 1.0, "V_0": 1.0})
+        except EffectError as error:
+            raise UsageError(str(error)) from error
+
+    def named(self, rungs: Sequence[Rung]) -> tuple[Rung, ...]:
+        """Rungs with their names, bottom first."""
+        return ladder.named(rungs)
+
+    def full_name(self, fit: Fit) -> str:
+        """`TPP + servo_lag`."""
+        return ladder.full_name(fit)
+
+    def added(self, addition: Addition, place: str, written: Path | None) -> tuple[Blocks, str]:
+        """What is to be said of an added effect, in full and in a sentence."""
+        text = addition_blocks(addition, place, None if written is None else str(written))
+        return text, outcome(addition)[1]
+
+    def report(self, paths: Sequence[Path], named: Sequence[str], gains: Path | None) -> str:
+        """The page of some fits and gains; `named` are the user's effect files."""
+        from gcs.analysis.pages.report import flight_report  # matplotlib comes along as well
+
+        text = flight_report(paths, named, gains, say=self._step)
+        self._step("writing")
+        return text
+
+
+def _fitted_before(kept: saved.SavedResults, records: Sequence[Record]) -> Fitted | None:
+    """The tables of the fits that were kept; None where one of the two is missing."""
+    if kept.tpp is None or kept.cd is None or _own_reading(kept.tpp.fit):
+        return None
+    try:
+        fit = kept.tpp.fit
+        both = side_by_side(fit, kept.cd.fit, _named(fit.records, records), _named(fit.validation, records))
+    except (SysidError, TippathError):
+        return None
+    return ladder.tables(both, (kept.tpp.path, kept.cd.path))
+
+
+def _own_reading(fit: Fit) -> bool:
+    """Whether a fit reads its logs in another way than the desk does."""
+    return fit.profile is not None or fit.window_s is not None or fit.band_hz[1] != DEFAULT_BAND_HZ[1]
+
+
+def _named(used: Sequence[RecordUsed], records: Sequence[Record]) -> list[Record]:
+    """The records that a fit names. Raises TippathError where one is not among them."""
+    known = {(Path(one.path).resolve(), one.id, one.sha256): one for one in records}
+    named = []
+    for one in used:
+        record = known.get((Path(one.path).resolve(), one.id, one.sha256))
+        if record is None:
+            raise TippathError(f"{one.id} is not a run of this flight, or its log has changed: fit again")
+        named.append(record)
+    return named

@@ -1,0 +1,341 @@
+"""A card flown from the app: in a thread of its own, run by run, each made ready and then started by a key.
+
+The flying itself is `gcs.flight.sweep.fly_card`, as behind the command. While a run waits for its start, a change of
+mode, a disarmed vehicle or a lost link calls the card off, so that nothing starts later that nobody looks at any more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from gcs.cards.maneuver import CardRun, TestCard, load_card
+from gcs.desk.shell import word
+from gcs.errors import TippathError
+from gcs.flight.folder import create
+from gcs.flight.session import Session
+from gcs.flight.sweep import (
+    Briefing,
+    Ending,
+    Note,
+    Phase,
+    Probed,
+    Progress,
+    RunProgress,
+    RunReady,
+    RunResult,
+    SweepResult,
+    abort,
+    fly_card,
+    free_bytes,
+    require_flyable,
+)
+from gcs.tui import state as view
+from gcs.tui.moment import Moment
+from gcs.tui.state import Mark, RunView, Stage
+from gcs.tui.vehicle_link import VehicleLink
+from gcs.vehicle.snapshot import SYSTEMID, VehicleSnapshot
+
+TOO_EARLY = "not yet: a run is under way"
+CLOSED = "the app was closed"
+
+
+class CardFlight:
+    """`ready`, `start`, `end_card` and `abort` only set a wish, and never wait."""
+
+    def __init__(
+        self,
+        moment: Moment,
+        link: VehicleLink,
+        card: str,
+        *,
+        folder: Path,
+        probe: bool,
+        on_landed: Callable[[Path], None],
+    ) -> None:
+        """`on_landed` hears, in a thread of its own, of the folder of every flight that was recorded."""
+        self._moment = moment
+        self._link = link
+        self._folder = folder
+        self._probe = probe
+        self._on_landed = on_landed
+        self._card, self._card_word = load_card(card), card
+        moment.set(card=self._card.name, runs=_views(self._card), limits=self._card.limits)
+        self._abort: str | None = None
+        self._started = False
+        self._notes: list[str] = []
+        """Told while a card is flown, and once more when it is over."""
+        self._flying: threading.Thread | None = None
+
+    # What keys wish.
+
+    def ready(self) -> None:
+        """Make the next run ready: begin the card, or go on with it. Nothing moves."""
+        with self._moment.pressed:
+            stage = self._moment.now.stage
+            if stage is Stage.HELD:
+                self._moment.set(stage=Stage.READY, said="", rpm_reference=self._link.rpm())
+                self._moment.mark(self._moment.now.current, Mark.READY)
+            elif stage is Stage.IDLE and not self._busy():
+                self._begin()
+            elif stage is Stage.NO_VEHICLE:
+                self._moment.set(said="there is no vehicle")
+            elif stage is not Stage.READY:
+                self._moment.set(said=TOO_EARLY)
+
+    def start(self) -> None:
+        """Start the run that is ready."""
+        with self._moment.pressed:
+            if self._moment.now.stage is Stage.READY:
+                self._started = True
+                self._moment.pressed.notify_all()
+            elif not self._moment.now.stage.under_way:
+                self._moment.set(said="nothing is ready: R first, then S")
+            elif self._moment.now.stage is Stage.HELD:
+                self._moment.set(said="not ready: R first, then S")
+
+    def end_card(self) -> None:
+        """Between two runs: fly no further."""
+        with self._moment.pressed:
+            if self._moment.now.stage in (Stage.HELD, Stage.READY):
+                self._abort = "the card was ended here"
+                self._moment.pressed.notify_all()
+            elif self._moment.now.stage is Stage.FLYING:
+                self._moment.set(said="a run is flying: F12 aborts it")
+
+    def abort(self) -> None:
+        """End what is excited; call off what is ready."""
+        with self._moment.pressed:
+            stage = self._moment.now.stage
+            if stage is Stage.READY:
+                self._started = False  # also a start that the card has not seen yet
+                self._moment.set(stage=Stage.HELD, said="called off: nothing was started")
+                self._moment.mark(self._moment.now.current, Mark.NEXT)
+            elif stage is Stage.FLYING:
+                self._abort = "F12 or space in the app"
+                self._moment.set(stage=Stage.ABORTING)
+                self._moment.pressed.notify_all()
+            elif stage is Stage.CHECKING:
+                self._abort = "F12 or space in the app"
+                self._moment.pressed.notify_all()
+            elif stage is Stage.IDLE and self._excited_by_another():
+                threading.Thread(target=self._end_excitation, name="tippath abort", daemon=True).start()
+            elif stage is not Stage.ABORTING:
+                self._moment.set(said="nothing is excited")
+
+    def _excited_by_another(self) -> bool:
+        vehicle = self._link.snapshot()
+        return vehicle is not None and vehicle.mode == SYSTEMID
+
+    def _end_excitation(self) -> None:
+        session = self._link.session
+        if session is None:
+            return
+        with contextlib.suppress(TippathError):
+            result = abort(session, self._link.mode_before)
+            self._moment.set(said=f"the mode is {result.mode_after}" if result.ended else result.reason)
+
+    def choose(self, card_word: str) -> None:
+        """Another card, by its file or the name of a bundled one. Raises UsageError."""
+        card = load_card(card_word)
+        with self._moment.lock:
+            if self._moment.now.stage.under_way:
+                raise TippathError("a card is being flown: end it first (E)")
+            self._card, self._card_word = card, card_word
+            self._moment.set(
+                card=card.name,
+                runs=_views(card),
+                current=0,
+                use=None,
+                said=card.description,
+                checks=(),
+                limits=card.limits,
+            )
+
+    def close(self, within_s: float) -> None:
+        """Bring a run under way to its end, and wait for that."""
+        with self._moment.pressed:
+            self._abort = self._abort or CLOSED
+            self._moment.pressed.notify_all()
+        if self._flying is not None:
+            self._flying.join(within_s)
+
+    # The card's own thread.
+
+    def _busy(self) -> bool:
+        return self._flying is not None and self._flying.is_alive()
+
+    def _begin(self) -> None:
+        session = self._link.session
+        assert session is not None
+        self._abort, self._started = None, False
+        self._notes.clear()
+        self._moment.set(
+            stage=Stage.CHECKING, runs=_views(self._card), current=1, progress=None, use=None, checks=(), said=""
+        )
+        self._flying = threading.Thread(target=self._fly, args=(session, self._card), name="tippath card", daemon=True)
+        self._flying.start()
+
+    def _fly(self, session: Session, card: TestCard) -> None:
+        words, landed = "", None
+        try:
+            profile = require_flyable(session, card)
+            folder = create(None, self._folder)
+            self._moment.set(flight=folder.path)
+            result = fly_card(
+                session,
+                card,
+                profile,
+                folder=folder,
+                confirm=self._briefed,
+                on_progress=self._progressed,
+                aborted=lambda: self._abort,
+                about={"command": "fly", "link": session.link},
+                probe=self._probe,
+            )
+            words = self._landed(result)
+            landed = result.folder.path if result.recording is not None and result.recording.logs else None
+        except TippathError as error:
+            words = str(error)
+        except Exception as error:  # a fault of ours must neither hide nor end the app in flight
+            words = f"the card stopped on a fault: {type(error).__name__}: {error}"
+        finally:
+            self._over(words)
+            if landed is not None and not self._link.ending.is_set():
+                threading.Thread(target=self._on_landed, args=(landed,), name="tippath runs", daemon=True).start()
+
+    def _over(self, words: str) -> None:
+        with self._moment.lock:
+            for run in self._moment.now.runs:
+                if run.mark in (Mark.WAITING, Mark.NEXT, Mark.READY, Mark.FLYING):
+                    self._moment.mark(run.number, Mark.SKIPPED)
+            stage = Stage.IDLE if self._link.session is not None else Stage.NO_VEHICLE
+            self._moment.set(stage=stage, current=0, progress=None, said=words, rpm_reference=None)
+
+    def _landed(self, result: SweepResult) -> str:
+        kept = sum(run.clean for run in result.runs)
+        where = word(result.folder.path)
+        link = word(self._link.word or "LINK")
+        command = f"tippath sweep --connect {link} --card {word(self._card_word)} -o {where}"
+        self._moment.did(command)
+        with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
+            result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
+        text = f"recorded {where}: {kept} of {result.planned} runs kept, {result.missing_words}"
+        problems = () if result.recording is None else result.recording.problems
+        return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *problems])
+
+    def _briefed(self, briefing: Briefing) -> bool:
+        runs = tuple(_view(run) for run, _ in briefing.plans)
+        self._moment.set(checks=tuple(briefing.checks), link_loss=briefing.link_loss.words, runs=runs)
+        return self._abort is None
+
+    def _progressed(self, progress: Progress) -> None:
+        match progress:
+            case RunReady():
+                self._wait_for_start(progress)
+            case RunProgress():
+                self._show(progress)
+            case RunResult():
+                self._judged(progress)
+            case Probed():
+                self._moment.set(said=f"probe: {'; '.join(progress.result.words)}")
+            case Note():
+                self._notes.append(progress.words)
+                self._moment.set(said=progress.words)
+
+    def _wait_for_start(self, ready: RunReady) -> None:
+        """Wait until this run was made ready and started, or called off."""
+        session = self._link.session
+        assert session is not None
+        number = ready.run.number
+        flown = any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in self._moment.now.runs)
+        with self._moment.pressed:
+            self._started = False
+            self._moment.set(
+                stage=Stage.HELD if flown else Stage.READY,
+                current=number,
+                progress=view.Progress(0.0, ready.run.maneuver.duration_s, None, ready.plan.words),
+                rpm_reference=self._link.rpm(),
+                disk_free=None if self._moment.now.flight is None else free_bytes(self._moment.now.flight),
+            )
+            self._moment.mark(number, Mark.NEXT if flown else Mark.READY)
+            if self._moment.now.said == TOO_EARLY:
+                self._moment.set(said="")
+            mode = session.snapshot().mode
+            while not self._started and self._abort is None:
+                self._moment.pressed.wait(0.1)
+                self._abort = self._abort or self._called_off(session.snapshot(), mode)
+            if self._abort is None:
+                self._moment.set(stage=Stage.FLYING, said="", use=None)
+                self._moment.mark(number, Mark.FLYING)
+
+    def _called_off(self, vehicle: VehicleSnapshot, mode: int) -> str | None:
+        if self._link.ending.is_set():
+            return CLOSED
+        if vehicle.lost:
+            return "the link was lost while a run waited for its start"
+        if not vehicle.armed:
+            return "the vehicle was disarmed while a run waited for its start"
+        if vehicle.mode != mode:
+            return f"the mode is {vehicle.mode_name}: the pilot has it"
+        return None
+
+    def _show(self, progress: RunProgress) -> None:
+        duration = progress.plan.maneuver.duration_s
+        early = progress.phase is Phase.RETURNING and progress.elapsed_s < duration - 0.2
+        with self._moment.lock:
+            stage = self._moment.now.stage
+            if early and stage is Stage.FLYING:
+                stage = Stage.ABORTING
+                if progress.ending is not None:
+                    self._moment.set(said=f"{progress.ending.value}: {progress.reason}")
+            self._moment.set(
+                stage=stage,
+                progress=view.Progress(progress.elapsed_s, duration, progress.frequency_hz, progress.plan.words),
+                use=progress.use,
+            )
+
+    def _judged(self, result: RunResult) -> None:
+        mark, why, words = _outcome(result)
+        last = result.run.number == result.run.of or result.ending is not Ending.FINISHED
+        with self._moment.lock:
+            self._moment.mark(result.run.number, mark, why)
+            self._moment.set(
+                stage=Stage.CLOSING if last else Stage.CHECKING,
+                said=f"{result.run.label}: {words}",
+                progress=None,
+                checks=(),
+            )
+
+
+def _outcome(result: RunResult) -> tuple[Mark, tuple[str, ...], str]:
+    """What became of a run, why in parts, and both in a sentence."""
+    verdict = result.verdict
+    if verdict is None:
+        return Mark.SKIPPED, (result.reason,), result.reason
+    if result.clean:
+        return Mark.KEEP, verdict.figures, verdict.words
+    if result.ending is Ending.FINISHED:
+        return Mark.AGAIN, ("; ".join(verdict.reasons), *verdict.figures), verdict.words
+    words = f"{result.ending.value}: {result.reason}"
+    return Mark.AGAIN, (words,), words
+
+
+def _views(card: TestCard) -> tuple[RunView, ...]:
+    return tuple(_view(run) for run in card.runs())
+
+
+def _view(run: CardRun) -> RunView:
+    locked = run.locked_by is not None
+    return RunView(
+        number=run.number,
+        label=run.label,
+        numbers=run.maneuver.numbers,
+        kind=run.maneuver.kind,
+        size=run.maneuver.size,
+        mark=Mark.LOCKED if locked else Mark.WAITING,
+        why=(f"until {run.locked_by} is clean",) if locked else (),
+    )

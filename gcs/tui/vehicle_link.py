@@ -1,0 +1,188 @@
+"""The app's link to a vehicle: looked for until it is there, then watched; what it last told of rates and gains."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from gcs.errors import LinkError, TippathError
+from gcs.flight.live import LiveWindow
+from gcs.flight.session import Session
+from gcs.link.procedures import ProcedureError, ReadParameter
+from gcs.tui.moment import Moment
+from gcs.tui.state import Bank, Stage
+from gcs.vehicle.snapshot import STABILIZE, SYSTEMID, VehicleSnapshot
+
+CONNECT_S = 3.0
+AGAIN_S = 1.0
+WATCH_S = 0.05
+KEPT_TELEMETRY = 1200
+
+
+class SimulatedVehicle(Protocol):
+    """A simulated vehicle that the app started, and the pilot of it."""
+
+    @property
+    def ground_link(self) -> str: ...
+    def say(self, line: str) -> str:
+        """One line to its pilot; the reply."""
+
+    def close(self) -> None: ...
+
+
+class VehicleLink:
+    """Looks for the vehicle in a thread of its own, once begun."""
+
+    def __init__(
+        self,
+        moment: Moment,
+        link: str | None,
+        start_vehicle: Callable[[], SimulatedVehicle] | None,
+        open_session: Callable[..., Session],
+        *,
+        primary: bool,
+    ) -> None:
+        self._moment = moment
+        self.word = link
+        """The LINK; None where no vehicle is looked for, and until a simulated one has started."""
+        self._start_vehicle = start_vehicle
+        self._open_session = open_session
+        self._primary = primary
+        self.ending = threading.Event()
+        self.session: Session | None = None
+        self.mode_before = STABILIZE
+        """The last mode that was not the excitation's."""
+        self._vehicle: SimulatedVehicle | None = None
+        self._telemetry: deque[tuple[float, float, float]] = deque(maxlen=KEPT_TELEMETRY)
+        self._conductor = threading.Thread(target=self._conduct, name="tippath app", daemon=True)
+
+    def begin(self) -> None:
+        """Begin to look."""
+        self._conductor.start()
+
+    def snapshot(self) -> VehicleSnapshot | None:
+        """The vehicle now; None where there is none."""
+        if self.session is None:
+            return None
+        try:
+            return self.session.snapshot()
+        except LinkError:
+            return None
+
+    def rpm(self) -> float | None:
+        """Of its rotor."""
+        vehicle = self.snapshot()
+        return None if vehicle is None else vehicle.rpm
+
+    def window(self, last_s: float) -> LiveWindow:
+        """The log's samples while it is recorded, else what telemetry told of the rates."""
+        session = self.session
+        if session is not None:
+            with contextlib.suppress(LinkError):
+                if session.snapshot().recording is not None:
+                    window = session.samples(last_s)
+                    if window.t.size:
+                        return window
+        with self._moment.lock:
+            rows = np.array(self._telemetry, dtype=float).reshape(-1, 3)
+        rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
+        unknown = np.full(len(rows), np.nan)
+        return LiveWindow(
+            t=rows[:, 0],
+            p=rows[:, 1],
+            q=rows[:, 2],
+            delta_x=unknown,
+            delta_y=unknown,
+            excitation_x=unknown,
+            excitation_y=unknown,
+        )
+
+    def pilot(self, line: str) -> None:
+        """A line to the pilot of the simulated vehicle that this app started; there is none on any other link.
+
+        `lqr` throws the bank switch to its other position.
+        """
+        vehicle = self._vehicle
+        if vehicle is None:
+            raise TippathError("there is no simulated pilot on this link")
+        if line == "lqr":
+            bank = self._moment.now.bank
+            line = "lqr off" if bank is not None and bank.switch_on else "lqr on"
+        reply = vehicle.say(line)
+        self._moment.set(said=f"simulated pilot, {line}: {reply}")
+        if line.startswith("lqr"):
+            self._read_bank()
+
+    def close(self) -> None:
+        """Let the link and the simulated vehicle go. Twice is no harm."""
+        if self.session is not None:
+            self.session.close()
+        if self._vehicle is not None:
+            self._vehicle.close()
+
+    def _conduct(self) -> None:
+        try:
+            if self._start_vehicle is not None:
+                self._moment.set(trouble="the simulated vehicle is starting")
+                self._vehicle = self._start_vehicle()
+                self.word = self._vehicle.ground_link
+                self._moment.set(link=self.word)
+                if self.ending.is_set():
+                    self._vehicle.close()
+                    return
+        except TippathError as error:
+            self._moment.set(trouble=str(error))
+            return
+        if self.word is None:
+            return
+        while not self.ending.is_set() and self.session is None:
+            self._connect(self.word)
+        while not self.ending.wait(WATCH_S):
+            self._watch()
+
+    def _connect(self, link: str) -> None:
+        try:
+            session = self._open_session(link, primary=self._primary, connect_timeout_s=CONNECT_S)
+        except TippathError as error:
+            self._moment.set(trouble=str(error))
+            self.ending.wait(AGAIN_S)
+            return
+        with self._moment.lock:
+            self.session = session
+            self._moment.set(trouble=None, stage=Stage.IDLE)
+        if self.ending.is_set():
+            session.close()
+            return
+        self._read_bank()
+
+    def _watch(self) -> None:
+        vehicle = self.snapshot()
+        if vehicle is None:
+            return
+        if vehicle.mode not in (SYSTEMID, -1):
+            self.mode_before = vehicle.mode
+        at, p, q = vehicle.attitude_at_s, vehicle.p, vehicle.q
+        if at is None or p is None or q is None:
+            return
+        with self._moment.lock:
+            if not self._telemetry or self._telemetry[-1][0] < at:
+                self._telemetry.append((at, p, q))
+
+    def _read_bank(self) -> None:
+        """What the vehicle holds, where it has a bank at all."""
+        session = self.session
+        if session is None:
+            return
+        try:
+            active = session.call(ReadParameter("LQR_ACTIVE", 2)).value
+            switch = session.call(ReadParameter("LQR_SW", 2)).value
+        except ProcedureError:
+            return
+        if active >= 0:
+            before = self._moment.now.bank
+            self._moment.set(bank=Bank(int(active), None if before is None else before.previous, switch == 1.0))

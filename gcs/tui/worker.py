@@ -1,0 +1,221 @@
+"""The app worker, between the screens and what flies: the state to show, and the few things a key may ask for.
+
+The push is `gcs.flight.gains.push`, and what is done with a flight after it was flown `gcs.desk.Desk`: the same
+functions as behind the commands. What is added here is only what a screen needs. When a card is over the desk opens the
+flight by itself.
+
+The state is replaced whole, under a lock, and never changed. `AppWorker` is what the app knows; tests give it another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+from gcs.desk import Desk
+from gcs.desk.shell import word
+from gcs.errors import LinkError, TippathError
+from gcs.flight import gains
+from gcs.flight.live import LiveWindow
+from gcs.flight.session import Session
+from gcs.tui import state as view
+from gcs.tui.card_flight import CardFlight
+from gcs.tui.moment import Moment
+from gcs.tui.state import Bank, State
+from gcs.tui.vehicle_link import SimulatedVehicle, VehicleLink
+
+CLOSE_S = 20.0
+"""How long leaving may take while a run is brought to its end."""
+
+
+class AppWorker(Protocol):
+    """What the app asks. `state` and `window` never wait; `ready`, `start`, `end_card` and `abort` only set a wish."""
+
+    @property
+    def desk(self) -> Desk:
+        """What is done with a flight after it was flown; its methods that wait are called from a worker."""
+
+    def state(self) -> State: ...
+    def window(self, last_s: float) -> LiveWindow: ...
+    def ready(self) -> None: ...
+    def start(self) -> None: ...
+    def end_card(self) -> None: ...
+    def abort(self) -> None: ...
+
+    # These wait, and are called from a worker. They raise TippathError.
+    def choose_card(self, word: str) -> None: ...
+    def open_flight(self, path: str) -> None: ...
+    def fit(self) -> None: ...
+    def design(self) -> None: ...
+    def push(self) -> None: ...
+    def revert(self) -> None: ...
+    def pilot(self, line: str) -> None: ...
+    def close(self) -> None: ...
+
+
+class FlightWorker:
+    """The real one. Made, it begins to look for the vehicle at once, in its own thread."""
+
+    def __init__(
+        self,
+        link: str | None,
+        *,
+        plant: str | None = None,
+        start_vehicle: Callable[[], SimulatedVehicle] | None = None,
+        folder: Path = Path(),
+        primary: bool = False,
+        card: str = "hover",
+        probe: bool | None = None,
+        open_session: Callable[..., Session] = Session.open,
+        make_desk: Callable[..., Desk] = Desk,
+    ) -> None:
+        """Without `link` and `start_vehicle` there is no vehicle, and the desk alone works. `make_desk` gives the desk
+        to work on, told by `on_command` and `on_said` whom to tell. With `probe`, by default on every vehicle that the
+        app did not start itself, a small step on each axis comes before a card."""
+        self._moment = Moment(State(link=link or ("the simulated vehicle" if start_vehicle else ""), plant=plant))
+        self._link = VehicleLink(self._moment, link, start_vehicle, open_session, primary=primary)
+        self._card = CardFlight(
+            self._moment,
+            self._link,
+            card,
+            folder=folder,
+            probe=start_vehicle is None if probe is None else probe,
+            on_landed=self._read_flown,
+        )
+        self._desk = make_desk(
+            on_command=self._moment.did, on_said=lambda text: self._moment.set(said=text, said_by_desk=True)
+        )
+        self._link.begin()
+
+    # What the app reads.
+
+    @property
+    def desk(self) -> Desk:
+        return self._desk
+
+    def state(self) -> State:
+        """This moment."""
+        state, session = view.joined(self._moment.now, self._desk.state()), self._link.session
+        if session is None:
+            return state
+        try:
+            vehicle = session.snapshot()
+        except LinkError:
+            return state
+        received = session.samples(0.0).received if vehicle.recording is not None else 0
+        return replace(state, vehicle=vehicle, samples=received, station=session.station)
+
+    def window(self, last_s: float) -> LiveWindow:
+        return self._link.window(last_s)
+
+    # What keys wish.
+
+    def ready(self) -> None:
+        self._card.ready()
+
+    def start(self) -> None:
+        self._card.start()
+
+    def end_card(self) -> None:
+        self._card.end_card()
+
+    def abort(self) -> None:
+        self._card.abort()
+
+    def choose_card(self, word: str) -> None:
+        self._card.choose(word)
+
+    def pilot(self, line: str) -> None:
+        self._link.pilot(line)
+
+    # The flight, once it was flown.
+
+    def _read_flown(self, flight: Path) -> None:
+        """The desk goes on with what was flown last, as soon as it is free."""
+        try:
+            self._desk.open(str(flight), wait=True)
+        except TippathError as error:
+            self._moment.set(said=f"{flight.name} was not opened: {error}")
+        except Exception as error:  # a fault of ours must not end the app
+            self._moment.set(said=f"{flight.name} was not opened: {type(error).__name__}: {error}")
+
+    def open_flight(self, path: str) -> None:
+        """Another flight folder or log to work on. Raises TippathError where there is none."""
+        if self._moment.now.stage.under_way:
+            raise TippathError("a card is being flown: end it first (1, then E)")
+        self._desk.open(path)
+        self._moment.set(flight=self._desk.state().path)
+
+    def fit(self) -> None:
+        """Fit the flight with the runs and the base that were chosen on the desk."""
+        if self._moment.now.stage.under_way:
+            raise TippathError("the card is still being flown; the fit comes after it")
+        flight = self._moment.now.flight
+        if flight is not None and self._desk.state().path != flight:
+            self._desk.open(str(flight), wait=True)
+        self._desk.fit()
+
+    def design(self) -> None:
+        """Gains on the ladder's last fit, kept as GAINS.json beside it."""
+        self._desk.design()
+
+    def push(self) -> None:
+        """The designed gains to the vehicle, as one verified set; only on the ground, disarmed."""
+        session = self._on_ground()
+        designed = self._desk.state().designed
+        if designed is None:
+            raise TippathError("no gains yet: D designs them")
+        if designed.path is None:
+            raise TippathError("the gains are not kept in any file yet: keep them in another folder first")
+        with self._moment.working("pushing gains"):
+            result = gains.push(
+                session,
+                gains.gains_of(designed.gains.to_json()),
+                on_progress=lambda step: self._moment.set(busy=f"pushing gains: {step}"),
+            )
+            self._moment.set(
+                bank=Bank(result.crc, result.previous_crc, result.switch_on),
+                said=f"committed {result.crc:06x}: {len(result.values)} values read back, equal bit for bit"
+                if result.committed
+                else f"the vehicle held {result.crc:06x} already; nothing was written",
+            )
+            did = "pushed gains" if result.committed else "pushed gains that the vehicle held already:"
+            banks = f"{gains.checksum(result.crc)}, before {gains.checksum(result.previous_crc)}"
+            self._moved(f"{did} {banks}", f"tippath push {word(designed.path)}")
+
+    def revert(self) -> None:
+        """Back to the bank before the last commit; only on the ground, disarmed."""
+        session = self._on_ground()
+        with self._moment.working("reverting"):
+            result = gains.revert(session)
+            bank = self._moment.now.bank
+            self._moment.set(
+                bank=Bank(result.crc, result.reverted_crc, None if bank is None else bank.switch_on),
+                said=f"{result.crc:06x} is active again"
+                if result.crc
+                else "no LQR is active, as before the first push",
+            )
+            banks = f"{gains.checksum(result.crc)}, before {gains.checksum(result.reverted_crc)}"
+            self._moved(f"reverted gains to {banks}", "tippath revert")
+
+    def _moved(self, did: str, command: str) -> None:
+        """Tell of gains that were moved."""
+        on_link = f"{command} --connect {word(self._link.word or 'LINK')}"
+        self._moment.did(on_link)
+        self._desk.audit(did, on_link)
+
+    def _on_ground(self) -> Session:
+        reason = self.state().not_on_ground()
+        if reason is not None:
+            raise TippathError(reason)
+        assert self._link.session is not None
+        return self._link.session
+
+    def close(self) -> None:
+        """End a run under way, then recording, the link and the simulated vehicle. Twice is no harm."""
+        self._desk.cancel()
+        self._link.ending.set()
+        self._card.close(CLOSE_S)
+        self._link.close()

@@ -1,0 +1,64 @@
+"""The app's Diagnose screen offers keys, and never what one types in a shell, whatever is to be told apart how."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from fake_desk import ASKED, OPEN
+
+from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
+from gcs.tui import desk_words
+from sysid.diagnose.next_maneuver import NextManeuver
+from sysid.model.effect import catalogue
+
+PLANS = [
+    f"{axis} {what}, amplitude 0.1{larger}{often}"
+    for axis, what, larger, often in itertools.product(
+        ("roll", "pitch", "elevator"),
+        ("chirp 0.5-10 Hz, 30 s", "doublet of 0.25 s pulses, 6 s"),
+        ("", " (1.41 times the flown one)"),
+        ("", " twice", " three times"),
+    )
+]
+
+
+def unexplained(proposal: NextManeuver) -> Any:
+    """A diagnosis of which nothing is known but what to fly next."""
+    nrmse = {"p": 60.0, "q": 60.0}
+    structure = SimpleNamespace(base="tpp", effects=(), parameters=())
+    parent = SimpleNamespace(nrmse_percent=nrmse, model=SimpleNamespace(structure=structure, values=()))
+    last = SimpleNamespace(
+        verdict="unexplained", winner=None, chain=(), candidates=(), pairs=(), indistinguishable=(), parent=parent,
+        noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, stands_in=False, effect=None,
+    )  # fmt: skip
+    return SimpleNamespace(
+        fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
+        comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
+        hiding=SimpleNamespace(harmful=(), others=(), sentences=()),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("plan", PLANS)
+def test_every_proposal_offers_the_key_and_never_the_option(plan: str) -> None:
+    shell, keys = [], []
+    for separates in itertools.permutations(catalogue(), 2):
+        diagnosis = unexplained(NextManeuver(plan, separates, "", 4.0, {"name": "card", "maneuver": []}))
+        rung = replace(ASKED, diagnosis_text=diagnosis_blocks(diagnosis))
+        lines = desk_words.verdict_lines(replace(OPEN, ladder=(rung,)), 80)
+        words = " ".join(" ".join(line if isinstance(line, str) else line[0] for line in lines).split())
+        shell += [separates] if "CARD.toml" in words else []
+        keys += [] if "; W writes that as a test card" in words else [separates]
+    assert not shell
+    assert not keys
+
+
+def test_a_shell_is_told_the_option() -> None:
+    proposal = NextManeuver(PLANS[0], ("servo_lag", "gyro_lag"), "", 4.0, {"name": "card", "maneuver": []})
+    words = " ".join(diagnosis_text(unexplained(proposal)).split())
+    assert f"to tell servo_lag from gyro_lag: {PLANS[0]}; --card CARD.toml writes that as a test card" in words
+    without = diagnosis_text(unexplained(replace(proposal, card=None)))
+    assert "CARD.toml" not in without
