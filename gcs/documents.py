@@ -6,7 +6,7 @@ it refuses, the struct's own description is walked beside the document for the f
 wrote it. A document is a stranger's: its size, its depth and its numbers are bounded before anything is believed, and
 what it holds is shown only in quotes.
 
-    class Step(documents.Strict):
+    class Step(documents.Strict, frozen=True, kw_only=True):
         amplitude: Annotated[float, Meta(ge=0.01, le=0.99)]
 
     documents.read_toml(path, Step)    # DocumentError: "my.toml: unknown key 'amplitud'; did you mean amplitude?"

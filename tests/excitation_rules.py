@@ -82,10 +82,10 @@ FIRST_START_S = 4.5
 """About when the first start is due."""
 NOT_KNOWN = ("not known", "does not tell", "must take it", "tippath abort", "could not be told")
 FLOWN = (
-    Maneuver("chirp", "roll", 0.1, 1.5, f_start_hz=2.0),
-    Maneuver("doublet", "pitch", 0.6, 1.5, target="rate"),
-    Maneuver("chirp", "pitch", 0.3, 1.5, f_start_hz=2.5),
-    Maneuver("chirp", "roll", 0.1, 12.0, f_start_hz=2.0),
+    Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=1.5, f_start_hz=2.0),
+    Maneuver(kind="doublet", axis="pitch", amplitude=0.6, duration_s=1.5, target="rate"),
+    Maneuver(kind="chirp", axis="pitch", amplitude=0.3, duration_s=1.5, f_start_hz=2.5),
+    Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=12.0, f_start_hz=2.0),
 )
 OWN_SETTINGS = ((0.0, 15.0), (10.0, 0.05), (7.0, 40.0), (0.0, 0.0), (11.0, 0.5), (10.0, 15.0))
 """Axis and magnitude that a user may have left in the vehicle; the third is harmless on its own axis only, the last
@@ -1612,7 +1612,7 @@ def play(history: History, code: Code = REAL, *, story: bool = False) -> Outcome
 
 def _fly(world: World) -> str:
     history, sweep = world.history, world.code.sweep
-    card = TestCard("rules", tuple(FLOWN[number] for number in history.runs), rest_s=0.5)
+    card = TestCard(name="rules", maneuvers=tuple(FLOWN[number] for number in history.runs), rest_s=0.5)
     clock, folder, limits = _Time(world), _Folder(), Limits()
 
     def on_progress(progress: Any) -> None:

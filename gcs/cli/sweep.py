@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         amplitude = 0.1 if args.amplitude is None else args.amplitude
         duration_s = 30.0 if args.duration is None else args.duration
-        card = single_card(Maneuver("chirp", args.axis, amplitude, duration_s))
+        card = single_card(Maneuver(kind="chirp", axis=args.axis, amplitude=amplitude, duration_s=duration_s))
     lines = ProgressLines(card.limits)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:

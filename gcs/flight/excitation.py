@@ -238,7 +238,7 @@ def abort(
     now = clock.now()
     # A link found again may carry anything before the heartbeat that tells what became of the vehicle meanwhile.
     new = last is not None and now - last.at_s <= STALL_S and (last.late_s is None or last.late_s <= FRESH_S)
-    silent = Maneuver("quiet")
+    silent = Maneuver(kind="quiet")
     plan = Plan(silent, (), {}, "", 0, excitation_mode, 0.0, silent.duration_s, silent.duration_s)
     returning = Excitation(session, plan, Limits(), clock, mode_before=mode)
     returning.state = RunState(

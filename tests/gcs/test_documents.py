@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import random
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import jsonschema
 import pytest
+from damaged_documents import changed
 from msgspec import Meta
 
 from gcs import documents
@@ -208,48 +209,13 @@ def test_the_schema_says_the_same(tmp_path: Path) -> None:
             jsonschema.validate({**sound, **change}, schema)
 
 
-def _leaf(rng: random.Random) -> Any:
-    return rng.choice(
-        [
-            None,
-            True,
-            0,
-            -1,
-            10**400,
-            1e308,
-            float("nan"),
-            float("-inf"),
-            "",
-            "x" * 500,
-            "\x1b[2J",
-            [],
-            {},
-            [[1]],
-            {"a": 1},
-        ]
-    )
-
-
-def _changed(document: Any, rng: random.Random) -> Any:
-    """The document with one value, key or entry changed somewhere."""
-    if not isinstance(document, dict | list) or not document or rng.random() < 0.2:
-        return _leaf(rng)
-    if isinstance(document, list):
-        at = rng.randrange(len(document))
-        return [_changed(child, rng) if k == at else child for k, child in enumerate(document)]
-    key = rng.choice(list(document))
-    if rng.random() < 0.3:
-        return {rng.choice(["", "nam", "\x1b", key.upper()]) if k == key else k: v for k, v in document.items()}
-    return {k: _changed(v, rng) if k == key else v for k, v in document.items()}
-
-
 def test_whatever_is_changed_it_is_read_or_refused() -> None:
     rng = random.Random(1)
     sound = documents.toml_table(GOOD, "x")
     refusals = []
     for _ in range(2000):
         try:
-            documents.convert(_changed(sound, rng), Card, "x", rng.choice(["TOML", "JSON"]))
+            documents.convert(changed(sound, rng), Card, "x", rng.choice(["TOML", "JSON"]))
         except DocumentError as error:
             refusals.append(str(error))
     assert len(refusals) > 1200
@@ -262,7 +228,7 @@ def test_first_fault_sees_what_the_reader_sees() -> None:
     rng = random.Random(2)
     sound = documents.toml_table(GOOD, "x")
     for _ in range(2000):
-        document = _changed(sound, rng)
+        document = changed(sound, rng)
         try:
             documents.convert(document, Card, "x")
         except DocumentError:

@@ -25,7 +25,7 @@ def profile() -> VehicleProfile:
 
 @pytest.fixture
 def plan(profile: VehicleProfile) -> Plan:
-    return profile.plan(Maneuver("chirp", "roll", 0.1, 30.0))
+    return profile.plan(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=30.0))
 
 
 @pytest.fixture

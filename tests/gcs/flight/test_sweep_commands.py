@@ -129,7 +129,9 @@ def test_the_lines_of_a_card_say_what_is_flown_and_what_it_was_worth(tmp_path: P
 
     fly_card(
         session,
-        TestCard("two", (Maneuver("chirp", "roll", 0.1, 10.0, repeat=2),)),
+        TestCard(
+            name="two", maneuvers=(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0, repeat=2),)
+        ),
         folder=create(tmp_path / "f"),
         clock=session,
         disk_free=lambda _: 10**12,
@@ -161,7 +163,7 @@ def test_a_lost_link_is_told_with_the_wait_the_way_out_and_who_takes_over(tmp_pa
 
     fly_card(
         session,
-        TestCard("one", (Maneuver("chirp", "roll", 0.1, 10.0),)),
+        TestCard(name="one", maneuvers=(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0),)),
         folder=create(tmp_path / "f"),
         clock=session,
         disk_free=lambda _: 10**12,

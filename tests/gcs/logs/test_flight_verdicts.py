@@ -35,7 +35,13 @@ def flown_about(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             started.append(vehicle.entered)
         return "Ctrl-C" if len(started) == 2 and vehicle.now > started[1] + 4.0 else None
 
-    card = TestCard("two", (Maneuver("chirp", "roll", 0.1, 10.0), Maneuver("chirp", "pitch", 0.1, 10.0)))
+    card = TestCard(
+        name="two",
+        maneuvers=(
+            Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0),
+            Maneuver(kind="chirp", axis="pitch", amplitude=0.1, duration_s=10.0),
+        ),
+    )
     fly_card(session, card, folder=folder, clock=session, disk_free=lambda _: 10**12, aborted=aborted)
     about: dict[str, Any] = folder.read()
     assert [run["ending"] for run in about["runs"]] == ["finished", "aborted"]

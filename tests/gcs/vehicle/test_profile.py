@@ -10,7 +10,7 @@ from gcs.cards.maneuver import Maneuver
 from gcs.errors import TippathError
 from gcs.vehicle.profile import CannotFlyError, bundled_profiles, choose_profile, parse_profile
 
-CHIRP = Maneuver("chirp", "pitch", 0.15, 30.0)
+CHIRP = Maneuver(kind="chirp", axis="pitch", amplitude=0.15, duration_s=30.0)
 ARDUPILOT, PX4 = 3, 12
 SIDX = {"SID_AXIS": 0.0, "SIDX_LAW": 0.0, "SIDX_KIND": 0.0}
 
@@ -48,10 +48,12 @@ def test_table_1_is_written_parameter_by_parameter_the_axis_first() -> None:
 
 def test_another_law_than_table_1_is_not_called_table_1() -> None:
     profile = choose_profile(SIDX, ARDUPILOT)
-    words = profile.plan(Maneuver("chirp", "roll", 0.1, 30.0, noise_fraction=0.1)).words
+    words = profile.plan(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=30.0, noise_fraction=0.1)).words
     assert words == "Table 1's law with 0.5-10 Hz, noise 0.1, C1 4"
-    assert profile.plan(Maneuver("doublet", "roll", 0.1, 8.0)).words.startswith("doublets")
-    assert profile.plan(Maneuver("quiet", duration_s=10.0)).words == "nothing added"
+    assert profile.plan(Maneuver(kind="doublet", axis="roll", amplitude=0.1, duration_s=8.0)).words.startswith(
+        "doublets"
+    )
+    assert profile.plan(Maneuver(kind="quiet", duration_s=10.0)).words == "nothing added"
 
 
 def test_plain_ardupilot_says_what_it_flies_and_writes_nothing_it_lacks() -> None:
@@ -70,7 +72,7 @@ def test_plain_ardupilot_says_what_it_flies_and_writes_nothing_it_lacks() -> Non
 
 def test_the_time_of_finished_is_that_of_a_real_ardupilot() -> None:
     # quad_pitch_from_vehicle.tlog: "Starting" at 74.60 s, "Finished" at 146.62 s, with these settings
-    maneuver = Maneuver("chirp", "pitch", 0.05, 60.0, fade_in_s=5.0, fade_out_s=2.0)
+    maneuver = Maneuver(kind="chirp", axis="pitch", amplitude=0.05, duration_s=60.0, fade_in_s=5.0, fade_out_s=2.0)
     plan = choose_profile({"SID_AXIS": 0.0}, ARDUPILOT).plan(maneuver)
     assert plan.finished_s == pytest.approx(146.62 - 74.60, abs=0.1)
 
@@ -78,10 +80,13 @@ def test_the_time_of_finished_is_that_of_a_real_ardupilot() -> None:
 @pytest.mark.parametrize(
     ("maneuver", "words"),
     [
-        (Maneuver("doublet", "roll", 0.1, 8.0), "no doublet; leave it out of the card and let the pilot fly it"),
-        (Maneuver("quiet", duration_s=10.0), "no quiet"),
-        (Maneuver("chirp", "elevator", 0.1, 30.0), "not elevator"),
-        (Maneuver("chirp", "roll", 0.1, 3.0), "no two periods"),
+        (
+            Maneuver(kind="doublet", axis="roll", amplitude=0.1, duration_s=8.0),
+            "no doublet; leave it out of the card and let the pilot fly it",
+        ),
+        (Maneuver(kind="quiet", duration_s=10.0), "no quiet"),
+        (Maneuver(kind="chirp", axis="elevator", amplitude=0.1, duration_s=30.0), "not elevator"),
+        (Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=3.0), "no two periods"),
     ],
 )
 def test_what_plain_ardupilot_cannot_fly_is_refused(maneuver: Maneuver, words: str) -> None:
@@ -90,7 +95,9 @@ def test_what_plain_ardupilot_cannot_fly_is_refused(maneuver: Maneuver, words: s
 
 
 def test_a_rate_maneuver_goes_to_the_rate_axis_in_degrees() -> None:
-    plan = choose_profile(SIDX, ARDUPILOT).plan(Maneuver("doublet", "pitch", 0.3, 8.0, target="rate", pulse_s=0.5))
+    plan = choose_profile(SIDX, ARDUPILOT).plan(
+        Maneuver(kind="doublet", axis="pitch", amplitude=0.3, duration_s=8.0, target="rate", pulse_s=0.5)
+    )
     values = dict(plan.writes)
     assert values["SID_AXIS"] == 8
     assert values["SID_MAGNITUDE"] == pytest.approx(math.degrees(0.3))
@@ -98,7 +105,7 @@ def test_a_rate_maneuver_goes_to_the_rate_axis_in_degrees() -> None:
 
 
 def test_the_elevator_is_an_axis_where_the_vehicle_has_one() -> None:
-    plan = choose_profile(SIDX, ARDUPILOT).plan(Maneuver("chirp", "elevator", 0.3, 30.0))
+    plan = choose_profile(SIDX, ARDUPILOT).plan(Maneuver(kind="chirp", axis="elevator", amplitude=0.3, duration_s=30.0))
     assert (plan.axis_number, plan.words) == (20, "Table 1")
     assert plan.writes[0] == ("SID_AXIS", 20.0)
 
