@@ -51,7 +51,7 @@ from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
-from gcs.flight.preflight import LAG_LIMIT_S, LinkLoss
+from gcs.flight.preflight import LAG_LIMIT_S
 from gcs.flight.recorder import RecordingSummary
 from gcs.link.clock import LOST_AFTER_S, SWAP_S
 from gcs.link.encode import DO_SET_MODE, BlockStatus, Command, ParamRead, ParamWrite, Ping, Send
@@ -68,6 +68,7 @@ from gcs.link.events import (
     float_of_bits,
 )
 from gcs.link.procedures import NoAnswerError
+from gcs.vehicle.autopilots import LinkLoss
 from gcs.vehicle.profile import VehicleProfile, bundled_profiles
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 

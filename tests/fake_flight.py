@@ -22,7 +22,8 @@ from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
 from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
 from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
-from gcs.vehicle.snapshot import Beat, Text, VehicleSnapshot, mode_name
+from gcs.vehicle.autopilots import mode_name
+from gcs.vehicle.snapshot import Beat, Text, VehicleSnapshot
 
 T = TypeVar("T")
 

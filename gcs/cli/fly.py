@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gcs.cli.push import add_vehicle_option
+
 if TYPE_CHECKING:
     from gcs.tui.reconnect import Reconnecting
 
@@ -43,6 +45,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "-o", dest="output", metavar="DIR", type=Path, default=Path(), help="where the flights' folders are made"
     )
     parser.add_argument("--card", metavar="CARD", default="hover", help="a TOML file or a bundled card (default hover)")
+    add_vehicle_option(parser)
     parser.add_argument(
         "--primary",
         action="store_true",
@@ -99,11 +102,14 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
     from gcs.cards.maneuver import load_card
     from gcs.link.transport import parse_link
+    from gcs.vehicle.profile import load_profile
 
     # Before anything is started, and before it is asked where: words that make no sense do so anywhere.
     if args.connect is not None:
         parse_link(args.connect)
     load_card(args.card)
+    if args.vehicle is not None:
+        load_profile(args.vehicle)
     if args.flight is not None and not Path(args.flight).expanduser().exists():
         raise TippathError(f"{args.flight}: no such folder or log")
     if args.serve is not None:
@@ -126,7 +132,14 @@ def run(args: argparse.Namespace) -> int:
         place = simulated(args.sim, seed=args.seed, on_ground=args.on_ground)
     first = "runs" if args.flight is not None else "connect" if place is NOWHERE else "fly"
     with contextlib.ExitStack() as ends:
-        engine = Reconnecting(place, folder=args.output, primary=args.primary, card=args.card, probe=args.probe)
+        engine = Reconnecting(
+            place,
+            folder=args.output,
+            primary=args.primary,
+            card=args.card,
+            profile=args.vehicle,
+            probe=args.probe,
+        )
         ends.callback(_close, engine)
         app = TippathApp(
             engine,
@@ -192,6 +205,7 @@ def _again(args: argparse.Namespace) -> list[str]:
         ("--sim", args.sim),
         ("-o", args.output),
         ("--card", args.card),
+        ("--vehicle", args.vehicle),
         ("--seed", args.seed),
         ("--plot", args.plot),
         ("--theme", args.theme),

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs.cli.push import add_link_options
+from gcs.cli.push import add_link_options, add_vehicle_option
 
 if TYPE_CHECKING:
     from gcs.analysis.following import Following
@@ -61,6 +61,10 @@ A card is a TOML file. What is left out is the paper's Table 1:
   target = "command"          # or "rate": added to the rate command, for the LQR to follow
   pulse_s = 0.25              # doublets only
 
+A vehicle profile (--vehicle) is a TOML file: which modes, axes and parameters fly a maneuver, and how large one may
+be. Those that come with the package lie in gcs/vehicle/profiles; copy one and change it. The vehicle must have the
+parameters that its "needs" names.
+
 --json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
 "card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "probe": {"ok", "wrong",
 "findings", "answers", "words"} or null, "runs": [{"label", "purpose", "maneuver",
@@ -81,6 +85,7 @@ def add_parser(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_link_options(parser)
+    add_vehicle_option(parser)
     parser.add_argument(
         "--card", metavar="CARD.toml|NAME", help="a test card; hover, forward, quick and lqr-doublet are there"
     )
@@ -111,6 +116,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.flight.session import Session
     from gcs.flight.sweep import Briefing, Ending, fly_card, require_flyable
     from gcs.logs.words import printable
+    from gcs.vehicle.profile import load_profile
 
     single = [name for name in ("axis", "amplitude", "duration") if getattr(args, name) is not None]
     if args.card is not None and single:
@@ -123,11 +129,12 @@ def run(args: argparse.Namespace) -> int:
         amplitude = 0.1 if args.amplitude is None else args.amplitude
         duration_s = 30.0 if args.duration is None else args.duration
         card = single_card(Maneuver(kind="chirp", axis=args.axis, amplitude=amplitude, duration_s=duration_s))
+    profiles = () if args.vehicle is None else (load_profile(args.vehicle),)
     lines = ProgressLines(card.limits)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
-        profile = require_flyable(session, card)
-        simulated = not args.hardware and is_loopback(args.connect) and "SIDX_LAW" in profile.needs
+        profile = require_flyable(session, card, profiles=profiles)
+        simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
         if not simulated:
             require_terminal(args.yes)
 

@@ -2,8 +2,8 @@
 
 PARAM_SET writes one value, so a set goes to the vehicle's shadow bank, is read back bit for bit, and one write of its
 checksum makes it the active bank. What the vehicle then flies is read back once more. Commit and revert act when
-written, so neither is ever sent twice blindly: a lost answer is made good by reading LQR_ACTIVE, because a second
-commit would overwrite the bank to go back to.
+written, so neither is ever sent twice blindly: a lost answer is made good by asking which bank is active, because a
+second commit would overwrite the bank to go back to.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from gcs.errors import LinkError, TippathError
 from gcs.flight.session import Session
 from gcs.link.events import bits_of_float, float_of_bits
 from gcs.link.procedures import NoAnswerError, Parameter, Procedure, ProcedureError, ReadParameter, WriteParameter
+from gcs.vehicle.autopilots import ACTIVE, ACTIVE_CRC, BANK_KNOWN_BY, COMMIT, NO_BANK, REVERT, SHADOW, SWITCH
 
 FORMAT = "tippath.gains/1"
 
@@ -189,17 +190,17 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     _require_disarmed(session, "nothing was written")
     _require_bank(session)
     previous = _active_crc(session)
-    if previous == gains.crc and _bank(session, "LQR_") == gains.bits:
+    if previous == gains.crc and _bank(session, ACTIVE) == gains.bits:
         return PushResult(gains.crc, previous, False, gains.values, _switch(session))
 
     on_progress(f"writing {len(BANK)} values to the shadow bank")
     for name, bits in zip(BANK, gains.bits, strict=True):
-        _call(session, WriteParameter(f"LQS_{name}", float_of_bits(bits)))
+        _call(session, WriteParameter(SHADOW + name, float_of_bits(bits)))
     on_progress("reading the shadow bank back")
-    _require_equal(_bank(session, "LQS_"), gains.bits, "shadow bank", "nothing was committed")
+    _require_equal(_bank(session, SHADOW), gains.bits, "shadow bank", "nothing was committed")
 
     on_progress(f"committing {checksum(gains.crc)}")
-    refusal = _act(session, "LQR_COMMIT", float(gains.crc), previous)
+    refusal = _act(session, COMMIT, float(gains.crc), previous)
     active = _active_crc(session)
     if active != gains.crc:
         raise GainsError(
@@ -207,7 +208,7 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
             f"the active bank is {'as before' if active == previous else 'another one'}"
         )
     on_progress("reading the active bank back")
-    _require_equal(_bank(session, "LQR_"), gains.bits, "active bank", "do not fly it: revert")
+    _require_equal(_bank(session, ACTIVE), gains.bits, "active bank", "do not fly it: revert")
     return PushResult(gains.crc, previous, True, gains.values, _switch(session))
 
 
@@ -219,7 +220,7 @@ def revert(session: Session) -> RevertResult:
     _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
     _require_bank(session)
     before = _active_crc(session)
-    refusal = _act(session, "LQR_REVERT", 1.0, before)
+    refusal = _act(session, REVERT, 1.0, before)
     after = _active_crc(session)
     if after == before and refusal is not None:
         raise GainsError(f"the vehicle did not go back: {refusal}; the active bank is as before ({checksum(before)})")
@@ -233,13 +234,10 @@ def _require_disarmed(session: Session, then: str) -> None:
 
 def _require_bank(session: Session) -> None:
     try:
-        session.call(ReadParameter("LQS_K11", 4))
+        session.call(ReadParameter(BANK_KNOWN_BY, 4))
     except ProcedureError as error:
         _require_link(session, error)
-        raise GainsError(
-            "this vehicle offers no LQR bank (it has no parameter LQS_K11): gains can only be pushed to a vehicle "
-            "whose autopilot runs the LQR"
-        ) from error
+        raise GainsError(NO_BANK) from error
 
 
 def _require_link(session: Session, error: ProcedureError) -> None:
@@ -281,11 +279,11 @@ def _act(session: Session, name: str, value: float, before: int) -> str | None:
 
 def _in_hex(text: str, name: str, value: float) -> str:
     """What is said about a write of a checksum, with the checksum as it is written everywhere else."""
-    return text.replace(f"{value:.9g}", checksum(int(value))) if name == "LQR_COMMIT" else text
+    return text.replace(f"{value:.9g}", checksum(int(value))) if name == COMMIT else text
 
 
 def _active_crc(session: Session) -> int:
-    return int(_finite(_call(session, ReadParameter("LQR_ACTIVE"))))
+    return int(_finite(_call(session, ReadParameter(ACTIVE_CRC))))
 
 
 def _finite(parameter: Parameter) -> float:
@@ -296,7 +294,7 @@ def _finite(parameter: Parameter) -> float:
 
 def _switch(session: Session) -> bool | None:
     try:
-        return session.call(ReadParameter("LQR_SW", 2)).value == 1.0
+        return session.call(ReadParameter(SWITCH, 2)).value == 1.0
     except ProcedureError:
         return None
 

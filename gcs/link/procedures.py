@@ -18,6 +18,7 @@ from typing import Generic, Protocol, TypeVar
 
 from gcs.errors import TippathError
 from gcs.link.encode import (
+    AUTOPILOT_VERSION,
     DO_SET_MODE,
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
@@ -419,7 +420,7 @@ class RequestAutopilotVersion(_Conversation[AutopilotVersion]):
     """Ask what the vehicle is and can do."""
 
     def _sends(self, attempt: int) -> list[Send]:
-        return [Command(REQUEST_MESSAGE, (148.0,), attempt)]
+        return [Command(REQUEST_MESSAGE, (float(AUTOPILOT_VERSION),), attempt)]
 
     def _hear(self, event: Event, now: float) -> list[Send]:
         if isinstance(event, AutopilotVersion):

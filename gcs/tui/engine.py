@@ -48,7 +48,9 @@ from gcs.flight.sweep import (
 from gcs.link.procedures import ProcedureError, ReadParameter
 from gcs.tui import state as view
 from gcs.tui.state import Bank, Mark, RunView, Stage, State
-from gcs.vehicle.snapshot import STABILIZE, SYSTEMID, VehicleSnapshot
+from gcs.vehicle.autopilots import ACTIVE_CRC, STABILIZE, SWITCH, SYSTEMID
+from gcs.vehicle.profile import load_profile
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 CONNECT_S = 3.0
 AGAIN_S = 1.0
@@ -107,13 +109,15 @@ class FlightEngine:
         folder: Path = Path(),
         primary: bool = False,
         card: str = "hover",
+        profile: str | None = None,
         probe: bool | None = None,
         open_session: Callable[..., Session] = Session.open,
         make_desk: Callable[..., Desk] = Desk,
     ) -> None:
         """Without `link` and `start_vehicle` there is no vehicle, and the desk alone works. `make_desk` gives the desk
-        to work on, told by `on_command` and `on_said` whom to tell. With `probe`, by default on every vehicle that the
-        app did not start itself, a small step on each axis comes before a card."""
+        to work on, told by `on_command` and `on_said` whom to tell. `profile` is the vehicle's, where it is not to be
+        recognised. With `probe`, by default on every vehicle that the app did not start itself, a small step on each
+        axis comes before a card."""
         self._folder = folder
         self._primary = primary
         self._start_vehicle = start_vehicle
@@ -126,6 +130,8 @@ class FlightEngine:
         self._ending = threading.Event()
         self._card = load_card(card)
         self._card_word = card
+        self._profile_word = profile
+        self._profiles = () if profile is None else (load_profile(profile),)
         self._state = State(
             link or ("the simulated vehicle" if start_vehicle else ""),
             plant,
@@ -284,7 +290,7 @@ class FlightEngine:
     def _fly(self, session: Session, card: TestCard) -> None:
         said, landed = "", None
         try:
-            profile = require_flyable(session, card)
+            profile = require_flyable(session, card, profiles=self._profiles)
             folder = create(None, self._folder)
             self._set(flight=folder.path)
             result = fly_card(
@@ -326,7 +332,8 @@ class FlightEngine:
     def _landed(self, result: SweepResult) -> str:
         kept = sum(run.clean for run in result.runs)
         where = word(result.folder.path)
-        command = f"tippath sweep --connect {self._link_word()} --card {word(self._card_word)} -o {where}"
+        vehicle = "" if self._profile_word is None else f" --vehicle {word(self._profile_word)}"
+        command = f"tippath sweep --connect {self._link_word()}{vehicle} --card {word(self._card_word)} -o {where}"
         self._did(command)
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
@@ -589,8 +596,8 @@ class FlightEngine:
         if session is None:
             return
         try:
-            active = session.call(ReadParameter("LQR_ACTIVE", 2)).value
-            switch = session.call(ReadParameter("LQR_SW", 2)).value
+            active = session.call(ReadParameter(ACTIVE_CRC, 2)).value
+            switch = session.call(ReadParameter(SWITCH, 2)).value
         except ProcedureError:
             return
         if active >= 0:

@@ -25,41 +25,10 @@ from gcs.link.events import (
     SystemTime,
     encoding_of,
 )
+from gcs.vehicle.autopilots import mode_name
 
 KEPT_TEXTS = 50
 KEPT_BEATS = 20
-
-STABILIZE, ALT_HOLD, RTL, LAND, SYSTEMID = 0, 2, 6, 9, 25
-
-COPTER_MODES = {
-    0: "Stabilize",
-    1: "Acro",
-    2: "AltHold",
-    3: "Auto",
-    4: "Guided",
-    5: "Loiter",
-    6: "RTL",
-    7: "Circle",
-    9: "Land",
-    11: "Drift",
-    13: "Sport",
-    14: "Flip",
-    15: "AutoTune",
-    16: "PosHold",
-    17: "Brake",
-    18: "Throw",
-    19: "Avoid ADSB",
-    20: "Guided NoGPS",
-    21: "Smart RTL",
-    22: "FlowHold",
-    23: "Follow",
-    24: "ZigZag",
-    25: "SystemID",
-    26: "Autorotate",
-    27: "Auto RTL",
-    28: "Turtle",
-}
-_ROTORCRAFT = {2, 3, 4, 13, 14, 15, 29, 35}
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,13 +150,6 @@ class VehicleSnapshot:
     def encoding(self) -> Encoding:
         """How the vehicle packs integer parameters; ArduPilot's way while it has not said."""
         return encoding_of(self.capabilities)
-
-
-def mode_name(mode: int, vehicle_type: int, autopilot: int) -> str:
-    """What people call a mode. Numbers mean something only together with the autopilot and the kind of vehicle."""
-    if autopilot == 3 and vehicle_type in _ROTORCRAFT and mode in COPTER_MODES:
-        return COPTER_MODES[mode]
-    return f"mode {mode}"
 
 
 def reduce(

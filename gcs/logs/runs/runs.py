@@ -26,7 +26,8 @@ from gcs.logs.profile import profiles
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import around, excited, health, latency, told
 from gcs.logs.runs.span import Span
-from gcs.logs.runs.systemid import SYSTEMID, find
+from gcs.logs.runs.systemid import find
+from gcs.vehicle.autopilots import SYSTEMID
 from sysid.data.record import Record, RecordError
 
 FloatArray = NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy as np
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray, Series
 from gcs.logs.runs.span import Span
+from gcs.vehicle.autopilots import PARAMETER_ERROR, STOPPED, SYSTEMID
 
-SYSTEMID = 25
 LEAD_S = 1.0  # of nothing before the maneuver
 AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
 """SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
@@ -126,10 +126,10 @@ def _span(
     start = entry.t + LEAD_S
     stop = end if entry.duration_s is None else min(start + entry.duration_s, end)
     for at, text in texts:
-        if text.startswith("SystemID Stopped"):
+        if text.startswith(STOPPED):
             stop = min(stop, at)
             notes.append(f"the vehicle ended it: {text}")
-        elif text.startswith("SystemID Parameter Error"):
+        elif text.startswith(PARAMETER_ERROR):
             reasons.append("the vehicle refused it: SystemID Parameter Error; SID_T_REC must exceed 2 / SID_F_START_HZ")
     band = entry.band
     moved = None if sidd is None else _moved(sidd, entry, end)

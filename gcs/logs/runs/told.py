@@ -15,7 +15,8 @@ from itertools import pairwise
 
 from gcs.logs.formats.tables import Log
 from gcs.logs.runs.span import Span
-from gcs.logs.runs.systemid import AXES, LEAD_S, RATE_AXES, SYSTEMID
+from gcs.logs.runs.systemid import AXES, LEAD_S, RATE_AXES
+from gcs.vehicle.autopilots import SAYS, SYSTEMID
 
 SAME_S = 2.0
 """Between a mode's change and the text about it; telemetry tells of modes once a second."""
@@ -152,7 +153,7 @@ def _in_texts(texts: Sequence[tuple[float, str]]) -> list[_Told]:
         if starts and not ends:
             number = _NUMBER.search(text)
             word = _WORD.search(text)
-            ardupilot = text.startswith("SystemID")
+            ardupilot = text.startswith(SAYS)
             axis = AXES.get(int(number[1])) if number and ardupilot else word[1].lower() if word else None
             running = _Told(
                 t,

@@ -11,7 +11,8 @@ from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.live import LiveWindow
 from gcs.flight.log_health import Capacity, LogHealth
-from gcs.flight.preflight import carried, controller, flying, hover, lag, lean_stop, link_loss, recording
+from gcs.flight.preflight import carried, controller, flying, hover, lag, lean_stop, recording
+from gcs.vehicle.autopilots import link_loss
 from gcs.vehicle.profile import bundled_profiles
 from gcs.vehicle.snapshot import VehicleSnapshot
 

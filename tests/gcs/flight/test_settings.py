@@ -64,6 +64,16 @@ def test_a_vehicle_that_answers_and_has_no_such_mode_is_told_so(vehicle: FakeVeh
         recognise(session, session)
 
 
+def test_a_vehicle_is_recognised_by_a_profile_of_ones_own(
+    vehicle: FakeVehicle, session: FakeSession, profile: VehicleProfile
+) -> None:
+    mine = replace(profile, needs=("MINE_AXIS",), file="mine.toml")
+    with pytest.raises(CannotFlyError, match=r"mine\.toml: it has no MINE_AXIS"):
+        recognise(session, session, (mine,))
+    vehicle.parameters["MINE_AXIS"] = 0.0
+    assert recognise(session, session, (mine,)) is mine
+
+
 def test_a_link_lost_meanwhile_is_said(vehicle: FakeVehicle, session: FakeSession) -> None:
     session.deaf_from = 0.5
     session.sleep(5.0)

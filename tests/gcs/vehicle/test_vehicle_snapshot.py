@@ -8,7 +8,8 @@ import math
 import pytest
 
 from gcs.link.events import Attitude, AutopilotVersion, Battery, Encoding, Heartbeat, RotorSpeed, StatusText
-from gcs.vehicle.snapshot import KEPT_TEXTS, VehicleSnapshot, mode_name, reduce
+from gcs.vehicle.autopilots import mode_name
+from gcs.vehicle.snapshot import KEPT_TEXTS, VehicleSnapshot, reduce
 
 START = VehicleSnapshot(1, 1)
 
