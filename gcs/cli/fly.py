@@ -108,8 +108,8 @@ def run(args: argparse.Namespace) -> int:
     if args.connect is not None:
         parse_link(args.connect)
     load_card(args.card)
-    if args.vehicle is not None:
-        load_profile(args.vehicle)
+    if args.vehicle_profile is not None:
+        load_profile(args.vehicle_profile)
     if args.flight is not None and not Path(args.flight).expanduser().exists():
         raise TippathError(f"{args.flight}: no such folder or log")
     if args.serve is not None:
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
             folder=args.output,
             primary=args.primary,
             card=args.card,
-            profile=args.vehicle,
+            profile=args.vehicle_profile,
             probe=args.probe,
         )
         ends.callback(_close, engine)
@@ -205,7 +205,7 @@ def _again(args: argparse.Namespace) -> list[str]:
         ("--sim", args.sim),
         ("-o", args.output),
         ("--card", args.card),
-        ("--vehicle", args.vehicle),
+        ("--vehicle-profile", args.vehicle_profile),
         ("--seed", args.seed),
         ("--plot", args.plot),
         ("--theme", args.theme),

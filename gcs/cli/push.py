@@ -42,9 +42,9 @@ def add_link_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
-    """--vehicle, of what flies maneuvers."""
+    """--vehicle-profile, of what flies maneuvers."""
     parser.add_argument(
-        "--vehicle",
+        "--vehicle-profile",
         metavar="FILE.toml|NAME",
         help="how this vehicle is told to fly a maneuver (default: what its parameters tell; arducopter and table1 are "
         "there)",

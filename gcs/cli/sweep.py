@@ -61,8 +61,8 @@ A card is a TOML file. What is left out is the paper's Table 1:
   target = "command"          # or "rate": added to the rate command, for the LQR to follow
   pulse_s = 0.25              # doublets only
 
-A vehicle profile (--vehicle) is a TOML file: which modes, axes and parameters fly a maneuver, and how large one may
-be. Those that come with the package lie in gcs/vehicle/profiles; copy one and change it. The vehicle must have the
+A vehicle profile (--vehicle-profile) is a TOML file: which modes, axes and parameters fly a maneuver, and how large one
+may be. Those that come with the package lie in gcs/vehicle/profiles; copy one and change it. The vehicle must have the
 parameters that its "needs" names.
 
 --json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
         amplitude = 0.1 if args.amplitude is None else args.amplitude
         duration_s = 30.0 if args.duration is None else args.duration
         card = single_card(Maneuver(kind="chirp", axis=args.axis, amplitude=amplitude, duration_s=duration_s))
-    profiles = () if args.vehicle is None else (load_profile(args.vehicle),)
+    profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
     lines = ProgressLines(card.limits)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:

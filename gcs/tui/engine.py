@@ -332,7 +332,7 @@ class FlightEngine:
     def _landed(self, result: SweepResult) -> str:
         kept = sum(run.clean for run in result.runs)
         where = word(result.folder.path)
-        vehicle = "" if self._profile_word is None else f" --vehicle {word(self._profile_word)}"
+        vehicle = "" if self._profile_word is None else f" --vehicle-profile {word(self._profile_word)}"
         command = f"tippath sweep --connect {self._link_word()}{vehicle} --card {word(self._card_word)} -o {where}"
         self._did(command)
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording

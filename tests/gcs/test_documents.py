@@ -42,6 +42,7 @@ class Card(Strict):
     axis: Literal["roll", "pitch"] = "roll"
     repeat: Annotated[int, Meta(ge=1, le=50)] = 1
     on: bool = True
+    mass: Annotated[float, Meta(gt=0), Meta(description="kg")] | None = None
     band: tuple[float, float] | None = None
     matrix: tuple[tuple[float, float], tuple[float, float]] | None = None
     limits: Limits = Limits()
@@ -99,6 +100,9 @@ def test_a_sound_document_becomes_a_struct() -> None:
         ("name = 'x'\nrepeat = true", "repeat is a whole number, not true"),
         ("name = 'x'\nrepeat = 0", "repeat is a whole number from 1 to 50, not 0"),
         ("name = 'x'\nrepeat = 0x" + 5000 * "f", "repeat is a whole number from 1 to 50, not a number of very many"),
+        ("name = 'x'\nmass = 'x'", "mass is a number, not 'x' (kg)"),
+        ("name = 'x'\nmass = 0", "mass is a number above 0, not 0 (kg)"),
+        ("name = 'x'\nmass = nan", "mass is a number above 0, not nan (kg)"),
         ("name = 'x'\non = 1", "on is true or false, not 1"),
         ("name = 'x'\nlimits = 3", "limits is a table, not 3"),
         ("name = 'x'\n[limits]\nrate = 0", "[limits]: rate is a number above 0, not 0"),

@@ -227,5 +227,5 @@ def test_a_profile_is_known_by_its_name_too() -> None:
 def test_a_command_names_the_profile_that_is_not_there_before_it_opens_a_link(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["sweep", "--connect", "udpin:127.0.0.1:0", "--axis", "roll", "--vehicle", "table2"]) == 1
+    assert main(["sweep", "--connect", "udpin:127.0.0.1:0", "--axis", "roll", "--vehicle-profile", "table2"]) == 1
     assert "table2: no such vehicle profile; did you mean table1?" in capsys.readouterr().err
