@@ -54,7 +54,7 @@ def test_what_is_no_flight_folder_says_so(tmp_path: Path) -> None:
     with pytest.raises(TippathError, match="no flight folder"):
         FlightFolder(tmp_path).read()
     (tmp_path / "flight.json").write_text("{")
-    with pytest.raises(TippathError, match="flight.json: not JSON: .*line 1"):
+    with pytest.raises(TippathError, match=r"flight\.json: not JSON: .*line 1"):
         FlightFolder(tmp_path).read()
     (tmp_path / "flight.json").write_text('{"format": "else"}')
     with pytest.raises(TippathError, match=r"not a tippath\.flight/1"):
