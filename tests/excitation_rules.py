@@ -778,7 +778,7 @@ class _Vehicle:
         """A heartbeat, now; the next in a second."""
         self._beats += 1
         self._world.at(self._world.now + 1.0, self._beat, self._beats)
-        self._say(Heartbeat(1, 1, 4, 3, True, self.mode, 4))
+        self._say(Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=self.mode, status=4))
 
     def _beat(self, number: int) -> None:
         if number == self._beats:
@@ -794,7 +794,7 @@ class _Vehicle:
         world = self._world
         world.at(world.now + self._history.attitude_s, self._attitude, None)
         lean = 0.9 if self.tilted and self.mode == EXCITED else 0.0
-        self._say(Attitude(1, 1, self._boot_s(), lean, 0.0, 0.0, 0.0, 0.0, 0.0))
+        self._say(Attitude(1, 1, boot_s=self._boot_s(), roll=lean, pitch=0.0, yaw=0.0, p=0.0, q=0.0, r=0.0))
 
     def text(self, words: str) -> None:
         self._say(StatusText(1, 1, 4, words))
@@ -878,10 +878,14 @@ class _Vehicle:
             world.counts["ways back that arrived"] += self.mode == EXCITED
             self.change(mode, "us")
         world.tell("vehicle", f"hears {'start' if mode == EXCITED else f'mode {mode}'}, made {message.made_s:.2f}")
-        self._say(CommandAck(1, 1, DO_SET_MODE, 0 if accepted else 4, 0, 0))
+        self._say(
+            CommandAck(1, 1, command=DO_SET_MODE, result=0 if accepted else 4, target_system=0, target_component=0)
+        )
 
     def _echo(self, name: str) -> None:
-        self._say(ParamValue(1, 1, name, bits_of_float(self.parameters[name]), 9, 100, 65535))
+        self._say(
+            ParamValue(1, 1, name=name, bits=bits_of_float(self.parameters[name]), kind=9, count=100, index=65535)
+        )
 
 
 def _parameters(own: int) -> dict[str, float]:
@@ -933,7 +937,7 @@ class World:
         self._interrupt = False
         self._stalled_until = -math.inf
         self._clock = code.clock.LinkClock()
-        self._snapshot = VehicleSnapshot(1, 1)
+        self._snapshot = VehicleSnapshot(system=1, component=1)
         self._heard_s = -math.inf
         self._texts: list[Text] = []
         self._procedure: Any = None
@@ -1008,7 +1012,13 @@ class World:
                 self.judge.stall(act.value)
 
     def _stranger(self, mode: int) -> None:
-        self.at(self.now + 0.05, self._arrives, _Message(Heartbeat(1, 1, 4, 3, True, mode, 4), self.now, own=False))
+        self.at(
+            self.now + 0.05,
+            self._arrives,
+            _Message(
+                Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=mode, status=4), self.now, own=False
+            ),
+        )
 
     # the ground's ears and mouth
 

@@ -22,8 +22,8 @@ from typing import Any
 
 from gcs.errors import TippathError
 from gcs.link.decode import BLOCK_SIZE
+from gcs.link.log_blocks import StreamResult
 from gcs.link.log_end import NOT_JUDGED, EndState, LogEnd
-from gcs.link.procedures import StreamResult
 from gcs.vehicle.autopilots import NO_LOG
 
 HOW = "log blocks streamed by the vehicle (REMOTE_LOG_DATA_BLOCK), acknowledged one by one"
@@ -199,7 +199,7 @@ class Recorder:
         logs = []
         known = {stream.file: stream for stream in streams}
         for file, (path, _) in sorted(self._logs.items()):
-            stream = known.get(file, StreamResult(file, 0, 0, (), 0))
+            stream = known.get(file, StreamResult(file=file, blocks=0, expected=0, missing=(), duplicates=0))
             logs.append(
                 RecordedLog(
                     path=path,

@@ -63,7 +63,7 @@ class Beat:
     """How old it was when heard, at most; None where the clocks' offset is not known."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSnapshot:
     """One moment's knowledge of the vehicle and of the link to it."""
 
@@ -174,47 +174,14 @@ def reduce(
         return snapshot
     match event:
         case Heartbeat():
-            beat = Beat(
-                number=snapshot.heartbeats + 1,
-                at_s=now,
-                mode=event.mode,
-                mode_name=mode_name(event.mode, event.vehicle_type, event.autopilot),
-                armed=event.armed,
-                status=event.status,
-                known_s=known_s,
-                late_s=late_s,
-            )
-            return replace(
-                snapshot,
-                mode=beat.mode,
-                mode_name=beat.mode_name,
-                armed=event.armed,
-                vehicle_type=event.vehicle_type,
-                autopilot=event.autopilot,
-                status=event.status,
-                heartbeats=beat.number,
-                beats=(*snapshot.beats, beat)[-KEPT_BEATS:],
-            )
+            return _after_heartbeat(snapshot, event, now, known_s, late_s)
         case Attitude():
-            return replace(
-                _at_boot_time(snapshot, event.boot_s),
-                roll=_finite(event.roll),
-                pitch=_finite(event.pitch),
-                yaw=_finite(event.yaw),
-                p=_finite(event.p),
-                q=_finite(event.q),
-                r=_finite(event.r),
-                attitude_at_s=now,
-            )
+            return _after_attitude(snapshot, event, now)
         case SystemTime():
             return _at_boot_time(snapshot, event.boot_s)
         case LocalPosition():
-            return replace(
-                _at_boot_time(snapshot, event.boot_s),
-                north=_finite(event.north),
-                east=_finite(event.east),
-                down=_finite(event.down),
-            )
+            north, east, down = _finite(event.north), _finite(event.east), _finite(event.down)
+            return replace(_at_boot_time(snapshot, event.boot_s), north=north, east=east, down=down)
         case RotorSpeed():
             omega = _finite(event.omega)
             return replace(snapshot, rpm=None if omega is None else omega * 60.0 / (2.0 * math.pi))
@@ -224,6 +191,45 @@ def reduce(
             return replace(snapshot, capabilities=event.capabilities, version=event.version)
         case _:
             return snapshot
+
+
+def _after_heartbeat(
+    snapshot: VehicleSnapshot, event: Heartbeat, now: float, known_s: float, late_s: float | None
+) -> VehicleSnapshot:
+    beat = Beat(
+        number=snapshot.heartbeats + 1,
+        at_s=now,
+        mode=event.mode,
+        mode_name=mode_name(event.mode, event.vehicle_type, event.autopilot),
+        armed=event.armed,
+        status=event.status,
+        known_s=known_s,
+        late_s=late_s,
+    )
+    return replace(
+        snapshot,
+        mode=beat.mode,
+        mode_name=beat.mode_name,
+        armed=event.armed,
+        vehicle_type=event.vehicle_type,
+        autopilot=event.autopilot,
+        status=event.status,
+        heartbeats=beat.number,
+        beats=(*snapshot.beats, beat)[-KEPT_BEATS:],
+    )
+
+
+def _after_attitude(snapshot: VehicleSnapshot, event: Attitude, now: float) -> VehicleSnapshot:
+    return replace(
+        _at_boot_time(snapshot, event.boot_s),
+        roll=_finite(event.roll),
+        pitch=_finite(event.pitch),
+        yaw=_finite(event.yaw),
+        p=_finite(event.p),
+        q=_finite(event.q),
+        r=_finite(event.r),
+        attitude_at_s=now,
+    )
 
 
 def _finite(value: float) -> float | None:

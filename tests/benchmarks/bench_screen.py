@@ -345,7 +345,15 @@ class Fake:
         self.feed = feed
         self.count = 0
         vehicle = VehicleSnapshot(
-            1, 1, link_age_s=0.1, lost=False, mode=25, mode_name="SystemID", armed=True, heartbeats=3, rpm=1648.0
+            system=1,
+            component=1,
+            link_age_s=0.1,
+            lost=False,
+            mode=25,
+            mode_name="SystemID",
+            armed=True,
+            heartbeats=3,
+            rpm=1648.0,
         )
         runs = tuple(RunView(i, f"roll chirp {i}/8", "0.5-10 Hz  30 s  A 0.10", Mark.NEXT) for i in range(1, 9))
         self.make = lambda said: State(

@@ -27,7 +27,9 @@ class Silent:
         self.written: list[tuple[str, float]] = []
 
     def snapshot(self) -> VehicleSnapshot:
-        return replace(VehicleSnapshot(1, 1), mode=self.mode_after if self.written else 0, mode_name="SystemID")
+        return replace(
+            VehicleSnapshot(system=1, component=1), mode=self.mode_after if self.written else 0, mode_name="SystemID"
+        )
 
     def call(self, procedure: Any, timeout_s: float | None = None) -> Any:
         self.written.append((procedure.name, procedure.value))

@@ -18,7 +18,16 @@ from gcs.vehicle.snapshot import VehicleSnapshot
 
 PROFILE = bundled_profiles()[0]
 HOVERING = VehicleSnapshot(
-    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, vehicle_type=4, autopilot=3, status=4
+    system=1,
+    component=1,
+    link_age_s=0.1,
+    lost=False,
+    mode=0,
+    mode_name="Stabilize",
+    armed=True,
+    vehicle_type=4,
+    autopilot=3,
+    status=4,
 )
 PLAN = PROFILE.plan(Maneuver(kind="chirp", axis="roll", amplitude=0.2, duration_s=30.0))
 

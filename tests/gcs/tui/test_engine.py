@@ -34,8 +34,8 @@ from gcs.vehicle.snapshot import Beat, VehicleSnapshot
 WITHIN_S = 5.0
 REACHED = LogEnd(state=EndState.REACHED)
 VEHICLE = VehicleSnapshot(
-    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1650.0, p=0.1, q=0.2,
-    attitude_at_s=1.0,
+    system=1, component=1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1650.0,
+    p=0.1, q=0.2, attitude_at_s=1.0,
 )  # fmt: skip
 
 
