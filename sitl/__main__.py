@@ -169,7 +169,7 @@ def _fly(arguments: argparse.Namespace) -> None:
     if arguments.plant is None:
         arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
     hidden = _hidden(arguments)
-    air = _air(arguments, lambda: vehicle.first_sweep_s)  # asked in flight
+    air = _air(arguments, lambda: vehicle.systemid.first_s)  # asked in flight
     try:
         vehicle = _vehicle(arguments, hidden)  # after the link: a taken port must not leave a log behind
         sealed = None if hidden is None else _seal(hidden, arguments)

@@ -28,7 +28,8 @@ from gcs.flight.probe.prediction import predicted_attitude
 from gcs.flight.verdict import cut
 from gcs.logs import ingest
 from gcs.vehicle.profile import VehicleProfile, bundled_profiles
-from sitl.autopilot.vehicle import DT, Mode, Reason, make_vehicle
+from sitl.autopilot.modes import Mode, Reason
+from sitl.autopilot.vehicle import DT, make_vehicle
 
 FloatArray = NDArray[np.float64]
 Samples = dict[str, FloatArray]
