@@ -6,7 +6,7 @@ it refuses, the struct's own description is walked beside the document for the f
 wrote it. A document is a stranger's: its size, its depth and its numbers are bounded before anything is believed, and
 what it holds is shown only in quotes.
 
-    class Step(documents.Strict):
+    class Step(documents.Strict, frozen=True, kw_only=True):
         amplitude: Annotated[float, Meta(ge=0.01, le=0.99)]
 
     documents.read_toml(path, Step)    # DocumentError: "my.toml: unknown key 'amplitud'; did you mean amplitude?"
@@ -257,7 +257,11 @@ def _in_order(node: Any, orders: Mapping[frozenset[Any], tuple[Any, ...]]) -> An
 def _fault(value: object, kind: inspect.Type, place: Place) -> Fault | None:
     match kind:
         case inspect.Metadata():
-            return _fault(value, kind.type, place)
+            fault = _fault(value, kind.type, place)
+            meaning = (kind.extra_json_schema or {}).get("description")
+            if fault is None or meaning is None or fault.place != place or fault.of_table:
+                return fault
+            return Fault(place, f"{fault.text} ({meaning})")
         case inspect.StructType():
             return _in_struct(value, (kind,), place)
         case inspect.UnionType():
@@ -310,10 +314,19 @@ def _in_fields(value: Mapping[str, object], kind: inspect.StructType, place: Pla
             if fault is not None:
                 return fault
     missing = next((f for f in kind.fields if f.required and f.encode_name not in value), None)
-    return None if missing is None else Fault((*place, missing.encode_name), "is missing")
+    if missing is None:
+        return None
+    more = missing.type.extra_json_schema if isinstance(missing.type, inspect.Metadata) else None
+    meaning = "" if more is None or "description" not in more else f": {more['description']}"
+    return Fault((*place, missing.encode_name), f"is missing{meaning}")
 
 
 def _in_union(value: object, kind: inspect.UnionType, place: Place) -> Fault | None:
+    if value is None and any(isinstance(each, inspect.NoneType) for each in kind.types):
+        return None
+    given = [each for each in kind.types if not isinstance(each, inspect.NoneType)]
+    if len(given) == 1:
+        return _fault(value, given[0], place)
     structs = tuple(each for each in kind.types if isinstance(each, inspect.StructType))
     others = [each for each in kind.types if not isinstance(each, inspect.StructType)]
     faults = [_fault(value, each, place) for each in others]
@@ -327,13 +340,15 @@ def _in_union(value: object, kind: inspect.UnionType, place: Place) -> Fault | N
     alike = [fault for each, fault in zip(others, faults, strict=True) if _alike(value, each)]
     if alike:
         return alike[0]
-    words = [_kind_words(each) for each in kind.types if not isinstance(each, inspect.NoneType)]
+    words = [_kind_words(each) for each in given]
     return Fault(place, f"is {' or '.join(words)}, not {shown(value)}")
 
 
 def _alike(value: object, kind: inspect.Type) -> bool:
     """Whether it is the right sort of thing, whatever is wrong with it."""
     match kind:
+        case inspect.Metadata():
+            return _alike(value, kind.type)
         case inspect.FloatType() | inspect.IntType():
             return isinstance(value, int | float) and not isinstance(value, bool)
         case inspect.StrType() | inspect.LiteralType():
@@ -469,6 +484,8 @@ def _not_among(value: object, known: list[str]) -> str:
 
 def _kind_words(kind: inspect.Type) -> str:
     match kind:
+        case inspect.Metadata():
+            return _kind_words(kind.type)
         case inspect.FloatType():
             return "a number"
         case inspect.IntType():

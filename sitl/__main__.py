@@ -164,62 +164,86 @@ def _say(line: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
-def _fly(arguments: argparse.Namespace) -> None:
-    clock = _clock(arguments.speed)
-    if arguments.plant is None:
-        arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
-    hidden = _hidden(arguments)
-    air = _air(arguments, lambda: vehicle.first_sweep_s)  # asked in flight
-    try:
-        vehicle = _vehicle(arguments, hidden)  # after the link: a taken port must not leave a log behind
-        sealed = None if hidden is None else _seal(hidden, arguments)
-    except _Refused:
-        if air is not None:
-            air[0].close()
-        raise
-    server = _server(vehicle, air)
-    ended = False
+class _End:
+    """Whether the flight is to end: by a signal, the pilot's word, or the end of his lines."""
 
-    def end(*_: object) -> None:
-        nonlocal ended
-        ended = True
+    def __init__(self) -> None:
+        self.wanted = False
 
+    def __call__(self, *_: object) -> None:
+        self.wanted = True
+
+
+def _obey_signals(end: _End) -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, end)
     if hasattr(signal, "SIGTTIN"):  # in a shell's background the terminal's input ends; it must not stop the vehicle
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+
+
+def _ready(arguments: argparse.Namespace, server: Server | None, sealed: dict[str, str] | None) -> str:
+    """The first line, as JSON."""
+    return json.dumps(
+        {
+            "ready": True,
+            "link": None if server is None else server.link.name,
+            "ground_link": None if server is None else server.link.ground_link,
+            "plant": arguments.plant,
+            "seed": arguments.seed,
+            "directory": str(arguments.directory),
+            "sealed": sealed,
+        }
+    )
+
+
+def _obey_pilot(lines: PilotLines, vehicle: Vehicle, end: _End) -> None:
+    for line in lines.take():
+        if line.lower() == "quit":
+            end()
+            _say("ok")
+        else:
+            _say(obey(vehicle, line))
+
+
+def _made(
+    arguments: argparse.Namespace,
+) -> tuple[Vehicle, tuple[Link, Faults] | None, dict[str, str] | None]:
+    """The vehicle, its link, and where its sealed answer lies; nothing of them stays open where one is refused."""
+    if arguments.plant is None:
+        arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
+    hidden = _hidden(arguments)
+    air = _air(arguments, lambda: vehicle.systemid.first_s)  # asked in flight
+    try:
+        vehicle = _vehicle(arguments, hidden)  # after the link: a taken port must not leave a log behind
+        return vehicle, air, None if hidden is None else _seal(hidden, arguments)
+    except _Refused:
+        if air is not None:
+            air[0].close()
+        raise
+
+
+def _fly(arguments: argparse.Namespace) -> None:
+    clock = _clock(arguments.speed)
+    vehicle, air, sealed = _made(arguments)
+    server = _server(vehicle, air)
+    end = _End()
+    _obey_signals(end)
     pilot = None
     if sys.stdin is not None and not sys.stdin.closed:
         pilot = PilotLines(sys.stdin.fileno(), end if arguments.until_input_ends else None)
     stop_us = math.inf if arguments.duration is None else vehicle.time_us + arguments.duration * 1e6
-    _say(
-        json.dumps(
-            {
-                "ready": True,
-                "link": None if server is None else server.link.name,
-                "ground_link": None if server is None else server.link.ground_link,
-                "plant": arguments.plant,
-                "seed": arguments.seed,
-                "directory": str(arguments.directory),
-                "sealed": sealed,
-            }
-        )
-    )
+    _say(_ready(arguments, server, sealed))
 
     def between() -> None:
-        for line in pilot.take() if pilot is not None else ():
-            if line.lower() == "quit":
-                end()
-                _say("ok")
-            else:
-                _say(obey(vehicle, line))
+        if pilot is not None:
+            _obey_pilot(pilot, vehicle, end)
         if server is not None:
             server.poll()
 
     try:
-        run(vehicle, clock, between, lambda: ended or vehicle.time_us >= stop_us)
+        run(vehicle, clock, between, lambda: end.wanted or vehicle.time_us >= stop_us)
     finally:
         if server is not None:
             server.close()

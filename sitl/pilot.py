@@ -10,7 +10,8 @@ import queue
 import threading
 from collections.abc import Callable
 
-from sitl.autopilot.vehicle import Mode, Reason, Vehicle
+from sitl.autopilot.modes import Mode, Reason
+from sitl.autopilot.vehicle import Vehicle
 
 _HELP = "takeoff | land | lqr on|off | mode " + "|".join(mode.name.lower() for mode in Mode) + " | quit"
 

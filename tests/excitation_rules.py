@@ -51,7 +51,7 @@ from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
-from gcs.flight.preflight import LAG_LIMIT_S, LinkLoss
+from gcs.flight.preflight import LAG_LIMIT_S
 from gcs.flight.recorder import RecordingSummary
 from gcs.link.clock import LOST_AFTER_S, SWAP_S
 from gcs.link.encode import DO_SET_MODE, BlockStatus, Command, ParamRead, ParamWrite, Ping, Send
@@ -68,6 +68,7 @@ from gcs.link.events import (
     float_of_bits,
 )
 from gcs.link.procedures import NoAnswerError
+from gcs.vehicle.autopilots import LinkLoss
 from gcs.vehicle.profile import VehicleProfile, bundled_profiles
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
@@ -82,10 +83,10 @@ FIRST_START_S = 4.5
 """About when the first start is due."""
 NOT_KNOWN = ("not known", "does not tell", "must take it", "tippath abort", "could not be told")
 FLOWN = (
-    Maneuver("chirp", "roll", 0.1, 1.5, f_start_hz=2.0),
-    Maneuver("doublet", "pitch", 0.6, 1.5, target="rate"),
-    Maneuver("chirp", "pitch", 0.3, 1.5, f_start_hz=2.5),
-    Maneuver("chirp", "roll", 0.1, 12.0, f_start_hz=2.0),
+    Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=1.5, f_start_hz=2.0),
+    Maneuver(kind="doublet", axis="pitch", amplitude=0.6, duration_s=1.5, target="rate"),
+    Maneuver(kind="chirp", axis="pitch", amplitude=0.3, duration_s=1.5, f_start_hz=2.5),
+    Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=12.0, f_start_hz=2.0),
 )
 OWN_SETTINGS = ((0.0, 15.0), (10.0, 0.05), (7.0, 40.0), (0.0, 0.0), (11.0, 0.5), (10.0, 15.0))
 """Axis and magnitude that a user may have left in the vehicle; the third is harmless on its own axis only, the last
@@ -777,7 +778,7 @@ class _Vehicle:
         """A heartbeat, now; the next in a second."""
         self._beats += 1
         self._world.at(self._world.now + 1.0, self._beat, self._beats)
-        self._say(Heartbeat(1, 1, 4, 3, True, self.mode, 4))
+        self._say(Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=self.mode, status=4))
 
     def _beat(self, number: int) -> None:
         if number == self._beats:
@@ -793,7 +794,7 @@ class _Vehicle:
         world = self._world
         world.at(world.now + self._history.attitude_s, self._attitude, None)
         lean = 0.9 if self.tilted and self.mode == EXCITED else 0.0
-        self._say(Attitude(1, 1, self._boot_s(), lean, 0.0, 0.0, 0.0, 0.0, 0.0))
+        self._say(Attitude(1, 1, boot_s=self._boot_s(), roll=lean, pitch=0.0, yaw=0.0, p=0.0, q=0.0, r=0.0))
 
     def text(self, words: str) -> None:
         self._say(StatusText(1, 1, 4, words))
@@ -877,10 +878,14 @@ class _Vehicle:
             world.counts["ways back that arrived"] += self.mode == EXCITED
             self.change(mode, "us")
         world.tell("vehicle", f"hears {'start' if mode == EXCITED else f'mode {mode}'}, made {message.made_s:.2f}")
-        self._say(CommandAck(1, 1, DO_SET_MODE, 0 if accepted else 4, 0, 0))
+        self._say(
+            CommandAck(1, 1, command=DO_SET_MODE, result=0 if accepted else 4, target_system=0, target_component=0)
+        )
 
     def _echo(self, name: str) -> None:
-        self._say(ParamValue(1, 1, name, bits_of_float(self.parameters[name]), 9, 100, 65535))
+        self._say(
+            ParamValue(1, 1, name=name, bits=bits_of_float(self.parameters[name]), kind=9, count=100, index=65535)
+        )
 
 
 def _parameters(own: int) -> dict[str, float]:
@@ -932,7 +937,7 @@ class World:
         self._interrupt = False
         self._stalled_until = -math.inf
         self._clock = code.clock.LinkClock()
-        self._snapshot = VehicleSnapshot(1, 1)
+        self._snapshot = VehicleSnapshot(system=1, component=1)
         self._heard_s = -math.inf
         self._texts: list[Text] = []
         self._procedure: Any = None
@@ -1007,7 +1012,13 @@ class World:
                 self.judge.stall(act.value)
 
     def _stranger(self, mode: int) -> None:
-        self.at(self.now + 0.05, self._arrives, _Message(Heartbeat(1, 1, 4, 3, True, mode, 4), self.now, own=False))
+        self.at(
+            self.now + 0.05,
+            self._arrives,
+            _Message(
+                Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=mode, status=4), self.now, own=False
+            ),
+        )
 
     # the ground's ears and mouth
 
@@ -1612,7 +1623,7 @@ def play(history: History, code: Code = REAL, *, story: bool = False) -> Outcome
 
 def _fly(world: World) -> str:
     history, sweep = world.history, world.code.sweep
-    card = TestCard("rules", tuple(FLOWN[number] for number in history.runs), rest_s=0.5)
+    card = TestCard(name="rules", maneuvers=tuple(FLOWN[number] for number in history.runs), rest_s=0.5)
     clock, folder, limits = _Time(world), _Folder(), Limits()
 
     def on_progress(progress: Any) -> None:

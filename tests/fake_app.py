@@ -23,8 +23,8 @@ from gcs.tui.widgets.lines import Lines
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
-    1,
-    1,
+    system=1,
+    component=1,
     link_age_s=0.1,
     lost=False,
     mode=0,

@@ -22,7 +22,8 @@ from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
 from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
 from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
-from gcs.vehicle.snapshot import Beat, Text, VehicleSnapshot, mode_name
+from gcs.vehicle.autopilots import mode_name
+from gcs.vehicle.snapshot import Beat, Text, VehicleSnapshot
 
 T = TypeVar("T")
 
@@ -249,8 +250,8 @@ class FakeSession:
         age = max(0.0, vehicle.now - newest)
         blocks = len(vehicle.samples) // 5 if self.recordings else 0
         return VehicleSnapshot(
-            1,
-            1,
+            system=1,
+            component=1,
             link_age_s=age,
             lost=age > 3.5,
             mode=mode,
@@ -368,7 +369,7 @@ class FakeSession:
             events = [event for when, event in under_way if when <= self.now()]
             under_way = [one for one in under_way if one[0] > self.now()]
             for _, mode, armed, status in self.vehicle.heartbeats[heard:]:
-                events.append(Heartbeat(1, 1, 4, 3, armed, mode, status))
+                events.append(Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=armed, mode=mode, status=status))
             heard = len(self.vehicle.heartbeats)
             if not self.vehicle.silent_text:
                 events += [StatusText(1, 1, 4, text) for text in self.vehicle.said[said:]]
@@ -397,7 +398,14 @@ class FakeSession:
                     if self.drop_acks > 0:
                         self.drop_acks -= 1
                         continue
-                    under_way.append((answer_at, CommandAck(1, 1, command, 0 if accepted else 4, 0, 0)))
+                    under_way.append(
+                        (
+                            answer_at,
+                            CommandAck(
+                                1, 1, command=command, result=0 if accepted else 4, target_system=0, target_component=0
+                            ),
+                        )
+                    )
                 case ParamRead(name, _) if self.drop_answers.get(name, 0) > 0:
                     self.drop_answers[name] -= 1
                 case ParamRead(name, _) if name in vehicle.parameters:
@@ -409,7 +417,9 @@ class FakeSession:
                     pass
 
     def _value(self, name: str) -> ParamValue:
-        return ParamValue(1, 1, name, bits_of_float(self.vehicle.parameters[name]), 9, 100, 65535)
+        return ParamValue(
+            1, 1, name=name, bits=bits_of_float(self.vehicle.parameters[name]), kind=9, count=100, index=65535
+        )
 
     def start_recording(self, directory: Path) -> None:
         self.recordings.append(directory)

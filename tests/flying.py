@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sitl.autopilot.vehicle import Mode, Reason, Vehicle
+from sitl.autopilot.modes import Mode, Reason
+from sitl.autopilot.vehicle import Vehicle
 
 CHIRP, DOUBLET, QUIET = 0, 1, 2
 ROLL, PITCH, ELEVATOR = 10, 11, 20

@@ -5,12 +5,14 @@ The same functions serve the command line, the app and the demo.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from msgspec import Meta
+
+from gcs import documents
 from gcs.errors import TippathError
 from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches, mismatch
 from sysid.data.preprocess import DEFAULT_BAND_HZ, spectra
@@ -24,6 +26,7 @@ from sysid.model.effect import find
 from sysid.model.structure import Model, Structure
 
 Band = tuple[float, float]
+_SIZE = Meta(gt=0.0, lt=1e6)
 
 GUIDE_CRAMER_RAO = 20.0
 GUIDE_INSENSITIVITY = 10.0
@@ -137,34 +140,25 @@ def assess(fit: Fit, records: Sequence[Record], vehicle: Vehicle | None = None) 
     return Judgement(mismatch(fit.model, found), checks, spread, figures)
 
 
-VEHICLE_KEYS = {
-    "k_beta": "spring of the rotor against tilt, N m/rad (needed)",
-    "mass": "kg",
-    "arm": "rotor plane above the centre of mass, m",
-    "I_xx": "inertia about the roll axis, kg m^2",
-    "I_yy": "inertia about the pitch axis, kg m^2",
-    "omega": "usual rotor speed, rad/s, where the runs do not log it",
-}
-"""Of a vehicle file, and what they mean."""
+class VehicleDocument(documents.Strict, frozen=True, kw_only=True):
+    """A vehicle file: what was measured on the ground, SI."""
+
+    k_beta: Annotated[float, _SIZE, Meta(description="the spring of the rotor against tilt, N m/rad")]
+    mass: Annotated[float, _SIZE, Meta(description="kg")] | None = None
+    arm: Annotated[float, _SIZE, Meta(description="rotor plane above the centre of mass, m")] | None = None
+    I_xx: Annotated[float, _SIZE, Meta(description="inertia about the roll axis, kg m^2")] | None = None
+    I_yy: Annotated[float, _SIZE, Meta(description="inertia about the pitch axis, kg m^2")] | None = None
+    omega: Annotated[float, _SIZE, Meta(description="usual rotor speed, rad/s")] | None = None
 
 
 def load_vehicle(path: Path) -> Vehicle:
-    """A vehicle file, VEHICLE_KEYS in SI. Raises TippathError for what is not one, OSError where it cannot be read."""
-    try:
-        with path.open("rb") as stream:
-            said = tomllib.load(stream)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise TippathError(f"{path}: not TOML ({error})") from error
-    for name, value in said.items():
-        if name not in VEHICLE_KEYS:
-            raise TippathError(f"{path}: unknown key {name}; there are {', '.join(VEHICLE_KEYS)}")
-        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 < value < 1e6:
-            raise TippathError(f"{path}: {name} must be a positive number ({VEHICLE_KEYS[name]})")
-    if "k_beta" not in said:
-        raise TippathError(f"{path}: k_beta is missing, the {VEHICLE_KEYS['k_beta']}")
-    if ("mass" in said) != ("arm" in said):
-        raise TippathError(f"{path}: mass and arm go together, their product is what the thrust adds to k_beta")
-    return Vehicle(**{name: float(value) for name, value in said.items()})
+    """A vehicle file. Raises DocumentError for what is not one, or cannot be read."""
+    vehicle = documents.read_toml(path, VehicleDocument, what="vehicle file")
+    if (vehicle.mass is None) != (vehicle.arm is None):
+        raise documents.DocumentError(
+            f"{path}: mass and arm go together, their product is what the thrust adds to k_beta"
+        )
+    return Vehicle(**{name: getattr(vehicle, name) for name in vehicle.__struct_fields__})
 
 
 def runs_of(fit: Fit, which: Sequence[RecordUsed]) -> list[Record]:

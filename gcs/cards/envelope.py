@@ -31,7 +31,7 @@ class Limits:
     """Nothing heard for this long."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Peaks:
     """The largest absolute values so far; None where nothing was known."""
 

@@ -1,7 +1,8 @@
 """What to fly: a maneuver, and a test card of maneuvers, read from TOML and believed only where every word makes sense.
 
 A card is written once and flown with rotors turning, so reading it is strict: a key that does not exist, or means
-nothing for that kind of maneuver, is an error that names it, never ignored.
+nothing for that kind of maneuver, is an error that names it, never ignored. What a card's tables may hold stands once,
+in the structs below; what numbers mean together is checked in `Maneuver.problem`, wherever a maneuver comes from.
 
 Amplitudes are parts of full command. With `target = "rate"` a maneuver is added to the rate command instead, for a
 controller to follow, and its amplitude is in rad/s.
@@ -9,44 +10,101 @@ controller to follow, and its amplitude is in rad/s.
 
 from __future__ import annotations
 
-import difflib
 import math
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
+from msgspec import Meta
+
+from gcs import documents
 from gcs.cards.envelope import Limits
 from gcs.errors import UsageError
 
 KINDS = ("chirp", "doublet", "quiet")
 AXES = ("roll", "pitch", "elevator")
-TARGETS = ("command", "rate")
-PURPOSES = ("fit", "validate", "noise", "build-up")
 
 PULSES_PER_DOUBLET = 6
 """Two pulses and four of rest, so that the answer dies out before the next."""
 
-_ONLY_CHIRP = ("f_start_hz", "f_stop_hz", "noise_fraction", "c1", "fade_in_s", "fade_out_s")
-_ONLY_DOUBLET = ("pulse_s",)
-_NUMBERS = {
-    # key: smallest, largest that is not nonsense
-    "amplitude": (0.0, 1.0),
-    "duration_s": (1.0, 600.0),
-    "f_start_hz": (0.05, 100.0),
-    "f_stop_hz": (0.1, 200.0),
-    "noise_fraction": (0.0, 2.0),
-    "c1": (0.1, 20.0),
-    "fade_in_s": (0.0, 60.0),
-    "fade_out_s": (0.0, 60.0),
-    "pulse_s": (0.02, 10.0),
-}
+MOST_AMPLITUDE = 1.0  # of full command
 MOST_RATE = 3.0  # rad/s asked of a controller
 
 
-@dataclass(frozen=True, slots=True)
+# ------------------------------------------------------------------------------------------------ what a card may hold
+
+Seconds = Annotated[float, Meta(ge=0.0, le=60.0)]
+Stop = Annotated[float, Meta(ge=0.1, le=200.0)]
+
+
+class _Any(documents.Strict, frozen=True, kw_only=True):
+    """Of every kind of maneuver; what the keys mean stands at `Maneuver`."""
+
+    duration_s: Annotated[float, Meta(ge=1.0, le=600.0)]
+    repeat: Annotated[int, Meta(ge=1, le=50)] = 1
+    purpose: Literal["fit", "validate", "noise", "build-up"] | None = None
+
+
+class _Excited(_Any, frozen=True, kw_only=True):
+    axis: Literal["roll", "pitch", "elevator"]
+    target: Literal["command", "rate"] = "command"
+
+
+class _Chirp(_Excited, frozen=True, kw_only=True, tag_field="kind", tag="chirp"):
+    amplitude: Annotated[float, Meta(ge=0.0, le=MOST_AMPLITUDE)]
+    f_start_hz: Annotated[float, Meta(ge=0.05, le=100.0)] = 0.5
+    f_stop_hz: Stop = 10.0
+    noise_fraction: Annotated[float, Meta(ge=0.0, le=2.0)] = 0.2
+    c1: Annotated[float, Meta(ge=0.1, le=20.0)] = 4.0
+    fade_in_s: Seconds = 0.0
+    fade_out_s: Seconds = 0.0
+
+
+class _Doublet(_Excited, frozen=True, kw_only=True, tag_field="kind", tag="doublet"):
+    amplitude: Annotated[float, Meta(ge=0.0, le=MOST_RATE)]
+    pulse_s: Annotated[float, Meta(ge=0.02, le=10.0)] = 0.25
+
+
+class _Quiet(_Any, frozen=True, kw_only=True, tag_field="kind", tag="quiet"):
+    pass
+
+
+_TABLES = {"chirp": _Chirp, "doublet": _Doublet, "quiet": _Quiet}
+
+
+class _Step(documents.Strict, frozen=True, kw_only=True):
+    amplitude: Annotated[float, Meta(ge=0.01, le=0.99)]
+    f_stop_hz: Stop | None = None
+
+
+class _Limits(documents.Strict, frozen=True, kw_only=True):
+    rate_rad_s: Annotated[float, Meta(ge=0.05, le=20.0)] = Limits().rate
+    attitude_deg: Annotated[float, Meta(ge=1.0, le=80.0)] = math.degrees(Limits().attitude)
+    command: Annotated[float, Meta(ge=0.01, le=1.0)] = Limits().command
+
+    def limits(self) -> Limits:
+        return Limits(self.rate_rad_s, math.radians(self.attitude_deg), self.command)
+
+
+class CardDocument(documents.Strict, frozen=True, kw_only=True):
+    """A card's TOML."""
+
+    name: Annotated[str, Meta(max_length=200)] | None = None
+    """The file's name where it is left out."""
+    description: Annotated[str, Meta(max_length=2000)] = ""
+    rest_s: Annotated[float, Meta(ge=0.0, le=120.0)] = 2.0
+    limits: _Limits = _Limits()
+    step: Annotated[tuple[_Step, ...], Meta(max_length=100)] = ()
+    maneuver: Annotated[tuple[_Chirp | _Doublet | _Quiet, ...], Meta(max_length=1000)] = ()
+
+
+# ------------------------------------------------------------------------------------------------ what is flown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Maneuver:
     """One maneuver; what is left out is the paper's Table 1."""
 
@@ -78,20 +136,15 @@ class Maneuver:
 
     def problem(self) -> str | None:
         """Why this is nonsense, beginning with the key that is at fault; None where it is sound."""
-        for key, allowed in (("kind", KINDS), ("axis", AXES), ("target", TARGETS), ("purpose", PURPOSES)):
-            if getattr(self, key) not in allowed:
-                return f"{key} is one of {', '.join(allowed)}, not {getattr(self, key)!r}"
-        for key, (low, high) in _NUMBERS.items():
-            value = getattr(self, key)
-            top = MOST_RATE if key == "amplitude" and self.target == "rate" else high
-            if not (math.isfinite(value) and low <= value <= top):
-                return f"{key} is a number from {low:g} to {top:g}, not {value:g}"
-        if not 1 <= self.repeat <= 50:
-            return f"repeat is a whole number from 1 to 50, not {self.repeat}"
-        if self.kind != "quiet" and self.amplitude == 0:
-            return 'amplitude is 0: nothing would be flown (a run without excitation is kind = "quiet")'
         if self.kind == "quiet" and self.amplitude != 0:
             return "amplitude means nothing in a quiet run; leave it out"
+        fault = documents.first_fault(self._table(), _Chirp | _Doublet | _Quiet)
+        if fault is not None:
+            return fault.words()
+        if self.target == "command" and self.amplitude > MOST_AMPLITUDE:
+            return f"amplitude is a number from 0 to {MOST_AMPLITUDE:g}, not {self.amplitude:g}"
+        if self.kind != "quiet" and self.amplitude == 0:
+            return 'amplitude is 0: nothing would be flown (a run without excitation is kind = "quiet")'
         if self.kind == "chirp":
             return self._chirp_problem()
         if self.kind == "doublet" and self.duration_s < 2 * self.pulse_s:
@@ -111,6 +164,10 @@ class Maneuver:
         if self.fade_in_s + self.fade_out_s > self.duration_s:
             return "fade_in_s and fade_out_s together are longer than duration_s"
         return None
+
+    def _table(self) -> dict[str, Any]:
+        """As a card writes it."""
+        return {key: getattr(self, key) for key in _keys_of(self.kind)}
 
     @property
     def is_table_1(self) -> bool:
@@ -145,7 +202,7 @@ class Maneuver:
 
     def to_json(self) -> dict[str, Any]:
         """Every number that means something for this kind."""
-        return {key: getattr(self, key) for key in _keys_of(self.kind) if key != "repeat"}
+        return {key: value for key, value in self._table().items() if key != "repeat"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +223,7 @@ class Step:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CardRun:
     """One run that a card asks for."""
 
@@ -185,7 +242,7 @@ class CardRun:
     """Flown before the card, to see whether the vehicle answers as it should (see `gcs.flight.probe`)."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TestCard:
     """Maneuvers in the order in which they are flown."""
 
@@ -218,7 +275,14 @@ class TestCard:
                 planned.append((single, label, 1 / last if stepped else 1.0, stepped))
         total = len(planned)
         return tuple(
-            CardRun(maneuver, label, number, total, growth, number - 1 if locked else None)
+            CardRun(
+                maneuver=maneuver,
+                label=label,
+                number=number,
+                of=total,
+                unlocks_at=growth,
+                locked_by=number - 1 if locked else None,
+            )
             for number, (maneuver, label, growth, locked) in enumerate(planned, start=1)
         )
 
@@ -249,7 +313,7 @@ def single_card(maneuver: Maneuver) -> TestCard:
     problem = maneuver.problem()
     if problem is not None:
         raise UsageError(problem)
-    card = TestCard(f"one {maneuver.words}", (maneuver,))
+    card = TestCard(name=f"one {maneuver.words}", maneuvers=(maneuver,))
     return replace(card, text=card_text(card))
 
 
@@ -280,11 +344,11 @@ def _quoted(text: str) -> str:
     return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+@cache
 def _keys_of(kind: str) -> tuple[str, ...]:
     """The keys that mean something for a kind, in the order of the fields."""
-    out = {"chirp": _ONLY_DOUBLET, "doublet": _ONLY_CHIRP}.get(kind, (*_ONLY_CHIRP, *_ONLY_DOUBLET))
-    silent = (*out, "axis", "amplitude", "target") if kind == "quiet" else out
-    return tuple(f.name for f in fields(Maneuver) if f.name not in silent)
+    known = _TABLES[kind].__struct_fields__ if kind in _TABLES else ()
+    return tuple(f.name for f in fields(Maneuver) if f.name == "kind" or f.name in known)
 
 
 # ------------------------------------------------------------------------------------------------ reading
@@ -306,117 +370,43 @@ def load_card(word: str) -> TestCard:
     bundled = bundled_cards()
     if word in bundled and not path.is_file():
         return parse_card(bundled[word], f"card {word}")
+    if path.is_dir() or not path.exists():
+        hint = documents.nearest(word, bundled)
+        raise UsageError(
+            f"{word}: no such card; {hint + ' ' if hint else ''}Give a TOML file, or one of {', '.join(bundled)}"
+        )
     try:
-        return parse_card(path.read_text("utf-8"), word)
-    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
-        near = difflib.get_close_matches(word, bundled, 1)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise UsageError(f"{word}: no such card; {hint}Give a TOML file, or one of {', '.join(bundled)}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UsageError(f"{word}: cannot be read as a card ({error})") from error
+        return parse_card(documents.read_text(path, "card"), word)
+    except documents.DocumentError as error:
+        raise UsageError(str(error)) from error
 
 
 def parse_card(text: str, source: str) -> TestCard:
     """A card from TOML text; `source` names it in messages. Raises UsageError as `load_card`."""
     try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise UsageError(f"{source}: not TOML: {error}") from error
-    _only(document, ("name", "description", "rest_s", "limits", "step", "maneuver"), source)
-    name = _string(document, "name", Path(source).stem, source)
-    rest_s = _number(document, "rest_s", 2.0, (0.0, 120.0), source)
-    steps = tuple(
-        _step(table, f"{source}, step {i}") for i, table in enumerate(_tables(document, "step", source), start=1)
-    )
-    parts = [step.amplitude for step in steps]
+        table = documents.parse_toml(text, CardDocument, source)
+    except documents.DocumentError as error:
+        raise UsageError(str(error)) from error
+    parts = [step.amplitude for step in table.step]
     if parts != sorted(set(parts)):
         raise UsageError(f"{source}: [[step]] amplitudes must grow from step to step")
-    maneuvers = tuple(
-        _maneuver(table, f"{source}, maneuver {i}")
-        for i, table in enumerate(_tables(document, "maneuver", source), start=1)
-    )
-    if not maneuvers:
+    if not table.maneuver:
         raise UsageError(f"{source}: no [[maneuver]]; a card needs at least one")
-    limits = _limits(document.get("limits", {}), f"{source}, [limits]")
-    return TestCard(name, maneuvers, _string(document, "description", "", source), rest_s, steps, limits, text)
+    return TestCard(
+        name=Path(source).stem if table.name is None else table.name,
+        maneuvers=tuple(_maneuver(each, f"{source}: maneuver {i}") for i, each in enumerate(table.maneuver, start=1)),
+        description=table.description,
+        rest_s=table.rest_s,
+        steps=tuple(Step(step.amplitude, step.f_stop_hz) for step in table.step),
+        limits=table.limits.limits(),
+        text=text,
+    )
 
 
-def _maneuver(table: Mapping[str, Any], where: str) -> Maneuver:
-    kind = table.get("kind")
-    if kind not in KINDS:
-        raise UsageError(f"{where}: kind is one of {', '.join(KINDS)}, not {kind!r}")
-    known = {f.name: f for f in fields(Maneuver)}
-    _only(table, tuple(known), where)
-    for key in table:
-        if key not in _keys_of(kind):
-            raise UsageError(f"{where}: {key} means nothing for a {kind}; leave it out")
-    for key in ("amplitude", "duration_s", "axis"):
-        if key not in table and key in _keys_of(kind):
-            raise UsageError(f"{where}: {key} is missing")
-    values: dict[str, Any] = {}
-    for key, value in table.items():
-        if key in _NUMBERS:
-            values[key] = _number(table, key, 0.0, None, where)
-        elif key == "repeat":
-            if isinstance(value, bool) or not isinstance(value, int):
-                raise UsageError(f"{where}: repeat is a whole number, not {value!r}")
-            values[key] = value
-        else:
-            values[key] = _string(table, key, "", where)
-    maneuver = Maneuver(**values)
+def _maneuver(table: _Chirp | _Doublet | _Quiet, where: str) -> Maneuver:
+    keys = {key: value for key, value in msgspec.structs.asdict(table).items() if value is not None}
+    maneuver = Maneuver(kind=str(type(table).__struct_config__.tag), **keys)
     problem = maneuver.problem()
     if problem is not None:
         raise UsageError(f"{where}: {problem}")
     return maneuver
-
-
-def _step(table: Mapping[str, Any], where: str) -> Step:
-    _only(table, ("amplitude", "f_stop_hz"), where)
-    if "amplitude" not in table:
-        raise UsageError(f"{where}: amplitude is missing")
-    amplitude = _number(table, "amplitude", 0.0, (0.01, 0.99), where)
-    return Step(amplitude, _number(table, "f_stop_hz", 0.0, (0.1, 200.0), where) if "f_stop_hz" in table else None)
-
-
-def _limits(table: Any, where: str) -> Limits:
-    if not isinstance(table, dict):
-        raise UsageError(f"{where}: limits is a table")
-    _only(table, ("rate_rad_s", "attitude_deg", "command"), where)
-    default = Limits()
-    return Limits(
-        rate=_number(table, "rate_rad_s", default.rate, (0.05, 20.0), where),
-        attitude=math.radians(_number(table, "attitude_deg", math.degrees(default.attitude), (1.0, 80.0), where)),
-        command=_number(table, "command", default.command, (0.01, 1.0), where),
-    )
-
-
-def _only(table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    for key in table:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"did you mean {near[0]}?" if near else f"there are: {', '.join(known)}"
-            raise UsageError(f"{where}: unknown key {key!r}; {hint}")
-
-
-def _tables(document: Mapping[str, Any], key: str, where: str) -> list[Mapping[str, Any]]:
-    found = document.get(key, [])
-    if not isinstance(found, list) or not all(isinstance(table, dict) for table in found):
-        raise UsageError(f"{where}: {key} is written [[{key}]], once for each")
-    return found
-
-
-def _number(table: Mapping[str, Any], key: str, default: float, span: tuple[float, float] | None, where: str) -> float:
-    value = table.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UsageError(f"{where}: {key} is a number, not {value!r}")
-    number = float(value)
-    if span is not None and not (math.isfinite(number) and span[0] <= number <= span[1]):
-        raise UsageError(f"{where}: {key} is a number from {span[0]:g} to {span[1]:g}, not {value!r}")
-    return number
-
-
-def _string(table: Mapping[str, Any], key: str, default: str, where: str) -> str:
-    value = table.get(key, default)
-    if not isinstance(value, str):
-        raise UsageError(f"{where}: {key} is text in quotes, not {value!r}")
-    return value

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gcs.cli.push import add_vehicle_option
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def _add_flight(parser: argparse.ArgumentParser) -> None:
         "-o", dest="output", metavar="DIR", type=Path, default=Path(), help="where the flights' folders are made"
     )
     parser.add_argument("--card", metavar="CARD", default="hover", help="a TOML file or a bundled card (default hover)")
+    add_vehicle_option(parser)
     parser.add_argument(
         "--primary",
         action="store_true",
@@ -125,7 +127,14 @@ def run(args: argparse.Namespace) -> int:
     connection = _connection(args)
     first = "runs" if args.flight is not None else "connect" if connection is NOWHERE else "fly"
     with contextlib.ExitStack() as ends:
-        worker = Reconnecting(connection, folder=args.output, primary=args.primary, card=args.card, probe=args.probe)
+        worker = Reconnecting(
+            connection,
+            folder=args.output,
+            primary=args.primary,
+            card=args.card,
+            profile=args.vehicle_profile,
+            probe=args.probe,
+        )
         ends.callback(_close, worker)
         app = TippathApp(
             worker,
@@ -155,10 +164,13 @@ def _require_words(args: argparse.Namespace) -> None:
         raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
     from gcs.cards.maneuver import load_card
     from gcs.link.transport import parse_link
+    from gcs.vehicle.profile import load_profile
 
     if args.connect is not None:
         parse_link(args.connect)
     load_card(args.card)
+    if args.vehicle_profile is not None:
+        load_profile(args.vehicle_profile)
     if args.flight is not None and not Path(args.flight).expanduser().exists():
         raise TippathError(f"{args.flight}: no such folder or log")
 
@@ -211,6 +223,7 @@ def _again(args: argparse.Namespace) -> list[str]:
         ("--sim", args.sim),
         ("-o", args.output),
         ("--card", args.card),
+        ("--vehicle-profile", args.vehicle_profile),
         ("--seed", args.seed),
         ("--plot", args.plot),
         ("--theme", args.theme),

@@ -41,6 +41,16 @@ def add_link_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
 
 
+def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
+    """--vehicle-profile, of what flies maneuvers."""
+    parser.add_argument(
+        "--vehicle-profile",
+        metavar="FILE.toml|NAME",
+        help="how this vehicle is told to fly a maneuver (default: what its parameters tell; arducopter and table1 are "
+        "there)",
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     from gcs.flight.gains import checksum, load_gains, push  # here, because --help should not wait for MAVLink
     from gcs.flight.session import Session

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
 from gcs.cli.options import print_json
-from gcs.cli.push import add_link_options
+from gcs.cli.push import add_link_options, add_vehicle_option
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -66,6 +66,10 @@ A card is a TOML file. What is left out is the paper's Table 1:
   target = "command"          # or "rate": added to the rate command, for the LQR to follow
   pulse_s = 0.25              # doublets only
 
+A vehicle profile (--vehicle-profile) is a TOML file: which modes, axes and parameters fly a maneuver, and how large one
+may be. Those that come with the package lie in gcs/vehicle/profiles; copy one and change it. The vehicle must have the
+parameters that its "needs" names.
+
 --json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
 "card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "probe": {"ok", "wrong",
 "findings", "answers", "words"} or null, "runs": [{"label", "purpose", "maneuver",
@@ -86,6 +90,7 @@ def add_parser(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_link_options(parser)
+    add_vehicle_option(parser)
     parser.add_argument(
         "--card", metavar="CARD.toml|NAME", help="a test card; hover, forward, quick and lqr-doublet are there"
     )
@@ -112,13 +117,15 @@ def run(args: argparse.Namespace) -> int:
     from gcs.flight.session import Session
     from gcs.flight.sweep import Briefing, fly_card, require_flyable
     from gcs.logs.words import printable
+    from gcs.vehicle.profile import load_profile
 
     card = card_of(args)
+    profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
     lines = ProgressLines(card.limits)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
-        profile = require_flyable(session, card)
-        simulated = not args.hardware and is_loopback(args.connect) and "SIDX_LAW" in profile.needs
+        profile = require_flyable(session, card, profiles=profiles)
+        simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
         if not simulated:
             require_terminal(args.yes)
 
@@ -167,7 +174,7 @@ def card_of(args: argparse.Namespace) -> TestCard:
         raise UsageError("what to fly? Give --axis roll|pitch|elevator, or --card hover")
     amplitude = 0.1 if args.amplitude is None else args.amplitude
     duration_s = 30.0 if args.duration is None else args.duration
-    return single_card(Maneuver("chirp", args.axis, amplitude, duration_s))
+    return single_card(Maneuver(kind="chirp", axis=args.axis, amplitude=amplitude, duration_s=duration_s))
 
 
 def print_document(result: SweepResult, followed: Sequence[Following]) -> None:

@@ -27,6 +27,7 @@ from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult, RevertResult, checksum, gains_of, push, revert
 from gcs.flight.session import Session
 from gcs.flight.sweep import Briefing, Progress, SweepResult, fly_card
+from gcs.vehicle.autopilots import IN_THE_AIR
 
 if TYPE_CHECKING:  # they bring matplotlib and the control library along, which takes a second
     from gcs.analysis.fits import Identification
@@ -326,7 +327,7 @@ def take_off(vehicle: SimulatedVehicle, session: Session, say: Say) -> None:
     vehicle.say("takeoff")
     _wait(
         session,
-        lambda: session.snapshot().armed and session.snapshot().status == 4,
+        lambda: session.snapshot().armed and session.snapshot().status == IN_THE_AIR,
         TAKE_OFF_WITHIN_S,
         "the vehicle has not taken off",
     )

@@ -29,8 +29,9 @@ from gcs.flight.run_state import Answer, Ending, Order, Phase, RunState, Seen
 from gcs.flight.settings import flown_otherwise
 from gcs.link.clock import SWAP_S, UNKNOWN
 from gcs.link.procedures import NoAnswerError, ProcedureError, RefusedError, SetMode
+from gcs.vehicle.autopilots import STABILIZE, SYSTEMID
 from gcs.vehicle.profile import Plan
-from gcs.vehicle.snapshot import STABILIZE, SYSTEMID, VehicleSnapshot
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 SAME_RECORD_S = 0.1
 """The vehicle's record of a maneuver and its first sample are no farther apart; else the record is another's."""
@@ -238,8 +239,18 @@ def abort(
     now = clock.now()
     # A link found again may carry anything before the heartbeat that tells what became of the vehicle meanwhile.
     new = last is not None and now - last.at_s <= STALL_S and (last.late_s is None or last.late_s <= FRESH_S)
-    silent = Maneuver("quiet")
-    plan = Plan(silent, (), {}, "", 0, excitation_mode, 0.0, silent.duration_s, silent.duration_s)
+    silent = Maneuver(kind="quiet")
+    plan = Plan(
+        maneuver=silent,
+        writes=(),
+        asked={},
+        words="",
+        axis_number=0,
+        mode=excitation_mode,
+        lead_s=0.0,
+        over_s=silent.duration_s,
+        finished_s=silent.duration_s,
+    )
     returning = Excitation(session, plan, Limits(), clock, mode_before=mode)
     returning.state = RunState(
         mode_before=mode,

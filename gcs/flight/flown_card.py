@@ -10,10 +10,11 @@ from typing import Any
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import CardRun, TestCard
 from gcs.flight.folder import FlightFolder
-from gcs.flight.preflight import Check, LinkLoss
+from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.run import RunResult
 from gcs.flight.run_state import Ending
+from gcs.vehicle.autopilots import LinkLoss
 from gcs.vehicle.profile import Plan, VehicleProfile
 from gcs.vehicle.snapshot import VehicleSnapshot
 

@@ -24,13 +24,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from gcs import documents
 from gcs.errors import TippathError, UsageError
 from gcs.files import put_in_place
 
 FORMAT = "tippath.flight/1"
 _NUMBERED = re.compile(r"flight-(\d{4,})")
+
+
+class _About(documents.Open, frozen=True, kw_only=True):
+    """What must be so of a flight.json that is believed; what else it holds is for those who look for it."""
+
+    format: Literal["tippath.flight/1"]
+    runs: tuple[dict[str, Any], ...] = ()
+
+
+class _AuditLine(documents.Open, frozen=True, kw_only=True):
+    time: str
+    did: str
+    command: str | None
+    by: str
+
+
+class NoFlightError(TippathError):
+    """There is no flight.json, or it is another program's."""
 
 
 USERS_KEYS = ("name", "notes")
@@ -154,14 +173,9 @@ class FlightFolder:
         damaged = 0
         for line in filter(None, map(bytes.strip, lines)):
             try:
-                one = json.loads(line)
-                command = one["command"]
-                found.append(
-                    AuditEntry(
-                        str(one["time"]), str(one["did"]), None if command is None else str(command), str(one["by"])
-                    )
-                )
-            except (ValueError, KeyError, TypeError):
+                entry = documents.parse_json(line.decode(), _AuditLine, self.audit_file.name)
+                found.append(AuditEntry(entry.time, entry.did, entry.command, entry.by))
+            except (UnicodeDecodeError, documents.DocumentError):
                 damaged += 1
         return found, damaged
 
@@ -178,21 +192,19 @@ class FlightFolder:
             raise TippathError(f"{self.card} cannot be written ({error.strerror or error})") from error
 
     def read(self) -> dict[str, Any]:
-        """What flight.json says. Raises TippathError where there is none, or it is none."""
-        try:
-            about = json.loads(self.about.read_text("utf-8"))
-        except FileNotFoundError:
-            raise TippathError(f"{self.path} is no flight folder: there is no flight.json in it") from None
-        except (OSError, ValueError) as error:
-            raise TippathError(f"{self.about} cannot be read ({error})") from error
-        if not isinstance(about, dict) or about.get("format") != FORMAT:
-            raise TippathError(f"{self.about} is not a {FORMAT} file")
-        return about
+        """What flight.json says. Raises NoFlightError where there is none, DocumentError where it is damaged."""
+        if not self.about.exists():
+            raise NoFlightError(f"{self.path} is no flight folder: there is no {self.about.name} in it")
+        text = documents.read_text(self.about, "flight", documents.LARGEST_JSON)
+        about = documents.json_value(text, str(self.about))
+        if isinstance(about, dict) and isinstance(about.get("format"), str) and about["format"] != FORMAT:
+            raise NoFlightError(f"{self.about} is not a {FORMAT} file")
+        documents.convert(about, _About, str(self.about))
+        return dict(about)
 
     def runs(self) -> list[dict[str, Any]]:
         """The runs of flight.json, in the order flown. Raises as `read`."""
-        runs = self.read().get("runs", [])
-        return [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+        return list(self.read().get("runs", ()))
 
 
 def stamp(time: datetime) -> str:

@@ -2,27 +2,29 @@
 
 PARAM_SET writes one value, so a set goes to the vehicle's shadow bank, is read back bit for bit, and one write of its
 checksum makes it the active bank. What the vehicle then flies is read back once more. Commit and revert act when
-written, so neither is ever sent twice blindly: a lost answer is made good by reading LQR_ACTIVE, because a second
-commit would overwrite the bank to go back to.
+written, so neither is ever sent twice blindly: a lost answer is made good by asking which bank is active, because a
+second commit would overwrite the bank to go back to.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import struct
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
+from gcs import documents
 from gcs.errors import LinkError, TippathError
 from gcs.flight.session import Session
 from gcs.link.events import bits_of_float, float_of_bits
 from gcs.link.procedures import NoAnswerError, Parameter, Procedure, ProcedureError, ReadParameter, WriteParameter
+from gcs.vehicle.autopilots import ACTIVE, ACTIVE_CRC, BANK_KNOWN_BY, COMMIT, NO_BANK, REVERT, SHADOW, SWITCH
 
-FORMAT = "tippath.gains/1"
+LARGEST = 2**20
+"""Bytes; what `tippath design` writes is a thousandth of it."""
 
 MODEL = ("L_b", "M_a", "tau_f", "A_b", "B_a", "A_lat", "A_lon", "B_lat", "B_lon")
 BANK = (
@@ -111,73 +113,64 @@ def checksum(crc: int) -> str:
     return f"{crc:06x}" if crc else "none"
 
 
+Row2 = tuple[float, float]
+Row4 = tuple[float, float, float, float]
+
+
+class _Value(documents.Open, frozen=True, kw_only=True):
+    """A parameter as a fit writes it."""
+
+    value: float
+
+
+class _Model(documents.Open, frozen=True, kw_only=True):
+    structure: str
+    parameters: dict[str, float | _Value]
+
+
+class GainsDocument(documents.Open, frozen=True, kw_only=True):
+    """What a push reads of a GAINS.json."""
+
+    format: Literal["tippath.gains/1"]
+    K: tuple[Row4, Row4]
+    observer_gain: tuple[Row2, Row2, Row2, Row2]
+    prefilter: tuple[Row2, Row2]
+    model: _Model
+
+
 def load_gains(path: Path) -> Gains:
     """Read a GAINS.json of `tippath design`. Raises GainsError saying what is wrong with it."""
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GainsError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except ValueError as error:
-        raise GainsError(f"{path}: not JSON ({error}); make it with `tippath design`") from error
+        text = documents.read_text(path, "set of gains", LARGEST)
+        document = documents.json_value(text, str(path))
+    except documents.DocumentError as error:
+        raise GainsError(f"{error}; make it with `tippath design`") from error
+    return gains_of(document, str(path))
+
+
+def gains_of(document: object, source: str = "the gains") -> Gains:
+    """The set that a GAINS.json document holds; `source` names it in messages. Raises GainsError."""
     try:
-        return gains_of(document)
-    except GainsError as error:
-        raise GainsError(f"{path}: {error}") from error
+        held = documents.convert(document, GainsDocument, source)
+    except documents.DocumentError as error:
+        raise GainsError(f"{error}; make it with `tippath design`") from error
+    model = held.model
+    if model.structure != "tpp":
+        raise GainsError(f"{source}: the model is {documents.shown(model.structure)}; the vehicle's observer holds tpp")
+    missing = [name for name in MODEL if name not in model.parameters]
+    if missing:
+        raise GainsError(f"{source}: model.parameters.{missing[0]} is missing, which the vehicle's observer needs")
+    given = [model.parameters[name] for name in MODEL]
+    rows = (*held.K, *held.observer_gain, *held.prefilter)
+    values = [value for row in rows for value in row] + [v.value if isinstance(v, _Value) else v for v in given]
+    return Gains(tuple(_bits(value, name, source) for name, value in zip(BANK, values, strict=True)))
 
 
-def gains_of(document: object) -> Gains:
-    """The set that a GAINS.json document holds. Raises GainsError."""
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise GainsError(f"not a {FORMAT} file; make it with `tippath design`")
-    model = document.get("model")
-    structure = model.get("structure") if isinstance(model, dict) else None
-    parameters = model.get("parameters") if isinstance(model, dict) else None
-    if not isinstance(parameters, dict):
-        raise GainsError("no model.parameters, which the vehicle's observer needs; make it with `tippath design`")
-    if structure != "tpp":
-        raise GainsError(f"the model is {structure!r}; the vehicle's observer holds a tpp model")
-    values = [
-        *_matrix(document, "K", 2, 4),
-        *_matrix(document, "observer_gain", 4, 2),
-        *_matrix(document, "prefilter", 2, 2),
-    ]
-    for name in MODEL:
-        if name not in parameters:
-            raise GainsError(f"model.parameters has no {name}")
-        value = parameters[name]
-        values.append(_number(value.get("value") if isinstance(value, dict) else value, f"model.parameters.{name}"))
-    return Gains(tuple(_bits(value, name) for name, value in zip(BANK, values, strict=True)))
-
-
-def _matrix(document: Mapping[str, object], name: str, rows: int, columns: int) -> list[float]:
-    matrix = document.get(name)
-    shape = isinstance(matrix, list) and len(matrix) == rows
-    if not shape or not all(isinstance(row, list) and len(row) == columns for row in _rows(matrix)):
-        raise GainsError(f"{name} must be {rows} rows of {columns} numbers")
-    return [_number(value, f"{name}[{i}][{j}]") for i, row in enumerate(_rows(matrix)) for j, value in enumerate(row)]
-
-
-def _rows(matrix: object) -> Sequence[list[object]]:
-    return matrix if isinstance(matrix, list) else []
-
-
-def _number(value: object, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise GainsError(f"{name} is no number")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise GainsError(f"{name} is not finite")
-    return number
-
-
-def _bits(value: float, name: str) -> int:
+def _bits(value: float, name: str, source: str) -> int:
     try:
         return bits_of_float(value)
     except OverflowError:
-        raise GainsError(f"{name} = {value:g} is too large for the vehicle's float32") from None
+        raise GainsError(f"{source}: {name} = {value:g} is too large for the vehicle's float32") from None
 
 
 def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] = lambda _: None) -> PushResult:
@@ -189,17 +182,17 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     _require_disarmed(session, "nothing was written")
     _require_bank(session)
     previous = _active_crc(session)
-    if previous == gains.crc and _bank(session, "LQR_") == gains.bits:
+    if previous == gains.crc and _bank(session, ACTIVE) == gains.bits:
         return PushResult(gains.crc, previous, False, gains.values, _switch(session))
 
     on_progress(f"writing {len(BANK)} values to the shadow bank")
     for name, bits in zip(BANK, gains.bits, strict=True):
-        _call(session, WriteParameter(f"LQS_{name}", float_of_bits(bits)))
+        _call(session, WriteParameter(SHADOW + name, float_of_bits(bits)))
     on_progress("reading the shadow bank back")
-    _require_equal(_bank(session, "LQS_"), gains.bits, "shadow bank", "nothing was committed")
+    _require_equal(_bank(session, SHADOW), gains.bits, "shadow bank", "nothing was committed")
 
     on_progress(f"committing {checksum(gains.crc)}")
-    refusal = _act(session, "LQR_COMMIT", float(gains.crc), previous)
+    refusal = _act(session, COMMIT, float(gains.crc), previous)
     active = _active_crc(session)
     if active != gains.crc:
         raise GainsError(
@@ -207,7 +200,7 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
             f"the active bank is {'as before' if active == previous else 'another one'}"
         )
     on_progress("reading the active bank back")
-    _require_equal(_bank(session, "LQR_"), gains.bits, "active bank", "do not fly it: revert")
+    _require_equal(_bank(session, ACTIVE), gains.bits, "active bank", "do not fly it: revert")
     return PushResult(gains.crc, previous, True, gains.values, _switch(session))
 
 
@@ -219,7 +212,7 @@ def revert(session: Session) -> RevertResult:
     _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
     _require_bank(session)
     before = _active_crc(session)
-    refusal = _act(session, "LQR_REVERT", 1.0, before)
+    refusal = _act(session, REVERT, 1.0, before)
     after = _active_crc(session)
     if after == before and refusal is not None:
         raise GainsError(f"the vehicle did not go back: {refusal}; the active bank is as before ({checksum(before)})")
@@ -233,13 +226,10 @@ def _require_disarmed(session: Session, then: str) -> None:
 
 def _require_bank(session: Session) -> None:
     try:
-        session.call(ReadParameter("LQS_K11", 4))
+        session.call(ReadParameter(BANK_KNOWN_BY, 4))
     except ProcedureError as error:
         _require_link(session, error)
-        raise GainsError(
-            "this vehicle offers no LQR bank (it has no parameter LQS_K11): gains can only be pushed to a vehicle "
-            "whose autopilot runs the LQR"
-        ) from error
+        raise GainsError(NO_BANK) from error
 
 
 def _require_link(session: Session, error: ProcedureError) -> None:
@@ -281,11 +271,11 @@ def _act(session: Session, name: str, value: float, before: int) -> str | None:
 
 def _in_hex(text: str, name: str, value: float) -> str:
     """What is said about a write of a checksum, with the checksum as it is written everywhere else."""
-    return text.replace(f"{value:.9g}", checksum(int(value))) if name == "LQR_COMMIT" else text
+    return text.replace(f"{value:.9g}", checksum(int(value))) if name == COMMIT else text
 
 
 def _active_crc(session: Session) -> int:
-    return int(_finite(_call(session, ReadParameter("LQR_ACTIVE"))))
+    return int(_finite(_call(session, ReadParameter(ACTIVE_CRC))))
 
 
 def _finite(parameter: Parameter) -> float:
@@ -296,7 +286,7 @@ def _finite(parameter: Parameter) -> float:
 
 def _switch(session: Session) -> bool | None:
     try:
-        return session.call(ReadParameter("LQR_SW", 2)).value == 1.0
+        return session.call(ReadParameter(SWITCH, 2)).value == 1.0
     except ProcedureError:
         return None
 

@@ -14,26 +14,29 @@ from gcs.cards.envelope import Limits
 from gcs.flight.live import LiveWindow
 from gcs.flight.log_health import SWEEP_RECORD_BYTES, LogHealth
 from gcs.link.clock import LOST_AFTER_S
+from gcs.vehicle.autopilots import (
+    IN_THE_AIR,
+    LEAN_LIMIT,
+    LOG_LESS,
+    LOG_TO_MAVLINK,
+    SWITCH,
+    lean_limit_deg,
+    mode_name,
+)
 from gcs.vehicle.profile import Plan, VehicleProfile
-from gcs.vehicle.snapshot import VehicleSnapshot, mode_name
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 LAG_LIMIT_S = 0.5
 """A link that is later is not started on, and ends a run."""
 LOG_RATE = 300_000
 """Bytes a second of ArduPilot's whole fast log; a vehicle that logs less needs less."""
 SPARE_BYTES = 200_000_000
-ACTIVE = 4
-"""MAV_STATE: in the air."""
 LEVEL = math.radians(10.0)
 CALM = 0.3
 """rad/s, deviation of p and q in hover."""
 CENTRED = 0.25
 """Of full command: more trim leaves too little room on one side."""
 LOW_BATTERY = 0.25
-
-_FAILSAFE_ACTIONS = {1: "RETURNS", 2: "RETURNS", 3: "RETURNS", 4: "RETURNS", 5: "LANDS", 6: "LANDS", 7: "BRAKES"}
-CONTINUE_PILOT_CONTROL = 16
-"""FS_OPTIONS bit 4."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,42 +47,6 @@ class Check:
     words: str
     ok: bool = True
     """False blocks the flight."""
-
-
-@dataclass(frozen=True, slots=True)
-class LinkLoss:
-    """What the vehicle does when it no longer hears the ground."""
-
-    answer: str
-    """`RETURNS after 5 s`, `the sweep RUNS ON (...)`."""
-    ends_sweep: bool | None
-    """None where the vehicle does not tell."""
-
-    @property
-    def words(self) -> str:
-        """`link lost: RETURNS after 5 s`."""
-        return f"link lost: {self.answer}"
-
-
-def link_loss(parameters: Mapping[str, float], station: int) -> LinkLoss:
-    """The vehicle's answer to a lost link, read from its parameters, for a ground station with this system id."""
-    enabled = parameters.get("FS_GCS_ENABLE")
-    if enabled is None:
-        return LinkLoss("the vehicle does not tell what it would do (no FS_GCS_ENABLE)", None)
-    if int(enabled) == 0:
-        return LinkLoss("the sweep RUNS ON (FS_GCS_ENABLE 0: the vehicle does not notice)", False)
-    primary = parameters.get("SYSID_MYGCS", parameters.get("MAV_GCS_SYSID"))
-    if primary is not None and int(primary) != station:
-        return LinkLoss(
-            f"the sweep RUNS ON (the failsafe listens to station {int(primary)}, this is {station}; "
-            "--primary takes its place)",
-            False,
-        )
-    if int(parameters.get("FS_OPTIONS", 0)) & CONTINUE_PILOT_CONTROL:
-        return LinkLoss("the sweep RUNS ON (FS_OPTIONS 16: continuing pilot control)", False)
-    after_s = parameters.get("FS_GCS_TIMEOUT", 5.0)
-    action = _FAILSAFE_ACTIONS.get(int(enabled), f"does what FS_GCS_ENABLE {int(enabled)} means")
-    return LinkLoss(f"{action} after {after_s:g} s", True)
 
 
 def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, ...]:
@@ -93,7 +60,7 @@ def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, .
     ]
     if not snapshot.armed:
         checks.append(Check("in the air", "not armed: the pilot arms and takes off, then fly this again", False))
-    elif snapshot.status != ACTIVE:
+    elif snapshot.status != IN_THE_AIR:
         checks.append(Check("in the air", "armed, but not in the air: the pilot takes off, then fly this again", False))
     else:
         checks.append(Check("in the air", "armed and in the air"))
@@ -136,20 +103,20 @@ def lag(snapshot: VehicleSnapshot) -> tuple[Check, ...]:
 
 def lean_stop(parameters: Mapping[str, float]) -> Check:
     """Beyond which lean the vehicle ends a sweep by itself, whatever becomes of the link."""
-    degrees = parameters.get("ATC_ANGLE_MAX")
-    if degrees is None and "ANGLE_MAX" in parameters:
-        degrees = parameters["ANGLE_MAX"] / 100
+    degrees = lean_limit_deg(parameters)
     if degrees is None:
-        return Check("lean stop", "the vehicle does not tell at which lean it ends a sweep by itself (no ANGLE_MAX)")
-    return Check("lean stop", f"the vehicle ends a sweep by itself beyond {degrees:.0f}° (ANGLE_MAX)")
+        words = f"the vehicle does not tell at which lean it ends a sweep by itself (no {LEAN_LIMIT})"
+    else:
+        words = f"the vehicle ends a sweep by itself beyond {degrees:.0f}° ({LEAN_LIMIT})"
+    return Check("lean stop", words)
 
 
 def controller(lqr_switch: float | None) -> tuple[Check, ...]:
-    """Whether the LQR is there to follow a commanded rate. `lqr_switch` is LQR_SW, None where the vehicle has none."""
+    """Whether the LQR is there to follow a commanded rate. `lqr_switch` is None where there is no such switch."""
     if lqr_switch is None:
-        return (Check("controller", "the vehicle does not tell which one follows the rates (no LQR_SW)"),)
+        return (Check("controller", f"the vehicle does not tell which one follows the rates (no {SWITCH})"),)
     if lqr_switch != 1:
-        words = "the LQR is not selected (LQR_SW is 0): the pilot switches it on, then fly this again"
+        words = f"the LQR is not selected ({SWITCH} is 0): the pilot switches it on, then fly this again"
         return (Check("controller", words, False),)
     return (Check("controller", "the pilot's switch selects the LQR"),)
 
@@ -166,7 +133,7 @@ def recording(
         checks.append(
             Check(
                 "log",
-                "no log blocks arrive: set LOG_BACKEND_TYPE to 3 (file and MAVLink) and restart the autopilot",
+                f"no log blocks arrive: {LOG_TO_MAVLINK}",
                 False,
             )
         )
@@ -193,7 +160,7 @@ def carried(health: LogHealth | None, loop_hz: float | None) -> tuple[Check, ...
         return (Check("log rate", f"{counted.carried / 1e3:.0f} kB/s arrive of the {needed:.0f} that it needs{more}"),)
     words = (
         f"the link carries {counted.carried / 1e3:.1f} kB/s and the log needs {needed:.0f}{more}: "
-        "use a faster link (921,600 baud, USB, UDP), or let the vehicle log less (LOG_BITMASK)"
+        f"use a faster link (921,600 baud, USB, UDP), or let the vehicle log less ({LOG_LESS})"
     )
     return (Check("log rate", words, False),)
 

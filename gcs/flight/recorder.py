@@ -22,8 +22,9 @@ from typing import Any
 
 from gcs.errors import TippathError
 from gcs.link.decode import BLOCK_SIZE
+from gcs.link.log_blocks import StreamResult
 from gcs.link.log_end import NOT_JUDGED, EndState, LogEnd
-from gcs.link.procedures import StreamResult
+from gcs.vehicle.autopilots import NO_LOG
 
 HOW = "log blocks streamed by the vehicle (REMOTE_LOG_DATA_BLOCK), acknowledged one by one"
 
@@ -198,7 +199,7 @@ class Recorder:
         logs = []
         known = {stream.file: stream for stream in streams}
         for file, (path, _) in sorted(self._logs.items()):
-            stream = known.get(file, StreamResult(file, 0, 0, (), 0))
+            stream = known.get(file, StreamResult(file=file, blocks=0, expected=0, missing=(), duplicates=0))
             logs.append(
                 RecordedLog(
                     path=path,
@@ -218,9 +219,7 @@ class Recorder:
                 opened.close()
         problems = list(self._problems)
         if not logs:
-            problems.append(
-                "no block of the log came: the vehicle must log to MAVLink (LOG_BACKEND_TYPE with bit 2, then reboot)"
-            )
+            problems.append(f"no block of the log came: {NO_LOG}")
         problems += [problem for log in logs for problem in log.problems]
         if len(logs) > 1:
             problems.append(f"the vehicle began a new log {len(logs) - 1} time(s) while it was recorded")

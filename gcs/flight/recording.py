@@ -11,7 +11,7 @@ from gcs.flight.live import LiveLog
 from gcs.flight.log_health import LogHealth, Tally, capacity
 from gcs.flight.recorder import Recorder, RecordingSummary
 from gcs.link.encode import Send
-from gcs.link.procedures import LogBlocks
+from gcs.link.log_blocks import LogBlocks
 
 TALLY_EVERY_S = 0.2
 KEPT_TALLIES = 64

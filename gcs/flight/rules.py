@@ -35,7 +35,8 @@ from dataclasses import replace
 from gcs.flight.preflight import LAG_LIMIT_S
 from gcs.flight.run_state import Ending, Order, Phase, RunState, Seen
 from gcs.link.clock import LOST_AFTER_S, UNKNOWN
-from gcs.vehicle.profile import FINISHED, PARAMETER_ERROR, STARTING, STOPPED, Plan
+from gcs.vehicle.autopilots import FINISHED, PARAMETER_ERROR, STARTING, STOPPED
+from gcs.vehicle.profile import Plan
 from gcs.vehicle.snapshot import Beat
 
 TICK_S = 0.05

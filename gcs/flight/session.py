@@ -55,12 +55,11 @@ from gcs.link.procedures import (
     RequestAutopilotVersion,
 )
 from gcs.link.transport import Frame, Transport, open_transport
+from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
 T = TypeVar("T")
 
-PRIMARY_SYSTEM = 255
-"""The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
 STATION_SYSTEM = 254
 
 RECEIVE_S = 0.01
@@ -370,7 +369,7 @@ class Session:
 
     def _pin(self, event: Heartbeat, now: float) -> VehicleSnapshot:
         self._encoder.target = (event.system, event.component)
-        self._snapshot = VehicleSnapshot(event.system, event.component)
+        self._snapshot = VehicleSnapshot(system=event.system, component=event.component)
         self._telemetry.begin(now)
         return self._snapshot
 

@@ -20,6 +20,7 @@ from gcs.errors import LinkError, TippathError
 from gcs.flight.live import SweepSettings
 from gcs.link.events import bits_of_float
 from gcs.link.procedures import NoAnswerError, Procedure, ReadParameter, RefusedError, WriteParameter
+from gcs.vehicle.autopilots import AROUND_A_MANEUVER, RENAMED
 from gcs.vehicle.profile import Plan, VehicleProfile, choose_profile, wanted_parameters
 from gcs.vehicle.snapshot import VehicleSnapshot
 
@@ -42,11 +43,14 @@ class Clock(Protocol):
     def now(self) -> float: ...
 
 
-def recognise(session: Asking, clock: Clock) -> VehicleProfile:
-    """What kind of vehicle this is. Raises CannotFlyError; NoAnswerError where it answers nothing."""
+def recognise(session: Asking, clock: Clock, profiles: Sequence[VehicleProfile] = ()) -> VehicleProfile:
+    """What kind of vehicle this is, of these or those that come with the package.
+
+    Raises CannotFlyError; NoAnswerError where it answers nothing.
+    """
     held: dict[str, float] = {}
     absent: set[str] = set()
-    for names in wanted_parameters():
+    for names in wanted_parameters(profiles):
         for name in names:
             if name not in held and not absent.intersection(names):
                 value = ask(session, clock, name)
@@ -54,7 +58,7 @@ def recognise(session: Asking, clock: Clock) -> VehicleProfile:
                     absent.add(name)
                 else:
                     held[name] = value
-    return choose_profile(held, session.snapshot().autopilot)
+    return choose_profile(held, session.snapshot().autopilot, profiles)
 
 
 def ask(session: Asking, clock: Clock, name: str) -> float | None:
@@ -94,9 +98,8 @@ def read_settings(session: Asking, clock: Clock, profile: VehicleProfile) -> dic
     Raises ProcedureError where a maneuver's parameter is not answered: what is not known cannot be put back.
     """
     settings = {name: session.call(ReadParameter(name)).value for name in profile.settings}
-    settings |= ask_all(session, clock, ["FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "SCHED_LOOP_RATE"])
-    # ArduPilot renamed these: only one of each pair is there.
-    for pair in (("SYSID_MYGCS", "MAV_GCS_SYSID"), ("ANGLE_MAX", "ATC_ANGLE_MAX")):
+    settings |= ask_all(session, clock, AROUND_A_MANEUVER)
+    for pair in RENAMED:
         settings |= ask_all(session, clock, pair[:1]) or ask_all(session, clock, pair[1:])
     return settings
 

@@ -29,7 +29,7 @@ from gcs.flight.excitation import AbortResult, Excitation, abort
 from gcs.flight.flown_card import Briefing, SweepResult, limits_document, recording_document, vehicle_document
 from gcs.flight.folder import FlightFolder
 from gcs.flight.handback import Handback
-from gcs.flight.preflight import Check, LinkLoss
+from gcs.flight.preflight import Check
 from gcs.flight.probe import QUIET_S, ProbeResult, ProbeStep, Samples, judge_probe, largest_amplitude, probe_card
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.rules import LOG_SILENCE_S, TICK_S, joined
@@ -39,6 +39,7 @@ from gcs.flight.settings import ask_all, changed_since, read_settings, recognise
 from gcs.flight.verdict import cut
 from gcs.link.clock import UNKNOWN
 from gcs.link.procedures import ProcedureError
+from gcs.vehicle.autopilots import LOOP_RATE, SWITCH, LinkLoss, link_loss
 from gcs.vehicle.profile import Plan, VehicleProfile
 
 LOG_WAIT_S = 8.0
@@ -58,15 +59,18 @@ class NotReadyError(TippathError):
     """A check before the start failed; the message lists what and why."""
 
 
-def require_flyable(session: Connection, card: TestCard, clock: Clock | None = None) -> VehicleProfile:
-    """Before a folder is made: whether this vehicle, as it is now, can fly the card at all, and what it is.
+def require_flyable(
+    session: Connection, card: TestCard, clock: Clock | None = None, *, profiles: Sequence[VehicleProfile] = ()
+) -> VehicleProfile:
+    """Before a folder is made: whether this vehicle, as it is now, can fly the card at all, and what it is, of
+    these profiles or of those that come with the package.
 
     Raises CannotFlyError, NotReadyError, LinkError or ProcedureError; `fly_card` looks again.
     """
     clock = clock or WallClock()
     _wait_for_lag(session, clock)
     _require(preflight.lag(session.snapshot()))
-    profile = recognise(session, clock)
+    profile = recognise(session, clock, profiles)
     for run in card.runs():
         profile.plan(run.maneuver)
     _require((*preflight.flying(session.snapshot(), profile), *_controller(session, clock, card)))
@@ -84,7 +88,7 @@ def _controller(session: Connection, clock: Clock, card: TestCard) -> tuple[Chec
     """Which controller follows the rates that a card commands; nothing where it commands none."""
     if all(maneuver.target != "rate" for maneuver in card.maneuvers):
         return ()
-    return preflight.controller(ask_all(session, clock, ["LQR_SW"]).get("LQR_SW"))
+    return preflight.controller(ask_all(session, clock, [SWITCH]).get(SWITCH))
 
 
 def fly_card(
@@ -123,7 +127,7 @@ def fly_card(
     _require((*preflight.flying(session.snapshot(), profile), *controller))
     parameters = read_settings(session, clock, profile)
     controller = (*controller, preflight.lean_stop(parameters))
-    loss = preflight.link_loss(parameters, session.station)
+    loss = link_loss(parameters, session.station)
     flight = _Flight(
         session=session,
         card=card,
@@ -138,7 +142,7 @@ def fly_card(
     )
     folder.write_card(card.text)
     with flight:
-        checks = flight.look(disk_free, controller, parameters.get("SCHED_LOOP_RATE"))
+        checks = flight.look(disk_free, controller, parameters.get(LOOP_RATE))
         _require(checks)
         if not confirm(Briefing(card, tuple(planned), checks, loss, profile)):
             raise NotReadyError("not confirmed: nothing was flown")
@@ -317,7 +321,7 @@ class _Flight:
             clock=self.clock,
             on_progress=self.on_progress,
             aborted=aborted,
-            rate_hz=self.handback.settings.get("SCHED_LOOP_RATE"),
+            rate_hz=self.handback.settings.get(LOOP_RATE),
             interruptions=interruptions,
         )
         self.runs.append(result)
@@ -346,7 +350,7 @@ class _Flight:
         self.steps.append(ProbeStep(run.maneuver, samples, start if math.isfinite(start) else None))
         if any(later.probe and later.number > run.number for later, _ in self.planned) or self.quiet is None:
             return ""
-        self.probed = judge_probe(self.quiet, self.steps, self.handback.settings.get("SCHED_LOOP_RATE"))
+        self.probed = judge_probe(self.quiet, self.steps, self.handback.settings.get(LOOP_RATE))
         self.write()
         self._audit(f"probe: {'; '.join(self.probed.words)}")
         self.on_progress(Probed(self.probed))

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 
-from gcs.link.encode import SET_MESSAGE_INTERVAL, Command, Send
+from gcs.link.encode import SET_MESSAGE_INTERVAL, TELEMETRY, Command, Send
 
-# Message -> wanted interval, s. Asked for only while the vehicle does not send it, because intervals outlive us.
-TELEMETRY = {30: 0.1, 1: 1.0, 226: 0.2}
 TELEMETRY_CHECK_S = 2.5
 TELEMETRY_TRIES = 3
 FRESH_S = 1.5

@@ -83,13 +83,29 @@ def decode(message: Message) -> Event | None:
 
 
 def _heartbeat(m: Any, system: int, component: int) -> Event:
-    return Heartbeat(system, component, m.type, m.autopilot, bool(m.base_mode & 128), m.custom_mode, m.system_status)
+    return Heartbeat(
+        system,
+        component,
+        vehicle_type=m.type,
+        autopilot=m.autopilot,
+        armed=bool(m.base_mode & 128),
+        mode=m.custom_mode,
+        status=m.system_status,
+    )
 
 
 def _param_value(m: Any, system: int, component: int) -> Event:
     # param_value has been through a Python float, which quiets signalling NaNs: the bits come from the frame.
     (bits,) = struct.unpack("<I", payload_of(m)[:4].ljust(4, b"\0"))
-    return ParamValue(system, component, sanitise(m.param_id), bits, m.param_type, m.param_count, m.param_index)
+    return ParamValue(
+        system,
+        component,
+        name=sanitise(m.param_id),
+        bits=bits,
+        kind=m.param_type,
+        count=m.param_count,
+        index=m.param_index,
+    )
 
 
 def _param_error(m: Any, system: int, component: int) -> Event:
@@ -98,14 +114,23 @@ def _param_error(m: Any, system: int, component: int) -> Event:
 
 
 def _command_ack(m: Any, system: int, component: int) -> Event:
-    return CommandAck(system, component, m.command, m.result, m.target_system, m.target_component)
+    return CommandAck(
+        system,
+        component,
+        command=m.command,
+        result=m.result,
+        target_system=m.target_system,
+        target_component=m.target_component,
+    )
 
 
 def _status_text(m: Any, system: int, component: int) -> Event:
     # Escape sequences may straddle chunks, so a chunk is sanitised only when the whole text is there.
     if m.id == 0:
         return StatusText(system, component, m.severity, sanitise(m.text))
-    return StatusTextPart(system, component, m.severity, m.text, m.id, m.chunk_seq, len(m.text) < TEXT_SIZE)
+    return StatusTextPart(
+        system, component, severity=m.severity, text=m.text, id=m.id, chunk=m.chunk_seq, last=len(m.text) < TEXT_SIZE
+    )
 
 
 def _log_block(m: Any, system: int, component: int) -> Event:
@@ -115,7 +140,15 @@ def _log_block(m: Any, system: int, component: int) -> Event:
 
 def _attitude(m: Any, system: int, component: int) -> Event:
     return Attitude(
-        system, component, m.time_boot_ms * 1e-3, m.roll, m.pitch, m.yaw, m.rollspeed, m.pitchspeed, m.yawspeed
+        system,
+        component,
+        boot_s=m.time_boot_ms * 1e-3,
+        roll=m.roll,
+        pitch=m.pitch,
+        yaw=m.yaw,
+        p=m.rollspeed,
+        q=m.pitchspeed,
+        r=m.yawspeed,
     )
 
 
@@ -143,7 +176,17 @@ def _sys_status(m: Any, system: int, component: int) -> Event:
 
 
 def _local_position(m: Any, system: int, component: int) -> Event:
-    return LocalPosition(system, component, m.time_boot_ms * 1e-3, m.x, m.y, m.z, m.vx, m.vy, m.vz)
+    return LocalPosition(
+        system,
+        component,
+        boot_s=m.time_boot_ms * 1e-3,
+        north=m.x,
+        east=m.y,
+        down=m.z,
+        v_north=m.vx,
+        v_east=m.vy,
+        v_down=m.vz,
+    )
 
 
 def _autopilot_version(m: Any, system: int, component: int) -> Event:

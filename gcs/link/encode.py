@@ -18,6 +18,11 @@ STATION_COMPONENT = 190
 REQUEST_MESSAGE = 512
 SET_MESSAGE_INTERVAL = 511
 DO_SET_MODE = 176
+AUTOPILOT_VERSION = 148
+
+TELEMETRY = {30: 0.1, 1: 1.0, 226: 0.2}
+"""Message -> wanted interval, s: ATTITUDE, SYS_STATUS, RPM. Asked for only while the vehicle does not send it, because
+intervals outlive us."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,7 @@ class Event:
     component: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Heartbeat(Event):
     vehicle_type: int
     """MAV_TYPE: 4 helicopter, 6 ground station."""
@@ -105,7 +105,7 @@ class Heartbeat(Event):
         return self.autopilot != 8 and not self.from_station and self.system != 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ParamValue(Event):
     name: str
     bits: int
@@ -127,7 +127,7 @@ class ParamError(Event):
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CommandAck(Event):
     command: int
     result: int
@@ -145,7 +145,7 @@ class StatusText(Event):
     """Sanitised; chunks joined, a lost chunk shown as an ellipsis."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StatusTextPart(Event):
     """One chunk of a long text, before `decode.TextAssembly` joins them."""
 
@@ -164,7 +164,7 @@ class LogBlock(Event):
     """200 bytes."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Attitude(Event):
     boot_s: float
     """The vehicle's own clock, since it booted."""
@@ -208,7 +208,7 @@ class Battery(Event):
     """0..1."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LocalPosition(Event):
     """North, east, down from the vehicle's origin (m), and their rates (m/s)."""
 

@@ -50,7 +50,7 @@ class Layout:
     """The field that tells several sources of one vehicle apart, where it is a number."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Frames:
     """The frames of a telemetry log, in the file's order; n of them."""
 
@@ -127,7 +127,7 @@ def _crc_tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     return after[0][:256].copy(), after[1]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Candidates:
     """Places where a frame may begin; arrays of shape (n,)."""
 
@@ -143,13 +143,13 @@ class _Candidates:
 
     def part(self, which: Any) -> _Candidates:
         return _Candidates(
-            self.at[which],
-            self.length[which],
-            self.payload[which],
-            self.payload_length[which],
-            self.id[which],
-            self.source[which],
-            self.timely[which],
+            at=self.at[which],
+            length=self.length[which],
+            payload=self.payload[which],
+            payload_length=self.payload_length[which],
+            id=self.id[which],
+            source=self.source[which],
+            timely=self.timely[which],
         )
 
     @property
@@ -187,15 +187,23 @@ def locate(data: Bytes, size: int) -> Frames:
 def _joined(parts: list[_Candidates]) -> _Candidates:
     if not parts:
         at, number = np.empty(0, np.int64), np.empty(0, np.int32)
-        return _Candidates(at, number, at, number, number, number, np.empty(0, np.bool_))
+        return _Candidates(
+            at=at,
+            length=number,
+            payload=at,
+            payload_length=number,
+            id=number,
+            source=number,
+            timely=np.empty(0, np.bool_),
+        )
     return _Candidates(
-        np.concatenate([part.at for part in parts]),
-        np.concatenate([part.length for part in parts]),
-        np.concatenate([part.payload for part in parts]),
-        np.concatenate([part.payload_length for part in parts]),
-        np.concatenate([part.id for part in parts]),
-        np.concatenate([part.source for part in parts]),
-        np.concatenate([part.timely for part in parts]),
+        at=np.concatenate([part.at for part in parts]),
+        length=np.concatenate([part.length for part in parts]),
+        payload=np.concatenate([part.payload for part in parts]),
+        payload_length=np.concatenate([part.payload_length for part in parts]),
+        id=np.concatenate([part.id for part in parts]),
+        source=np.concatenate([part.source for part in parts]),
+        timely=np.concatenate([part.timely for part in parts]),
     )
 
 
@@ -218,7 +226,15 @@ def _candidates(data: Bytes, size: int, start: int, stop: int) -> _Candidates:
     component = np.where(second, data[at + 6], data[at + 4]).astype(np.int32)
     before = np.maximum(at - TIME_BYTES, 0)
     timely = (at >= TIME_BYTES) & (data[before] == 0) & (data[before + 1] < LATEST_HIGH)
-    return _Candidates(at, length, at + head, count, id, 256 * system + component, timely)
+    return _Candidates(
+        at=at,
+        length=length,
+        payload=at + head,
+        payload_length=count,
+        id=id,
+        source=256 * system + component,
+        timely=timely,
+    )
 
 
 def _id_of(data: Bytes, at: Offsets) -> Numbers:
@@ -305,17 +321,17 @@ def _counted(data: Bytes, size: int, frames: _Candidates) -> Frames:
         stamp = stamp << 8 | data[at - TIME_BYTES + k]
     received[frames.timely] = stamp
     return Frames(
-        data,
-        size,
-        received,
-        frames.id,
-        frames.source,
-        frames.payload,
-        frames.payload_length,
-        int(np.sum(edges_stop - edges_first)),
-        resyncs,
-        tail_cut,
-        unknown,
+        data=data,
+        size=size,
+        received_us=received,
+        ids=frames.id,
+        sources=frames.source,
+        payloads=frames.payload,
+        lengths=frames.payload_length,
+        skipped_bytes=int(np.sum(edges_stop - edges_first)),
+        resyncs=resyncs,
+        tail_cut=tail_cut,
+        unknown=unknown,
     )
 
 

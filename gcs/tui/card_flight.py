@@ -37,7 +37,9 @@ from gcs.tui import state as view
 from gcs.tui.moment import Moment
 from gcs.tui.state import Mark, RunView, Stage
 from gcs.tui.vehicle_link import VehicleLink
-from gcs.vehicle.snapshot import SYSTEMID, VehicleSnapshot
+from gcs.vehicle.autopilots import SYSTEMID
+from gcs.vehicle.profile import load_profile
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 TOO_EARLY = "not yet: a run is under way"
 CLOSED = "the app was closed"
@@ -53,15 +55,19 @@ class CardFlight:
         card: str,
         *,
         folder: Path,
+        profile: str | None = None,
         probe: bool,
         on_landed: Callable[[Path], None],
     ) -> None:
-        """`on_landed` hears, in a thread of its own, of the folder of every flight that was recorded."""
+        """`profile` is the vehicle's, where it is not to be recognised. `on_landed` hears, in a thread of its own, of
+        the folder of every flight that was recorded."""
         self._moment = moment
         self._link = link
         self._folder = folder
         self._probe = probe
         self._on_landed = on_landed
+        self._profile_word = profile
+        self._profiles = () if profile is None else (load_profile(profile),)
         self._card, self._card_word = load_card(card), card
         moment.set(card=self._card.name, runs=_views(self._card), limits=self._card.limits)
         self._abort: str | None = None
@@ -182,7 +188,7 @@ class CardFlight:
     def _fly(self, session: Session, card: TestCard) -> None:
         words, landed = "", None
         try:
-            profile = require_flyable(session, card)
+            profile = require_flyable(session, card, profiles=self._profiles)
             folder = create(None, self._folder)
             self._moment.set(flight=folder.path)
             result = fly_card(
@@ -219,7 +225,8 @@ class CardFlight:
         kept = sum(run.clean for run in result.runs)
         where = word(result.folder.path)
         link = word(self._link.word or "LINK")
-        command = f"tippath sweep --connect {link} --card {word(self._card_word)} -o {where}"
+        vehicle = "" if self._profile_word is None else f" --vehicle-profile {word(self._profile_word)}"
+        command = f"tippath sweep --connect {link}{vehicle} --card {word(self._card_word)} -o {where}"
         self._moment.did(command)
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")

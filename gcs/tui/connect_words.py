@@ -10,13 +10,8 @@ from gcs.tui.connections import Connection
 from gcs.tui.desk_words import Line, broken
 from gcs.tui.state import Stage, State
 from gcs.tui.words import connection_words, fitted, justified
+from gcs.vehicle.autopilots import AUTOPILOTS, KINDS, PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import VehicleSnapshot
-
-AUTOPILOTS = {3: "ArduPilot", 12: "PX4", 0: "a generic autopilot", 9: "Paparazzi"}
-PRIMARY = 255
-"""The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
-KINDS = {1: "aeroplane", 2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter", 13: "hexarotor", 14: "octorotor"}
-
 
 TO_CHECK = {
     "udpin": (
@@ -103,7 +98,7 @@ def _stations(state: State, vehicle: VehicleSnapshot) -> str:
     with_us = ", ".join(others) or "no other station or vehicle"
     if state.station is None:
         return f" on this link: {with_us}"
-    holds = "whose heartbeat holds the failsafe" if state.station == PRIMARY else "which holds no failsafe"
+    holds = "whose heartbeat holds the failsafe" if state.station == PRIMARY_SYSTEM else "which holds no failsafe"
     return f" we are station {state.station}, {holds}; {with_us}"
 
 

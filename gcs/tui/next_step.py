@@ -5,13 +5,11 @@ from __future__ import annotations
 from gcs.desk.state import Choice, DeskState, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.state import Mark, RunView, Stage, State
-from gcs.vehicle.snapshot import SYSTEMID, VehicleSnapshot
+from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
 """Screens on which a vehicle that is not there matters; the others work on what was recorded."""
-
-BY_ITSELF = {3, 5, 6, 9, 11, 17, 20, 21, 26, 27}
-"""Modes in which the autopilot flies where it will: Auto, RTL, Land and the like."""
 
 
 def next_words(state: State, screen: str) -> str:

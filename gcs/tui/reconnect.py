@@ -34,6 +34,7 @@ class Reconnecting:
         folder: Path = Path(),
         primary: bool = False,
         card: str = "hover",
+        profile: str | None = None,
         probe: bool | None = None,
         make: Callable[..., FlightWorker] = FlightWorker,
         make_vehicle: Callable[..., SimulatedVehicle] = SimulatedVehicle,
@@ -41,6 +42,7 @@ class Reconnecting:
         self._folder = folder
         self._primary = primary
         self._card = card
+        self._profile = profile
         self._probe = probe
         self._make = make
         self._make_vehicle = make_vehicle
@@ -100,6 +102,7 @@ class Reconnecting:
             folder=self._folder,
             primary=self._primary or connection.plant is not None,
             card=self._card,
+            profile=self._profile,
             probe=self._probe,
             make_desk=self._taken_over,
         )

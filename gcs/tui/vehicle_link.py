@@ -16,7 +16,8 @@ from gcs.flight.session import Session
 from gcs.link.procedures import ProcedureError, ReadParameter
 from gcs.tui.moment import Moment
 from gcs.tui.state import Bank, Stage
-from gcs.vehicle.snapshot import STABILIZE, SYSTEMID, VehicleSnapshot
+from gcs.vehicle.autopilots import ACTIVE_CRC, STABILIZE, SWITCH, SYSTEMID
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 CONNECT_S = 3.0
 AGAIN_S = 1.0
@@ -179,8 +180,8 @@ class VehicleLink:
         if session is None:
             return
         try:
-            active = session.call(ReadParameter("LQR_ACTIVE", 2)).value
-            switch = session.call(ReadParameter("LQR_SW", 2)).value
+            active = session.call(ReadParameter(ACTIVE_CRC, 2)).value
+            switch = session.call(ReadParameter(SWITCH, 2)).value
         except ProcedureError:
             return
         if active >= 0:

@@ -17,10 +17,11 @@ from gcs.cards.envelope import Limits
 from gcs.flight.preflight import LAG_LIMIT_S, Check
 from gcs.link.clock import LOST_AFTER_S
 from gcs.link.decode import sanitise
-from gcs.tui.next_step import BY_ITSELF, current
+from gcs.tui.next_step import current
 from gcs.tui.plot import Style, bar
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
-from gcs.vehicle.snapshot import SYSTEMID, VehicleSnapshot
+from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 ABORT = "F12 ABORT"
 

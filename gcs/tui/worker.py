@@ -67,13 +67,15 @@ class FlightWorker:
         folder: Path = Path(),
         primary: bool = False,
         card: str = "hover",
+        profile: str | None = None,
         probe: bool | None = None,
         open_session: Callable[..., Session] = Session.open,
         make_desk: Callable[..., Desk] = Desk,
     ) -> None:
         """Without `link` and `start_vehicle` there is no vehicle, and the desk alone works. `make_desk` gives the desk
-        to work on, told by `on_command` and `on_said` whom to tell. With `probe`, by default on every vehicle that the
-        app did not start itself, a small step on each axis comes before a card."""
+        to work on, told by `on_command` and `on_said` whom to tell. `profile` is the vehicle's, where it is not to be
+        recognised. With `probe`, by default on every vehicle that the app did not start itself, a small step on each
+        axis comes before a card."""
         self._moment = Moment(State(link=link or ("the simulated vehicle" if start_vehicle else ""), plant=plant))
         self._link = VehicleLink(self._moment, link, start_vehicle, open_session, primary=primary)
         self._card = CardFlight(
@@ -81,6 +83,7 @@ class FlightWorker:
             self._link,
             card,
             folder=folder,
+            profile=profile,
             probe=start_vehicle is None if probe is None else probe,
             on_landed=self._read_flown,
         )

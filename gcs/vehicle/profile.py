@@ -4,36 +4,108 @@ A vehicle is known by the parameters it has, not by what it calls itself. The wo
 Table 1 and meets a vehicle that flies its own law without noise says so before, and in the flight's file.
 A maneuver that a vehicle cannot fly is found here, before anything is written to it.
 
-Vehicle profiles are TOML files in `gcs/vehicle/profiles`; those of logs (`gcs/logs/profile`) are another matter.
+Vehicle profiles are TOML files in `gcs/vehicle/profiles`, or a user's own by path; those of logs (`gcs/logs/profile`)
+are another matter. What a profile may hold stands once, in the structs below.
 """
 
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Literal
 
+from msgspec import Meta
+
+from gcs import documents
 from gcs.cards.maneuver import KINDS, Maneuver
 from gcs.errors import TippathError
-
-STARTING = "SystemID Starting"
-FINISHED = "SystemID Finished"
-STOPPED = "SystemID Stopped"
-PARAMETER_ERROR = "SystemID Parameter Error"
-"""What ArduPilot says about a sweep; its only word on progress."""
+from gcs.vehicle.autopilots import NO_EXCITATION
 
 _RATE_UNIT = math.degrees(1.0)  # ArduPilot counts its rate axes in deg/s
+
+
+# --------------------------------------------------------------------------------------------- what a profile may hold
+
+Axis = Literal["roll", "pitch", "elevator"]
+Kind = Literal["chirp", "doublet", "quiet"]
+Word = Literal[
+    "axis",
+    "amplitude",
+    "f_start_hz",
+    "f_stop_hz",
+    "fade_in_s",
+    "duration_s",
+    "fade_out_s",
+    "kind",
+    "law",
+    "c1",
+    "noise_fraction",
+    "pulse_s",
+    "seed",
+]
+Small = Annotated[int, Meta(ge=0, le=255)]
+Parameter = Annotated[str, Meta(pattern="^[A-Za-z0-9_]{1,16}$")]
+Seconds = Annotated[float, Meta(ge=0.0, le=60.0)]
+
+
+class _Modes(documents.Strict, frozen=True, kw_only=True):
+    excitation: Small
+    manual_throttle: Annotated[tuple[Small, ...], Meta(min_length=1)]
+    """Modes from which a maneuver may start."""
+
+
+class _Timing(documents.Strict, frozen=True, kw_only=True):
+    lead_s: Seconds
+    """From entering the mode to the first excitation."""
+    tail_s: Seconds
+    """From the last excitation to the vehicle's word that it has finished."""
+
+
+class ProfileDocument(documents.Strict, frozen=True, kw_only=True):
+    """A vehicle profile's TOML; what the keys mean stands at `VehicleProfile`."""
+
+    name: Annotated[str, Meta(min_length=1, max_length=100)]
+    chirp_law: Literal["table 1", "ardupilot"]
+    needs: Annotated[tuple[Parameter, ...], Meta(min_length=1)]
+    autopilot: Small
+    modes: _Modes
+    axes: Annotated[dict[Axis, Small], Meta(min_length=1)]
+    rate_axes: dict[Axis, Small] = {}
+    kinds: dict[Kind, Small] = {}
+    parameters: dict[Word, Parameter]
+    constants: dict[Word, float] = {}
+    largest_magnitude: dict[int, Annotated[float, Meta(gt=0.0)]]
+    timing: _Timing
+
+    def problem(self) -> str | None:
+        """What does not go together; None where all does."""
+        missing = [word for word in ("axis", "amplitude") if word not in self.parameters]
+        if missing:
+            return f"[parameters]: {missing[0]} is missing"
+        unbounded = {*self.axes.values(), *self.rate_axes.values()} - set(self.largest_magnitude)
+        if unbounded:
+            return (
+                f"[largest_magnitude]: {min(unbounded)} is missing: beyond which magnitude a maneuver on that axis "
+                "would be dangerous"
+            )
+        if self.kinds and "kind" not in self.parameters:
+            return "[parameters]: kind is missing, which chooses among [kinds]"
+        unknown = [word for word in self.constants if word not in self.parameters]
+        return f"[constants]: {unknown[0]} is none of [parameters]" if unknown else None
+
+
+# ------------------------------------------------------------------------------------------------ how it is flown
 
 
 class CannotFlyError(TippathError):
     """This vehicle cannot fly that; the message says why and what it can."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
     """One maneuver as one vehicle will fly it."""
 
@@ -56,7 +128,7 @@ class Plan:
     """From entering the mode to the vehicle's word that it has finished."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class VehicleProfile:
     """How one kind of vehicle is told to fly a maneuver."""
 
@@ -85,6 +157,11 @@ class VehicleProfile:
         """Whether a maneuver with this magnitude must not be left ready on this axis, however it came there."""
         largest = self.largest_magnitude.get(int(axis))
         return largest is not None and not abs(magnitude) <= largest
+
+    @property
+    def offers_our_law(self) -> bool:
+        """Whether the vehicle is known by the parameter that chooses Table 1's law, as the simulated one is."""
+        return self.parameters.get("law") in self.needs
 
     @property
     def settings(self) -> tuple[str, ...]:
@@ -119,15 +196,15 @@ class VehicleProfile:
         if self.chirp_law == "ardupilot":
             finished_s += maneuver.fade_in_s + maneuver.fade_out_s + 2 / maneuver.f_start_hz
         return Plan(
-            maneuver,
-            writes,
-            asked,
-            self._words(maneuver),
-            axes[maneuver.axis],
-            self.excitation_mode,
-            self.lead_s,
-            over_s,
-            finished_s,
+            maneuver=maneuver,
+            writes=writes,
+            asked=asked,
+            words=self._words(maneuver),
+            axis_number=axes[maneuver.axis],
+            mode=self.excitation_mode,
+            lead_s=self.lead_s,
+            over_s=over_s,
+            finished_s=finished_s,
         )
 
     def _values(self, maneuver: Maneuver, axis: int) -> dict[str, float]:
@@ -159,59 +236,87 @@ def _list(words: tuple[str, ...]) -> str:
     return " and ".join(filter(None, (", ".join(words[:-1]), words[-1]))) if words else "nothing"
 
 
+# ------------------------------------------------------------------------------------------------ reading
+
+
 @cache
+def _bundled() -> Mapping[str, VehicleProfile]:
+    """Name of the file -> profile."""
+    folder = resources.files("gcs.vehicle") / "profiles"
+    names = sorted(e.name for e in folder.iterdir() if e.name.endswith(".toml"))
+    return {n.removesuffix(".toml"): parse_profile((folder / n).read_text("utf-8"), n) for n in names}
+
+
 def bundled_profiles() -> tuple[VehicleProfile, ...]:
     """The vehicle profiles of the package, the most particular first."""
-    folder = resources.files("gcs.vehicle") / "profiles"
-    names = [e.name for e in folder.iterdir() if e.name.endswith(".toml")]
-    profiles = [parse_profile((folder / name).read_text("utf-8"), name) for name in sorted(names)]
-    return tuple(sorted(profiles, key=lambda profile: -len(profile.needs)))
+    return tuple(sorted(_bundled().values(), key=lambda profile: -len(profile.needs)))
+
+
+def load_profile(word: str) -> VehicleProfile:
+    """A vehicle profile by its file, or by the name of one that comes with the package (`arducopter`).
+
+    Raises DocumentError that names the file, the table and the key.
+    """
+    path = Path(word)
+    if path.is_dir() or not path.exists():
+        if word in _bundled():
+            return _bundled()[word]
+        hint = documents.nearest(word, _bundled())
+        raise documents.DocumentError(
+            f"{word}: no such vehicle profile; {hint + ' ' if hint else ''}Give a TOML file, or one of "
+            f"{', '.join(_bundled())}"
+        )
+    return parse_profile(documents.read_text(path, "vehicle profile"), word)
 
 
 def parse_profile(text: str, source: str) -> VehicleProfile:
-    """A vehicle profile from TOML. Raises TippathError that names the key at fault."""
-    try:
-        table: dict[str, Any] = tomllib.loads(text)
-        modes, timing = table["modes"], table["timing"]
-        profile = VehicleProfile(
-            name=str(table["name"]),
-            file=source,
-            chirp_law=str(table["chirp_law"]),
-            needs=tuple(map(str, table["needs"])),
-            autopilot=int(table["autopilot"]),
-            excitation_mode=int(modes["excitation"]),
-            manual_throttle_modes=tuple(map(int, modes["manual_throttle"])),
-            axes={str(k): int(v) for k, v in table["axes"].items()},
-            rate_axes={str(k): int(v) for k, v in table.get("rate_axes", {}).items()},
-            kinds={str(k): int(v) for k, v in table.get("kinds", {}).items()},
-            parameters={str(k): str(v) for k, v in table["parameters"].items()},
-            constants={str(k): float(v) for k, v in table.get("constants", {}).items()},
-            largest_magnitude={int(k): float(v) for k, v in table.get("largest_magnitude", {}).items()},
-            lead_s=float(timing["lead_s"]),
-            tail_s=float(timing["tail_s"]),
-        )
-    except tomllib.TOMLDecodeError as error:
-        raise TippathError(f"{source}: not TOML: {error}") from error
-    except KeyError as error:
-        raise TippathError(f"{source}: {error.args[0]} is missing from the vehicle's profile") from error
-    except (TypeError, ValueError, AttributeError) as error:
-        raise TippathError(f"{source}: {error}") from error
-    if profile.chirp_law not in ("table 1", "ardupilot"):
-        raise TippathError(f'{source}: chirp_law is "table 1" or "ardupilot", not {profile.chirp_law!r}')
-    return profile
+    """A vehicle profile from TOML text; `source` names it in messages. Raises DocumentError."""
+    table = documents.parse_toml(text, ProfileDocument, source)
+    problem = table.problem()
+    if problem is not None:
+        raise documents.DocumentError(f"{source}: {problem}")
+    return VehicleProfile(
+        name=table.name,
+        file=source,
+        chirp_law=table.chirp_law,
+        needs=table.needs,
+        autopilot=table.autopilot,
+        excitation_mode=table.modes.excitation,
+        manual_throttle_modes=table.modes.manual_throttle,
+        axes={str(axis): number for axis, number in table.axes.items()},
+        rate_axes={str(axis): number for axis, number in table.rate_axes.items()},
+        kinds={str(kind): number for kind, number in table.kinds.items()},
+        parameters={str(word): name for word, name in table.parameters.items()},
+        constants={str(word): value for word, value in table.constants.items()},
+        largest_magnitude=table.largest_magnitude,
+        lead_s=table.timing.lead_s,
+        tail_s=table.timing.tail_s,
+    )
 
 
-def wanted_parameters() -> tuple[tuple[str, ...], ...]:
+def wanted_parameters(profiles: Sequence[VehicleProfile] = ()) -> tuple[tuple[str, ...], ...]:
     """What must be asked of a vehicle to recognise it: each profile's needs, the most particular first."""
-    return tuple(profile.needs for profile in bundled_profiles())
+    return tuple(profile.needs for profile in profiles or bundled_profiles())
 
 
-def choose_profile(parameters: Mapping[str, float], autopilot: int) -> VehicleProfile:
-    """The profile for a vehicle with these parameters. Raises CannotFlyError where none fits."""
-    for profile in bundled_profiles():
+def choose_profile(
+    parameters: Mapping[str, float], autopilot: int, profiles: Sequence[VehicleProfile] = ()
+) -> VehicleProfile:
+    """The first of the profiles (without any, those of the package) that fits a vehicle with these parameters.
+
+    Raises CannotFlyError where none fits.
+    """
+    for profile in profiles or bundled_profiles():
         if profile.autopilot == autopilot and all(name in parameters for name in profile.needs):
             return profile
-    raise CannotFlyError(
-        "this vehicle offers no excitation on board: it has no SID_AXIS. On ArduPilot that is firmware built without "
-        "the SystemID mode; other autopilots are not supported yet"
+    raise CannotFlyError(_not_ours(profiles[0], parameters, autopilot) if profiles else NO_EXCITATION)
+
+
+def _not_ours(profile: VehicleProfile, parameters: Mapping[str, float], autopilot: int) -> str:
+    lacking = ", ".join(name for name in profile.needs if name not in parameters)
+    why = (
+        f"its autopilot is number {autopilot}, the profile's {profile.autopilot}"
+        if profile.autopilot != autopilot
+        else f"it has no {lacking}"
     )
+    return f"this vehicle is not the one of {profile.file}: {why}; give its own profile, or leave it out"

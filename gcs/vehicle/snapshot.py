@@ -25,41 +25,10 @@ from gcs.link.events import (
     SystemTime,
     encoding_of,
 )
+from gcs.vehicle.autopilots import mode_name
 
 KEPT_TEXTS = 50
 KEPT_BEATS = 20
-
-STABILIZE, ALT_HOLD, RTL, LAND, SYSTEMID = 0, 2, 6, 9, 25
-
-COPTER_MODES = {
-    0: "Stabilize",
-    1: "Acro",
-    2: "AltHold",
-    3: "Auto",
-    4: "Guided",
-    5: "Loiter",
-    6: "RTL",
-    7: "Circle",
-    9: "Land",
-    11: "Drift",
-    13: "Sport",
-    14: "Flip",
-    15: "AutoTune",
-    16: "PosHold",
-    17: "Brake",
-    18: "Throw",
-    19: "Avoid ADSB",
-    20: "Guided NoGPS",
-    21: "Smart RTL",
-    22: "FlowHold",
-    23: "Follow",
-    24: "ZigZag",
-    25: "SystemID",
-    26: "Autorotate",
-    27: "Auto RTL",
-    28: "Turtle",
-}
-_ROTORCRAFT = {2, 3, 4, 13, 14, 15, 29, 35}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +63,7 @@ class Beat:
     """How old it was when heard, at most; None where the clocks' offset is not known."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleSnapshot:
     """One moment's knowledge of the vehicle and of the link to it."""
 
@@ -183,13 +152,6 @@ class VehicleSnapshot:
         return encoding_of(self.capabilities)
 
 
-def mode_name(mode: int, vehicle_type: int, autopilot: int) -> str:
-    """What people call a mode. Numbers mean something only together with the autopilot and the kind of vehicle."""
-    if autopilot == 3 and vehicle_type in _ROTORCRAFT and mode in COPTER_MODES:
-        return COPTER_MODES[mode]
-    return f"mode {mode}"
-
-
 def reduce(
     snapshot: VehicleSnapshot,
     event: Event,
@@ -212,47 +174,14 @@ def reduce(
         return snapshot
     match event:
         case Heartbeat():
-            beat = Beat(
-                number=snapshot.heartbeats + 1,
-                at_s=now,
-                mode=event.mode,
-                mode_name=mode_name(event.mode, event.vehicle_type, event.autopilot),
-                armed=event.armed,
-                status=event.status,
-                known_s=known_s,
-                late_s=late_s,
-            )
-            return replace(
-                snapshot,
-                mode=beat.mode,
-                mode_name=beat.mode_name,
-                armed=event.armed,
-                vehicle_type=event.vehicle_type,
-                autopilot=event.autopilot,
-                status=event.status,
-                heartbeats=beat.number,
-                beats=(*snapshot.beats, beat)[-KEPT_BEATS:],
-            )
+            return _after_heartbeat(snapshot, event, now, known_s, late_s)
         case Attitude():
-            return replace(
-                _at_boot_time(snapshot, event.boot_s),
-                roll=_finite(event.roll),
-                pitch=_finite(event.pitch),
-                yaw=_finite(event.yaw),
-                p=_finite(event.p),
-                q=_finite(event.q),
-                r=_finite(event.r),
-                attitude_at_s=now,
-            )
+            return _after_attitude(snapshot, event, now)
         case SystemTime():
             return _at_boot_time(snapshot, event.boot_s)
         case LocalPosition():
-            return replace(
-                _at_boot_time(snapshot, event.boot_s),
-                north=_finite(event.north),
-                east=_finite(event.east),
-                down=_finite(event.down),
-            )
+            north, east, down = _finite(event.north), _finite(event.east), _finite(event.down)
+            return replace(_at_boot_time(snapshot, event.boot_s), north=north, east=east, down=down)
         case RotorSpeed():
             omega = _finite(event.omega)
             return replace(snapshot, rpm=None if omega is None else omega * 60.0 / (2.0 * math.pi))
@@ -262,6 +191,45 @@ def reduce(
             return replace(snapshot, capabilities=event.capabilities, version=event.version)
         case _:
             return snapshot
+
+
+def _after_heartbeat(
+    snapshot: VehicleSnapshot, event: Heartbeat, now: float, known_s: float, late_s: float | None
+) -> VehicleSnapshot:
+    beat = Beat(
+        number=snapshot.heartbeats + 1,
+        at_s=now,
+        mode=event.mode,
+        mode_name=mode_name(event.mode, event.vehicle_type, event.autopilot),
+        armed=event.armed,
+        status=event.status,
+        known_s=known_s,
+        late_s=late_s,
+    )
+    return replace(
+        snapshot,
+        mode=beat.mode,
+        mode_name=beat.mode_name,
+        armed=event.armed,
+        vehicle_type=event.vehicle_type,
+        autopilot=event.autopilot,
+        status=event.status,
+        heartbeats=beat.number,
+        beats=(*snapshot.beats, beat)[-KEPT_BEATS:],
+    )
+
+
+def _after_attitude(snapshot: VehicleSnapshot, event: Attitude, now: float) -> VehicleSnapshot:
+    return replace(
+        _at_boot_time(snapshot, event.boot_s),
+        roll=_finite(event.roll),
+        pitch=_finite(event.pitch),
+        yaw=_finite(event.yaw),
+        p=_finite(event.p),
+        q=_finite(event.q),
+        r=_finite(event.r),
+        attitude_at_s=now,
+    )
 
 
 def _finite(value: float) -> float | None:

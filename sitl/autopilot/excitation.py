@@ -15,7 +15,7 @@ AXES = ("roll", "pitch", "elevator", "rate_roll", "rate_pitch")
 PULSES_PER_DOUBLET = 6  # two pulses, then four of rest, so that the answer dies out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExcitationSettings:
     """What to fly. Magnitude in parts of full command, or rad/s for the rate axes."""
 
@@ -60,7 +60,7 @@ class ExcitationSettings:
         return None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExcitationSample:
     """What is added in one sample: x, y, e on the commands (or x, y on the rate commands for rate axes)."""
 
@@ -101,7 +101,9 @@ class Excitation:
         t = self._sample * s.dt
         self._sample += 1
         if t >= self._end_s - 0.5 * s.dt:
-            return ExcitationSample(0.0, 0.0, 0.0, 0.0, s.f_stop_hz if s.kind == "chirp" else 0.0, True)
+            return ExcitationSample(
+                x=0.0, y=0.0, e=0.0, target=0.0, frequency_hz=s.f_stop_hz if s.kind == "chirp" else 0.0, done=True
+            )
         target, frequency_hz = 0.0, 0.0
         x = y = e = 0.0
         if s.kind == "chirp":
@@ -117,7 +119,7 @@ class Excitation:
             e += target
         else:
             y += target
-        return ExcitationSample(x, y, e, target, frequency_hz, False)
+        return ExcitationSample(x=x, y=y, e=e, target=target, frequency_hz=frequency_hz, done=False)
 
     def _filtered_noise(self) -> tuple[float, float, float]:
         deviation = self.settings.noise * self.settings.magnitude

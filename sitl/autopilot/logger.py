@@ -19,7 +19,7 @@ _TYPES = {"M": "B", "c": "h", "n": "4s", "N": "16s", "Z": "64s"}
 """DataFlash letters that `struct` calls otherwise; the rest of those used here are the same. c is in hundredths."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Format:
     """One kind of message. Units and multipliers are one letter a column, as FMTU explains them."""
 
@@ -40,17 +40,17 @@ class Format:
         return self.struct.size
 
 
-FORMATS = (
-    Format(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "-b---", "-----"),
-    Format(117, "UNIT", "QbZ", "TimeUS,Id,Label", "s--", "F--"),
-    Format(118, "MULT", "Qbd", "TimeUS,Id,Mult", "s--", "F--"),
-    Format(116, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds", "s---", "F---"),
-    Format(32, "PARM", "QNff", "TimeUS,Name,Value,Default", "s---", "F---"),
-    Format(59, "MSG", "QZ", "TimeUS,Message", "s-", "F-"),
-    Format(120, "MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn", "s---", "F---"),
-    Format(181, "EV", "QB", "TimeUS,Id", "s-", "F-"),
-    Format(72, "ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF", "sddddhh-", "F000000-"),
-    Format(
+_FORMATS = (
+    (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "-b---", "-----"),
+    (117, "UNIT", "QbZ", "TimeUS,Id,Label", "s--", "F--"),
+    (118, "MULT", "Qbd", "TimeUS,Id,Mult", "s--", "F--"),
+    (116, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds", "s---", "F---"),
+    (32, "PARM", "QNff", "TimeUS,Name,Value,Default", "s---", "F---"),
+    (59, "MSG", "QZ", "TimeUS,Message", "s-", "F-"),
+    (120, "MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn", "s---", "F---"),
+    (181, "EV", "QB", "TimeUS,Id", "s-", "F-"),
+    (72, "ATT", "QffffffB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,AEKF", "sddddhh-", "F000000-"),
+    (
         75,
         "RATE",
         "Qfffffffffffff",
@@ -58,8 +58,8 @@ FORMATS = (
         "skk-kk-kk-oo--",
         "F?????????BB--",
     ),
-    Format(113, "RPM", "QBffB", "TimeUS,I,RPM,Qual,H", "s#q--", "F-000"),
-    Format(
+    (113, "RPM", "QBffB", "TimeUS,I,RPM,Qual,H", "s#q--", "F-000"),
+    (
         112,
         "ARSP",
         "QBffcffBBffB",
@@ -67,13 +67,18 @@ FORMATS = (
         "s#nPOPP-----",
         "F-00B00-----",
     ),
-    Format(10, "SIDS", "QBfffffff", "TimeUS,Ax,Mag,FSt,FSp,TFin,TC,TR,TFout", "s--zzssss", "F--------"),
-    Format(9, "SIDD", "Qfffffffff", "TimeUS,Time,Targ,F,Gx,Gy,Gz,Ax,Ay,Az", "ss-zkkkooo", "F---------"),
+    (10, "SIDS", "QBfffffff", "TimeUS,Ax,Mag,FSt,FSp,TFin,TC,TR,TFout", "s--zzssss", "F--------"),
+    (9, "SIDD", "Qfffffffff", "TimeUS,Time,Targ,F,Gx,Gy,Gz,Ax,Ay,Az", "ss-zkkkooo", "F---------"),
     # This vehicle's own: the added excitation and the commands that RATE does not carry, and what SIDS leaves out.
-    Format(220, "TPEX", "Qfffff", "TimeUS,EX,EY,EE,Elev,Coll", "s-----", "F-----"),
-    Format(221, "SIDY", "QBBfff", "TimeUS,Kind,Law,C1,Noise,Pulse", "s----s", "F-----"),
-    Format(222, "PAD4", "B", "Zero", "-", "-"),
-    Format(223, "PAD5", "H", "Zero", "-", "-"),
+    (220, "TPEX", "Qfffff", "TimeUS,EX,EY,EE,Elev,Coll", "s-----", "F-----"),
+    (221, "SIDY", "QBBfff", "TimeUS,Kind,Law,C1,Noise,Pulse", "s----s", "F-----"),
+    (222, "PAD4", "B", "Zero", "-", "-"),
+    (223, "PAD5", "H", "Zero", "-", "-"),
+)
+"""Number, name, layout, columns, units, multipliers."""
+FORMATS = tuple(
+    Format(number=number, name=name, layout=layout, columns=columns, units=units, multipliers=multipliers)
+    for number, name, layout, columns, units, multipliers in _FORMATS
 )
 
 _UNITS = {

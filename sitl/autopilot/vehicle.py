@@ -12,23 +12,22 @@ holds a constant and wanders a little, as a pilot's hand does; how much, and wha
 from __future__ import annotations
 
 import math
-import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import Enum, IntEnum
 from pathlib import Path
 
-from sitl.autopilot.blocks import BlockStream
 from sitl.autopilot.control_laws import AttitudeController, LqrController, LqrGains, attitude_hold
-from sitl.autopilot.excitation import Excitation, ExcitationSettings
-from sitl.autopilot.logger import DataFlashLog, FileSink, Sink, next_log_path
+from sitl.autopilot.failsafe import GroundFailsafe
+from sitl.autopilot.hands import PilotHands
+from sitl.autopilot.logger import DataFlashLog
+from sitl.autopilot.modes import FLYING, MANUAL_THROTTLE, LogEvent, Mode, Phase, Reason, Severity
 from sitl.autopilot.parameters import Answer, Parameters
+from sitl.autopilot.recording import Recording
+from sitl.autopilot.systemid import Sweep, SystemId
 from sitl.clock import Clock
 from sitl.hidden import Hidden
 from sitl.plants import Plant, make_plant
 from sitl.plants.conditions import CALM, CONDITIONS, Condition
-from sitl.plants.rotorcraft import HOVER_COLLECTIVE
 from sitl.plants.sensors import Gyro, Mount
 
 PERIOD_US = 2000
@@ -46,9 +45,6 @@ _DESCENT_US = 3_000_000
 _DISARM_US = 1_000_000
 HOVER_HEIGHT_M = 2.0
 
-_LEAD_SAMPLES = 500  # of nothing before a maneuver, and from its end to "Finished"
-_LARGEST_SETTING = 1e6  # what is logged stays within float32 whatever the ground has written
-_YAW_POLE = 0.97  # at 100 Hz: corner near 0.5 Hz
 _BATTERY_FULL_V = 24.6
 _BATTERY_EMPTY_V = 21.0
 _ENDURANCE_S = 1800.0
@@ -61,80 +57,6 @@ _DEG = 180 / math.pi
 
 _AIR_DENSITY = 1.225
 _AIR_TEMPERATURE_CDEG = 1500
-
-
-class Mode(IntEnum):
-    STABILIZE = 0
-    ALT_HOLD = 2
-    RTL = 6
-    LAND = 9
-    SYSTEMID = 25
-
-
-_MANUAL_THROTTLE = (Mode.STABILIZE, Mode.SYSTEMID)
-
-
-class Reason(IntEnum):
-    """Who asked for a mode: MODE.Rsn of the log."""
-
-    PILOT = 1
-    GROUND = 2
-    GCS_FAILSAFE = 5
-    START = 26
-
-
-class Phase(Enum):
-    DISARMED = "disarmed"
-    SPOOLING = "spooling up"
-    CLIMBING = "climbing"
-    HOVERING = "hovering"
-    DESCENDING = "descending"
-    LANDED = "landed"
-
-
-_FLYING = (Phase.CLIMBING, Phase.HOVERING, Phase.DESCENDING)
-
-
-class Severity(IntEnum):
-    """MAV_SEVERITY, the ones used here."""
-
-    CRITICAL = 2
-    WARNING = 4
-    INFO = 6
-
-
-class _Event(IntEnum):
-    """EV.Id of the log."""
-
-    ARMED = 10
-    DISARMED = 11
-    LANDED = 18
-    AIRBORNE = 28
-
-
-# ArduPilot ends at 19; 20 is this vehicle's own.
-_AXES = {10: "roll", 11: "pitch", 7: "rate_roll", 8: "rate_pitch", 20: "elevator"}
-_RATE_AXES = (7, 8)
-_KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
-_LAWS = {0: "ardupilot", 1: "tischler"}
-
-
-@dataclass
-class _Sweep:
-    """One stay in SYSTEMID."""
-
-    excitation: Excitation | None
-    """None once it is over, or where its settings were refused."""
-    on_rate: bool
-    """Added to the rate command, not to the mixer."""
-    frequency_hz: float
-    start_us: int
-    writes: int
-    """`Parameters.writes` when its settings were read."""
-    sample: int = 0
-    lead_out: int = 0
-    """Samples since the maneuver's end."""
-    running: bool = True
 
 
 class Vehicle:
@@ -178,37 +100,45 @@ class Vehicle:
         self.height_m = 0.0
         self.commands = (0.0, 0.0, 0.0, 0.0)
         """Sent to the servos in this sample: delta_x, delta_y, delta_e, delta_c."""
-        self.log: DataFlashLog | None = None
-        self.stream: BlockStream | None = None
-        self.offers_stream = True
-        """Whether a START is answered with a stream of the log."""
-        self.first_sweep_s = math.inf
-        """When the first sweep began; infinite before."""
-        self.yaw_command = 0.0
-        """delta_r, to the tip propellers."""
+        self.hands = PilotHands(condition, seed)
+        self.recording = self._recording()
+        self.systemid = self._systemid()
+        self.ground = GroundFailsafe(self.parameters, time_us=lambda: self.time_us, say=self.say)
         self._gyro = Gyro(seed, mounts)
-        self._random = random.Random(f"pilot {seed}")
-        self._yaw_hand = random.Random(f"{seed} yaw")
-        self._condition = condition
         self._attitude = AttitudeController()
         self._lqr: LqrController | None = None
         self._lqr_flies = False
-        self._sweep: _Sweep | None = None
-        self._runs = 0
         self._rotor_angle = 0.0
-        self._collective = 0.0
         self._phase_since_us = self.time_us
         self._rotor_speed = 0.0
         self._airborne_s = 0.0
-        self._ground_heard_us: int | None = None
-        self._ground_lost = False
         self._until_housekeeping = 1
         self._next_att_us = self._next_rpm_us = self._next_arsp_us = self.time_us
         if not on_ground:
             self._enter(Phase.HOVERING)
             self.height_m = HOVER_HEIGHT_M
-        self._keep_logging()
+        self.recording.keep_on()
         self.say(Severity.INFO, f"tippath vehicle, plant {name}")
+
+    def _recording(self) -> Recording:
+        return Recording(
+            self.directory,
+            self.parameters,
+            time_us=lambda: self.time_us,
+            armed=lambda: self.armed,
+            mode=lambda: self.mode,
+            say=self.say,
+        )
+
+    def _systemid(self) -> SystemId:
+        return SystemId(
+            self.parameters,
+            seed=self.seed,
+            dt=DT,
+            time_us=lambda: self.time_us,
+            say=self.say,
+            write=self.recording.write,
+        )
 
     # What it is doing
 
@@ -222,7 +152,7 @@ class Vehicle:
 
     @property
     def landed(self) -> bool:
-        return self.phase not in _FLYING
+        return self.phase not in FLYING
 
     @property
     def attitude(self) -> tuple[float, float]:
@@ -250,15 +180,15 @@ class Vehicle:
     @property
     def sweeping(self) -> bool:
         """A maneuver is under way, its second of nothing before and after included."""
-        return self._sweep is not None and self._sweep.running
+        sweep = self.systemid.sweep
+        return sweep is not None and sweep.running
 
     # What it is told
 
     def say(self, severity: Severity, text: str) -> None:
         """To every ground station and into the log."""
         self.texts.append((severity, text))
-        if self.log is not None:
-            self.log.write("MSG", self.time_us, text.encode("ascii", "replace"))
+        self.recording.write("MSG", text.encode("ascii", "replace"))
 
     def set_mode(self, number: int, reason: Reason) -> bool:
         """True where the vehicle is in that mode now. A refusal says why in a text."""
@@ -270,16 +200,16 @@ class Vehicle:
         if mode is self.mode:
             return True
         if mode is Mode.SYSTEMID:
-            refusal = self._sweep_refusal()
+            refusal = self.systemid.refusal(self.mode, self.landed)
             if refusal is not None:
                 self.say(Severity.WARNING, refusal)
                 return False
-        self._sweep = None
+        self.systemid.sweep = None
         self.mode = mode
         if mode is Mode.SYSTEMID:
-            self._begin_sweep()
-        self._write_mode(reason)
-        if mode is Mode.LAND and self.phase in _FLYING:
+            self.systemid.begin()
+        self.recording.write_mode(reason)
+        if mode is Mode.LAND and self.phase in FLYING:
             self._enter(Phase.DESCENDING)
         elif self.phase is Phase.DESCENDING:
             self._enter(Phase.CLIMBING)
@@ -294,16 +224,16 @@ class Vehicle:
         self.plant.reset()
         self._attitude.reset()
         self._enter(Phase.SPOOLING)
-        self._keep_logging()
-        self._write_event(_Event.ARMED)
+        self.recording.keep_on()
+        self.recording.write_event(LogEvent.ARMED)
         self.say(Severity.INFO, "Arming motors")
         return None
 
     def land(self) -> str | None:
         """The pilot lowers the collective, or takes LAND where the autopilot holds it. Returns why not, or None."""
-        if self.phase not in _FLYING:
+        if self.phase not in FLYING:
             return f"not flying, but {self.phase.value}"
-        if self.mode in _MANUAL_THROTTLE:
+        if self.mode in MANUAL_THROTTLE:
             self._enter(Phase.DESCENDING)
         else:
             self.set_mode(Mode.LAND, Reason.PILOT)
@@ -330,221 +260,13 @@ class Vehicle:
             bank = self.parameters.active_bank()
             self._lqr = None if bank is None else LqrController(LqrGains.from_values(bank))
             self._lqr_flies = False
-        if self.log is not None:
-            self._write_parameter(name)
-        self._keep_logging()
+        self.recording.write_parameter(name)
+        self.recording.keep_on()
         return answer
-
-    def hear_ground(self, system_id: int) -> None:
-        """A ground station's heartbeat. Only the one in SYSID_MYGCS holds the failsafe."""
-        if system_id != self.parameters["SYSID_MYGCS"]:
-            return
-        self._ground_heard_us = self.time_us
-        if self._ground_lost:
-            self._ground_lost = False
-            self.say(Severity.WARNING, "GCS Failsafe Cleared")
-
-    # Logs
-
-    def start_stream(self) -> BlockStream | None:
-        """A new log that also goes out as blocks; a stream under way ends. None where there is none to be had."""
-        if not self.offers_stream or not int(self.parameters["LOG_BACKEND_TYPE"]) & 2:
-            return None
-        self._close_log()
-        self.stream = BlockStream(int(self.parameters["LOG_MAV_BUFSIZE"]) * 1024, self.time_s)
-        self._open_log(self.stream)
-        return self.stream
-
-    def stop_stream(self) -> None:
-        """The streamed log ends whole; logging goes on in a new file while armed."""
-        if self.stream is None:
-            return
-        self.stream = None
-        self._close_log()
-        self._keep_logging()
-
-    def drop_stream(self, reason: str | None) -> None:
-        """The stream cannot go on; its log does, in the file. None says nothing to anybody."""
-        if self.stream is None:
-            return
-        if self.log is not None:
-            self.log.detach(self.stream)
-        self.stream.abandon()
-        self.stream = None
-        if reason is not None:
-            self.say(Severity.WARNING, f"Log stream stopped: {reason}")
-        self._keep_logging()
 
     def close(self) -> None:
         """End the log whole."""
-        self.stream = None
-        self._close_log()
-
-    def _keep_logging(self) -> None:
-        """Have a log open exactly while one is due."""
-        due = self.armed or self.parameters["LOG_DISARMED"] != 0 or self.stream is not None
-        if due and self.log is None:
-            self._open_log(None)
-        elif not due and self.log is not None:
-            self._close_log()
-
-    def _open_log(self, stream: BlockStream | None) -> None:
-        sinks: list[Sink] = [] if stream is None else [stream]
-        trouble = None
-        if self.directory is not None and int(self.parameters["LOG_BACKEND_TYPE"]) & 1:
-            try:
-                sinks.append(FileSink(next_log_path(self.directory)))
-            except OSError as error:
-                trouble = error.strerror or type(error).__name__
-        if sinks:
-            self.log = DataFlashLog(sinks, self.time_us)
-            for name in self.parameters.table:
-                self._write_parameter(name)
-            self._write_mode(Reason.START)
-        if trouble is not None:
-            self.say(Severity.CRITICAL, f"Logging failed: {trouble}")
-
-    def _close_log(self) -> None:
-        if self.log is not None:
-            self.log.close()
-            self.log = None
-
-    def _write_parameter(self, name: str) -> None:
-        if self.log is not None:
-            default = self.parameters.table[name].default
-            self.log.write("PARM", self.time_us, name.encode(), self.parameters[name], default)
-
-    def _write_mode(self, reason: Reason) -> None:
-        if self.log is not None:
-            self.log.write("MODE", self.time_us, self.mode, self.mode, reason)
-
-    def _write_event(self, event: _Event) -> None:
-        if self.log is not None:
-            self.log.write("EV", self.time_us, event)
-
-    # Sweeps
-
-    def _sweep_refusal(self) -> str | None:
-        axis = int(self.parameters["SID_AXIS"])
-        if axis == 0:
-            return "No axis selected, SID_AXIS = 0"
-        if axis not in _AXES:
-            return f"SID_AXIS = {axis}: this vehicle has 7, 8, 10, 11, 20"
-        if self.landed:
-            return "Aircraft must be flying"
-        if self.mode is not Mode.STABILIZE:
-            return "Axis requires manual throttle"
-        return None
-
-    def _sweep_settings(self, axis: int) -> tuple[ExcitationSettings, str | None]:
-        """What the parameters ask for on an axis that there is, and why it cannot be flown, or None."""
-        get = self.parameters.__getitem__
-        kind, law = int(get("SIDX_KIND")), int(get("SIDX_LAW"))
-        settings = ExcitationSettings(
-            kind=_KINDS.get(kind, f"SIDX_KIND {kind}"),
-            law=_LAWS.get(law, f"SIDX_LAW {law}"),
-            axis=_AXES[axis],
-            # ArduPilot counts the rate axes in deg/s.
-            magnitude=get("SID_MAGNITUDE") / _DEG if axis in _RATE_AXES else get("SID_MAGNITUDE"),
-            f_start_hz=get("SID_F_START_HZ"),
-            f_stop_hz=get("SID_F_STOP_HZ"),
-            fade_in_s=get("SID_T_FADE_IN"),
-            duration_s=get("SID_T_REC"),
-            fade_out_s=get("SID_T_FADE_OUT"),
-            c1=get("SIDX_C1"),
-            noise=get("SIDX_NOISE"),
-            pulse_s=get("SIDX_PULSE_S"),
-            dt=DT,
-        )
-        if max(abs(settings.magnitude), settings.noise) > _LARGEST_SETTING:
-            return settings, "magnitude or noise is absurd"
-        return settings, settings.problem()
-
-    def _begin_sweep(self) -> None:
-        axis = int(self.parameters["SID_AXIS"])
-        settings, problem = self._sweep_settings(axis)
-        self._runs += 1
-        self.first_sweep_s = min(self.first_sweep_s, self.time_s)
-        drawn = random.Random(f"{self.seed} {self._runs}").getrandbits(31)
-        seed = int(self.parameters["SIDX_SEED"]) or drawn
-        self.say(Severity.INFO, f"SystemID Starting: axis={axis}")
-        self._sweep = _Sweep(
-            excitation=None if problem is not None else Excitation(settings, seed),
-            on_rate=axis in _RATE_AXES,
-            frequency_hz=settings.f_start_hz if settings.kind == "chirp" else 0.0,
-            start_us=self.time_us,
-            writes=self.parameters.writes,
-        )
-        self._log_sweep(axis, settings)
-        if problem is not None:
-            self._refuse_sweep(self._sweep, problem)
-
-    def _log_sweep(self, axis: int, settings: ExcitationSettings) -> None:
-        if self.log is None:
-            return
-        get = self.parameters.__getitem__
-        kind, law = int(get("SIDX_KIND")), int(get("SIDX_LAW"))
-        constant_s = 2 / settings.f_start_hz if law == 0 and settings.f_start_hz > 0 else 0.0
-        self.log.write(
-            "SIDS",
-            self.time_us,
-            axis,
-            *(get("SID_" + name) for name in ("MAGNITUDE", "F_START_HZ", "F_STOP_HZ", "T_FADE_IN")),
-            min(constant_s, 1e9),
-            *(get("SID_" + name) for name in ("T_REC", "T_FADE_OUT")),
-        )
-        self.log.write("SIDY", self.time_us, kind & 0xFF, law & 0xFF, settings.c1, settings.noise, settings.pulse_s)
-
-    def _change_sweep(self, sweep: _Sweep) -> None:
-        """A write into a running sweep acts at once: ArduPilot reads magnitude, axis and end in every loop."""
-        sweep.writes = self.parameters.writes
-        axis = int(self.parameters["SID_AXIS"])
-        if axis not in _AXES:
-            self._end_sweep(sweep, f"SystemID Stopped: axis = {axis}")
-            return
-        settings, problem = self._sweep_settings(axis)
-        if problem is not None:
-            self._refuse_sweep(sweep, problem)
-            return
-        sweep.on_rate = axis in _RATE_AXES
-        if sweep.excitation is not None:
-            sweep.excitation.change(settings)
-
-    def _refuse_sweep(self, sweep: _Sweep, problem: str) -> None:
-        self._end_sweep(sweep, "SystemID Parameter Error")
-        self.say(Severity.INFO, f"SystemID: {problem}")
-
-    def _end_sweep(self, sweep: _Sweep, text: str) -> None:
-        sweep.excitation = None
-        sweep.running = False
-        self.say(Severity.INFO, text)
-
-    def _excite(self, sweep: _Sweep) -> tuple[float, float, float, float]:
-        """x, y, e and the target of this sample, and the bookkeeping of the stay in SYSTEMID."""
-        n = sweep.sample
-        sweep.sample += 1
-        if sweep.running and sweep.writes != self.parameters.writes:
-            self._change_sweep(sweep)
-        if not sweep.running:
-            return 0.0, 0.0, 0.0, 0.0
-        phi, theta = self.attitude
-        lean_deg = math.acos(math.cos(phi) * math.cos(theta)) * _DEG
-        limit_deg = self.parameters["ANGLE_MAX"] * 0.01
-        if self.landed:
-            self._end_sweep(sweep, "SystemID Stopped: Landed")
-        elif lean_deg > limit_deg:
-            self._end_sweep(sweep, f"SystemID Stopped: lean={lean_deg:f} max={limit_deg:f}")
-        elif sweep.excitation is None:
-            sweep.lead_out += 1
-            if sweep.lead_out >= _LEAD_SAMPLES:
-                self._end_sweep(sweep, "SystemID Finished")
-        elif n >= _LEAD_SAMPLES:
-            sample = sweep.excitation.step()
-            if not sample.done:
-                sweep.frequency_hz = sample.frequency_hz
-                return sample.x, sample.y, sample.e, sample.target
-            sweep.excitation = None
-        return 0.0, 0.0, 0.0, 0.0
+        self.recording.close()
 
     # Flight
 
@@ -555,11 +277,11 @@ class Vehicle:
             self._until_housekeeping = _HOUSEKEEPING_STEPS
             self._keep_house()
         plant = self.plant
-        flying = self.phase in _FLYING
-        sweep = self._sweep
+        flying = self.phase in FLYING
+        sweep = self.systemid.sweep
         ex = ey = ee = target = rate_x = rate_y = 0.0
         if sweep is not None:
-            ex, ey, ee, target = self._excite(sweep)
+            ex, ey, ee, target = self.systemid.excite(sweep, self.landed, *self.attitude)
             if sweep.on_rate:
                 rate_x, rate_y, ex, ey, ee = ex, ey, 0.0, 0.0, 0.0
         self._rotor_angle = (self._rotor_angle + DT * self._rotor_speed) % (2 * math.pi)
@@ -568,16 +290,16 @@ class Vehicle:
             self.gyro = self._gyro.measure(plant.p, plant.q, plant.r, self._rotor_angle)
             x, y, p_ref, q_ref = self._control(rate_x, rate_y, ex, ey)
             e = -1.0 if ee < -1.0 else 1.0 if ee > 1.0 else ee
-            c = self._collective
+            c = self.hands.collective
         else:
             self.gyro = self._gyro.measure(0.0, 0.0, 0.0, 0.0)
             x = y = e = p_ref = q_ref = 0.0
             c = -1.0
         self.commands = (x, y, e, c)
-        if self.log is not None:
-            self._log_sample(sweep, target, (ex, ey, ee), p_ref, q_ref)
+        if self.recording.log is not None:
+            self._log_sample(self.recording.log, sweep, target, (ex, ey, ee), p_ref, q_ref)
         if flying:
-            plant.step(x, y, e, c, self.yaw_command)
+            plant.step(x, y, e, c, self.hands.yaw)
             self.yaw += DT * plant.r
             if not (abs(plant.phi) < _CRASH_LEAN and abs(plant.theta) < _CRASH_LEAN) or not (
                 abs(plant.p) < _CRASH_RATE and abs(plant.q) < _CRASH_RATE
@@ -611,15 +333,13 @@ class Vehicle:
 
     def _log_sample(
         self,
-        sweep: _Sweep | None,
+        log: DataFlashLog,
+        sweep: Sweep | None,
         target: float,
         excitation: tuple[float, float, float],
         p_ref: float,
         q_ref: float,
     ) -> None:
-        log = self.log
-        if log is None:
-            return
         time_us = self.time_us
         p, q, r = self.gyro
         p, q, r = p * _DEG, q * _DEG, r * _DEG
@@ -639,7 +359,7 @@ class Vehicle:
                 plant.ay,
                 plant.az,
             )
-        log.write("RATE", time_us, p_ref * _DEG, p, x, q_ref * _DEG, q, y, 0.0, r, self.yaw_command, 0.0, 0.0, c, 0.0)
+        log.write("RATE", time_us, p_ref * _DEG, p, x, q_ref * _DEG, q, y, 0.0, r, self.hands.yaw, 0.0, 0.0, c, 0.0)
         log.write("TPEX", time_us, *excitation, e, c)
         if time_us >= self._next_rpm_us:
             self._next_rpm_us = time_us - time_us % _RPM_US + _RPM_US
@@ -659,32 +379,16 @@ class Vehicle:
 
     def _keep_house(self) -> None:
         self._follow_script()
-        self._watch_ground()
-        if self.phase in _FLYING:
+        if self.ground.fires() and self.phase in FLYING and self.mode is not Mode.LAND:
+            self.set_mode(Mode.RTL, Reason.GCS_FAILSAFE)
+        if self.phase in FLYING:
             self._airborne_s += _HOUSEKEEPING_STEPS * DT
-            self._move_hands()
-        log = self.log
-        if log is not None:
-            log.flush()
-            if log.trouble is not None:
-                trouble, log.trouble = log.trouble, None
-                self.say(Severity.CRITICAL, f"Logging failed: {trouble}")
-
-    def _move_hands(self) -> None:
-        """The pilot's collective and yaw, as first-order wanders."""
-        condition = self._condition
-        pole = condition.collective_pole
-        wander = self._collective - HOVER_COLLECTIVE
-        drive = condition.collective * math.sqrt(1 - pole**2)
-        self._collective = HOVER_COLLECTIVE + pole * wander + self._random.gauss(0.0, drive)
-        if condition.yaw > 0:
-            drive = condition.yaw * math.sqrt(1 - _YAW_POLE**2)
-            yaw = _YAW_POLE * self.yaw_command + self._yaw_hand.gauss(0.0, drive)
-            self.yaw_command = max(-1.0, min(1.0, yaw))
+            self.hands.move()
+        self.recording.flush()
 
     def _enter(self, phase: Phase) -> None:
         if phase is Phase.HOVERING and self.phase is Phase.DISARMED:
-            self._collective = HOVER_COLLECTIVE
+            self.hands.hover()
             self._rotor_speed = self.plant.omega
         self.phase = phase
         self._phase_since_us = self.time_us
@@ -697,9 +401,9 @@ class Vehicle:
         if phase is Phase.SPOOLING:
             self._rotor_speed = nominal * min(1.0, since_us / _SPOOL_US)
             if since_us >= _SPOOL_US:
-                self._collective = HOVER_COLLECTIVE
+                self.hands.hover()
                 self._enter(Phase.CLIMBING)
-                self._write_event(_Event.AIRBORNE)
+                self.recording.write_event(LogEvent.AIRBORNE)
         elif phase is Phase.CLIMBING:
             self.height_m = min(HOVER_HEIGHT_M, self.height_m + HOVER_HEIGHT_M * 0.01 / (_CLIMB_US * 1e-6))
             if self.height_m >= HOVER_HEIGHT_M:
@@ -708,7 +412,7 @@ class Vehicle:
             self.height_m = max(0.0, self.height_m - HOVER_HEIGHT_M * 0.01 / (_DESCENT_US * 1e-6))
             if self.height_m <= 0.0:
                 self._enter(Phase.LANDED)
-                self._write_event(_Event.LANDED)
+                self.recording.write_event(LogEvent.LANDED)
         elif phase is Phase.LANDED:
             self._rotor_speed = nominal * max(0.0, 1 - since_us / _DISARM_US)
             if since_us >= _DISARM_US:
@@ -717,30 +421,16 @@ class Vehicle:
     def _disarm(self) -> None:
         self._rotor_speed = 0.0
         self._enter(Phase.DISARMED)
-        self._write_event(_Event.DISARMED)
+        self.recording.write_event(LogEvent.DISARMED)
         self.say(Severity.INFO, "Disarming motors")
-        self._keep_logging()
+        self.recording.keep_on()
 
     def _crash(self) -> None:
         self.say(Severity.CRITICAL, "Crash: Disarming")
         self.height_m = 0.0
         self.plant.reset()
-        self._sweep = None
+        self.systemid.sweep = None
         self._disarm()
-
-    def _watch_ground(self) -> None:
-        """ArduPilot's ground station failsafe: it needs a station to have been there, and a vehicle in the air."""
-        if self._ground_heard_us is None or self._ground_lost or self.parameters["FS_GCS_ENABLE"] == 0:
-            return
-        if self.time_us - self._ground_heard_us <= self.parameters["FS_GCS_TIMEOUT"] * 1e6:
-            return
-        self._ground_lost = True
-        if int(self.parameters["FS_OPTIONS"]) & 16:
-            self.say(Severity.WARNING, "GCS Failsafe: Continuing Pilot Control")
-            return
-        self.say(Severity.WARNING, "GCS Failsafe")
-        if self.phase in _FLYING and self.mode is not Mode.LAND:
-            self.set_mode(Mode.RTL, Reason.GCS_FAILSAFE)
 
 
 def make_vehicle(

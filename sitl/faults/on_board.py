@@ -21,5 +21,5 @@ class LogStop:
 
     def __call__(self, vehicle: Vehicle) -> None:
         if self._once.comes(vehicle.time_s):
-            vehicle.drop_stream(self._reason)
-            vehicle.offers_stream = self._resumes
+            vehicle.recording.drop_stream(self._reason)
+            vehicle.recording.offered = self._resumes

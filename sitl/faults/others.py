@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import Kind
-from sitl.autopilot.vehicle import Mode
 from sitl.faults.air import Packet
 from sitl.faults.windows import ALWAYS, Once, Window
 from sitl.protocol.server import AUTOPILOT, SYSTEM

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from sitl.autopilot.vehicle import Mode
+from sitl.autopilot.modes import Mode
 from sitl.faults.air import (
     QUEUE_BYTES,
     Bandwidth,

@@ -31,7 +31,7 @@ NONE_SHARE = 0.15
 _KINDS = ((0.38, catalogue.RECIPES), (0.42, below.RECIPES), (0.20, beyond.RECIPES))
 """Shares of the rest."""
 
-_NONE = Recipe("none", None, lambda size: Made({}, Parts, "nothing is hidden"), level="none")
+_NONE = Recipe(id="none", answer=None, make=lambda size: Made({}, Parts, "nothing is hidden"), level="none")
 _ALL = {one.id: one for _, recipes in _KINDS for one in recipes} | {"none": _NONE}
 
 

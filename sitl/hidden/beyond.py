@@ -79,11 +79,11 @@ def _stalling_elevator(size: Sizes) -> Made:
 
 
 RECIPES = (
-    Recipe("stiffening_hub", None, _stiffening_hub, level=BEYOND),
-    Recipe("rubber_hub", None, _rubber_hub, level=BEYOND),
-    Recipe("sticking_hinge", None, _sticking_hinge, level=BEYOND),
-    Recipe("uneven_horns", None, _uneven_horns, level=BEYOND),
-    Recipe("lazy_servos", None, _lazy_servos, level=BEYOND),
-    Recipe("fading_battery", None, _fading_battery, level=BEYOND),
-    Recipe("stalling_elevator", None, _stalling_elevator, plants=(FORWARD,), level=BEYOND),
+    Recipe(id="stiffening_hub", answer=None, make=_stiffening_hub, level=BEYOND),
+    Recipe(id="rubber_hub", answer=None, make=_rubber_hub, level=BEYOND),
+    Recipe(id="sticking_hinge", answer=None, make=_sticking_hinge, level=BEYOND),
+    Recipe(id="uneven_horns", answer=None, make=_uneven_horns, level=BEYOND),
+    Recipe(id="lazy_servos", answer=None, make=_lazy_servos, level=BEYOND),
+    Recipe(id="fading_battery", answer=None, make=_fading_battery, level=BEYOND),
+    Recipe(id="stalling_elevator", answer=None, make=_stalling_elevator, plants=(FORWARD,), level=BEYOND),
 )

@@ -25,7 +25,7 @@ I_X, I_Y, I_Z = 0.641, 0.133, 0.70
 little less than the sum."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Hidden:
     """One effect at one size, for one plant. Made by `sitl.hidden.draw` and `plant_one`."""
 
@@ -111,7 +111,7 @@ class Made:
     """None: the sizes themselves. Empty where nothing is known."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Recipe:
     """One kind of hidden effect."""
 

@@ -31,18 +31,18 @@ ROTOR_RPM = (1550.0, 1720.0)
 class Wander:
     """A value that moves between two bounds and has no frequencies but these two."""
 
-    low: float
-    high: float
-    slow_hz: float
-    fast_hz: float
-    slow_phase: float
-    fast_phase: float
+    bounds: tuple[float, float]
+    hz: tuple[float, float]
+    """The slow frequency, then the fast one."""
+    phases: tuple[float, float]
+    """rad, of each at t = 0."""
 
     def at(self, t: float) -> float:
         """The value at t in seconds; the slow sine has three fifths of the range."""
-        slow = math.sin(2 * math.pi * self.slow_hz * t + self.slow_phase)
-        fast = math.sin(2 * math.pi * self.fast_hz * t + self.fast_phase)
-        return 0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * (0.6 * slow + 0.4 * fast)
+        (low, high), (slow_hz, fast_hz), (slow_phase, fast_phase) = self.bounds, self.hz, self.phases
+        slow = math.sin(2 * math.pi * slow_hz * t + slow_phase)
+        fast = math.sin(2 * math.pi * fast_hz * t + fast_phase)
+        return 0.5 * (low + high) + 0.5 * (high - low) * (0.6 * slow + 0.4 * fast)
 
 
 class ForwardPlant:
@@ -67,8 +67,8 @@ class ForwardPlant:
         source = random.Random(seed)
         self._gauss = source.gauss
         phases = [source.uniform(0.0, 2 * math.pi) for _ in range(4)]
-        self._airspeed = Wander(*AIRSPEED, 0.027, 0.071, *phases[:2])
-        self._rpm = Wander(*ROTOR_RPM, 0.033, 0.083, *phases[2:])
+        self._airspeed = Wander(AIRSPEED, (0.027, 0.071), (phases[0], phases[1]))
+        self._rpm = Wander(ROTOR_RPM, (0.033, 0.083), (phases[2], phases[3]))
         self._gusts = gusts
         self._gust_pole = math.exp(-2 * math.pi * gusts.corner_hz * DT)
         self._gust_drive = math.sqrt(1 - self._gust_pole**2)

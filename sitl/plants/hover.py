@@ -18,7 +18,7 @@ DT = 0.002
 G = 9.80665
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Missing:
     """Physics beyond TPP. Zero or None switches a part off."""
 

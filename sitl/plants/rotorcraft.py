@@ -50,7 +50,7 @@ AIRFRAMES = {
 """The plants that can carry parts, by their names."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Parts:
     """What is exchanged or added. Parts have states: every vehicle gets its own."""
 
@@ -96,9 +96,9 @@ class Rotorcraft:
         source = random.Random(seed)
         self._gauss = source.gauss
         phases = [source.uniform(0.0, 2 * math.pi) for _ in range(4)]
-        low, high = AIRSPEED if condition.airspeed is None else condition.airspeed
-        self._air = Wander(low, high, 0.027, 0.071, *phases[:2])
-        self._rpm = Wander(*ROTOR_RPM, 0.033, 0.083, *phases[2:])
+        bounds = AIRSPEED if condition.airspeed is None else condition.airspeed
+        self._air = Wander(bounds, (0.027, 0.071), (phases[0], phases[1]))
+        self._rpm = Wander(ROTOR_RPM, (0.033, 0.083), (phases[2], phases[3]))
         self._drivetrain = (
             None if condition.rpm is None else Drivetrain(condition.rpm, airframe.nominal_rpm, f"{seed} drivetrain", DT)
         )

@@ -19,6 +19,8 @@ class TipPathPlane(NamedTuple):
     B_lon: float
 
 
-TABLE_4 = TipPathPlane(147.548, 713.378, 0.091, -1.338, 1.448, -0.282, 0.296, 0.524, -0.050)
+TABLE_4 = TipPathPlane(
+    L_b=147.548, M_a=713.378, tau_f=0.091, A_b=-1.338, B_a=1.448, A_lat=-0.282, A_lon=0.296, B_lat=0.524, B_lon=-0.050
+)
 
 NOMINAL_RPM = 1650.0

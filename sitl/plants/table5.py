@@ -15,7 +15,9 @@ class Fuselage(NamedTuple):
     M_elev: float
 
 
-TABLE_5 = TipPathPlane(147.550, 713.380, 0.075, -0.908, 0.999, -0.196, 0.214, 0.440, -0.026)
+TABLE_5 = TipPathPlane(
+    L_b=147.550, M_a=713.380, tau_f=0.075, A_b=-0.908, B_a=0.999, A_lat=-0.196, A_lon=0.214, B_lat=0.440, B_lon=-0.026
+)
 
 # M_q is positive as printed: no damping, but what the paper's fit made of effects that its model lacks.
 TABLE_5_FUSELAGE = Fuselage(-0.930, 4.691, 37.752)

@@ -17,8 +17,9 @@ from collections.abc import Callable, Sequence
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sitl.autopilot.blocks import BlockStream
+from sitl.autopilot.modes import Reason
 from sitl.autopilot.parameters import Answer
-from sitl.autopilot.vehicle import DT, Reason, Vehicle
+from sitl.autopilot.vehicle import DT, Vehicle
 from sitl.protocol.links import Address, Link
 from sitl.protocol.telemetry import DEFAULT_INTERVALS_S, MESSAGES, Message
 
@@ -227,7 +228,7 @@ class Server:
         return system in (0, SYSTEM) and component in (0, AUTOPILOT, LOGGER)
 
     def _hear_heartbeat(self, peer: _Peer, message: Message) -> None:
-        self.vehicle.hear_ground(message.get_srcSystem())
+        self.vehicle.ground.hear(message.get_srcSystem())
 
     def _synchronise(self, peer: _Peer, message: Message) -> None:
         if message.tc1 == 0:
@@ -360,14 +361,14 @@ class Server:
                 return
             if delivery is not None and delivery.peer is peer and now_s - delivery.start_s < _SAME_START_S:
                 return
-            stream = self.vehicle.start_stream()
+            stream = self.vehicle.recording.start_stream()
             if stream is not None:
                 self._delivery = _Delivery(stream, peer, message.get_srcSystem(), message.get_srcComponent(), now_s)
         elif delivery is None or delivery.peer is not peer:
             return
         elif message.seqno == _STOP:
-            if delivery.stream is self.vehicle.stream:
-                self.vehicle.stop_stream()
+            if delivery.stream is self.vehicle.recording.stream:
+                self.vehicle.recording.stop_stream()
         elif message.status == mavlink.MAV_REMOTE_LOG_DATA_BLOCK_ACK:
             delivery.stream.acknowledged(message.seqno, now_s)
         else:
@@ -383,8 +384,8 @@ class Server:
             failure = "the ground hung up"
         if stream.delivered or failure is not None:
             self._delivery = None
-            if failure is not None and stream is self.vehicle.stream:
-                self.vehicle.drop_stream(failure)
+            if failure is not None and stream is self.vehicle.recording.stream:
+                self.vehicle.recording.drop_stream(failure)
         elif self.link.room(delivery.peer.address):
             self._send_each(delivery, stream.due(now_s))
 

@@ -12,7 +12,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sitl.autopilot.vehicle import Phase, Vehicle
+from sitl.autopilot.modes import Phase
+from sitl.autopilot.vehicle import Vehicle
 
 Message = Any
 """pymavlink's generated classes carry no types."""

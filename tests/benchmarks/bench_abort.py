@@ -21,9 +21,9 @@ from gcs.flight.folder import create
 from gcs.flight.session import Session
 from gcs.flight.sweep import Ending, Progress, RunProgress, fly_card
 from gcs.link.procedures import NoAnswerError, ReadParameter
-from gcs.vehicle.snapshot import SYSTEMID
+from gcs.vehicle.autopilots import SYSTEMID
 
-CARD = single_card(Maneuver("chirp", "roll", 0.1, 20.0))
+CARD = single_card(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=20.0))
 TIMES = 7
 ABORT_AFTER_S = 2.0
 

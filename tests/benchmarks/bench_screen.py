@@ -345,7 +345,15 @@ class Fake:
         self.feed = feed
         self.count = 0
         vehicle = VehicleSnapshot(
-            1, 1, link_age_s=0.1, lost=False, mode=25, mode_name="SystemID", armed=True, heartbeats=3, rpm=1648.0
+            system=1,
+            component=1,
+            link_age_s=0.1,
+            lost=False,
+            mode=25,
+            mode_name="SystemID",
+            armed=True,
+            heartbeats=3,
+            rpm=1648.0,
         )
         runs = tuple(
             RunView(number=i, label=f"roll chirp {i}/8", numbers="0.5-10 Hz  30 s  A 0.10", kind=Mark.NEXT)

@@ -31,7 +31,9 @@ def foreign_csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lines = ["t,p,q,delta_x,delta_y"]
     t = 100.0
     for axis, size in (("roll", 0.1), ("pitch", 0.15)):
-        excitation = Excitation(ExcitationSettings("chirp", "tischler", axis, size, duration_s=15.0), 4)
+        excitation = Excitation(
+            ExcitationSettings(kind="chirp", law="tischler", axis=axis, magnitude=size, duration_s=15.0), 4
+        )
         for _ in range(8000):
             x, y = controller.step(plant.phi, plant.theta, plant.p, plant.q, 0.0, 0.0)
             added = excitation.step()

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import random
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import jsonschema
 import pytest
+from damaged_documents import changed
 from msgspec import Meta
 
 from gcs import documents
@@ -41,6 +42,7 @@ class Card(Strict):
     axis: Literal["roll", "pitch"] = "roll"
     repeat: Annotated[int, Meta(ge=1, le=50)] = 1
     on: bool = True
+    mass: Annotated[float, Meta(gt=0), Meta(description="kg")] | None = None
     band: tuple[float, float] | None = None
     matrix: tuple[tuple[float, float], tuple[float, float]] | None = None
     limits: Limits = Limits()
@@ -98,6 +100,9 @@ def test_a_sound_document_becomes_a_struct() -> None:
         ("name = 'x'\nrepeat = true", "repeat is a whole number, not true"),
         ("name = 'x'\nrepeat = 0", "repeat is a whole number from 1 to 50, not 0"),
         ("name = 'x'\nrepeat = 0x" + 5000 * "f", "repeat is a whole number from 1 to 50, not a number of very many"),
+        ("name = 'x'\nmass = 'x'", "mass is a number, not 'x' (kg)"),
+        ("name = 'x'\nmass = 0", "mass is a number above 0, not 0 (kg)"),
+        ("name = 'x'\nmass = nan", "mass is a number above 0, not nan (kg)"),
         ("name = 'x'\non = 1", "on is true or false, not 1"),
         ("name = 'x'\nlimits = 3", "limits is a table, not 3"),
         ("name = 'x'\n[limits]\nrate = 0", "[limits]: rate is a number above 0, not 0"),
@@ -208,48 +213,13 @@ def test_the_schema_says_the_same(tmp_path: Path) -> None:
             jsonschema.validate({**sound, **change}, schema)
 
 
-def _leaf(rng: random.Random) -> Any:
-    return rng.choice(
-        [
-            None,
-            True,
-            0,
-            -1,
-            10**400,
-            1e308,
-            float("nan"),
-            float("-inf"),
-            "",
-            "x" * 500,
-            "\x1b[2J",
-            [],
-            {},
-            [[1]],
-            {"a": 1},
-        ]
-    )
-
-
-def _changed(document: Any, rng: random.Random) -> Any:
-    """The document with one value, key or entry changed somewhere."""
-    if not isinstance(document, dict | list) or not document or rng.random() < 0.2:
-        return _leaf(rng)
-    if isinstance(document, list):
-        at = rng.randrange(len(document))
-        return [_changed(child, rng) if k == at else child for k, child in enumerate(document)]
-    key = rng.choice(list(document))
-    if rng.random() < 0.3:
-        return {rng.choice(["", "nam", "\x1b", key.upper()]) if k == key else k: v for k, v in document.items()}
-    return {k: _changed(v, rng) if k == key else v for k, v in document.items()}
-
-
 def test_whatever_is_changed_it_is_read_or_refused() -> None:
     rng = random.Random(1)
     sound = documents.toml_table(GOOD, "x")
     refusals = []
     for _ in range(2000):
         try:
-            documents.convert(_changed(sound, rng), Card, "x", rng.choice(["TOML", "JSON"]))
+            documents.convert(changed(sound, rng), Card, "x", rng.choice(["TOML", "JSON"]))
         except DocumentError as error:
             refusals.append(str(error))
     assert len(refusals) > 1200
@@ -262,7 +232,7 @@ def test_first_fault_sees_what_the_reader_sees() -> None:
     rng = random.Random(2)
     sound = documents.toml_table(GOOD, "x")
     for _ in range(2000):
-        document = _changed(sound, rng)
+        document = changed(sound, rng)
         try:
             documents.convert(document, Card, "x")
         except DocumentError:

@@ -13,7 +13,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.cli.sim import FAULTS
-from sitl.autopilot.vehicle import Mode, Reason, Vehicle, make_vehicle
+from sitl.autopilot.modes import Mode, Reason
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.faults import (
     Bandwidth,
     Corruption,

@@ -46,7 +46,9 @@ def matrices(values: Array) -> tuple[Array, Array]:
 def fly(plant: ForwardPlant, axis: str, size: float, seed: int, duration_s: float) -> tuple[Array, Array]:
     """Commands (n, 3) and true rates (n, 2) of one chirp in closed loop."""
     controller = AttitudeController()
-    excitation = Excitation(ExcitationSettings("chirp", "tischler", axis, size, duration_s=duration_s), seed)
+    excitation = Excitation(
+        ExcitationSettings(kind="chirp", law="tischler", axis=axis, magnitude=size, duration_s=duration_s), seed
+    )
     n = round(duration_s / DT)
     U, Y = np.empty((n, 3)), np.empty((n, 2))
     plant.reset()

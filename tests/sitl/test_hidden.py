@@ -386,7 +386,7 @@ def test_a_lively_flight_moves_everything_and_changes_no_answer(plant: str) -> N
     for _ in range(30_000):
         vehicle.step()
         flown = vehicle.plant
-        seen.append((flown.omega * 60 / (2 * math.pi), flown.r, vehicle.commands[3], vehicle.yaw_command))
+        seen.append((flown.omega * 60 / (2 * math.pi), flown.r, vehicle.commands[3], vehicle.hands.yaw))
     assert vehicle.armed
     rpm, r, collective, yaw = np.array(seen).T
     assert np.ptp(rpm) > 150

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
+from sitl.autopilot.modes import Mode, Phase, Reason
 from sitl.autopilot.parameters import BANK_ORDER, bank_crc
-from sitl.autopilot.vehicle import Mode, Phase, Reason, Vehicle, make_vehicle, run
+from sitl.autopilot.vehicle import Vehicle, make_vehicle, run
 from sitl.clock import FreeClock, WallClock
 from sitl.pilot import obey
 
@@ -320,7 +321,7 @@ def test_the_ground_failsafe_both_ways(fly: Fly, options: int) -> None:
     assert fly(vehicle, 7) == []  # no station was there yet
     vehicle.set_mode(25, Reason.GROUND)
     for _ in range(3):
-        vehicle.hear_ground(255)
+        vehicle.ground.hear(255)
         assert "GCS Failsafe" not in " ".join(fly(vehicle, 4.9))
     assert fly(vehicle, 0.05) == []
     said = fly(vehicle, 0.1)
@@ -333,20 +334,20 @@ def test_the_ground_failsafe_both_ways(fly: Fly, options: int) -> None:
         assert vehicle.mode is Mode.RTL
         assert not vehicle.sweeping
     mode = vehicle.mode
-    vehicle.hear_ground(255)
+    vehicle.ground.hear(255)
     assert fly(vehicle, 1) == ["GCS Failsafe Cleared"]
     assert vehicle.mode is mode
 
 
 def test_only_its_own_ground_station_holds_the_failsafe_and_it_can_be_off(fly: Fly) -> None:
     vehicle = sweeper()
-    vehicle.hear_ground(255)
+    vehicle.ground.hear(255)
     for _ in range(6):
-        vehicle.hear_ground(254)
+        vehicle.ground.hear(254)
         fly(vehicle, 1)
     assert vehicle.mode is Mode.RTL
     unwatched = sweeper(None, FS_GCS_ENABLE=0)
-    unwatched.hear_ground(255)
+    unwatched.ground.hear(255)
     assert fly(unwatched, 8) == []
     assert unwatched.mode is Mode.STABILIZE
 

@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot.modes import Mode
 from sitl.autopilot.parameters import BANK_ORDER, bank_crc
-from sitl.autopilot.vehicle import Mode, Vehicle, make_vehicle
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.faults import Loss, LossyLink, Outage
 from sitl.protocol.links import Link, LinkError, open_link
 from sitl.protocol.server import Server
@@ -397,8 +398,8 @@ def test_no_stream_where_the_parameters_forbid_it_and_none_for_strangers(radio: 
     # Another peer's receipts do not count: the block comes again.
     station.send(*(receipt(n) for n in range(200)), receipt(STOP), address=("127.0.0.1", 40001))
     station.fly(0.15)
-    assert vehicle.stream is not None
-    assert vehicle.stream.open_blocks > 40
+    assert vehicle.recording.stream is not None
+    assert vehicle.recording.stream.open_blocks > 40
     vehicle.close()
 
 
@@ -482,7 +483,7 @@ def test_blocks_over_udp_with_losses_and_an_outage_end_byte_identical(
             ground.send(receipt(STOP))
         if stopping and turn >= 4500:
             break
-    assert vehicle.stream is None
+    assert vehicle.recording.stream is None
     server.close()
     logs = sorted(tmp_path.glob("*.BIN"), key=lambda path: path.stat().st_mtime)
     assert receiver.repeated > 50  # the air was bad indeed

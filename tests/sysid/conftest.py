@@ -51,7 +51,7 @@ def card(name: str, seed: int, duration_s: float = 30.0) -> tuple[list[Record], 
     chirps = [
         fly(
             plant,
-            ExcitationSettings("chirp", "tischler", axis, size, duration_s=duration_s),
+            ExcitationSettings(kind="chirp", law="tischler", axis=axis, magnitude=size, duration_s=duration_s),
             50 * seed + 7 * i,
             f"#{i}",
         )
@@ -60,7 +60,7 @@ def card(name: str, seed: int, duration_s: float = 30.0) -> tuple[list[Record], 
     doublets = [
         fly(
             plant,
-            ExcitationSettings("doublet", "tischler", axis, size, duration_s=8.0, pulse_s=0.25),
+            ExcitationSettings(kind="doublet", law="tischler", axis=axis, magnitude=size, duration_s=8.0, pulse_s=0.25),
             50 * seed + 31 + i,
             f"#{axis} doublet",
         )

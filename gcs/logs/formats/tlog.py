@@ -170,7 +170,9 @@ class TlogTables:
                 told.append((at, StatusText(0, 0, severity, sanitise(text))))
             else:
                 last = len(bytes(row["text"])) < TEXT_SIZE
-                part = StatusTextPart(0, 0, severity, text, id=number, chunk=int(row["chunk_seq"]), last=last)
+                part = StatusTextPart(
+                    0, 0, severity=severity, text=text, id=number, chunk=int(row["chunk_seq"]), last=last
+                )
                 told += [(at, whole) for whole in assembly.add(part, at)]
         told += [(at, whole) for whole in assembly.overdue(np.inf)]
         return [(at, printable(whole.text)) for at, whole in told]

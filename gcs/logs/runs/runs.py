@@ -23,6 +23,7 @@ from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S, SWEEP
 from gcs.logs.runs.run import Run, Window
 from gcs.logs.runs.span import Span
+from gcs.vehicle.autopilots import SYSTEMID
 
 
 def runs_of(
@@ -151,7 +152,7 @@ def _named(whole: Span, shown: Sequence[Span]) -> Span:
 
 def _no_maneuver(log: Log) -> str:
     if log.kind == "dataflash":
-        entered = any(mode == systemid.SYSTEMID for _, mode in log.modes())
+        entered = any(mode == SYSTEMID for _, mode in log.modes())
         what = "the log has no SIDS and no SIDD, " + (
             "though mode SYSTEMID was entered" if entered else "mode SYSTEMID was never entered"
         )

@@ -15,8 +15,8 @@ import numpy as np
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray, Series
 from gcs.logs.runs.span import Span
+from gcs.vehicle.autopilots import PARAMETER_ERROR, STOPPED, SYSTEMID
 
-SYSTEMID = 25
 LEAD_S = 1.0  # of nothing before the maneuver
 AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
 """SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
@@ -183,10 +183,10 @@ class _Flown:
         """By the vehicle's own words about its end."""
         stop, notes, reasons = maneuver.stop_s, list(maneuver.notes), list(maneuver.reasons)
         for at, text in texts:
-            if text.startswith("SystemID Stopped"):
+            if text.startswith(STOPPED):
                 stop = min(stop, at)
                 notes.append(f"the vehicle ended it: {text}")
-            elif text.startswith("SystemID Parameter Error"):
+            elif text.startswith(PARAMETER_ERROR):
                 reasons.append(
                     "the vehicle refused it: SystemID Parameter Error; SID_T_REC must exceed 2 / SID_F_START_HZ"
                 )

@@ -15,7 +15,8 @@ from itertools import pairwise
 
 from gcs.logs.formats.tables import Log
 from gcs.logs.runs.span import Span
-from gcs.logs.runs.systemid import AXES, LEAD_S, RATE_AXES, SYSTEMID
+from gcs.logs.runs.systemid import AXES, LEAD_S, RATE_AXES
+from gcs.vehicle.autopilots import SAYS, SYSTEMID
 
 SAME_S = 2.0
 """Between a mode's change and the text about it; telemetry tells of modes once a second."""
@@ -156,7 +157,7 @@ def _in_texts(texts: Sequence[tuple[float, str]]) -> list[_Told]:
 
 
 def _started(t: float, text: str) -> _Told:
-    ardupilot = text.startswith("SystemID")
+    ardupilot = text.startswith(SAYS)
     number = _NUMBER.search(text) if ardupilot else None
     word = _WORD.search(text)
     named = word[1].lower() if word else None

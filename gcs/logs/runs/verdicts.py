@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import TippathError
-from gcs.flight.folder import FlightFolder
+from gcs.flight.folder import FlightFolder, NoFlightError
 from gcs.logs.runs.run import Run
 from gcs.logs.words import printable
 
@@ -24,10 +24,19 @@ SAME_S = 0.25
 def with_verdicts(runs: Sequence[Run], log: Path) -> list[Run]:
     """The runs of a log, those not usable that the flight.json beside it says are to be flown again.
 
-    Where there is none, or it speaks of other logs, the runs as they are.
+    Where there is none, or it speaks of other logs, the runs as they are; where it is damaged, they say so.
     """
-    flown = _flown(log)
+    try:
+        flown = _flown(log)
+    except TippathError as error:
+        note = printable(f"what was said of this run in flight is not known: {error}")
+        return [_noted(run, note) for run in runs]
     return [_judged(run, flown) for run in runs]
+
+
+def _noted(run: Run, note: str) -> Run:
+    record = None if run.record is None else replace(run.record, notes=(*run.record.notes, note))
+    return replace(run, record=record, notes=(*run.notes, note))
 
 
 def _flown(log: Path) -> list[Mapping[str, Any]]:
@@ -36,7 +45,7 @@ def _flown(log: Path) -> list[Mapping[str, Any]]:
         return []
     try:
         about, flown = folder.read(), folder.runs()
-    except TippathError:
+    except NoFlightError:
         return []  # not a flight.json of ours; the log speaks for itself
     recording = about.get("recording")
     logs = recording.get("logs") if isinstance(recording, dict) else None

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+import random
 from pathlib import Path
 
+import jsonschema
 import pytest
+from damaged_documents import FILES, bytes_changed
 
-from gcs.cards.maneuver import Maneuver, bundled_cards, card_text, load_card, parse_card, single_card
+from gcs import documents
+from gcs.cards.maneuver import CardDocument, Maneuver, bundled_cards, card_text, load_card, parse_card, single_card
 from gcs.errors import UsageError
 
 CHIRP = """
@@ -39,7 +43,7 @@ def test_what_a_chirp_leaves_out_is_table_1() -> None:
         (with_line("pulse_s = 0.2"), "pulse_s means nothing for a chirp"),
         (CHIRP.replace("amplitude = 0.1\n", ""), "amplitude is missing"),
         (CHIRP.replace("0.1", "'0.1'"), "amplitude is a number, not '0.1'"),
-        (CHIRP.replace("0.1", "true"), "amplitude is a number, not True"),
+        (CHIRP.replace("0.1", "true"), "amplitude is a number, not true"),
         (CHIRP.replace("0.1", "1.2"), "amplitude is a number from 0 to 1, not 1.2"),
         (CHIRP.replace("0.1", "nan"), "amplitude is a number from 0 to 1, not nan"),
         (CHIRP.replace("0.1", "0"), "amplitude is 0"),
@@ -139,7 +143,45 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_single_maneuver_becomes_a_card_that_can_be_kept() -> None:
-    card = single_card(Maneuver("chirp", "pitch", 0.15, 20.0))
+    card = single_card(Maneuver(kind="chirp", axis="pitch", amplitude=0.15, duration_s=20.0))
     assert parse_card(card.text, "kept").maneuvers == card.maneuvers
     with pytest.raises(UsageError, match="amplitude is a number from 0 to 1"):
-        single_card(Maneuver("chirp", "pitch", 3.0, 20.0))
+        single_card(Maneuver(kind="chirp", axis="pitch", amplitude=3.0, duration_s=20.0))
+
+
+@pytest.mark.parametrize("damage", FILES)
+def test_a_file_that_is_no_card_is_refused_and_named(damage: str, tmp_path: Path) -> None:
+    path = tmp_path / "card.toml"
+    path.write_bytes(FILES[damage])
+    with pytest.raises(UsageError, match=r"card\.toml: ") as error:
+        load_card(str(path))
+    assert len(str(error.value)) < 300 + len(str(path))
+
+
+def test_a_damaged_card_is_read_or_refused(tmp_path: Path) -> None:
+    rng, path, refused = random.Random(9), tmp_path / "card.toml", 0
+    for k in range(400):
+        name = sorted(bundled_cards())[k % len(bundled_cards())]
+        path.write_bytes(bytes_changed(bundled_cards()[name].encode(), rng))
+        try:
+            card = load_card(str(path))
+        except UsageError:
+            refused += 1
+        else:
+            assert all(maneuver.problem() is None for maneuver in card.maneuvers)
+    assert refused > 100
+
+
+@pytest.mark.parametrize("name", sorted(bundled_cards()))
+def test_the_bundled_cards_keep_to_the_schema(name: str) -> None:
+    jsonschema.validate(documents.toml_table(bundled_cards()[name], name), documents.schema(CardDocument))
+
+
+def test_limits_hold_wherever_a_maneuver_comes_from() -> None:
+    doublet = Maneuver(kind="doublet", axis="pitch", amplitude=1.2, duration_s=8.0)
+    assert doublet.problem() == "amplitude is a number from 0 to 1, not 1.2"
+    assert Maneuver(kind="doublet", axis="pitch", amplitude=1.2, duration_s=8.0, target="rate").problem() is None
+    assert "kind is one of" in str(Maneuver(kind="jump").problem())
+    assert str(Maneuver(kind="chirp", axis="yaw", amplitude=0.1).problem()).startswith("axis is one of")
+    assert "leave it out" in str(Maneuver(kind="quiet", amplitude=0.1).problem())
+    assert "duration_s" in str(Maneuver(kind="quiet", duration_s=math.nan).problem())

@@ -16,7 +16,7 @@ from gcs.cli import main
 from gcs.flight.folder import FlightFolder
 from gcs.flight.sweep import Ending, fly_card
 
-ROLL_CHIRP = Maneuver("chirp", "roll", 0.1, 8.0)
+ROLL_CHIRP = Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=8.0)
 
 
 def fly(folder: Path, session: FakeSession, aborting: bool = False, **about: object) -> FlightFolder:
@@ -25,7 +25,7 @@ def fly(folder: Path, session: FakeSession, aborting: bool = False, **about: obj
     def aborted() -> str | None:
         return "F12 in the app" if aborting and session.snapshot().mode == SYSTEMID else None
 
-    card = TestCard("test", (ROLL_CHIRP,))
+    card = TestCard(name="test", maneuvers=(ROLL_CHIRP,))
     result = fly_card(
         session,
         card,

@@ -27,7 +27,9 @@ class Silent:
         self.written: list[tuple[str, float]] = []
 
     def snapshot(self) -> VehicleSnapshot:
-        return replace(VehicleSnapshot(1, 1), mode=self.mode_after if self.written else 0, mode_name="SystemID")
+        return replace(
+            VehicleSnapshot(system=1, component=1), mode=self.mode_after if self.written else 0, mode_name="SystemID"
+        )
 
     def call(self, procedure: Any, timeout_s: float | None = None) -> Any:
         self.written.append((procedure.name, procedure.value))
@@ -42,7 +44,7 @@ def profile() -> VehicleProfile:
 
 
 def test_a_write_without_an_answer_may_have_arrived(profile: VehicleProfile) -> None:
-    plan = profile.plan(Maneuver("chirp", "roll", 0.1, 10.0))
+    plan = profile.plan(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0))
     now = {AXIS: 8.0, MAGNITUDE: 30.0}
     with pytest.raises(NoAnswerError):
         write_plan(Silent(0), plan, profile, now)

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
+from damaged_documents import FILES
 
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import AuditEntry, FlightFolder, create, flight_of, keep
@@ -53,11 +54,31 @@ def test_what_is_no_flight_folder_says_so(tmp_path: Path) -> None:
     with pytest.raises(TippathError, match="no flight folder"):
         FlightFolder(tmp_path).read()
     (tmp_path / "flight.json").write_text("{")
-    with pytest.raises(TippathError, match="cannot be read"):
+    with pytest.raises(TippathError, match=r"flight\.json: not JSON: .*line 1"):
         FlightFolder(tmp_path).read()
     (tmp_path / "flight.json").write_text('{"format": "else"}')
     with pytest.raises(TippathError, match=r"not a tippath\.flight/1"):
         FlightFolder(tmp_path).read()
+
+
+@pytest.mark.parametrize("damage", FILES)
+def test_a_damaged_flight_json_is_an_error_that_names_it(damage: str, tmp_path: Path) -> None:
+    folder = FlightFolder(tmp_path)
+    folder.about.write_bytes(FILES[damage])
+    with pytest.raises(TippathError, match=r"flight\.json: "):
+        folder.read()
+    assert (folder.name, folder.notes()) == ("", [])
+
+
+@pytest.mark.parametrize(
+    "line", [b"[" * 100_000, b'{"time": 1, "did": "x", "command": null, "by": "app"}', b"\xff", b"[]"]
+)
+def test_a_damaged_line_of_the_audit_is_counted(line: bytes, tmp_path: Path) -> None:
+    folder = FlightFolder(tmp_path)
+    folder.audit(WHEN, "fitted")
+    folder.audit_file.write_bytes(folder.audit_file.read_bytes() + line + b"\n")
+    found, damaged = folder.audited()
+    assert ([entry.did for entry in found], damaged) == (["fitted"], 1)
 
 
 def test_a_card_is_kept_once(tmp_path: Path) -> None:
@@ -126,7 +147,7 @@ def test_name_and_notes_are_the_user_s_and_outlive_the_sweep_s_writing(tmp_path:
 def test_a_damaged_flight_json_is_not_written_over(tmp_path: Path) -> None:
     folder = FlightFolder(tmp_path)
     folder.about.write_text('{"format": "tippath.flight/1", "runs": [')
-    with pytest.raises(TippathError, match="cannot be read"):
+    with pytest.raises(TippathError, match="not JSON"):
         folder.rename("x")
     assert folder.about.read_text().endswith("[")
     assert folder.name == ""

@@ -5,18 +5,23 @@ from __future__ import annotations
 import argparse
 import copy
 import json
+import random
 import struct
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
+from contract_schemas import GAINS
+from damaged_documents import FILES, changed
 
+from gcs import documents
 from gcs.cli import push as push_command
 from gcs.cli import revert as revert_command
 from gcs.errors import LinkError
-from gcs.flight.gains import BANK, GainsError, gains_of, load_gains, push, revert
+from gcs.flight.gains import BANK, GainsDocument, GainsError, gains_of, load_gains, push, revert
 from gcs.flight.session import Session
 from gcs.link.procedures import RefusedError
 
@@ -195,20 +200,20 @@ def test_a_link_lost_under_way_is_called_that(
 
 
 BAD: list[tuple[Callable[[dict[str, Any]], object], str]] = [
-    (lambda d: d.update(format="tippath.fit/1"), "not a tippath.gains/1 file"),
-    (lambda d: d.pop("K"), "K must be 2 rows of 4 numbers"),
-    (lambda d: d["K"].pop(), "K must be 2 rows"),
-    (lambda d: d.update(K=[1, 2]), "K must be 2 rows"),
-    (lambda d: d["observer_gain"][3].append(1.0), "observer_gain must be 4 rows of 2"),
-    (lambda d: d["prefilter"].__setitem__(0, "ab"), "prefilter must be 2 rows of 2"),
-    (lambda d: d["K"][1].__setitem__(2, float("nan")), r"K\[1\]\[2\] is not finite"),
-    (lambda d: d["K"][1].__setitem__(2, None), r"K\[1\]\[2\] is no number"),
-    (lambda d: d["K"][1].__setitem__(2, True), r"K\[1\]\[2\] is no number"),
-    (lambda d: d["K"][1].__setitem__(2, 10**400), r"K\[1\]\[2\] is not finite"),
+    (lambda d: d.update(format="tippath.fit/1"), "format is 'tippath.gains/1', not 'tippath.fit/1'; .*tippath design"),
+    (lambda d: d.pop("K"), "K is missing"),
+    (lambda d: d["K"].pop(), "K is 2 rows of 4 numbers"),
+    (lambda d: d.update(K=[1, 2]), "K is 2 rows of 4 numbers"),
+    (lambda d: d["observer_gain"][3].append(1.0), "observer_gain is 4 rows of 2 numbers"),
+    (lambda d: d["prefilter"].__setitem__(0, "ab"), "prefilter is 2 rows of 2 numbers"),
+    (lambda d: d["K"][1].__setitem__(2, float("nan")), r"K\[1\]\[2\] is a number that is finite, not nan"),
+    (lambda d: d["K"][1].__setitem__(2, None), r"K\[1\]\[2\] is a number, not null"),
+    (lambda d: d["K"][1].__setitem__(2, True), r"K\[1\]\[2\] is a number, not true"),
+    (lambda d: d["K"][1].__setitem__(2, 10**400), r"K\[1\]\[2\] is a number that is finite, not a"),
     (lambda d: d["K"][1].__setitem__(2, 1e39), "K23 = 1e\\+39 is too large"),
-    (lambda d: d.pop("model"), "no model.parameters"),
+    (lambda d: d.pop("model"), "model is missing"),
     (lambda d: d["model"].update(structure="cd"), "the model is 'cd'"),
-    (lambda d: d["model"]["parameters"].pop("tau_f"), "has no tau_f"),
+    (lambda d: d["model"]["parameters"].pop("tau_f"), "model.parameters.tau_f is missing"),
 ]
 
 
@@ -233,6 +238,34 @@ def test_what_is_no_document_is_refused(tmp_path: Path, text: str) -> None:
         load_gains(path)
     with pytest.raises(GainsError, match="cannot be read"):
         load_gains(tmp_path / "absent.json")
+
+
+@pytest.mark.parametrize("damage", FILES)
+def test_a_file_that_is_no_set_of_gains_is_refused_and_named(damage: str, tmp_path: Path) -> None:
+    path = tmp_path / "gains.json"
+    path.write_bytes(FILES[damage])
+    with pytest.raises(GainsError, match=r"gains\.json: .*tippath design"):
+        load_gains(path)
+
+
+def test_a_changed_set_is_read_or_refused(gains_document: dict[str, Any]) -> None:
+    rng, refused = random.Random(4), 0
+    for _ in range(1000):
+        try:
+            gains_of(changed(gains_document, rng))
+        except GainsError:
+            refused += 1
+    assert refused > 500
+
+
+def test_what_a_push_reads_is_what_a_design_promises(gains_document: dict[str, Any]) -> None:
+    """The schema that comes from the struct accepts a document, and is no stricter than the contract's."""
+    schema = documents.schema(GainsDocument)
+    jsonschema.validate(gains_document, schema)
+    definition = schema["$defs"]["GainsDocument"]
+    assert set(definition["required"]) <= set(GAINS["required"])
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**gains_document, "K": [[1, 2], [3, 4]]}, schema)
 
 
 def test_parameters_with_units_are_read_too(gains_document: dict[str, Any]) -> None:

@@ -11,15 +11,25 @@ from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.live import LiveWindow
 from gcs.flight.log_health import Capacity, LogHealth
-from gcs.flight.preflight import carried, controller, flying, hover, lag, lean_stop, link_loss, recording
+from gcs.flight.preflight import carried, controller, flying, hover, lag, lean_stop, recording
+from gcs.vehicle.autopilots import link_loss
 from gcs.vehicle.profile import bundled_profiles
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 PROFILE = bundled_profiles()[0]
 HOVERING = VehicleSnapshot(
-    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, vehicle_type=4, autopilot=3, status=4
+    system=1,
+    component=1,
+    link_age_s=0.1,
+    lost=False,
+    mode=0,
+    mode_name="Stabilize",
+    armed=True,
+    vehicle_type=4,
+    autopilot=3,
+    status=4,
 )
-PLAN = PROFILE.plan(Maneuver("chirp", "roll", 0.2, 30.0))
+PLAN = PROFILE.plan(Maneuver(kind="chirp", axis="roll", amplitude=0.2, duration_s=30.0))
 
 
 @pytest.mark.parametrize(

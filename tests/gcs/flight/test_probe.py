@@ -28,7 +28,8 @@ from gcs.flight.probe.prediction import predicted_attitude
 from gcs.flight.verdict import cut
 from gcs.logs import ingest
 from gcs.vehicle.profile import VehicleProfile, bundled_profiles
-from sitl.autopilot.vehicle import DT, Mode, Reason, make_vehicle
+from sitl.autopilot.modes import Mode, Reason
+from sitl.autopilot.vehicle import DT, make_vehicle
 
 FloatArray = NDArray[np.float64]
 Samples = dict[str, FloatArray]
@@ -43,7 +44,9 @@ CARD = load_card("hover")
 
 
 def test_a_part_of_the_largest_amplitude_on_each_axis_is_flown_as_a_doublet() -> None:
-    card = replace(CARD, maneuvers=(*CARD.maneuvers, Maneuver("doublet", "roll", 0.2, 6.0)))
+    card = replace(
+        CARD, maneuvers=(*CARD.maneuvers, Maneuver(kind="doublet", axis="roll", amplitude=0.2, duration_s=6.0))
+    )
     flown = probe_card(card, TABLE_1).maneuvers
     assert [(m.kind, m.axis) for m in flown] == [("doublet", "roll"), ("doublet", "pitch")]
     assert [m.amplitude for m in flown] == pytest.approx([0.04, 0.03])
@@ -61,7 +64,9 @@ def test_a_stock_vehicle_flies_a_short_narrow_chirp() -> None:
 @pytest.mark.parametrize("vehicle", [TABLE_1, STOCK])
 @pytest.mark.parametrize("amplitude", [1e-9, 1e-4, 0.03, 1.0])
 def test_every_probe_can_be_flown_and_is_no_larger_than_its_card(vehicle: VehicleProfile, amplitude: float) -> None:
-    card = TestCard("small", (Maneuver("chirp", "roll", amplitude, 30.0),))
+    card = TestCard(
+        name="small", maneuvers=(Maneuver(kind="chirp", axis="roll", amplitude=amplitude, duration_s=30.0),)
+    )
     (maneuver,) = probe_card(card, vehicle).maneuvers
     assert vehicle.plan(maneuver).maneuver == maneuver
     assert 0 < maneuver.amplitude <= amplitude
@@ -69,7 +74,13 @@ def test_every_probe_can_be_flown_and_is_no_larger_than_its_card(vehicle: Vehicl
 
 
 def test_rates_asked_for_and_quiet_runs_need_no_probe() -> None:
-    card = TestCard("none", (Maneuver("doublet", "roll", 0.3, 9.0, target="rate"), Maneuver("quiet")))
+    card = TestCard(
+        name="none",
+        maneuvers=(
+            Maneuver(kind="doublet", axis="roll", amplitude=0.3, duration_s=9.0, target="rate"),
+            Maneuver(kind="quiet"),
+        ),
+    )
     assert probe_card(card, TABLE_1).maneuvers == ()
     assert [m.axis for m in probe_card(load_card("forward"), TABLE_1).maneuvers] == ["roll", "pitch", "elevator"]
     assert [m.axis for m in probe_card(load_card("forward"), STOCK).maneuvers] == ["roll", "pitch"]
@@ -442,7 +453,7 @@ def test_a_swashplate_that_is_turned_is_measured(turn: float, kind: str | None) 
 def test_the_card_stays_within_what_is_predicted_of_it(axis: str, amplitude: float) -> None:
     result = sound("hover-ideal", 101, 0.1, 1.0)
     answer = next(answer for answer in result.answers if answer.axis == axis)
-    maneuver = Maneuver("chirp", axis, amplitude, 15.0)
+    maneuver = Maneuver(kind="chirp", axis=axis, amplitude=amplitude, duration_s=15.0)
     vehicle = make_vehicle("hover-ideal", seed=7)
     for name, value in TABLE_1.plan(maneuver).writes:
         vehicle.write_parameter(name, value)
@@ -468,7 +479,7 @@ def test_a_slower_abort_allows_less_and_so_do_tighter_limits() -> None:
     assert tight == pytest.approx(caps[2] * 0.1 / Limits().attitude)
     slow = largest_amplitude(result, Limits(rate=0.2), 0.0, chirp) or 0.0
     assert slow * (result.answers[0].peak_rate or 0.0) * 1.25 == pytest.approx(0.2)
-    assert largest_amplitude(result, Limits(), 0.3, Maneuver("chirp", "elevator", 0.1)) is None
+    assert largest_amplitude(result, Limits(), 0.3, Maneuver(kind="chirp", axis="elevator", amplitude=0.1)) is None
     higher = largest_amplitude(result, Limits(), 0.3, replace(chirp, f_start_hz=0.25)) or 1.0
     assert higher < caps[2]
 
@@ -488,7 +499,11 @@ def test_eight_seconds_of_a_real_autopilot_s_sweep_are_in_order(shared_data: Pat
         if quiet is None:
             quiet = cut(window, float(window.t[0]), run.start_s - 0.2)
         piece = cut(window, run.start_s + 17.0, run.start_s + 25.0)
-        steps.append(ProbeStep(Maneuver("chirp", axis, 0.05, 8.0, f_start_hz=1.0, f_stop_hz=1.5), piece))
+        steps.append(
+            ProbeStep(
+                Maneuver(kind="chirp", axis=axis, amplitude=0.05, duration_s=8.0, f_start_hz=1.0, f_stop_hz=1.5), piece
+            )
+        )
     assert quiet is not None
     result = judge_probe(quiet, steps, 400.0)
     assert not result.wrong, result.words

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import TippathError
 from gcs.flight.recorder import Recorder
+from gcs.link.log_blocks import StreamResult
 from gcs.link.log_end import Cause, EndState, LogEnd
-from gcs.link.procedures import StreamResult
 
 REACHED = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=60.1, clock_s=60.0)
 
@@ -26,7 +26,7 @@ def test_blocks_lie_at_their_place_whatever_the_order(tmp_path: Path) -> None:
     path = tmp_path / "a" / "b" / "flight.BIN"
     assert path.stat().st_size == 800  # it grows on disk, not in a buffer
     assert recorder.store(0, 2, bytes([2]) * 200)
-    summary = recorder.finish((StreamResult(0, 4, 4, (), 0, REACHED),))
+    summary = recorder.finish((StreamResult(file=0, blocks=4, expected=4, missing=(), duplicates=0, end=REACHED),))
     assert path.read_bytes() == b"".join(bytes([n]) * 200 for n in range(4))
     assert summary.log == path
     assert summary.problems == ()
@@ -38,7 +38,9 @@ def test_missing_blocks_are_counted_and_named(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, lambda: 0.0)
     recorder.store(0, 0, bytes(200))
     recorder.store(0, 9, bytes(200))
-    summary = recorder.finish((StreamResult(0, 2, 10, ((1, 8),), 3, REACHED),))
+    summary = recorder.finish(
+        (StreamResult(file=0, blocks=2, expected=10, missing=((1, 8),), duplicates=3, end=REACHED),)
+    )
     assert summary.missing_blocks == 8
     assert summary.problems == ("flight.BIN: 8 of 10 blocks missing",)
     assert not summary.complete
@@ -48,7 +50,7 @@ def test_missing_blocks_are_counted_and_named(tmp_path: Path) -> None:
 def test_a_log_of_which_nobody_showed_the_end_is_not_complete(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, lambda: 0.0)
     recorder.store(0, 0, bytes(200))
-    summary = recorder.finish((StreamResult(0, 1, 1, (), 0),))
+    summary = recorder.finish((StreamResult(file=0, blocks=1, expected=1, missing=(), duplicates=0),))
     assert (summary.missing_blocks, summary.complete) == (0, False)
     assert "whether it is whole at its end is not known" in summary.problems[0]
 
@@ -57,7 +59,7 @@ def test_a_cut_log_is_told_in_seconds_with_the_vehicles_reason(tmp_path: Path) -
     recorder = Recorder(tmp_path, lambda: 0.0)
     recorder.store(0, 0, bytes(200))
     end = LogEnd(state=EndState.CUT, cause=Cause.ASKED, log_s=50.31, clock_s=60.0, reported="Log stream stopped: tired")
-    summary = recorder.finish((StreamResult(0, 1, 1, (), 0, end),))
+    summary = recorder.finish((StreamResult(file=0, blocks=1, expected=1, missing=(), duplicates=0, end=end),))
     assert summary.problems == (
         "flight.BIN ends 9.7 s before the recording did (the vehicle: Log stream stopped: tired)",
     )
@@ -72,7 +74,12 @@ def test_a_name_that_exists_is_never_written(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, lambda: 0.0)
     recorder.store(0, 0, bytes(200))
     recorder.store(1, 0, bytes([1]) * 200)
-    summary = recorder.finish((StreamResult(0, 1, 1, (), 0, REACHED), StreamResult(1, 1, 1, (), 0, REACHED)))
+    summary = recorder.finish(
+        (
+            StreamResult(file=0, blocks=1, expected=1, missing=(), duplicates=0, end=REACHED),
+            StreamResult(file=1, blocks=1, expected=1, missing=(), duplicates=0, end=REACHED),
+        )
+    )
     assert [log.path.name for log in summary.logs] == ["flight-2.BIN", "flight-3.BIN"]
     assert (tmp_path / "flight.BIN").read_bytes() == b"an earlier flight"
     assert (tmp_path / "flight.tlog").read_bytes() == b"its telemetry"
@@ -131,7 +138,7 @@ def test_a_disk_that_takes_no_more_is_a_condition_that_may_pass(tmp_path: Path) 
         signal.signal(signal.SIGXFSZ, ignored)
     assert recorder.store(0, 1, b"\x01" * 200)
     assert recorder.problem is None
-    summary = recorder.finish((StreamResult(0, 2, 2, (), 0, REACHED),))
+    summary = recorder.finish((StreamResult(file=0, blocks=2, expected=2, missing=(), duplicates=0, end=REACHED),))
     assert (tmp_path / "flight.BIN").read_bytes() == bytes(200) + b"\x01" * 200
     assert summary.tlog is not None
     assert summary.tlog.stat().st_size == 38 * summary.tlog_frames

@@ -17,8 +17,8 @@ from gcs.flight.live import LiveLog
 from gcs.flight.recorder import Recorder, RecordingSummary
 from gcs.link.encode import START_BLOCKS, STOP_BLOCKS, BlockStatus, Send
 from gcs.link.events import Attitude, Event, LogBlock, StatusText
+from gcs.link.log_blocks import LogBlocks
 from gcs.link.log_end import EndState
-from gcs.link.procedures import LogBlocks
 from sitl.autopilot.blocks import BlockStream
 from sitl.autopilot.logger import DataFlashLog, FileSink
 
@@ -94,7 +94,7 @@ class Vehicle:
         if self.stream is not None and self.ours:
             yield from (LogBlock(1, 155, number, data) for number, data in self.stream.due(now))
         if self.clock_told and round(now / STEP_S) % 10 == 0:
-            yield Attitude(1, 1, time_us * 1e-6, 0, 0, 0, 0, 0, 0)
+            yield Attitude(1, 1, boot_s=time_us * 1e-6, roll=0, pitch=0, yaw=0, p=0, q=0, r=0)
         yield from (StatusText(1, 1, 4, text) for text in self.said)
         self.said.clear()
 

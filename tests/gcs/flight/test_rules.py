@@ -31,7 +31,7 @@ NAMES = {STABILIZE: "Stabilize", ALT_HOLD: "AltHold", RTL: "RTL", SYSTEMID: "Sys
 
 @pytest.fixture
 def plan() -> Plan:
-    return bundled_profiles()[0].plan(Maneuver("chirp", "roll", 0.1, 30.0))
+    return bundled_profiles()[0].plan(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=30.0))
 
 
 class Run:

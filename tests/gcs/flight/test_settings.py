@@ -25,7 +25,7 @@ def profile() -> VehicleProfile:
 
 @pytest.fixture
 def plan(profile: VehicleProfile) -> Plan:
-    return profile.plan(Maneuver("chirp", "roll", 0.1, 30.0))
+    return profile.plan(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=30.0))
 
 
 @pytest.fixture
@@ -62,6 +62,16 @@ def test_a_vehicle_that_answers_and_has_no_such_mode_is_told_so(vehicle: FakeVeh
     del vehicle.parameters[AXIS]
     with pytest.raises(CannotFlyError, match="firmware built without"):
         recognise(session, session)
+
+
+def test_a_vehicle_is_recognised_by_a_profile_of_ones_own(
+    vehicle: FakeVehicle, session: FakeSession, profile: VehicleProfile
+) -> None:
+    mine = replace(profile, needs=("MINE_AXIS",), file="mine.toml")
+    with pytest.raises(CannotFlyError, match=r"mine\.toml: it has no MINE_AXIS"):
+        recognise(session, session, (mine,))
+    vehicle.parameters["MINE_AXIS"] = 0.0
+    assert recognise(session, session, (mine,)) is mine
 
 
 def test_a_link_lost_meanwhile_is_said(vehicle: FakeVehicle, session: FakeSession) -> None:

@@ -38,8 +38,8 @@ from gcs.link.procedures import ProcedureError
 from gcs.vehicle.profile import CannotFlyError
 
 STABILIZE, ALT_HOLD, RTL = 0, 2, 6
-CHIRP = Maneuver("chirp", "roll", 0.1, 10.0)
-DOUBLET = Maneuver("doublet", "pitch", 0.1, 3.0, pulse_s=0.25)
+CHIRP = Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0)
+DOUBLET = Maneuver(kind="doublet", axis="pitch", amplitude=0.1, duration_s=3.0, pulse_s=0.25)
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def folder(tmp_path: Path) -> FlightFolder:
 
 
 def fly(session: FakeSession, folder: FlightFolder, *maneuvers: Maneuver, **more: Any) -> SweepResult:
-    card = more.pop("card", None) or TestCard("test", maneuvers)
+    card = more.pop("card", None) or TestCard(name="test", maneuvers=maneuvers)
     return fly_card(session, card, folder=folder, clock=session, disk_free=lambda _: 10**12, **more)
 
 
@@ -309,7 +309,7 @@ def test_a_link_lost_in_mid_chirp_is_not_resumed_but_ended_once_it_is_back(
         session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 8.0
 
     vehicle.in_sweep(4.0, lose)
-    result = fly(session, folder, Maneuver("chirp", "roll", 0.1, 30.0), DOUBLET)
+    result = fly(session, folder, Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=30.0), DOUBLET)
     assert (result.ending, len(result.runs)) == (Ending.LINK, 1)
     assert modes(vehicle) == [SYSTEMID, STABILIZE]
     assert vehicle.asked[1][0] >= begun[0] + 8.0, "nothing was sent while the link was lost"
@@ -324,7 +324,7 @@ def test_a_failsafe_during_a_lost_link_is_not_talked_over(
 
     vehicle.in_sweep(4.0, lose)
     vehicle.in_sweep(9.0, lambda: vehicle.pilot(RTL))
-    result = fly(session, folder, Maneuver("chirp", "roll", 0.1, 30.0), DOUBLET)
+    result = fly(session, folder, Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=30.0), DOUBLET)
     assert result.ending is Ending.LINK
     assert modes(vehicle) == [SYSTEMID]
     assert vehicle.mode == RTL
@@ -397,7 +397,7 @@ def test_ctrl_c_ends_the_wait_for_a_lost_link_and_sends_nothing(
 def test_a_rate_to_follow_needs_the_lqr_where_the_vehicle_tells(
     vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder, switch: float | None, flown: bool
 ) -> None:
-    rate = Maneuver("doublet", "roll", 0.01, 3.0, target="rate", pulse_s=0.25)
+    rate = Maneuver(kind="doublet", axis="roll", amplitude=0.01, duration_s=3.0, target="rate", pulse_s=0.25)
     if switch is not None:
         vehicle.parameters["LQR_SW"] = switch
     if flown:
@@ -553,7 +553,7 @@ def test_a_maneuver_the_vehicle_cannot_fly_is_said_before_anything_is_written(
     with pytest.raises(CannotFlyError, match="no doublet"):
         fly(session, folder, CHIRP, DOUBLET)
     with pytest.raises(CannotFlyError, match="no doublet"):
-        require_flyable(session, TestCard("x", (CHIRP, DOUBLET)), session)
+        require_flyable(session, TestCard(name="x", maneuvers=(CHIRP, DOUBLET)), session)
     assert (vehicle.asked, vehicle.written, session.recordings) == ([], [], [])
 
 
@@ -739,7 +739,7 @@ def test_a_vehicle_that_is_heard_and_answers_nothing_is_not_ready_nor_called_una
 ) -> None:
     session.one_way, session.lag_s = True, None
     with pytest.raises(NotReadyError, match="one way only, or a vehicle that accepts signed messages only"):
-        require_flyable(session, TestCard("x", (CHIRP,)), session)
+        require_flyable(session, TestCard(name="x", maneuvers=(CHIRP,)), session)
     assert (vehicle.asked, vehicle.written) == ([], [])
 
 
@@ -948,7 +948,7 @@ def test_an_amplitude_that_is_predicted_to_leave_the_limits_is_not_flown_and_the
     vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
 ) -> None:
     vehicle.gain = 12.0
-    result = fly(session, folder, Maneuver("chirp", "roll", 0.3, 10.0), probe=True)
+    result = fly(session, folder, Maneuver(kind="chirp", axis="roll", amplitude=0.3, duration_s=10.0), probe=True)
     assert len(result.runs) == 1
     assert result.ending is Ending.LIMIT
     assert "is predicted, from the probe, to leave 25°" in result.stopped

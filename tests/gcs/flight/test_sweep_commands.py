@@ -129,7 +129,9 @@ def test_the_lines_of_a_card_say_what_is_flown_and_what_it_was_worth(tmp_path: P
 
     fly_card(
         session,
-        TestCard("two", (Maneuver("chirp", "roll", 0.1, 10.0, repeat=2),)),
+        TestCard(
+            name="two", maneuvers=(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0, repeat=2),)
+        ),
         folder=create(tmp_path / "f"),
         clock=session,
         disk_free=lambda _: 10**12,
@@ -161,7 +163,7 @@ def test_a_lost_link_is_told_with_the_wait_the_way_out_and_who_takes_over(tmp_pa
 
     fly_card(
         session,
-        TestCard("one", (Maneuver("chirp", "roll", 0.1, 10.0),)),
+        TestCard(name="one", maneuvers=(Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0),)),
         folder=create(tmp_path / "f"),
         clock=session,
         disk_free=lambda _: 10**12,
@@ -197,7 +199,7 @@ def test_the_sweeps_help_holds_a_card_that_can_be_flown(capsys: pytest.CaptureFi
 
 
 def test_the_pilots_lines_are_all_named(capsys: pytest.CaptureFixture[str]) -> None:
-    from sitl.autopilot.vehicle import Mode
+    from sitl.autopilot.modes import Mode
 
     assert set(PILOT_LINES) == {"takeoff", "land", "lqr on", "lqr off", "quit"} | {
         f"mode {m.name.lower()}" for m in Mode

@@ -16,8 +16,8 @@ from sysid.data.coherence import coherence
 
 RATE_HZ = 500.0
 PROFILE = bundled_profiles()[0]
-CHIRP = PROFILE.plan(Maneuver("chirp", "pitch", 0.15, 30.0))
-DOUBLET = PROFILE.plan(Maneuver("doublet", "roll", 0.1, 6.0))
+CHIRP = PROFILE.plan(Maneuver(kind="chirp", axis="pitch", amplitude=0.15, duration_s=30.0))
+DOUBLET = PROFILE.plan(Maneuver(kind="doublet", axis="roll", amplitude=0.1, duration_s=6.0))
 Samples = dict[str, NDArray[np.float64]]
 
 
@@ -127,7 +127,7 @@ def test_a_window_is_cut_to_the_maneuver() -> None:
 
 
 def test_an_elevator_chirp_is_judged_by_the_elevator() -> None:
-    plan = PROFILE.plan(Maneuver("chirp", "elevator", 0.3, 30.0))
+    plan = PROFILE.plan(Maneuver(kind="chirp", axis="elevator", amplitude=0.3, duration_s=30.0))
     answered = flown(CHIRP)
     answered["excitation_e"] = answered.pop("excitation_y")
     answered["delta_e"] = answered["excitation_e"]
@@ -152,7 +152,7 @@ def test_a_log_that_ends_before_the_run_did_is_said_and_flown_again(plan: Plan) 
 
 
 def test_a_long_runs_last_half_second_counts_though_it_is_under_a_hundredth() -> None:
-    plan = PROFILE.plan(Maneuver("chirp", "pitch", 0.15, 60.0))
+    plan = PROFILE.plan(Maneuver(kind="chirp", axis="pitch", amplitude=0.15, duration_s=60.0))
     samples = flown(plan)
     verdict = judge(plan, Limits(), Peaks(), without(samples, samples["t"].size - 250, 30_000), RATE_HZ, start_s=0.0)
     assert verdict.reasons == ("the log ends 0.5 s before the run did (250 of 30000 samples are missing)",)

@@ -16,7 +16,7 @@ OFFSET = 1000.0
 
 
 def attitude(boot_s: float) -> Attitude:
-    return Attitude(1, 1, boot_s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Attitude(1, 1, boot_s=boot_s, roll=0.0, pitch=0.0, yaw=0.0, p=0.0, q=0.0, r=0.0)
 
 
 class Line:

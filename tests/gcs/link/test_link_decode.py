@@ -42,9 +42,9 @@ def through(message: Any, system: int = 1, component: int = 1) -> Event | None:
 
 def test_units_become_si() -> None:
     beat = through(mavlink.MAVLink_heartbeat_message(4, 3, 129, 25, 4, 3))
-    assert beat == Heartbeat(1, 1, 4, 3, True, 25, 4)
+    assert beat == Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=25, status=4)
     attitude = through(mavlink.MAVLink_attitude_message(1500, 0.5, -0.25, 3.0, 0.125, -0.5, 0.0))
-    assert attitude == Attitude(1, 1, 1.5, 0.5, -0.25, 3.0, 0.125, -0.5, 0.0)
+    assert attitude == Attitude(1, 1, boot_s=1.5, roll=0.5, pitch=-0.25, yaw=3.0, p=0.125, q=-0.5, r=0.0)
     rpm = through(mavlink.MAVLink_rpm_message(60.0, 0.0))
     assert isinstance(rpm, RotorSpeed)
     assert rpm.omega == pytest.approx(2 * math.pi)
@@ -179,7 +179,7 @@ def test_twenty_thousand_random_payloads_pass_without_an_exception() -> None:
     mav = mavlink.MAVLink(None)
     finder = FrameFinder()
     assembly = TextAssembly()
-    snapshot = VehicleSnapshot(1, 1)
+    snapshot = VehicleSnapshot(system=1, component=1)
     events = 0
     for number in range(20_000):
         kind = mavlink.mavlink_map[rng.choice(ids)]
@@ -239,8 +239,8 @@ def test_frames_of_version_one_and_signed_frames_are_read() -> None:
     signed = mavlink.MAVLink_heartbeat_message(4, 3, 0, 2, 4, 3).pack(mav)
     frames = FrameFinder().feed(old + signed)
     assert [decode(frame.message) for frame in frames] == [
-        Heartbeat(1, 1, 4, 3, False, 0, 4),
-        Heartbeat(1, 1, 4, 3, False, 2, 4),
+        Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=False, mode=0, status=4),
+        Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=False, mode=2, status=4),
     ]
 
 
@@ -248,7 +248,7 @@ def test_frames_of_version_one_and_signed_frames_are_read() -> None:
 @pytest.mark.skipif(not FLIGHT.exists(), reason="the real logs of ../shared/data are not here")
 def test_the_real_flights_telemetry_reduces_to_what_happened() -> None:
     data = FLIGHT.read_bytes()
-    at, snapshot, finder = 0, VehicleSnapshot(1, 1), FrameFinder()
+    at, snapshot, finder = 0, VehicleSnapshot(system=1, component=1), FrameFinder()
     modes: list[str] = []
     while at + 8 < len(data):
         (microseconds,) = struct.unpack(">Q", data[at : at + 8])

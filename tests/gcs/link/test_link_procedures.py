@@ -33,15 +33,14 @@ from gcs.link.events import (
     StatusText,
     bits_of_float,
 )
+from gcs.link.log_blocks import LogBlocks, StreamResult
 from gcs.link.procedures import (
     Done,
     Failed,
-    LogBlocks,
     ReadAllParameters,
     ReadParameter,
     RequestAutopilotVersion,
     SetMode,
-    StreamResult,
     WriteParameter,
 )
 
@@ -49,7 +48,7 @@ BYTEWISE = AutopilotVersion(1, 1, 16, "1.14.0")
 
 
 def value(name: str, number: float, count: int = 1, index: int = 0) -> ParamValue:
-    return ParamValue(1, 1, name, bits_of_float(number), 9, count, index)
+    return ParamValue(1, 1, name=name, bits=bits_of_float(number), kind=9, count=count, index=index)
 
 
 def run(procedure: Any, answer: Callable[[Send, float], list[Event]], limit_s: float = 60.0) -> Any:
@@ -95,7 +94,7 @@ def test_a_write_is_done_only_by_the_same_32_bits(number: float) -> None:
     def echo(send: Send, now: float) -> list[Event]:
         sent.append(send)
         assert isinstance(send, ParamWrite)
-        return [ParamValue(1, 1, "A", send.bits, 9, 1, 0)]
+        return [ParamValue(1, 1, name="A", bits=send.bits, kind=9, count=1, index=0)]
 
     outcome = run(WriteParameter("A", number), echo)
     assert isinstance(outcome, Done)
@@ -107,7 +106,7 @@ def test_one_bit_off_is_a_refusal_with_the_vehicles_own_words() -> None:
     held = bits_of_float(0.1) ^ 1
 
     def stubborn(send: Send, now: float) -> list[Event]:
-        return [ParamValue(1, 1, "A", held, 9, 1, 0), StatusText(1, 1, 4, "A is read only")]
+        return [ParamValue(1, 1, name="A", bits=held, kind=9, count=1, index=0), StatusText(1, 1, 4, "A is read only")]
 
     outcome = run(WriteParameter("A", 0.1), stubborn)
     assert isinstance(outcome, Failed)
@@ -153,10 +152,10 @@ def test_bytewise_vehicles_are_asked_for_the_type_and_get_the_integers_bytes() -
     write = WriteParameter("N", -3.0)
     write.on_event(BYTEWISE, 0.0)
     assert write.start(0.0) == [ParamRead("N")]
-    assert write.on_event(ParamValue(1, 1, "N", 7, ParameterType.INT32, 1, 0), 0.1) == [
+    assert write.on_event(ParamValue(1, 1, name="N", bits=7, kind=ParameterType.INT32, count=1, index=0), 0.1) == [
         ParamWrite("N", 0xFFFFFFFD, ParameterType.INT32)
     ]
-    write.on_event(ParamValue(1, 1, "N", 0xFFFFFFFD, ParameterType.INT32, 1, 0), 0.2)
+    write.on_event(ParamValue(1, 1, name="N", bits=0xFFFFFFFD, kind=ParameterType.INT32, count=1, index=0), 0.2)
     assert isinstance(write.outcome, Done)
     assert write.outcome.value.value == -3.0
 
@@ -165,7 +164,7 @@ def test_bytewise_refuses_fractions_for_integers_and_c_cast_sends_them() -> None
     write = WriteParameter("N", 10.7)
     write.on_event(BYTEWISE, 0.0)
     write.start(0.0)
-    assert write.on_event(ParamValue(1, 1, "N", 7, ParameterType.INT32, 1, 0), 0.1) == []
+    assert write.on_event(ParamValue(1, 1, name="N", bits=7, kind=ParameterType.INT32, count=1, index=0), 0.1) == []
     assert isinstance(write.outcome, Failed)
     assert "whole number" in write.outcome.reason
     assert WriteParameter("N", 10.7).start(0.0) == [ParamWrite("N", bits_of_float(10.7), 9)]
@@ -232,7 +231,11 @@ def test_a_mode_is_set_when_acknowledged_and_repetitions_say_so() -> None:
         assert isinstance(send, Command)
         assert (send.command, send.parameters) == (176, (1.0, 25.0))
         attempts.append(send.attempt)
-        return [CommandAck(1, 1, 176, 0, 254, 190)] if len(attempts) == 3 else [CommandAck(1, 1, 511, 0, 254, 190)]
+        return (
+            [CommandAck(1, 1, command=176, result=0, target_system=254, target_component=190)]
+            if len(attempts) == 3
+            else [CommandAck(1, 1, command=511, result=0, target_system=254, target_component=190)]
+        )
 
     assert isinstance(run(SetMode(25), third), Done)
     assert attempts == [0, 1, 2]
@@ -241,7 +244,7 @@ def test_a_mode_is_set_when_acknowledged_and_repetitions_say_so() -> None:
 def test_a_refused_mode_waits_for_the_text_that_follows() -> None:
     mode = SetMode(25)
     mode.start(0.0)
-    mode.on_event(CommandAck(1, 1, 176, 4, 254, 190), 0.1)
+    mode.on_event(CommandAck(1, 1, command=176, result=4, target_system=254, target_component=190), 0.1)
     assert mode.poll(0.2) == []
     mode.on_event(StatusText(1, 1, 4, "No axis selected, SID_AXIS = 0"), 0.25)
     assert mode.outcome is None
@@ -251,7 +254,7 @@ def test_a_refused_mode_waits_for_the_text_that_follows() -> None:
 
 
 def test_a_mode_whose_acknowledgement_is_lost_is_believed_to_heartbeats() -> None:
-    beat = Heartbeat(1, 1, 4, 3, True, 25, 4)
+    beat = Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=25, status=4)
     assert isinstance(run(SetMode(25), lambda send, now: [beat]), Done)
     assert isinstance(run(SetMode(0), lambda send, now: [beat]), Failed)
 
@@ -259,7 +262,7 @@ def test_a_mode_whose_acknowledgement_is_lost_is_believed_to_heartbeats() -> Non
 def test_the_version_is_the_answer_not_its_acknowledgement() -> None:
     request = RequestAutopilotVersion()
     assert request.start(0.0) == [Command(512, (148.0,), 0)]
-    request.on_event(CommandAck(1, 1, 512, 0, 254, 190), 0.1)
+    request.on_event(CommandAck(1, 1, command=512, result=0, target_system=254, target_component=190), 0.1)
     assert request.outcome is None
     request.on_event(AutopilotVersion(1, 1, 131072, "4.7.0"), 0.2)
     assert isinstance(request.outcome, Done)
@@ -367,7 +370,7 @@ class Air:
             for item in self.sender.say(self.now, step):
                 self.put(item)
             if int(self.now * 10) != int((self.now - step) * 10):
-                self.put(Attitude(1, 1, self.now, 0, 0, 0, 0, 0, 0))
+                self.put(Attitude(1, 1, boot_s=self.now, roll=0, pitch=0, yaw=0, p=0, q=0, r=0))
             for send in sends + self.receiver.poll(self.now):
                 self.put(send)
 
@@ -437,7 +440,7 @@ def test_a_reboot_seen_by_the_clock_begins_a_new_file_at_once() -> None:
     made = air.sender.made
     air.sender.running, air.sender.unacked = False, {}
     air.go(3.5)
-    for send in air.receiver.on_event(Attitude(1, 1, 0.2, 0, 0, 0, 0, 0, 0), air.now):
+    for send in air.receiver.on_event(Attitude(1, 1, boot_s=0.2, roll=0, pitch=0, yaw=0, p=0, q=0, r=0), air.now):
         air.put(send)
     air.go(5.0)
     results = air.end()
@@ -500,7 +503,7 @@ def test_blocks_that_the_sender_lost_are_asked_for_to_the_end_and_then_reported(
     assert max(when for when, _ in asked) > 5.0
     receiver.stop(10.0)
     for i in range(1000):
-        receiver.on_event(Heartbeat(1, 1, 4, 3, True, 0, 4), 10.0 + i * 0.1)
+        receiver.on_event(Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=0, status=4), 10.0 + i * 0.1)
         receiver.poll(10.0 + i * 0.1)
     assert isinstance(receiver.outcome, Done)
     (result,) = receiver.outcome.value

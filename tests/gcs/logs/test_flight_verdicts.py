@@ -35,7 +35,13 @@ def flown_about(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
             started.append(vehicle.entered)
         return "Ctrl-C" if len(started) == 2 and vehicle.now > started[1] + 4.0 else None
 
-    card = TestCard("two", (Maneuver("chirp", "roll", 0.1, 10.0), Maneuver("chirp", "pitch", 0.1, 10.0)))
+    card = TestCard(
+        name="two",
+        maneuvers=(
+            Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=10.0),
+            Maneuver(kind="chirp", axis="pitch", amplitude=0.1, duration_s=10.0),
+        ),
+    )
     fly_card(session, card, folder=folder, clock=session, disk_free=lambda _: 10**12, aborted=aborted)
     about: dict[str, Any] = folder.read()
     assert [run["ending"] for run in about["runs"]] == ["finished", "aborted"]
@@ -104,10 +110,9 @@ def test_what_is_wrong_with_the_samples_stays_wrong_when_named(
 @pytest.mark.parametrize(
     "changes",
     [
-        {"runs": "none"},
         {"format": "somebody's"},
         {"recording": {"logs": [{"path": "flight-2.BIN"}]}},
-        {"runs": [{"log_start_s": None, "ending": "aborted"}, 7, {"ending": "aborted", "log_start_s": 17.0}]},
+        {"runs": [{"log_start_s": None, "ending": "aborted"}, {"ending": "aborted", "log_start_s": 17.0}]},
     ],
 )
 def test_a_file_that_says_nothing_of_these_runs_changes_nothing(
@@ -122,3 +127,27 @@ def test_a_flight_that_ended_before_its_recording_was_summed_up_is_judged_too(
 ) -> None:
     folder = flight(tmp_path / "flight-0001", two_chirps, flown_about, recording=None)
     assert [run.usable for run in ingest([folder]).runs] == [True, False]
+
+
+DAMAGED = {
+    "empty": b"",
+    "cut": b'{"format": "tippath.flight/1", "runs": [',
+    "zeroed": bytes(400),
+    "binary": b"\xff\xfe",
+    "nested": b"[" * 200_000,
+    "runs that are none": b'{"format": "tippath.flight/1", "runs": "none"}',
+    "a number that is none": b'{"format": "tippath.flight/1", "x": NaN}',
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_a_damaged_file_is_told_with_every_run(two_chirps: bytes, tmp_path: Path, damage: str) -> None:
+    (tmp_path / "flight.BIN").write_bytes(two_chirps)
+    (tmp_path / "flight.json").write_bytes(DAMAGED[damage])
+    runs = ingest([tmp_path / "flight.BIN"]).runs
+    assert [run.usable for run in runs] == [True, True]
+    for run in runs:
+        (note,) = [note for note in run.notes if "flight.json" in note]
+        assert note.startswith("what was said of this run in flight is not known: ")
+        assert run.record is not None
+        assert note in run.record.notes

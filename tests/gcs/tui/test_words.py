@@ -21,7 +21,15 @@ from gcs.tui.words import rings, top_line
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
-    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1648.0, battery_v=22.1
+    system=1,
+    component=1,
+    link_age_s=0.1,
+    lost=False,
+    mode=0,
+    mode_name="Stabilize",
+    armed=True,
+    rpm=1648.0,
+    battery_v=22.1,
 )
 STATE = State(link="udpin:127.0.0.1:14550", vehicle=VEHICLE, stage=Stage.IDLE, card="hover", rpm_reference=1650.0)
 

@@ -21,22 +21,23 @@ from gcs.errors import LinkError, TippathError
 from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult
 from gcs.flight.live import LiveWindow
-from gcs.flight.preflight import Check, LinkLoss
+from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.sweep import Briefing, Ending, NotReadyError, Phase, RunProgress, RunReady, RunResult, SweepResult
 from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
 from gcs.tui.state import Mark, Stage
 from gcs.tui.worker import FlightWorker
+from gcs.vehicle.autopilots import SYSTEMID, LinkLoss
 from gcs.vehicle.profile import Plan
-from gcs.vehicle.snapshot import SYSTEMID, Beat, VehicleSnapshot
+from gcs.vehicle.snapshot import Beat, VehicleSnapshot
 
 WITHIN_S = 60.0
 """By the wall clock, and only where something is wrong: what is waited for comes at once."""
 REACHED = LogEnd(state=EndState.REACHED)
 VEHICLE = VehicleSnapshot(
-    1, 1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1650.0, p=0.1, q=0.2,
-    attitude_at_s=1.0,
+    system=1, component=1, link_age_s=0.1, lost=False, mode=0, mode_name="Stabilize", armed=True, rpm=1650.0,
+    p=0.1, q=0.2, attitude_at_s=1.0,
 )  # fmt: skip
 
 
@@ -156,7 +157,17 @@ class FakeCard:
 
 
 def _plan(run) -> Plan:
-    return Plan(run.maneuver, (), {}, "Table 1", 10, SYSTEMID, 1.0, 16.0, 17.0)
+    return Plan(
+        maneuver=run.maneuver,
+        writes=(),
+        asked={},
+        words="Table 1",
+        axis_number=10,
+        mode=SYSTEMID,
+        lead_s=1.0,
+        over_s=16.0,
+        finished_s=17.0,
+    )
 
 
 def _result(run, plan, ending, reason) -> RunResult:
@@ -190,7 +201,7 @@ def _result(run, plan, ending, reason) -> RunResult:
 def engine(monkeypatch, tmp_path):
     card, session = FakeCard(), FakeSession()
     monkeypatch.setattr(gcs.tui.card_flight, "fly_card", card)
-    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card: None)
+    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card, profiles: None)
     made = FlightWorker("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
     made.fake_card, made.fake_session = card, session
     reach(made, Stage.IDLE)
@@ -326,7 +337,7 @@ def test_a_fault_in_the_card_is_told_and_ends_it(engine, monkeypatch):
 
 
 def test_a_card_that_cannot_be_flown_leaves_no_folder(engine, monkeypatch, tmp_path):
-    def refuse(session, card):
+    def refuse(session, card, profiles):
         raise NotReadyError("not ready: not armed")
 
     monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", refuse)

@@ -8,21 +8,25 @@ import math
 import pytest
 
 from gcs.link.events import Attitude, AutopilotVersion, Battery, Encoding, Heartbeat, RotorSpeed, StatusText
-from gcs.vehicle.snapshot import KEPT_TEXTS, VehicleSnapshot, mode_name, reduce
+from gcs.vehicle.autopilots import mode_name
+from gcs.vehicle.snapshot import KEPT_TEXTS, VehicleSnapshot, reduce
 
-START = VehicleSnapshot(1, 1)
+START = VehicleSnapshot(system=1, component=1)
 
 
 def test_only_the_autopilot_itself_tells_mode_and_armed() -> None:
-    flying = reduce(START, Heartbeat(1, 1, 4, 3, True, 25, 4), 1.0)
+    flying = reduce(START, Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=25, status=4), 1.0)
     assert (flying.mode, flying.mode_name, flying.armed) == (25, "SystemID", True)
-    for other in (Heartbeat(2, 1, 4, 3, False, 0, 4), Heartbeat(1, 191, 4, 3, False, 0, 4)):
+    for other in (
+        Heartbeat(2, 1, vehicle_type=4, autopilot=3, armed=False, mode=0, status=4),
+        Heartbeat(1, 191, vehicle_type=4, autopilot=3, armed=False, mode=0, status=4),
+    ):
         assert reduce(flying, other, 2.0) == flying
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_not_known(bad: float) -> None:
-    after = reduce(START, Attitude(1, 1, 1.0, bad, 0.5, bad, bad, bad, 0.25), 3.0)
+    after = reduce(START, Attitude(1, 1, boot_s=1.0, roll=bad, pitch=0.5, yaw=bad, p=bad, q=bad, r=0.25), 3.0)
     assert (after.roll, after.pitch, after.yaw, after.p, after.q, after.r) == (None, 0.5, None, None, None, 0.25)
     assert after.attitude_at_s == 3.0
     assert reduce(START, RotorSpeed(1, 1, bad), 3.0).rpm is None
@@ -31,7 +35,7 @@ def test_what_is_no_number_is_not_known(bad: float) -> None:
 def test_a_clock_that_goes_back_is_a_reboot_and_a_late_packet_is_not() -> None:
     seen = START
     for boot_s in (100.0, 100.1, 99.5, 100.2, 2.0, 3.0):
-        seen = reduce(seen, Attitude(1, 1, boot_s, 0, 0, 0, 0, 0, 0), boot_s)
+        seen = reduce(seen, Attitude(1, 1, boot_s=boot_s, roll=0, pitch=0, yaw=0, p=0, q=0, r=0), boot_s)
     assert (seen.reboots, seen.boot_s) == (1, 3.0)
 
 

@@ -1,0 +1,178 @@
+"""All that is an autopilot's own, beside what the vehicle profiles hold: modes, texts, parameters, failsafes, the bank.
+
+Elsewhere nothing is known of these by name or number: other rooms take them from here or from the profile, and a
+contract test looks that no string of theirs spells one. What crosses the wire is `gcs.link`'s.
+
+ArduPilot's numbers and names are those of ArduCopter 4.5 to 4.7. The bank of gains and the switch are the parameters of
+an autopilot that flies the LQR, as the bundled vehicle does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+# ------------------------------------------------------------------------------------------------ what flies
+
+ARDUPILOT: Final = 3
+"""MAV_AUTOPILOT."""
+AUTOPILOTS: Final = {ARDUPILOT: "ArduPilot", 12: "PX4", 0: "a generic autopilot", 9: "Paparazzi"}
+KINDS: Final = {
+    1: "aeroplane",
+    2: "quadrotor",
+    3: "coaxial helicopter",
+    4: "helicopter",
+    13: "hexarotor",
+    14: "octorotor",
+}
+"""MAV_TYPE."""
+_ROTORCRAFT: Final = {2, 3, 4, 13, 14, 15, 29, 35}
+IN_THE_AIR: Final = 4
+"""MAV_STATE."""
+PRIMARY_SYSTEM: Final = 255
+"""The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
+
+# ------------------------------------------------------------------------------------------------ modes
+
+STABILIZE, ALT_HOLD, RTL, LAND, SYSTEMID = 0, 2, 6, 9, 25
+COPTER_MODES: Final = {
+    0: "Stabilize",
+    1: "Acro",
+    2: "AltHold",
+    3: "Auto",
+    4: "Guided",
+    5: "Loiter",
+    6: "RTL",
+    7: "Circle",
+    9: "Land",
+    11: "Drift",
+    13: "Sport",
+    14: "Flip",
+    15: "AutoTune",
+    16: "PosHold",
+    17: "Brake",
+    18: "Throw",
+    19: "Avoid ADSB",
+    20: "Guided NoGPS",
+    21: "Smart RTL",
+    22: "FlowHold",
+    23: "Follow",
+    24: "ZigZag",
+    25: "SystemID",
+    26: "Autorotate",
+    27: "Auto RTL",
+    28: "Turtle",
+}
+BY_ITSELF: Final = {3, 5, 6, 9, 11, 17, 20, 21, 26, 27}
+"""Modes in which the autopilot flies where it will: Auto, RTL, Land and the like."""
+
+
+def mode_name(mode: int, vehicle_type: int, autopilot: int) -> str:
+    """What people call a mode. Numbers mean something only together with the autopilot and the kind of vehicle."""
+    if autopilot == ARDUPILOT and vehicle_type in _ROTORCRAFT and mode in COPTER_MODES:
+        return COPTER_MODES[mode]
+    return f"mode {mode}"
+
+
+# ------------------------------------------------------------------------------------------------ a sweep, in its words
+
+SAYS: Final = "SystemID"
+"""How every text on a sweep begins."""
+STARTING: Final = "SystemID Starting"
+FINISHED: Final = "SystemID Finished"
+STOPPED: Final = "SystemID Stopped"
+PARAMETER_ERROR: Final = "SystemID Parameter Error"
+"""What ArduPilot says about a sweep; its only word on progress."""
+NO_EXCITATION: Final = (
+    "this vehicle offers no excitation on board: it has no SID_AXIS. On ArduPilot that is firmware built without "
+    "the SystemID mode; other autopilots are not supported yet"
+)
+
+# ------------------------------------------------------------------------------------------------ parameters around it
+
+LOOP_RATE: Final = "SCHED_LOOP_RATE"
+"""Hz, of the loop that flies and logs."""
+AROUND_A_MANEUVER: Final = ("FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", LOOP_RATE)
+"""What decides about a lost link, and the loop's rate."""
+RENAMED: Final = (("SYSID_MYGCS", "MAV_GCS_SYSID"), ("ANGLE_MAX", "ATC_ANGLE_MAX"))
+"""Older and newer names; only one of each pair is there."""
+LOG_TO_MAVLINK: Final = "set LOG_BACKEND_TYPE to 3 (file and MAVLink) and restart the autopilot"
+NO_LOG: Final = "the vehicle must log to MAVLink (LOG_BACKEND_TYPE with bit 2, then reboot)"
+LOG_LESS: Final = "LOG_BITMASK"
+"""Which of its records the vehicle writes."""
+
+_FAILSAFE_ACTIONS: Final = {
+    1: "RETURNS",
+    2: "RETURNS",
+    3: "RETURNS",
+    4: "RETURNS",
+    5: "LANDS",
+    6: "LANDS",
+    7: "BRAKES",
+}
+_CONTINUE_PILOT_CONTROL: Final = 16
+"""FS_OPTIONS bit 4."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLoss:
+    """What the vehicle does when it no longer hears the ground."""
+
+    answer: str
+    """`RETURNS after 5 s`, `the sweep RUNS ON (...)`."""
+    ends_sweep: bool | None
+    """None where the vehicle does not tell."""
+
+    @property
+    def words(self) -> str:
+        """`link lost: RETURNS after 5 s`."""
+        return f"link lost: {self.answer}"
+
+
+def link_loss(parameters: Mapping[str, float], station: int) -> LinkLoss:
+    """The vehicle's answer to a lost link, read from its parameters, for a ground station with this system id."""
+    enabled = parameters.get("FS_GCS_ENABLE")
+    if enabled is None:
+        return LinkLoss("the vehicle does not tell what it would do (no FS_GCS_ENABLE)", None)
+    if int(enabled) == 0:
+        return LinkLoss("the sweep RUNS ON (FS_GCS_ENABLE 0: the vehicle does not notice)", False)
+    primary = parameters.get("SYSID_MYGCS", parameters.get("MAV_GCS_SYSID"))
+    if primary is not None and int(primary) != station:
+        return LinkLoss(
+            f"the sweep RUNS ON (the failsafe listens to station {int(primary)}, this is {station}; "
+            "--primary takes its place)",
+            False,
+        )
+    if int(parameters.get("FS_OPTIONS", 0)) & _CONTINUE_PILOT_CONTROL:
+        return LinkLoss("the sweep RUNS ON (FS_OPTIONS 16: continuing pilot control)", False)
+    after_s = parameters.get("FS_GCS_TIMEOUT", 5.0)
+    action = _FAILSAFE_ACTIONS.get(int(enabled), f"does what FS_GCS_ENABLE {int(enabled)} means")
+    return LinkLoss(f"{action} after {after_s:g} s", True)
+
+
+LEAN_LIMIT: Final = "ANGLE_MAX"
+
+
+def lean_limit_deg(parameters: Mapping[str, float]) -> float | None:
+    """Beyond which lean, degrees, the vehicle ends a sweep by itself; None where it does not tell."""
+    degrees = parameters.get("ATC_ANGLE_MAX")
+    if degrees is None and LEAN_LIMIT in parameters:
+        degrees = parameters[LEAN_LIMIT] / 100
+    return degrees
+
+
+# ------------------------------------------------------------------------------------------------ the bank of gains
+
+SHADOW, ACTIVE = "LQS_", "LQR_"
+"""Before the names of a bank's values: of the one that is written, and of the one that flies."""
+BANK_KNOWN_BY: Final = "LQS_K11"
+COMMIT, REVERT = "LQR_COMMIT", "LQR_REVERT"
+"""Parameters that act when written."""
+ACTIVE_CRC: Final = "LQR_ACTIVE"
+SWITCH: Final = "LQR_SW"
+"""1 where the pilot's switch selects the LQR."""
+NO_BANK: Final = (
+    f"this vehicle offers no LQR bank (it has no parameter {BANK_KNOWN_BY}): gains can only be pushed to a vehicle "
+    "whose autopilot runs the LQR"
+)
