@@ -166,7 +166,7 @@ def test_what_the_null_does_not_tell_is_searched_on_a_grid(effect: Effect) -> No
     if effect.has_null:
         for one in effect.parameters:
             if one.null is None or math.isinf(one.null):
-                assert one.grid, one.name
+                assert one.grid, f"{one.name}: give values to begin from, grid=(...)"
 
 
 def test_the_order_is_that_of_physics() -> None:
