@@ -36,7 +36,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sysid.compare.compare import CompareError as CompareError
+    from sysid.compare.on_runs import CompareError as CompareError
     from sysid.compare.spectrum import Responses as Responses
     from sysid.compare.values import Comparison as Comparison
     from sysid.control.loop import Following as Following
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from sysid.data.record import CHANNELS as CHANNELS
     from sysid.data.record import Record as Record
     from sysid.data.record import RecordError as RecordError
-    from sysid.diagnose.diagnose import Diagnosis as Diagnosis
+    from sysid.diagnose.verdict import Diagnosis as Diagnosis
+    from sysid.errors import FitError as FitError
     from sysid.errors import SysidError as SysidError
-    from sysid.fit.output_error import FitError as FitError
     from sysid.fit.result import Fit as Fit
     from sysid.fit.result import ResultError as ResultError
     from sysid.model.bases import compose as compose
@@ -89,14 +89,14 @@ _NOTEBOOK = (
 _HOMES = {
     "CHANNELS": "sysid.data.record",
     "ClosedLoop": "sysid.control.stability",
-    "CompareError": "sysid.compare.compare",
+    "CompareError": "sysid.compare.on_runs",
     "Comparison": "sysid.compare.values",
     "DesignError": "sysid.control.regulator",
-    "Diagnosis": "sysid.diagnose.diagnose",
+    "Diagnosis": "sysid.diagnose.verdict",
     "Effect": "sysid.model.effect",
     "EffectError": "sysid.model.effect",
     "Fit": "sysid.fit.result",
-    "FitError": "sysid.fit.output_error",
+    "FitError": "sysid.errors",
     "Following": "sysid.control.loop",
     "Gains": "sysid.control.regulator",
     "Mode": "sysid.model.structure",

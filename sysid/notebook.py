@@ -24,7 +24,8 @@ from sysid.control.regulator import INPUT_COST, Gains, design
 from sysid.control.stability import ClosedLoop, closed_loop
 from sysid.data.preprocess import DEFAULT_BAND_HZ, spectra
 from sysid.data.record import FloatArray, Record
-from sysid.diagnose.diagnose import Diagnosis, diagnose
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.verdict import Diagnosis
 from sysid.errors import SysidError
 from sysid.fit.identify import identify, judge
 from sysid.fit.result import Fit

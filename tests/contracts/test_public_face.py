@@ -61,7 +61,8 @@ def test_the_examples_run() -> None:
     parser, runner = doctest.DocTestParser(), doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
     functions = [value for name, value in vars(sysid.notebook).items() if name in sysid._NOTEBOOK]
     examples = 0
-    for told in [sysid, *(value for value in functions if inspect.isfunction(value))]:
+    explained: list[Any] = [sysid, *(value for value in functions if inspect.isfunction(value))]
+    for told in explained:
         text = inspect.getdoc(told) or ""
         test = parser.get_doctest(text, surroundings, told.__name__, None, 0)
         test.globs = surroundings  # not a copy: what the tour made is there for those that follow

@@ -282,10 +282,12 @@ def compare(before: Path, after: Path, within: float) -> int:
             print(f"{name}: only in {before if (before / name).exists() else after}")
             differing += 1
             continue
-        documents = [json.loads((folder / name).read_text(encoding="utf-8")) for folder in (before, after)]
-        lines = list(_of_case(*documents, within))
-        answered = [[(said["out"]["verdict"], said["out"]["effect"]) for said in one if _diagnosed(said)]
-                    for one in documents]  # fmt: skip
+        first, second = (json.loads((folder / name).read_text(encoding="utf-8")) for folder in (before, after))
+        lines = list(_of_case(first, second, within))
+        answered = [
+            [(told["out"]["verdict"], told["out"]["effect"]) for told in document if _diagnosed(told)]
+            for document in (first, second)
+        ]
         verdicts += answered[0] == answered[1]
         differing += bool(lines)
         print(f"{name}: {'same' if not lines else f'{len(lines)} differences'}  {answered[1] or ''}")
