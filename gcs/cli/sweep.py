@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gcs.cards.maneuver import TestCard
     from gcs.flight.sweep import SweepResult
 
+CARDS = Path(__file__).parents[1] / "cards"
 WORD = "fly"
 
 _HELP = """\
@@ -91,9 +92,9 @@ def add_parser(subparsers: Any) -> None:
     )
     add_link_options(parser)
     add_vehicle_option(parser)
-    parser.add_argument(
-        "--card", metavar="CARD.toml|NAME", help="a test card; hover, forward, quick and lqr-doublet are there"
-    )
+    there = sorted(path.stem for path in CARDS.glob("*.toml"))
+    bundled = f"{', '.join(there[:-1])} and {there[-1]}"
+    parser.add_argument("--card", metavar="CARD.toml|NAME", help=f"a test card; {bundled} are there")
     parser.add_argument("--axis", choices=("roll", "pitch", "elevator"), help="of a single chirp by Table 1")
     parser.add_argument("--amplitude", type=float, metavar="A", help="of full command (default 0.1)")
     parser.add_argument("--duration", type=float, metavar="S", help="seconds (default 30)")

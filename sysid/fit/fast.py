@@ -158,7 +158,7 @@ class _Normal(NamedTuple):
 
 
 def applies(structure: Structure, stacks: list[Stack]) -> bool:
-    return not structure.composed and len(stacks) == 1 and exact_enough(stacks[0])
+    return structure.base in FORMS and not structure.composed and len(stacks) == 1 and exact_enough(stacks[0])
 
 
 def fit(structure: Structure, stack: Stack) -> FastFit | None:

@@ -32,8 +32,11 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
     """The optimum on these bins from the data alone, of a bare base.
 
     It begins at the equation error, reweighted by its own last denominator; the end states are polynomials in s, one
-    set for each segment.
+    set for each segment. A base without a matrix polynomial begins at its stable point without coupling.
     """
+    if structure.base not in FORMS:
+        begin = Model(structure, np.array(structure.base_.uncoupled, dtype=float))
+        return minimise(begin, stacks, output_error(begin, stacks).residual_power)[0]
     form = FORMS[structure.base]
     measured = np.sqrt(sum(np.sum(np.abs(group.Y) ** 2, axis=1) for group in stacks))
     blocks = []

@@ -129,7 +129,7 @@ def test_a_file_goes_before_a_bundled_name(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_a_card_that_is_not_there_says_what_there_is(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"did you mean hover\?.*forward, hover, lqr-doublet, quick"):
+    with pytest.raises(UsageError, match=r"did you mean hover\?.*" + ", ".join(bundled_cards())):
         load_card("hovr")
     with pytest.raises(UsageError, match="no such card"):
         load_card(str(tmp_path))
