@@ -365,8 +365,18 @@ MUTATIONS = tuple(
         ("cleared without proof", " and state.known_s >= state.ordered_at:", ":"),
         (
             "an old heartbeat with another mode stops nothing",
-            "    if beat.mode != plan.mode:\n",
-            "    if False:\n",
+            "proved_at=None) if beat.mode == plan.mode else replace(state, excited=False)",
+            "proved_at=None) if beat.mode == plan.mode else state",
+        ),
+        (
+            "an old heartbeat with the excitation interrupts nothing",
+            "return replace(state, others=0, proved_at=None) if beat.mode == plan.mode else replace(state",
+            "return state if beat.mode == plan.mode else replace(state",
+        ),
+        (
+            "the last look does not know of its own orders",
+            "max(flown.state.ordered_at, self._ordered_at)",
+            "flown.state.ordered_at",
         ),
         (
             "a proof outlives a silence",
@@ -1157,7 +1167,7 @@ class World:
         end = self.now + self.history.stop_s
         while self.now < end:
             meanwhile()
-            self.advance(min(end, self.now + self.history.tick_s))
+            self.advance(max(self.now, min(end, self.now + self.history.tick_s)))
         self._recording = False
         return RecordingSummary(directory=_Folder.path, logs=(), tlog=None, tlog_frames=0, how="", problems=())
 
@@ -1419,7 +1429,7 @@ class _Judge:
         """Those of a burst count once, and those right after a silence not at all."""
         state, now = self._flown.state, self._world.now
         ended = state.ending is not None and not state.cleared
-        if ended and message.own and now > max(self._counted_s + 0.5, self._silence_s + 1.0):
+        if ended and state.asks and message.own and now > max(self._counted_s + 0.5, self._silence_s + 1.0):
             self._unanswered, self._counted_s = self._unanswered + 1, now
 
     def _known_of_start(self, message: _Message) -> bool:
@@ -1569,7 +1579,8 @@ class _Judge:
             self._unless_deceived("end", f"the vehicle is left excited, and what is said is: {said}")
         if world.starts_under_way and not unknown:
             self._unless_deceived("end", f"a start is under way, and what is said is: {said}")
-        if excited and self._unanswered >= 3 and "must take it" not in said:
+        given_up = "must take it" in said or "pilot, look" in said  # after half a minute of orders
+        if excited and self._unanswered >= 3 and not given_up:
             self.broken("end", f"{self._unanswered} heartbeats with the excitation were not answered with an order")
         if not said.strip("; ") and not vehicle.foreign and not excited:
             self._settings_are_back()

@@ -213,7 +213,9 @@ class AbortResult:
     mode_before: str
     mode_after: str
     asked: int
-    """Times the mode was sent."""
+    """Times the mode was sent, and"""
+    ordered_at: float
+    """when last, on the clock's time."""
     reason: str
 
 
@@ -233,7 +235,13 @@ def abort(
     first = session.snapshot()
     if first.mode != excitation_mode:
         return AbortResult(
-            was_excited=False, ended=True, mode_before=first.mode_name, mode_after=first.mode_name, asked=0, reason=""
+            was_excited=False,
+            ended=True,
+            mode_before=first.mode_name,
+            mode_after=first.mode_name,
+            asked=0,
+            ordered_at=UNKNOWN,
+            reason="",
         )
     last = first.beats[-1] if first.beats else None
     now = clock.now()
@@ -273,5 +281,6 @@ def abort(
         mode_before=first.mode_name,
         mode_after=state.mode_after,
         asked=returning.orders,
+        ordered_at=state.returned_at,
         reason=state.reason,
     )

@@ -17,10 +17,13 @@ from gcs.flight.excitation import Excitation, abort
 from gcs.flight.rules import TICK_S
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.settings import give_back
+from gcs.link.clock import UNKNOWN
 from gcs.vehicle.profile import VehicleProfile
 
 TELL_AFTER_S = 2.0
 """A run that takes longer to clear is told of."""
+PROOF_S = 6.0
+"""How long two heartbeats that know of the last order are waited for before the program ends."""
 
 
 @dataclass(kw_only=True)
@@ -39,6 +42,8 @@ class Handback:
     """The last run, which is watched until it is cleared before anything is written."""
     unrestored: Mapping[str, float] | None = None
     """The vehicle's own settings, where they could not be put back."""
+    _ordered_at: float = UNKNOWN
+    """When a mode was asked for last, after the run."""
 
     def clear(self, interruptions: Callable[[], int] = lambda: 0) -> bool:
         """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known.
@@ -81,11 +86,13 @@ class Handback:
     def last_look(self) -> None:
         """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
         with contextlib.suppress(TippathError):
+            self._end_way_back()
             snapshot, flown = self.session.snapshot(), self.flown
             ours = flown is not None and flown.state.asks > 0 and not flown.state.cleared
             if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
                 if ours and flown is not None and flown.state.ending is not Ending.STUCK:
                     self._bring_back(flown)
+                    self._wait_until_out(ours)
                 else:
                     self.tell(f"the mode is {snapshot.mode_name} again: `tippath abort` ends it")
             if self.unrestored is not None and self._out(ours):
@@ -99,6 +106,18 @@ class Handback:
             with contextlib.suppress(TippathError):
                 self.flown.watch()
 
+    def _end_way_back(self) -> None:
+        """What `watch_on` has begun is brought to its end, by the same rules."""
+        while self.flown is not None and self.flown.out_of_hand:
+            self.flown.watch()
+            self.clock.sleep(TICK_S)
+
+    def _wait_until_out(self, ours: bool) -> None:
+        """A heartbeat that knows of the last order takes its time."""
+        end = self.clock.now() + PROOF_S
+        while self.clock.now() < end and not self._out(ours):
+            self.clock.sleep(TICK_S)
+
     def _bring_back(self, flown: Excitation) -> None:
         """A vehicle that a start of ours still excites after its run was given up; in words what came of it."""
         try:
@@ -106,6 +125,7 @@ class Handback:
         except KeyboardInterrupt:
             self.tell("it was still excited, and bringing it back was interrupted: the pilot must take it")
             raise
+        self._ordered_at = ended.ordered_at
         words = ended.reason or f"brought back to {ended.mode_after}"
         if flown.state.contradictions:
             words += ", as far as heartbeats of two vehicles with one id show: which of them is not known"
@@ -125,6 +145,5 @@ class Handback:
         if flown.state.contradictions or back_again:
             return False
         last = snapshot.beats[-2:]
-        return len(last) == 2 and all(
-            beat.mode != flown.plan.mode and beat.known_s >= flown.state.ordered_at for beat in last
-        )
+        ordered_at = max(flown.state.ordered_at, self._ordered_at)
+        return len(last) == 2 and all(beat.mode != flown.plan.mode and beat.known_s >= ordered_at for beat in last)

@@ -125,9 +125,8 @@ def _hear_in_time(state: RunState, beat: Beat, now: float, plan: Plan) -> RunSta
     age_s = None if beat.late_s is None else beat.late_s + now - beat.at_s
     if now >= state.settled_at or (age_s is not None and age_s <= FRESH_S):
         return _hear(state, beat, plan)
-    if beat.mode != plan.mode:
-        return replace(state, excited=False)  # too old to act on; not too old to wait for the next
-    return state
+    # Too old to act on; not too old to wait for the next.
+    return replace(state, others=0, proved_at=None) if beat.mode == plan.mode else replace(state, excited=False)
 
 
 def _since(condition: bool, since: float | None, now: float) -> float | None:
