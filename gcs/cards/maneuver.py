@@ -22,6 +22,7 @@ from msgspec import Meta
 
 from gcs import documents
 from gcs.cards.envelope import Limits
+from gcs.document_faults import first_fault, nearest
 from gcs.errors import UsageError
 
 KINDS = ("chirp", "doublet", "quiet")
@@ -138,7 +139,7 @@ class Maneuver:
         """Why this is nonsense, beginning with the key that is at fault; None where it is sound."""
         if self.kind == "quiet" and self.amplitude != 0:
             return "amplitude means nothing in a quiet run; leave it out"
-        fault = documents.first_fault(self._table(), _Chirp | _Doublet | _Quiet)
+        fault = first_fault(self._table(), _Chirp | _Doublet | _Quiet)
         if fault is not None:
             return fault.words()
         if self.target == "command" and self.amplitude > MOST_AMPLITUDE:
@@ -371,7 +372,7 @@ def load_card(word: str) -> TestCard:
     if word in bundled and not path.is_file():
         return parse_card(bundled[word], f"card {word}")
     if path.is_dir() or not path.exists():
-        hint = documents.nearest(word, bundled)
+        hint = nearest(word, bundled)
         raise UsageError(
             f"{word}: no such card; {hint + ' ' if hint else ''}Give a TOML file, or one of {', '.join(bundled)}"
         )

@@ -247,19 +247,7 @@ def abort(
     now = clock.now()
     # A link found again may carry anything before the heartbeat that tells what became of the vehicle meanwhile.
     new = last is not None and now - last.at_s <= STALL_S and (last.late_s is None or last.late_s <= FRESH_S)
-    silent = Maneuver(kind="quiet")
-    plan = Plan(
-        maneuver=silent,
-        writes=(),
-        asked={},
-        words="",
-        axis_number=0,
-        mode=excitation_mode,
-        lead_s=0.0,
-        over_s=silent.duration_s,
-        finished_s=silent.duration_s,
-    )
-    returning = Excitation(session, plan, Limits(), clock, mode_before=mode)
+    returning = Excitation(session, _nothing(excitation_mode), Limits(), clock, mode_before=mode)
     returning.state = RunState(
         mode_before=mode,
         phase=Phase.RETURNING,
@@ -283,4 +271,20 @@ def abort(
         asked=returning.orders,
         ordered_at=state.returned_at,
         reason=state.reason,
+    )
+
+
+def _nothing(excitation_mode: int) -> Plan:
+    """What somebody else flies is not known."""
+    silent = Maneuver(kind="quiet")
+    return Plan(
+        maneuver=silent,
+        writes=(),
+        asked={},
+        words="",
+        axis_number=0,
+        mode=excitation_mode,
+        lead_s=0.0,
+        over_s=silent.duration_s,
+        finished_s=silent.duration_s,
     )

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from gcs import documents
+from gcs.document_faults import shown
 from gcs.errors import LinkError, TippathError
 from gcs.flight.session import Session
 from gcs.link.events import bits_of_float, float_of_bits
@@ -156,7 +157,7 @@ def gains_of(document: object, source: str = "the gains") -> Gains:
         raise GainsError(f"{error}; make it with `tippath design`") from error
     model = held.model
     if model.structure != "tpp":
-        raise GainsError(f"{source}: the model is {documents.shown(model.structure)}; the vehicle's observer holds tpp")
+        raise GainsError(f"{source}: the model is {shown(model.structure)}; the vehicle's observer holds tpp")
     missing = [name for name in MODEL if name not in model.parameters]
     if missing:
         raise GainsError(f"{source}: model.parameters.{missing[0]} is missing, which the vehicle's observer needs")

@@ -22,6 +22,7 @@ from msgspec import Meta
 
 from gcs import documents
 from gcs.cards.maneuver import KINDS, Maneuver
+from gcs.document_faults import nearest
 from gcs.errors import TippathError
 from gcs.vehicle.autopilots import NO_EXCITATION
 
@@ -261,7 +262,7 @@ def load_profile(word: str) -> VehicleProfile:
     if path.is_dir() or not path.exists():
         if word in _bundled():
             return _bundled()[word]
-        hint = documents.nearest(word, _bundled())
+        hint = nearest(word, _bundled())
         raise documents.DocumentError(
             f"{word}: no such vehicle profile; {hint + ' ' if hint else ''}Give a TOML file, or one of "
             f"{', '.join(_bundled())}"

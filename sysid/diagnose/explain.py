@@ -40,7 +40,7 @@ NEARLY = 0.9
 """Of the winner's chi squared."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Explanation:
     """Sentences by part; empty parts have nothing to say."""
 
@@ -97,16 +97,22 @@ def explain(
     `complete`: what the parent leaves is noise; whatever was refitted, nothing won.
     """
     if complete or winner is None or winner.fit is None:
-        return Explanation((), _no_winner(parent, complete), (), _implausible_parent(parent, None, others), ())
+        return Explanation(
+            effects=(),
+            what=_no_winner(parent, complete),
+            why=(),
+            changes=_implausible_parent(parent, None, others),
+            resembles=(),
+        )
     marks, shown = tuple(f"{one.signature}." for one in _own(winner)), shown_by_runs(parent, winner, others)
     return Explanation(
-        winner.effects,
-        tuple(_what(winner.fit, effect) for effect in _own(winner)),
-        (*(f"Its mark: {mark}" for mark in marks), *shown, fall(parent, winner)),
-        (*_changes(parent, winner.fit), *_implausible_parent(parent, winner, others)),
-        _resembles(winner, others, alike),
-        marks,
-        shown,
+        effects=winner.effects,
+        what=tuple(_what(winner.fit, effect) for effect in _own(winner)),
+        why=(*(f"Its mark: {mark}" for mark in marks), *shown, fall(parent, winner)),
+        changes=(*_changes(parent, winner.fit), *_implausible_parent(parent, winner, others)),
+        resembles=_resembles(winner, others, alike),
+        marks=marks,
+        shown=shown,
     )
 
 

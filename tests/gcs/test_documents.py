@@ -13,6 +13,7 @@ from damaged_documents import changed
 from msgspec import Meta
 
 from gcs import documents
+from gcs.document_faults import first_fault
 from gcs.documents import DocumentError, Open, Strict
 
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -236,6 +237,6 @@ def test_first_fault_sees_what_the_reader_sees() -> None:
         try:
             documents.convert(document, Card, "x")
         except DocumentError:
-            assert documents.first_fault(document, Card) is not None, document
+            assert first_fault(document, Card) is not None, document
         else:
-            assert documents.first_fault(document, Card) is None, document
+            assert first_fault(document, Card) is None, document

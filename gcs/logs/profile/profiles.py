@@ -22,6 +22,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from gcs import documents
+from gcs.document_faults import nearest
 from gcs.documents import Strict
 from gcs.errors import TippathError
 from gcs.logs.formats.tables import Log
@@ -231,7 +232,7 @@ def _channel_problem(name: str, table: ChannelTable) -> str | None:
     if name == "t":
         return "[channels.t]: no such channel; time has its own table [time]"
     if name not in known:
-        hint = documents.nearest(name, known, otherwise=f"allowed are {', '.join(known)}")
+        hint = nearest(name, known, otherwise=f"allowed are {', '.join(known)}")
         return f"[channels.{printable(name[:40])}]: no such channel; {hint}"
     if not table.sources or not all(text.strip() for text in table.sources):
         return f"[channels.{name}]: source is empty"
