@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from typing import Any
 
-HOSTILE = (
+HOSTILE: tuple[Any, ...] = (
     *(None, True, 0, -1, 10**400, 1e308, float("nan"), float("-inf"), "", "x" * 500, "\x1b[2J", "\u202e"),
     *([], {}, [[1]], {"a": 1}, [[1], [2, 3]]),
 )

@@ -76,7 +76,7 @@ async def test_a_link_lost_in_a_chirp_is_told_and_nothing_is_flown_after_it(tmp_
             state = engine.state()
             assert (state.vehicle.mode_name, state.vehicle.armed) == ("Stabilize", True)
             assert state.runs[0].mark is Mark.AGAIN
-            assert "link lost" in state.runs[0].verdict
+            assert "link lost" in " ".join(state.runs[0].why)
             await asyncio.sleep(1.0)
             assert engine.state().stage is Stage.IDLE, "nothing goes on by itself"
             assert engine.state().vehicle.mode_name == "Stabilize"

@@ -14,6 +14,7 @@ from planted import FORWARD, PLANTED, TABLE_4, TABLE_5, fly_many
 from planted_fits import effects_with, fitted, in_standard_errors, planted_values, records
 
 from sysid.data.preprocess import spectra
+from sysid.data.stacks import stack
 from sysid.errors import SysidError
 from sysid.fit.identify import on_runs
 from sysid.model import predict
@@ -91,7 +92,7 @@ def study_nulls_on_a_flight() -> None:
         composed = on_runs("tpp", effects_with(name), flight, flight)
         without = on_runs("tpp", [one for one in effects_with(name) if one != name], flight, flight)
         own = next(one for one in composed.composed if one.id == name)
-        stacks = predict.stack(spectra(flight, composed.inputs, composed.outputs)[0])
+        stacks = stack(spectra(flight, composed.inputs, composed.outputs)[0])
         new = predict.respond(composed, composed.vector({**truth, **at_null(own)}), stacks[0], False).Y
         old = predict.respond(without, without.vector(truth), stacks[0], False).Y
         off = float(np.max(np.abs(new - old)) / np.max(np.abs(old)))

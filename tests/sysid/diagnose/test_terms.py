@@ -13,8 +13,7 @@ from planted_fits import records
 from planted_terms import flights, parent_of, searched
 
 from sysid.data.record import Record
-from sysid.diagnose import terms as searching
-from sysid.diagnose.candidate_terms import candidate_terms
+from sysid.diagnose.candidate_terms import _within_reach, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, instrumental_step
 from sysid.diagnose.score import score
 from sysid.diagnose.term_search import Term, search, select
@@ -145,7 +144,7 @@ def test_an_unstable_parent_is_searched_all_the_same() -> None:
 def test_a_term_that_runs_away_is_worth_nothing() -> None:
     flown, imposed = np.ones((4, 4), complex), np.ones((4, 4), complex)
     flown[0, 2], imposed[1, 3], imposed[2, 1] = 1e200j, np.nan, np.inf
-    (flown,), (imposed,) = searching._within_reach([flown], [imposed])
+    (flown,), (imposed,) = _within_reach([flown], [imposed])
     assert flown.tolist() == imposed.tolist() == [[0] * 4, [0] * 4, [0] * 4, [1] * 4]
 
 
