@@ -68,28 +68,6 @@ def test_nothing_more_is_given_back_once_the_excitation_mode_shows(profile: Vehi
 
 
 HISTORIES = {
-    "shown again between two ticks is not seen": History(
-        seed=84,
-        up=Way(delay_s=0.02, swaps=0.1),
-        down=Way(loss=0.3),
-        acts=(Act(4.204998938285068, "stranger", 0, 8),),
-        tick_s=0.4,
-    ),
-    "an acceptance heard after a silence counts": History(
-        seed=306,
-        up=Way(loss=0.1, swaps=0.3),
-        down=Way(delay_s=0.2, loss=0.5),
-        acts=(Act(-1.4101221354962945, "stall", 5.0),),
-        tick_s=0.4,
-        attitude_s=1.0,
-    ),
-    "a silence between two ticks is not seen": History(
-        seed=117,
-        up=Way(delay_s=0.1, loss=0.3, delays=((0.0, 3.8434327445832084),)),
-        down=Way(delay_s=0.02, delays=((4.971239627698331, 5.849051835035093),)),
-        tick_s=0.25,
-        attitude_s=0.5,
-    ),
     "asked again after a silence": History(
         seed=262,
         up=Way(delay_s=0.2, loss=0.3, repeats=0.1),
@@ -106,16 +84,6 @@ HISTORIES = {
         mode_before=1,
         tick_s=0.4,
         attitude_s=1.0,
-    ),
-    "a heartbeat beside the acceptance is not heard": History(
-        seed=100289,
-        up=Way(repeats=0.1, swaps=0.3),
-        down=Way(loss=0.5),
-        acts=(Act(-0.9489622799826682, "interrupt"), Act(0.6379100911451259, "mode", 0)),
-        mode_before=1,
-        tick_s=0.4,
-        attitude_s=1.0,
-        shows_at_once=False,
     ),
     "a heartbeat ages only on its way": History(
         seed=3779,
