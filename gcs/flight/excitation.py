@@ -213,9 +213,7 @@ class AbortResult:
     mode_before: str
     mode_after: str
     asked: int
-    """Times the mode was sent, and"""
-    ordered_at: float
-    """when last, on the clock's time."""
+    """Times the mode was sent."""
     reason: str
 
 
@@ -240,7 +238,6 @@ def abort(
             mode_before=first.mode_name,
             mode_after=first.mode_name,
             asked=0,
-            ordered_at=UNKNOWN,
             reason="",
         )
     last = first.beats[-1] if first.beats else None
@@ -269,7 +266,6 @@ def abort(
         mode_before=first.mode_name,
         mode_after=state.mode_after,
         asked=returning.orders,
-        ordered_at=state.returned_at,
         reason=state.reason,
     )
 

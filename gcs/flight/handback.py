@@ -43,7 +43,7 @@ class Handback:
     unrestored: Mapping[str, float] | None = None
     """The vehicle's own settings, where they could not be put back."""
     _ordered_at: float = UNKNOWN
-    """When a mode was asked for last, after the run."""
+    """No mode was asked for after this."""
 
     def clear(self, interruptions: Callable[[], int] = lambda: 0) -> bool:
         """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known.
@@ -125,7 +125,7 @@ class Handback:
         except KeyboardInterrupt:
             self.tell("it was still excited, and bringing it back was interrupted: the pilot must take it")
             raise
-        self._ordered_at = ended.ordered_at
+        self._ordered_at = self.clock.now()
         words = ended.reason or f"brought back to {ended.mode_after}"
         if flown.state.contradictions:
             words += ", as far as heartbeats of two vehicles with one id show: which of them is not known"
