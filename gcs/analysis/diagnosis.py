@@ -35,7 +35,7 @@ from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit
-from sysid.model.effect import Effect, catalogue
+from sysid.model.effect import Effect, named_effect
 
 MOST_RUNGS = 6
 
@@ -181,7 +181,7 @@ class _Question:
         if answer.verdict != "missing" or answer.effect is None:
             return None
         begin = next(one.fit.model for one in answer.candidates if one.effect == answer.effect and one.fit is not None)
-        effects = [*composed, _effect(answer.effect, self.users)]
+        effects = [*composed, named_effect(answer.effect, self.users)]
         return refitted(fit, effects, self.records, self.validation, self.band_hz, grown=fit, begin=begin)
 
 
@@ -267,8 +267,3 @@ def _in_a_loop(found: Diagnosis) -> tuple[str, ...]:
         "controller without excitation of their own. Kind and size of what was found hold only as far as that loop "
         "lets them: fly a chirp with noise on every axis, with the excitation logged, and ask that",
     )
-
-
-def _effect(name: str, users: Sequence[Effect]) -> Effect:
-    known = catalogue()
-    return known[name] if name in known else next(one for one in users if one.path == name)

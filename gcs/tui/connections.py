@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,8 +115,3 @@ def vehicle_logs(folder: Path, hidden: bool) -> Path:
         return folder / "vehicle-logs"
     numbers = [int(m[1]) for one in folder.glob("vehicle-*") if (m := re.fullmatch(r"vehicle-(\d{4,})", one.name))]
     return folder / f"vehicle-{max(numbers, default=0) + 1:04d}"
-
-
-def index_of(offered: Sequence[Connection], name: str) -> int:
-    """Where a connection of that name stands; 0 where it does not."""
-    return next((i for i, one in enumerate(offered) if one.name == name), 0)

@@ -20,7 +20,7 @@ from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
 from sysid.model.bases import adapted, compose, not_testable
-from sysid.model.effect import Effect, EffectError, catalogue
+from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
@@ -243,16 +243,11 @@ def _quick(one: Ranked) -> bool:
 
 def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     try:
-        composed = composed_with(parent.model.structure, _effect(one.effect, users), parent.dataset)
+        composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
         fit = refit(composed, parent, one.effects)
     except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
         return replace(one, not_testable=str(error))
     return replace(one, fit=fit)
-
-
-def _effect(name: str, users: Sequence[Effect]) -> Effect:
-    known = catalogue()
-    return known[name] if name in known else next(one for one in users if one.path == name)
 
 
 def ranked(one: Ranked, reference: Reference) -> Ranked:

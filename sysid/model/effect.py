@@ -15,7 +15,7 @@ import enum
 import hashlib
 import importlib
 import importlib.util
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cache
@@ -204,6 +204,12 @@ def load(path: Path) -> Effect:
     if not isinstance(effect, Effect):
         raise EffectError(f"{path}: EFFECT is not an Effect but {type(effect).__name__}")
     return replace(effect, path=str(path), sha256=hashlib.sha256(content).hexdigest())
+
+
+def named_effect(name: str, users: Sequence[Effect]) -> Effect:
+    """An effect of the catalogue by its id, or one of a user's own by its path."""
+    known = catalogue()
+    return known[name] if name in known else next(effect for effect in users if effect.path == name)
 
 
 def at_null(effect: Effect) -> dict[str, float]:
