@@ -83,19 +83,23 @@ class Handback:
             self.tell(words)
         self.unrestored = None
 
+    @property
+    def _ours(self) -> bool:
+        """A start that this program asked for may excite the vehicle still."""
+        return self.flown is not None and self.flown.state.asks > 0 and not self.flown.state.cleared
+
     def last_look(self) -> None:
         """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
         with contextlib.suppress(TippathError):
             self._end_way_back()
             snapshot, flown = self.session.snapshot(), self.flown
-            ours = flown is not None and flown.state.asks > 0 and not flown.state.cleared
             if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
-                if ours and flown is not None and flown.state.ending is not Ending.STUCK:
+                if flown is not None and self._ours and flown.state.ending is not Ending.STUCK:
                     self._bring_back(flown)
-                    self._wait_until_out(ours)
+                    self._wait_until_out()
                 else:
                     self.tell(f"the mode is {snapshot.mode_name} again: `tippath abort` ends it")
-            if self.unrestored is not None and self._out(ours):
+            if self.unrestored is not None and self._out:
                 self._give_back(self.unrestored)
         if self.unrestored is not None:
             self.tell("the maneuver's parameters stay in the vehicle: it could not be told otherwise")
@@ -112,10 +116,10 @@ class Handback:
             self.flown.watch()
             self.clock.sleep(TICK_S)
 
-    def _wait_until_out(self, ours: bool) -> None:
+    def _wait_until_out(self) -> None:
         """A heartbeat that knows of the last order takes its time."""
         end = self.clock.now() + PROOF_S
-        while self.clock.now() < end and not self._out(ours):
+        while self.clock.now() < end and not self._out:
             self.clock.sleep(TICK_S)
 
     def _bring_back(self, flown: Excitation) -> None:
@@ -131,13 +135,14 @@ class Handback:
             words += ", as far as heartbeats of two vehicles with one id show: which of them is not known"
         self.tell(f"it was still excited: {words}")
 
-    def _out(self, ours: bool) -> bool:
-        """Whether the vehicle shows another mode, and where a start is `ours`, said so knowing of it, twice, and was
+    @property
+    def _out(self) -> bool:
+        """Whether the vehicle shows another mode, and where a start may be ours, said so knowing of it, twice, and was
         never contradicted: its log, which would tell it from a stranger, has ended."""
         snapshot, flown = self.session.snapshot(), self.flown
         if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
             return False
-        if not ours or flown is None:
+        if flown is None or not self._ours:
             return True
         excited = [b.mode == flown.plan.mode for b in snapshot.beats if b.at_s >= flown.state.asked_at]
         first = excited.index(True) if True in excited else len(excited)

@@ -92,7 +92,7 @@ def _listen(state: RunState, seen: Seen, plan: Plan) -> RunState:
     for beat in seen.beats:
         state = _hear_in_time(state, beat, seen.now, plan)
     if any(text.startswith(STARTING) for text in seen.texts):
-        state = replace(state, known_s=UNKNOWN, proved_at=None)  # a start of ours came late
+        state = _unproved(state)  # a start of ours came late
     if state.proved_at is None and state.others and state.known_s >= state.ordered_at:
         state = replace(state, proved_at=seen.now)
     return state
@@ -104,8 +104,7 @@ def _look_at_link(state: RunState, seen: Seen) -> RunState:
     silent = seen.lost or seen.now - state.ticked_at > STALL_S or heard_at - state.heard_at > LOST_AFTER_S
     if silent:
         # What was heard before the silence is too old to act on; it may lie between two ticks.
-        state = replace(state, settled_at=seen.now + SETTLE_S, excited=False, accepted_after=None)
-        state = replace(state, known_s=UNKNOWN, proved_at=None)
+        state = _unproved(replace(state, settled_at=seen.now + SETTLE_S, excited=False, accepted_after=None))
     if state.heard_since == UNKNOWN or silent:
         state = replace(state, heard_since=seen.now)
     silent_log = seen.log_age_s is not None and seen.log_age_s > LAG_LIMIT_S and seen.link_age_s < LAG_LIMIT_S
@@ -129,6 +128,11 @@ def _hear_in_time(state: RunState, beat: Beat, now: float, plan: Plan) -> RunSta
     return replace(state, others=0, proved_at=None) if beat.mode == plan.mode else replace(state, excited=False)
 
 
+def _unproved(state: RunState) -> RunState:
+    """What showed so far that no order of ours is under way does not show it any more."""
+    return replace(state, known_s=UNKNOWN, proved_at=None)
+
+
 def _since(condition: bool, since: float | None, now: float) -> float | None:
     return None if not condition else now if since is None else since
 
@@ -136,14 +140,12 @@ def _since(condition: bool, since: float | None, now: float) -> float | None:
 def _hear(state: RunState, beat: Beat, plan: Plan) -> RunState:
     if beat.mode == plan.mode:
         return replace(
-            state,
+            _unproved(state),
             excited=True,
             excited_number=beat.number,
             confirmed=True,
             contradictions=state.contradictions + (state.others > 0 and state.confirmed),
             others=0,
-            known_s=UNKNOWN,
-            proved_at=None,
             mode_shown=beat.mode_name,
         )
     if state.asks and not state.confirmed and beat.mode == state.mode_before and beat.known_s < state.asked_at:

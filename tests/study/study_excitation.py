@@ -50,10 +50,7 @@ def _chunk(job: tuple[int, int, str]) -> tuple[Counter[str], list[int]]:
 
 NOT_SHOWN = frozenset(
     {
-        "our own silence counts against stuck",
-        "after a silence the accepted start still counts",
         "started with an unknown lag",
-        "started right after a silence",
         "no end where nothing is known",
         "an abort after a silence does not settle",
         "no room for swaps at the vehicle",
