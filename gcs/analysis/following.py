@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs.errors import TippathError
 
 if TYPE_CHECKING:
-    from gcs.flight.sweep import RunResult
+    from gcs.flight.run import RunResult
 
 FloatArray = NDArray[np.float64]
 

@@ -29,8 +29,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0 where no excitation is left, else 1. Raises LinkError where there is no vehicle."""
+    from gcs.flight.excitation import abort
     from gcs.flight.session import Session
-    from gcs.flight.sweep import abort
     from gcs.logs.words import printable
 
     with Session.open(args.connect, primary=args.primary) as session:

@@ -8,8 +8,10 @@ import time
 from typing import TextIO
 
 from gcs.cards.envelope import Limits
+from gcs.flight.flown_card import Briefing
 from gcs.flight.rules import LOST_PATIENCE_S
-from gcs.flight.sweep import Briefing, Ending, Note, Phase, Probed, Progress, RunProgress, RunReady, RunResult
+from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
+from gcs.flight.run_state import Ending, Phase
 from gcs.link.clock import LOST_AFTER_S
 from gcs.logs.reading import Progress as Reading
 from gcs.logs.words import printable

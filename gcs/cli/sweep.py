@@ -22,7 +22,7 @@ from gcs.errors import TippathError, UsageError
 if TYPE_CHECKING:
     from gcs.analysis.following import Following
     from gcs.cards.maneuver import TestCard
-    from gcs.flight.sweep import SweepResult
+    from gcs.flight.flown_card import SweepResult
 
 CARDS = Path(__file__).parents[1] / "cards"
 WORD = "fly"
@@ -115,8 +115,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.cli.interrupts import interrupts  # as below: --help answers at once without pymavlink and numpy
     from gcs.cli.progress import ProgressLines
     from gcs.flight import folder as flightdir
+    from gcs.flight.flown_card import Briefing
     from gcs.flight.session import Session
-    from gcs.flight.sweep import Briefing, fly_card, require_flyable
+    from gcs.flight.sweep import fly_card, require_flyable
     from gcs.logs.words import printable
     from gcs.vehicle.profile import load_profile
 
@@ -205,7 +206,7 @@ def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
 
 def exit_status(result: SweepResult, interrupted: bool, *, say_why: bool) -> int:
     """What the shell is told; with `say_why` also why, where the sweep is not complete."""
-    from gcs.flight.sweep import Ending
+    from gcs.flight.run_state import Ending
     from gcs.logs.words import printable
 
     if result.complete:
@@ -218,7 +219,7 @@ def exit_status(result: SweepResult, interrupted: bool, *, say_why: bool) -> int
 def rates_followed(result: SweepResult) -> tuple[list[Following], str]:
     """How the rates followed where rates were commanded, and why that is not known."""
     from gcs.analysis.following import measure_following
-    from gcs.flight.sweep import Ending
+    from gcs.flight.run_state import Ending
 
     flown = [one for one in result.runs if one.ending is Ending.FINISHED and one.run.maneuver.target == "rate"]
     if not flown or result.recording is None or result.recording.log is None:

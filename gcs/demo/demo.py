@@ -23,10 +23,12 @@ from gcs.analysis.following import Following, measure_following
 from gcs.cards.maneuver import load_card
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.errors import TippathError
+from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult, RevertResult, checksum, gains_of, push, revert
+from gcs.flight.run import Progress
 from gcs.flight.session import Session
-from gcs.flight.sweep import Briefing, Progress, SweepResult, fly_card
+from gcs.flight.sweep import fly_card
 from gcs.vehicle.autopilots import IN_THE_AIR
 
 if TYPE_CHECKING:  # they bring matplotlib and the control library along, which takes a second

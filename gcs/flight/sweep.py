@@ -25,7 +25,7 @@ from gcs.cards.maneuver import CardRun, TestCard, preceded
 from gcs.errors import TippathError
 from gcs.flight import preflight
 from gcs.flight.connection import Clock, Connection, WallClock
-from gcs.flight.excitation import AbortResult, Excitation, abort
+from gcs.flight.excitation import Excitation
 from gcs.flight.flown_card import Briefing, SweepResult, limits_document, recording_document, vehicle_document
 from gcs.flight.folder import FlightFolder
 from gcs.flight.handback import Handback
@@ -33,8 +33,8 @@ from gcs.flight.preflight import Check
 from gcs.flight.probe import QUIET_S, ProbeResult, ProbeStep, Samples, judge_probe, largest_amplitude, probe_card
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.rules import LOG_SILENCE_S, TICK_S, joined
-from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult, fly_run
-from gcs.flight.run_state import Ending, Phase
+from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, fly_run
+from gcs.flight.run_state import Ending
 from gcs.flight.settings import ask_all, changed_since, read_settings, recognise, write_plan
 from gcs.flight.verdict import cut
 from gcs.link.clock import UNKNOWN
@@ -469,28 +469,3 @@ class _Flight:
             ending=self.ending,
             link_loss=self.loss,
         )
-
-
-__all__ = [
-    "AbortResult",
-    "Briefing",
-    "Clock",
-    "Connection",
-    "Ending",
-    "Excitation",
-    "NotReadyError",
-    "Note",
-    "Phase",
-    "Probed",
-    "Progress",
-    "RunProgress",
-    "RunReady",
-    "RunResult",
-    "SweepResult",
-    "WallClock",
-    "abort",
-    "fly_card",
-    "fly_run",
-    "free_bytes",
-    "require_flyable",
-]

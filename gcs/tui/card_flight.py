@@ -15,24 +15,13 @@ from pathlib import Path
 from gcs.cards.maneuver import CardRun, TestCard, load_card
 from gcs.desk.shell import word
 from gcs.errors import TippathError
+from gcs.flight.excitation import abort
+from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import create
+from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
+from gcs.flight.run_state import Ending, Phase
 from gcs.flight.session import Session
-from gcs.flight.sweep import (
-    Briefing,
-    Ending,
-    Note,
-    Phase,
-    Probed,
-    Progress,
-    RunProgress,
-    RunReady,
-    RunResult,
-    SweepResult,
-    abort,
-    fly_card,
-    free_bytes,
-    require_flyable,
-)
+from gcs.flight.sweep import fly_card, free_bytes, require_flyable
 from gcs.tui import state as view
 from gcs.tui.moment import Moment
 from gcs.tui.state import Mark, RunView, Stage

@@ -18,8 +18,10 @@ import pytest
 from gcs.cards.maneuver import Maneuver, single_card
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.flight.folder import create
+from gcs.flight.run import Progress, RunProgress
+from gcs.flight.run_state import Ending
 from gcs.flight.session import Session
-from gcs.flight.sweep import Ending, Progress, RunProgress, fly_card
+from gcs.flight.sweep import fly_card
 from gcs.link.procedures import NoAnswerError, ReadParameter
 from gcs.vehicle.autopilots import SYSTEMID
 

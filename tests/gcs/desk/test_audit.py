@@ -14,7 +14,8 @@ from flying import CHIRP, PITCH, ROLL
 from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.cli import main
 from gcs.flight.folder import FlightFolder
-from gcs.flight.sweep import Ending, fly_card
+from gcs.flight.run_state import Ending
+from gcs.flight.sweep import fly_card
 
 ROLL_CHIRP = Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=8.0)
 

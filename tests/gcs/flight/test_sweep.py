@@ -15,24 +15,13 @@ from fake_flight import PARAMETERS, SYSTEMID, FakeSession, FakeVehicle
 
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
+from gcs.flight.excitation import abort
+from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import FlightFolder, create
 from gcs.flight.recorder import RecordingSummary
-from gcs.flight.sweep import (
-    Briefing,
-    Ending,
-    Note,
-    NotReadyError,
-    Phase,
-    Probed,
-    Progress,
-    RunProgress,
-    RunReady,
-    RunResult,
-    SweepResult,
-    abort,
-    fly_card,
-    require_flyable,
-)
+from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
+from gcs.flight.run_state import Ending, Phase
+from gcs.flight.sweep import NotReadyError, fly_card, require_flyable
 from gcs.link.log_end import LogEnd
 from gcs.link.procedures import ProcedureError
 from gcs.vehicle.profile import CannotFlyError

@@ -30,8 +30,9 @@ from gcs.demo.demo import DemoError, require_same_bytes
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.errors import LinkError, UsageError
 from gcs.flight.folder import create
+from gcs.flight.run import Note
 from gcs.flight.session import Session
-from gcs.flight.sweep import Note, fly_card
+from gcs.flight.sweep import fly_card
 
 
 @pytest.mark.parametrize(
