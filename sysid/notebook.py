@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.signal import dlsim
 
 from sysid.compare.compare import compare
 from sysid.compare.spectrum import Responses, measure
@@ -127,11 +128,9 @@ def simulate(
     given = {key: np.asarray(values, float) for key, values in commands.items()}
     U = np.stack([given.get(key, np.zeros_like(time)) for key in structure.inputs])
     A, B, C, D = model.matrices
-    step, held = discretise(A, B, float(time[1] - time[0]))
-    x = np.zeros((len(structure.states), time.size))
-    for k in range(time.size - 1):
-        x[:, k + 1] = step @ x[:, k] + held @ U[:, k]
-    rates = dict(zip(structure.outputs, C @ x + D @ U, strict=True))
+    dt = float(time[1] - time[0])
+    _, answer, _ = dlsim((*discretise(A, B, dt), C, D, dt), U.T)
+    rates = dict(zip(structure.outputs, answer.T, strict=True))
     flown = dict(zip(structure.inputs, U, strict=True))
     return make_record(name, {"t": time, **rates, **flown}, maneuver=maneuver)
 
