@@ -16,7 +16,7 @@ from typing import Protocol
 
 from gcs.desk import Desk
 from gcs.desk.shell import word
-from gcs.errors import LinkError, TippathError
+from gcs.errors import TippathError
 from gcs.flight import gains
 from gcs.flight.live import LiveWindow
 from gcs.flight.session import Session
@@ -100,12 +100,9 @@ class FlightWorker:
 
     def state(self) -> State:
         """This moment."""
-        state, session = view.joined(self._moment.now, self._desk.state()), self._link.session
-        if session is None:
-            return state
-        try:
-            vehicle = session.snapshot()
-        except LinkError:
+        state = view.joined(self._moment.now, self._desk.state())
+        session, vehicle = self._link.session, self._link.snapshot()
+        if session is None or vehicle is None:
             return state
         received = session.samples(0.0).received if vehicle.recording is not None else 0
         return replace(state, vehicle=vehicle, samples=received, station=session.station)
