@@ -190,7 +190,7 @@ def test_the_sweeps_help_holds_a_card_that_can_be_flown(capsys: pytest.CaptureFi
     with pytest.raises(SystemExit):
         main(["sweep", "--help"])
     text = capsys.readouterr().out
-    example = text[text.index('  name = "my card"') : text.index("--json prints")]
+    example = text[text.index('  name = "my card"') : text.index("A vehicle profile (")]
     card = parse_card(example, "help")
     assert [m.kind for m in card.maneuvers] == ["chirp", "doublet"]
     assert card.limits == Limits()

@@ -111,9 +111,9 @@ def test_a_double_of_an_effect_is_named_with_its_direction(tmp_path: Path) -> No
     path.write_text(
         "from sysid.model.effect import Effect, Stage\n"
         "from sysid.model.parameter import Parameter\n"
-        "EFFECT = Effect('more_damping', 'again', 'user', 'p_dot += 2 L_x p', 's', 's',\n"
-        "    (Parameter('L_x', '1/s', 'm', null=0.0, typical=-1.0),), Stage.DYNAMICS,\n"
-        "    lambda s: {'p_dot': 2 * s.L_x * s.p})\n"
+        "EFFECT = Effect(id='more_damping', title='again', group='user', equation='p_dot += 2 L_x p',\n"
+        "    source='s', signature='s', parameters=(Parameter('L_x', '1/s', 'm', null=0.0, typical=-1.0),),\n"
+        "    stage=Stage.DYNAMICS, equations=lambda s: {'p_dot': 2 * s.L_x * s.p})\n"
     )
     said = structural(compose("tpp", ["angular_damping", find(str(path))]))
     assert said is not None
@@ -131,8 +131,9 @@ def test_a_parameter_that_never_shows_is_named(tmp_path: Path) -> None:
     path.write_text(
         "from sysid.model.effect import Effect, Stage\n"
         "from sysid.model.parameter import Parameter\n"
-        "EFFECT = Effect('idle', 'idle', 'user', 'e', 's', 's', (Parameter('K_idle', '-', 'm'),), Stage.DYNAMICS,\n"
-        "    lambda s: {'p_dot': 0.0 * s.K_idle * s.p})\n"
+        "EFFECT = Effect(id='idle', title='idle', group='user', equation='e', source='s', signature='s',\n"
+        "    parameters=(Parameter('K_idle', '-', 'm'),), stage=Stage.DYNAMICS,\n"
+        "    equations=lambda s: {'p_dot': 0.0 * s.K_idle * s.p})\n"
     )
     said = structural(compose("tpp", [find(str(path))]))
     assert said is not None
