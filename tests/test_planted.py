@@ -100,7 +100,9 @@ def test_at_its_null_an_effect_is_not_there(effect: str) -> None:
     base = fly("elevator", {"M_elev": 0.0}, seed=1, duration_s=2.0, forward=True) if effect == "elevator" else None
     if base is None:
         base = fly(None, {}, seed=1, duration_s=2.0, forward=forward)
-    assert difference(fly(effect, null, seed=1, duration_s=2.0, forward=forward), base) < 1e-7, "steps are half as long where nothing is planted"
+    assert difference(fly(effect, null, seed=1, duration_s=2.0, forward=forward), base) < 1e-7, (
+        "steps are half as long where nothing is planted"
+    )
     assert difference(fly(effect, PLANTED[effect], seed=1, duration_s=2.0, forward=forward), base) > 1e-3
 
 
