@@ -17,7 +17,6 @@ from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
 from sysid.data.record import Record
 from sysid.data.stacks import stack
 from sysid.errors import FitError
-from sysid.fit import fast
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.output_error import output_error
 from sysid.fit.stable import held_stable
@@ -256,10 +255,6 @@ def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
 
 def _cost(structure: Structure, found: Sequence[Spectrum]) -> float:
     stacks = stack(found)
-    if fast.applies(structure, stacks):
-        quick = fast.fit(structure, stacks[0])
-        if quick is not None:
-            return float(np.sum(np.log(quick.residual_power)))
     return float(np.sum(np.log(output_error(start(structure, stacks), stacks).residual_power)))
 
 

@@ -15,14 +15,13 @@ from sysid.data.instrument import instruments
 from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.stacks import Stack, stack
 from sysid.errors import FitError
-from sysid.fit import fast
-from sysid.fit.axes import refuse_still_channels, refuse_vague_axes, refuse_vagueness
+from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.grow import grow
 from sysid.fit.identifiable import alike
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows, smooth
-from sysid.fit.start import POOR_SHARE, START_THINNING, start
+from sysid.fit.start import START_THINNING, start
 from sysid.model.acting import divided, jumping
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
@@ -64,14 +63,6 @@ def estimate(
     refuse_still_channels(structure, spectra)
     stacks = stack(spectra)
     causes = instruments(stacks, structure.commands)
-    if parent is None and not fixed and fast.applies(structure, stacks):
-        quick = fast.fit(structure, stacks[0])
-        if quick is not None and np.all(quick.residual_power < POOR_SHARE * quick.measured_power):
-            parent = Model(structure, quick.values)
-            if causes is None:
-                refuse_vagueness(structure, quick.vagueness)
-                error = OutputError(quick.residuals, quick.measured_power, quick.residual_power)
-                return Estimate(parent, quick.covariance, error)
     model = _least_squares(structure, stacks, parent, fixed)
     found = _with_errors(model, stacks, fixed, causes)
     refuse_vague_axes(found.model, found.covariance)
