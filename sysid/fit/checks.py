@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
+from sysid.data.dataset import Bins, Dataset, Runs, prepared
+from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import Record
-from sysid.data.stacks import stack
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.output_error import output_error
 from sysid.fit.stable import held_stable
-from sysid.fit.start import start
+from sysid.fit.start import START_THINNING, start
 from sysid.model.structure import FloatArray, Model, Structure
 
 POOR_PERCENT = 70.0
@@ -60,15 +60,15 @@ class Spread:
 
 
 def eigenfrequency_checks(
-    model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+    model: Model, runs: Runs, band_hz: tuple[float, float] = DEFAULT_BAND_HZ
 ) -> tuple[Check, ...]:
     """Modes inside the swept band, well below the rotor's frequency, and agreeing between sets of runs."""
-    return fit_checks(model, records, band_hz)[0][:3]
+    return fit_checks(model, runs, band_hz)[0][:3]
 
 
 def fit_checks(
     model: Model,
-    records: Sequence[Record],
+    runs: Runs,
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     held: Collection[str] = (),
 ) -> tuple[tuple[Check, ...], Spread | None]:
@@ -76,11 +76,12 @@ def fit_checks(
 
     The spread is None where the runs do not form sets that identify the model each for itself.
     """
-    sets = _sets(model, records, band_hz, held)
+    on = prepared(runs, band_hz)
+    sets = _sets(model, on, held)
     spread = None if isinstance(sets, Check) else _spread(model.structure, sets)
     return (
-        _inside_sweep(model, records),
-        _below_rotor(model, records),
+        _inside_sweep(model, on.records),
+        _below_rotor(model, on.records),
         sets if isinstance(sets, Check) else _agreement([one.model for one in sets]),
         *([] if spread is None else [_same_parameters(spread)]),
     ), spread
@@ -117,13 +118,11 @@ def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
 AGREEMENT = "agreement between runs"
 
 
-def _sets(
-    model: Model, records: Sequence[Record], band_hz: tuple[float, float], held: Collection[str]
-) -> list[Estimate] | Check:
+def _sets(model: Model, on: Dataset, held: Collection[str]) -> list[Estimate] | Check:
     """The structure fitted to the first run of every axis, then to the second; or why that is not possible."""
     structure = model.structure
     by_axis: dict[str | None, list[Record]] = {}
-    for record in records:
+    for record in on.records:
         by_axis.setdefault(record.axis, []).append(record)
     count = min((len(runs) for runs in by_axis.values()), default=0)
     if None in by_axis or len(by_axis) < 2 or count < 2:
@@ -131,10 +130,9 @@ def _sets(
     fixed = {name: model[name] for name in held}
     estimates = []
     for index in range(count):
-        chosen = [runs[index] for runs in by_axis.values()]
-        found, _ = spectra(chosen, structure.inputs, structure.outputs, band_hz)
+        chosen = on.of([runs[index] for runs in by_axis.values()])
         try:
-            estimates.append(estimate(structure, found, model, fixed))
+            estimates.append(estimate(structure, chosen.viewed(structure.inputs, structure.outputs), model, fixed))
         except FitError as error:
             return Check(AGREEMENT, False, f"a set of runs alone does not identify the model: {error}")
     return estimates
@@ -182,27 +180,26 @@ def _same_parameters(spread: Spread) -> Check:
     return Check(name, True, f"{text} (at most {listed})")
 
 
-def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
+def explain_instability(model: Model, bins: Bins) -> list[str]:
     """What to make of a fit with poles in the right half plane, in sentences.
 
     Rate dynamics of a flyable rotorcraft are seldom that unstable; feedback through a pilot or controller on
     data without independent excitation looks so. The refits show what stable poles and late commands would give.
     """
     real = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
-    stacks = stack(found)
-    free = output_error(model, stacks).nrmse_percent
+    free = output_error(model, bins.stacks).nrmse_percent
     said = [
         f"the model is unstable (pole at {real:+.1f} 1/s): do not simulate it or design on it; "
         "a pilot or controller in the loop, without independent excitation, makes data look so"
     ]
     try:
-        p, q = held_stable(model, stacks)[1].nrmse_percent
+        p, q = held_stable(model, bins.stacks)[1].nrmse_percent
         said.append(
             f"with the poles held stable it reaches only p {p:.0f} / q {q:.0f} %, "
             f"free p {free[0]:.0f} / q {free[1]:.0f} %"
         )
         if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
-            late = lateness(Structure(base_=model.structure.base_), found)
+            late = lateness(Structure(base_=model.structure.base_), bins)
             if late is not None:
                 said.append(late)
     except FitError as error:
@@ -215,7 +212,7 @@ LATE_ALREADY = frozenset({"servo_lag", "servo_second_order", "transport_delay", 
 LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 
-def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) -> list[str]:
+def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
     """What to tell of a TPP fit that leaves much unexplained: often something is late, and then its numbers lie."""
     if model.structure.composed or model.structure.base != "tpp" or np.min(nrmse) >= POOR_PERCENT:
         return []
@@ -223,7 +220,7 @@ def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) 
         f"the model leaves much unexplained (p {nrmse[0]:.0f} / q {nrmse[1]:.0f} %): its standard errors do not hold"
     ]
     try:
-        late = lateness(model.structure, found)
+        late = lateness(model.structure, bins)
     except FitError:
         late = None
     if late is not None:
@@ -231,18 +228,15 @@ def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) 
     return said
 
 
-def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
+def lateness(structure: Structure, bins: Bins) -> str | None:
     """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not."""
-    base = _cost(structure, found)
+    base = _cost(structure, bins)
     parts, least = [], {}
     for kind in ("lag", "delay"):
-        costs = []
-        for late_s in LATENESS_S:
-            delayed = [_late(one, kind, late_s) for one in found]
-            costs.append(_cost(structure, delayed))
+        costs = [_cost(structure, _late(bins, kind, late_s)) for late_s in LATENESS_S]
         late_s = LATENESS_S[int(np.argmin(costs))]
         least[kind] = min(costs)
-        p, q = estimate(structure, [_late(one, kind, late_s) for one in found]).error.nrmse_percent
+        p, q = estimate(structure, _late(bins, kind, late_s)).error.nrmse_percent
         parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to p {p:.0f} / q {q:.0f} %")
     if min(least.values()) > base + np.log(0.7):
         return None
@@ -253,12 +247,17 @@ def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
     return f"something is late between command and rate: {', '.join(parts)}; {verdict}"
 
 
-def _cost(structure: Structure, found: Sequence[Spectrum]) -> float:
-    stacks = stack(found)
+def _cost(structure: Structure, bins: Bins) -> float:
+    """The least cost of a bare base, judged on some of the bins: it is compared with others of these bins only."""
+    stacks = [group.thinned(START_THINNING) for group in bins.stacks]
     return float(np.sum(np.log(output_error(start(structure, stacks), stacks).residual_power)))
 
 
-def _late(one: Spectrum, kind: str, late_s: float) -> Spectrum:
-    s = 2j * np.pi * one.frequency_hz
-    factor = 1 / (1 + s * late_s) if kind == "lag" else np.exp(-s * late_s)
-    return replace(one, U=one.U * factor)
+def _late(bins: Bins, kind: str, late_s: float) -> Bins:
+    """The same with inputs that act later."""
+
+    def late(one: Spectrum) -> Spectrum:
+        s = 2j * np.pi * one.frequency_hz
+        return replace(one, U=one.U * (1 / (1 + s * late_s) if kind == "lag" else np.exp(-s * late_s)))
+
+    return Bins(tuple(late(one) for one in bins.spectra))

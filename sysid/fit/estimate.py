@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.data.instrument import instruments
-from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.stacks import Stack, stack
+from sysid.data.dataset import Bins
+from sysid.data.preprocess import ComplexArray
+from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
 from sysid.fit.gauss_newton import minimise
@@ -46,7 +46,7 @@ class Estimate:
 
 def estimate(
     structure: Structure,
-    spectra: Sequence[Spectrum],
+    bins: Bins,
     parent: Model | None = None,
     fixed: Mapping[str, float] | None = None,
 ) -> Estimate:
@@ -60,11 +60,9 @@ def estimate(
     unknown = [name for name in fixed if name not in structure.names]
     if unknown:
         raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
-    refuse_still_channels(structure, spectra)
-    stacks = stack(spectra)
-    causes = instruments(stacks, structure.commands)
-    model = _least_squares(structure, stacks, parent, fixed)
-    found = _with_errors(model, stacks, fixed, causes)
+    refuse_still_channels(structure, bins.spectra)
+    model = _least_squares(structure, bins.stacks, parent, fixed)
+    found = _with_errors(model, bins.stacks, fixed, bins.instruments(structure.commands))
     refuse_vague_axes(found.model, found.covariance)
     return found
 

@@ -82,8 +82,8 @@ def minimise(
     """Gauss-Newton with step halving and hard bounds on sum log(residual power) over the outputs.
 
     After every step the outputs are weighed anew by what is left of them; `power` (k,) weighs the first. `held`
-    parameters stay. It ends where a step promises, or brings, less than `tolerance` of that sum. Returns the model and its
-    residual power.
+    parameters stay. It ends where a step promises, or brings, less than `tolerance` of that sum. Returns the model and
+    its residual power.
     """
     structure = model.structure
     low = np.array([parameter.bounds[0] for parameter in structure.parameters])
