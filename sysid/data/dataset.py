@@ -61,16 +61,20 @@ class Dataset:
     """The fitted runs, where these only judge: then channels and flight condition are theirs."""
     _pieces: dict[Record, tuple[list[Piece], list[str]]] = field(default_factory=dict)
     _viewed: dict[tuple[tuple[str, ...], tuple[str, ...]], Bins] = field(default_factory=dict)
+    _some: dict[tuple[Record, ...], Dataset] = field(default_factory=dict)
 
     def of(self, records: Sequence[Record]) -> Dataset:
         """Some of these runs; what was prepared of them is shared."""
-        if tuple(records) == self.records:
+        some = tuple(records)
+        if some == self.records:
             return self
-        return Dataset(records=tuple(records), band_hz=self.band_hz, like=self.like, _pieces=self._pieces)
+        if some not in self._some:
+            self._some[some] = Dataset(records=some, band_hz=self.band_hz, like=self.like, _pieces=self._pieces)
+        return self._some[some]
 
     def beside(self, fitted: Dataset) -> Dataset:
         """These runs as those that judge what was fitted to others."""
-        return replace(self, like=fitted)
+        return replace(self, like=fitted, _some={})
 
     def _of(self, record: Record) -> tuple[list[Piece], list[str]]:
         if record not in self._pieces:
@@ -88,7 +92,7 @@ class Dataset:
         return [remark for record in self.records for remark in self._of(record)[1]]
 
     def viewed(self, inputs: tuple[str, ...], outputs: tuple[str, ...] = ("p", "q")) -> Bins:
-        """The bins with a structure's own inputs and outputs; pieces too short for a frequency in the band have none."""
+        """The bins with a structure's own inputs and outputs, without pieces too short for a frequency in the band."""
         if (inputs, outputs) not in self._viewed:
             found = (piece.spectrum(inputs, outputs) for piece in self.pieces)
             self._viewed[inputs, outputs] = Bins(tuple(one for one in found if one.frequency_hz.size))

@@ -6,7 +6,6 @@ rest for others. `slopes` is how each parameter moves it, which tells what no fl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -90,5 +89,5 @@ class Response(NamedTuple):
         return np.asarray((self.to @ J.reshape(J.shape[0], -1).view(float)).view(complex).reshape(-1, *J.shape[1:]))
 
 
-Ends = Sequence[FloatArray]
+Ends = FloatArray
 """For every segment of a stack the differences of first and last state, one for each of the columns E."""
