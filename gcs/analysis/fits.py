@@ -102,7 +102,7 @@ def _reduced(tpp: Model, cd: Structure) -> Model:
     """The CD of this structure that a TPP becomes when its flapping has settled; effects that both have stay."""
     core = compose("tpp", [one for one in tpp.structure.composed if one.id == "angular_damping"])
     bare = reduce_to_cd(Model(core, core.vector({name: tpp[name] for name in core.names})))
-    known = dict(zip(bare.structure.names, map(float, bare.values), strict=True))
+    known = bare.by_name
     return Model(cd, cd.vector({name: known[name] if name in known else tpp[name] for name in cd.names}))
 
 

@@ -22,6 +22,16 @@ DEFAULT_BAND_HZ = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 
 
+def excitation_of(command: str) -> str:
+    """The channel of what was added to a command: `excitation_x` for `delta_x`."""
+    return f"excitation_{command.removeprefix('delta_')}"
+
+
+def gusts_kept_out(references: Sequence[str]) -> bool:
+    """Whether each command stands beside a logged excitation, which no gust reaches."""
+    return all(name in EXCITATIONS for name in references)
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """A gap-free, uniformly sampled part of a run."""

@@ -203,9 +203,7 @@ def _linearised(
 
 
 def _hold(model: Model, held: Mapping[str, float]) -> Model:
-    named = dict(zip(model.structure.names, model.values, strict=True))
-    named.update({name: value for name, value in held.items() if name in named})
-    return Model(model.structure, model.structure.vector(named))
+    return Model(model.structure, model.structure.vector({**model.by_name, **held}))
 
 
 def _covariance(

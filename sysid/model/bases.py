@@ -149,7 +149,7 @@ def _refuse_broken(structure: Structure) -> None:
     """Evaluate a composition with users' effects once, so that their slips are said before a fit begins."""
     users = ", ".join(one.path for one in structure.composed if one.path is not None)
     typical = np.array([one.typical for one in structure.parameters])
-    named = dict(zip(structure.names, map(float, typical), strict=True))
+    named = structure.by_name(typical)
     try:
         with np.errstate(all="ignore"):
             matrices = structure.matrices(typical)

@@ -54,7 +54,7 @@ def slopes(structure: Structure, values: FloatArray, frequency_hz: FloatArray) -
 def behind_commands(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray:
     """What effects that no matrix holds (delay) make of every command, (frequencies,)."""
     factor = np.ones(s.size, dtype=complex)
-    named = dict(zip(structure.names, map(float, values), strict=True))
+    named = structure.by_name(values)
     for effect in structure.composed:
         if effect.response is not None:
             factor = factor * np.asarray(effect.response(s, {name: named[name] for name in effect.names}))

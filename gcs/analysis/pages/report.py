@@ -212,7 +212,7 @@ def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
         gains = lqr(fit.model, float(cost))
     except SysidError as error:
         return f"no gains can be designed on it: {error}"
-    own = dict(zip(gains.model.structure.names, map(float, gains.model.values), strict=True))
+    own = gains.model.by_name
     theirs = document["model"]["parameters"]
     moved = [name for name, value in own.items() if theirs.get(name) != value]
     if moved:
