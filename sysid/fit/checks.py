@@ -250,7 +250,8 @@ def lateness(structure: Structure, bins: Bins) -> str | None:
 def _cost(structure: Structure, bins: Bins) -> float:
     """The least cost of a bare base, judged on some of the bins: it is compared with others of these bins only."""
     stacks = [group.thinned(START_THINNING) for group in bins.stacks]
-    return float(np.sum(np.log(output_error(start(structure, stacks), stacks).residual_power)))
+    best = start(structure, stacks, thorough=False)
+    return float(np.sum(np.log(output_error(best, stacks).residual_power)))
 
 
 def _late(bins: Bins, kind: str, late_s: float) -> Bins:

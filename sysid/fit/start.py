@@ -34,11 +34,12 @@ ROUGH = 1e-3
 """Where Gauss-Newton ends, in summed logarithms of residual power: on all bins it goes on from there."""
 
 
-def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
+def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) -> Model:
     """Nearly the optimum on these bins from the data alone, of a bare base.
 
-    It begins at the equation error, reweighted by its own last denominator. A base without a matrix polynomial begins
-    at its stable point without coupling. Raises FitError where the commands hardly move, or move together.
+    It begins at the equation error, reweighted by its own last denominator; where that ends in a poor fit, and the
+    search is `thorough`, at others as well. A base without a matrix polynomial begins at its stable point without
+    coupling. Raises FitError where the commands hardly move, or move together.
     """
     if structure.base not in FORMS:
         begin = Model(structure, np.array(structure.base_.uncoupled, dtype=float))
@@ -47,9 +48,9 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
     found = equations.first()
     first = min(found, key=lambda one: one.cost)
     best, left = minimise(first.model, stacks, first.power, tolerance=ROUGH)
-    if np.all(left < POOR_SHARE * equations.measured_power):
+    if not thorough or np.all(left < POOR_SHARE * equations.measured_power):
         return best
-    # a poor fit may be a poor valley: begin from every other solution as well
+    # a poor fit may be a poor valley
     for slope in OTHER_SLOPES:
         found += equations.solutions(slope, 2 * REWEIGHTINGS)
     for one in sorted(found, key=lambda one: one.cost)[:MOST_BEGINNINGS]:

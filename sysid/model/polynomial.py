@@ -4,7 +4,7 @@ Eliminating the flapping leaves two second-order equations; their nine coefficie
   p'' = -L_b p - p'/tau_f + c_p q' + L_b/tau_f (B_lat delta_x + B_lon delta_y),   c_p = B_a L_b/(M_a tau_f)
   q'' = -M_a q - q'/tau_f + c_q p' + M_a/tau_f (A_lat delta_x + A_lon delta_y),   c_q = A_b M_a/(L_b tau_f)
 Cylinder Dynamics is of first order and its coefficients are its parameters. So a fit needs no start values, and its
-steps need no matrices: that is what makes it fast. Held commands and sampling are accounted for in closed form, up to
+steps need no matrices. Held commands and sampling are accounted for in closed form, up to
 images of the response's second term (below 1e-7 of it at 500 Hz), so slow sampling goes through the matrices instead.
 """
 
