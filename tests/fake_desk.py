@@ -11,6 +11,7 @@ import numpy as np
 
 from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
 from sysid.control.stability import Margins
 
@@ -78,9 +79,14 @@ def comparison() -> Any:
         outputs=("p", "q"), band_hz=(0.0, 15.0), traces=traces, bands=bands,
         responses=tuple(response(o, c) for o in "pq" for c in ("delta_x", "delta_y")),
         densities=Densities(f, levels, 0.1 * levels, 0.01 * levels),
-        findings=("pitch: 58 % of the error sits in 3.4-7.1 Hz, coherent with delta_x (0.93): linear dynamics are "
-                  "missing there. Noise explains 12 % (measured from quiet hover).",),
-        suspicions=(SimpleNamespace(text="p and q may be swapped [bold]"),),
+        findings=(
+            ErrorInBand(
+                axis="pitch", band_hz=(3.4, 7.1), error_share=0.58, noise_within=0.1, coherence={"delta_x": 0.93},
+                coherence_together=0.93, noise_share=0.12, noise=NoiseKnown("quiet hover", False), distortion=None,
+                mixed=False, own_runs=True,
+            ),
+        ),
+        suspicions=(NotSeparable((), "p and q may be swapped [bold]"),),
     )  # fmt: skip
 
 

@@ -62,28 +62,6 @@ class FitDiagnosis:
     """The simple terms that explain most beside the structure, where something is left; asked for only."""
     remarks: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            **self.last.to_json(),
-            "character": {
-                "findings": list(self.comparison.findings),
-                "bands": [one.to_json() for one in self.comparison.bands],
-                "growth": [one.to_json() for one in self.comparison.growth],
-                "controls": {name: dict(shares) for name, shares in self.comparison.controls.items()},
-            },
-            "explanation": self.explanation.to_json(),
-            "could_hide": self.hiding.to_json(),
-            "next_maneuver": None if self.next is None else self.next.to_json(),
-            "terms": [
-                {"equation": term.entry.equation, "error_share": term.error_share, "as_well": len(term.as_well)}
-                for term in (() if self.last.terms is None else self.last.terms.terms)
-            ],
-            "suspicions": [one.to_json() for one in self.comparison.suspicions],
-            "structure": {"base": self.fit.model.structure.base, "effects": list(self.fit.model.structure.effects)},
-            "rungs": [one.to_json() for one in self.rungs],
-            "remarks": list(self.remarks),
-        }
-
     def fit_json(self, folder: Path) -> dict[str, Any] | None:
         """The fit with what was found added, as `tippath add` would write it; None where nothing was."""
         found = self.added or (self.fit if len(self.rungs) > 1 else None)

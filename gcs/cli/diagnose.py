@@ -93,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.diagnosis import diagnose_fit
     from gcs.analysis.pages.pictures import picture_kind
     from gcs.analysis.text.diagnosis import diagnosis_text
+    from gcs.analysis.text.documents import diagnosis_document
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
     from gcs.errors import UsageError
@@ -137,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
     )
     _write(args, found, document, text)
     if args.json:
-        print_json(found.to_json())
+        print_json(diagnosis_document(found))
     else:
         print(text)
     return 0

@@ -18,6 +18,7 @@ from gcs.analysis.text.addition import addition_blocks, outcome
 from gcs.analysis.text.blocks import Blocks
 from gcs.analysis.text.comparison import compare_blocks
 from gcs.analysis.text.diagnosis import diagnosis_blocks
+from gcs.analysis.text.documents import comparison_document, diagnosis_document
 from gcs.analysis.text.gains import gains_text
 from gcs.desk import choices, ladder, saved, shell
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
@@ -36,6 +37,9 @@ from sysid.errors import SysidError
 from sysid.fit.result import Fit, RecordUsed
 from sysid.model.bases import compose
 from sysid.model.effect import Effect, EffectError
+
+
+Document = dict[str, Any]
 
 
 class Step(Protocol):
@@ -126,22 +130,22 @@ class Calculations:
         self._step("", 0.9)
         return FittedFlight(ladder.tables(fits), base, judged)
 
-    def compare(self, rung: Rung, flown: Flown) -> tuple[Comparison, Blocks]:
-        """Where a rung fails."""
+    def compare(self, rung: Rung, flown: Flown) -> tuple[Comparison, Document, Blocks]:
+        """Where a rung fails: values, the document to keep, text."""
         self._step(rung.name)
         records, _, quiet = flown
         comparison = compare(rung.fit.model, records, rung.fit.band_hz, quiet)
         text = compare_blocks(comparison, rung.fit)
         self._step("")
-        return comparison, text
+        return comparison, comparison_document(comparison), text
 
-    def diagnose(self, rung: Rung, flown: Flown, place: str) -> tuple[FitDiagnosis, Blocks]:
-        """What a rung lacks; `place`: where its fit is kept."""
+    def diagnose(self, rung: Rung, flown: Flown, place: str) -> tuple[FitDiagnosis, Document, Blocks]:
+        """What a rung lacks: values, the document to keep, text; `place`: where its fit is kept."""
         self._step(rung.name)
         diagnosis = diagnose_fit(rung.fit, *flown, say=self._step)
         text = diagnosis_blocks(diagnosis, place, shell.words(shell.named(rung.fit)))
         self._step("")
-        return diagnosis, text
+        return diagnosis, diagnosis_document(diagnosis), text
 
     def effect(self, fit: Fit, word: str) -> Effect:
         """The effect to add that a word names; a file's code runs."""

@@ -13,6 +13,7 @@ from rich.cells import cell_len
 from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.ladder import RungNumbers, short_names
 from gcs.analysis.text.blocks import Blocks, spaced
+from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
@@ -180,8 +181,8 @@ def compare_lines(desk: DeskState, width: int, *, full: bool = True) -> list[Lin
     found = rung.comparison
     if found is None:
         return ["", f" {full_name(desk)} was not compared with its runs yet"]
-    lines: list[Line] = [(f" suspicion: {one.text}", "bold") for one in found.suspicions]
-    lines += [f" {text}" for text in found.findings] or [" nothing to tell: what is left looks like noise"]
+    lines: list[Line] = [(f" suspicion: {suspicion_text(one)}", "bold") for one in found.suspicions]
+    lines += [f" {finding_text(one)}" for one in found.findings] or [" nothing to tell: what is left looks like noise"]
     if full:
         lines += ["", *_indented(spaced(rung.comparison_text, KEYS, but=("findings",)))]  # those stand above
     return broken(lines, width)

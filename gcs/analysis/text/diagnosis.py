@@ -14,6 +14,7 @@ from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.diagnosis import FitDiagnosis
 from gcs.analysis.ladder import rungs_of, short_names
 from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
+from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.analysis.text.ladder import cut, ladder_text
 from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
 from sysid.diagnose.verdict import Diagnosis
@@ -44,8 +45,8 @@ def diagnosis_blocks(
     trace = a_trace(last)
     nameless = not trace and last.verdict != "complete" and not last.chain
     rungs = rungs_of(found.fit.model.structure.base, found.rungs) if len(found.rungs) > 1 else []
-    suspicions = [Sentence(one.text, " suspicion: ", "   ") for one in found.comparison.suspicions]
-    findings = [Sentence(text, " ", "   ") for text in found.comparison.findings] if nameless else []
+    suspicions = [Sentence(suspicion_text(one), " suspicion: ", "   ") for one in found.comparison.suspicions]
+    findings = [Sentence(finding_text(one), " ", "   ") for one in found.comparison.findings] if nameless else []
     reasons = [f" {line}" for line in found.explanation.lines(WIDTH - 1)] if full else []
     beside = [*_telling(found, full), *_hidden(found, full), *_untestable(last, full), *_remarks(found)]
     step = _next_step(found, fit, rest, written)
