@@ -14,6 +14,9 @@ from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, Ti
 from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
 from sysid.control.stability import Margins
+from sysid.diagnose.hidden import CouldHide, Hidden
+from sysid.diagnose.proposals import LogSignal, SignalTells
+from sysid.model.parameter import Parameter
 
 HOME = Path("flight-0007")
 
@@ -97,6 +100,13 @@ def candidate(effect: str, share: float | None, why: str | None = None, implausi
     )  # fmt: skip
 
 
+HIDDEN = Hidden(
+    effect="quadratic_damping", title="quadratic damping", size={"k_p": 3.0},
+    sized=(Parameter("k_p", "1/rad", "damping", null=0.0),), visible=True, shift={}, relative={"M_a": 0.005},
+    modes=(), margins=None,
+)  # fmt: skip
+
+
 def diagnosis(verdict: str = "missing") -> Any:
     best = candidate("servo_lag", 0.94)
     rest = (candidate("quadratic_damping", 0.04), candidate("dynamic_inflow", 0.9, implausible=("k_l",)))
@@ -108,10 +118,10 @@ def diagnosis(verdict: str = "missing") -> Any:
     return SimpleNamespace(
         last=last,
         next=SimpleNamespace(
-            maneuver="a roll chirp at half the amplitude", why="2.1 sigma apart", separates=("servo_lag", "gyro_lag"),
+            proposal=LogSignal("servo"), why=SignalTells(7.0, same_whatever=False), separates=("servo_lag", "gyro_lag"),
             card={"name": "next"},
         ),
-        hiding=SimpleNamespace(sentences=("quadratic damping up to 3 1/rad; M_a would change by less than 1 %",)),
+        hiding=CouldHide((), ((HIDDEN,),)),
     )  # fmt: skip
 
 

@@ -10,11 +10,11 @@ from typing import Any
 
 from gcs.analysis.fits import assess
 from gcs.analysis.ladder import WORSE_POINTS, RungNumbers, short_names, together
+from gcs.analysis.quantities import listed, quantity
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
-from sysid.diagnose.quantities import listed, quantity
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit

@@ -19,6 +19,7 @@ import numpy as np
 
 from gcs.analysis.fits import assess
 from gcs.analysis.ladder import Step, short_names
+from gcs.analysis.quantities import listed
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
@@ -30,7 +31,6 @@ from sysid.diagnose.evidence import instrumental_step
 from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
-from sysid.diagnose.quantities import listed
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.fit.identify import on_runs

@@ -38,7 +38,6 @@ from sysid.fit.result import Fit, RecordUsed
 from sysid.model.bases import compose
 from sysid.model.effect import Effect, EffectError
 
-
 Document = dict[str, Any]
 
 

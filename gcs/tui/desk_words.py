@@ -14,6 +14,8 @@ from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.ladder import RungNumbers, short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.analysis.text.findings import finding_text, suspicion_text
+from gcs.analysis.text.hidden import hidden_sentences
+from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
@@ -368,7 +370,7 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
     lines: list[Line] = []
     if found.next is not None:
         lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
-        lines += [f"   {found.next.maneuver}", f"   {found.next.why}"]
+        lines += [f"   {proposal_text(found.next.proposal)}", f"   {why_text(found.next.why)}"]
         lines.append(
             "   6, then W writes it as a test card" if found.next.card is not None else "   no card can hold that"
         )
@@ -376,7 +378,7 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
         lines.append(" no maneuver would tell more")
     if desk.card is not None:
         lines.append(f" written: {desk.card}; 2, then C flies it")
-    lines += ["", *(f" {text}" for text in found.hiding.sentences)]
+    lines += ["", *(f" {text}" for text in hidden_sentences(found.hiding))]
     return broken(lines, width)
 
 

@@ -7,9 +7,13 @@ from dataclasses import asdict
 from typing import Any
 
 from gcs.analysis.diagnosis import FitDiagnosis
+from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
+from gcs.analysis.text.hidden import hidden_sentences
+from gcs.analysis.text.maneuvers import proposal_text, why_text
 from sysid.compare.finding_kinds import Suspicion
 from sysid.compare.values import Comparison
+from sysid.diagnose.next_maneuver import NextManeuver
 from sysid.fit.result import finite
 
 
@@ -56,9 +60,9 @@ def diagnosis_document(found: FitDiagnosis) -> dict[str, Any]:
             "growth": [growth.to_json() for growth in comparison.growth],
             "controls": {name: dict(shares) for name, shares in comparison.controls.items()},
         },
-        "explanation": found.explanation.to_json(),
-        "could_hide": found.hiding.to_json(),
-        "next_maneuver": None if found.next is None else found.next.to_json(),
+        "explanation": explanation_document(found.explanation),
+        "could_hide": list(hidden_sentences(found.hiding)),
+        "next_maneuver": None if found.next is None else next_maneuver_document(found.next),
         "terms": [
             {"equation": term.entry.equation, "error_share": term.error_share, "as_well": len(term.as_well)}
             for term in (() if terms is None else terms.terms)
@@ -67,6 +71,17 @@ def diagnosis_document(found: FitDiagnosis) -> dict[str, Any]:
         "structure": {"base": structure.base, "effects": list(structure.effects)},
         "rungs": [rung.to_json() for rung in found.rungs],
         "remarks": list(found.remarks),
+    }
+
+
+def next_maneuver_document(next_maneuver: NextManeuver) -> dict[str, Any]:
+    """`maneuver`, `separates`, `why`, `sigma`, `card`."""
+    return {
+        "maneuver": proposal_text(next_maneuver.proposal),
+        "separates": list(next_maneuver.separates),
+        "why": why_text(next_maneuver.why),
+        "sigma": None if next_maneuver.sigma is None else finite(next_maneuver.sigma),
+        "card": None if next_maneuver.card is None else dict(next_maneuver.card),
     }
 
 

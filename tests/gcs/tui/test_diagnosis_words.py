@@ -11,19 +11,21 @@ import pytest
 from fake_desk import ASKED, OPEN
 
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
+from gcs.analysis.text.maneuvers import proposal_text
 from gcs.tui import desk_words
+from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
+from sysid.diagnose.proposals import FurtherApart
 from sysid.model.effect import catalogue
 
+CHIRP = Plan(kind="chirp", axis="roll", amplitude=0.1, f_start_hz=0.5, f_stop_hz=10.0, duration_s=30.0)
 PLANS = [
-    f"{axis} {what}, amplitude 0.1{larger}{often}"
-    for axis, what, larger, often in itertools.product(
-        ("roll", "pitch", "elevator"),
-        ("chirp 0.5-10 Hz, 30 s", "doublet of 0.25 s pulses, 6 s"),
-        ("", " (1.41 times the flown one)"),
-        ("", " twice", " three times"),
+    replace(CHIRP, axis=axis, kind=kind, duration_s=duration_s, times=times, repeats=repeats)
+    for axis, (kind, duration_s), times, repeats in itertools.product(
+        ("roll", "pitch", "elevator"), (("chirp", 30.0), ("doublet", 6.0)), (1.0, 1.41), (1, 2, 3)
     )
 ]
+WHY = FurtherApart(sigma=4.0, before=1.0)
 
 
 def unexplained(proposal: NextManeuver) -> Any:
@@ -38,15 +40,15 @@ def unexplained(proposal: NextManeuver) -> Any:
     return SimpleNamespace(
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
-        hiding=SimpleNamespace(harmful=(), others=(), sentences=()),
+        hiding=SimpleNamespace(harmful=(), others=()),
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("plan", PLANS)
-def test_every_proposal_offers_the_key_and_never_the_option(plan: str) -> None:
+@pytest.mark.parametrize("plan", PLANS, ids=proposal_text)
+def test_every_proposal_offers_the_key_and_never_the_option(plan: Plan) -> None:
     shell, keys = [], []
     for separates in itertools.permutations(catalogue(), 2):
-        diagnosis = unexplained(NextManeuver(plan, separates, "", 4.0, {"name": "card", "maneuver": []}))
+        diagnosis = unexplained(NextManeuver(plan, separates, WHY, 4.0, {"name": "card", "maneuver": []}))
         rung = replace(ASKED, diagnosis_text=diagnosis_blocks(diagnosis))
         lines = desk_words.verdict_lines(replace(OPEN, ladder=(rung,)), 80)
         words = " ".join(" ".join(line if isinstance(line, str) else line[0] for line in lines).split())
@@ -57,8 +59,11 @@ def test_every_proposal_offers_the_key_and_never_the_option(plan: str) -> None:
 
 
 def test_a_shell_is_told_the_option() -> None:
-    proposal = NextManeuver(PLANS[0], ("servo_lag", "gyro_lag"), "", 4.0, {"name": "card", "maneuver": []})
+    proposal = NextManeuver(PLANS[0], ("servo_lag", "gyro_lag"), WHY, 4.0, {"name": "card", "maneuver": []})
     words = " ".join(diagnosis_text(unexplained(proposal)).split())
-    assert f"to tell servo_lag from gyro_lag: {PLANS[0]}; --card CARD.toml writes that as a test card" in words
+    assert (
+        f"to tell servo_lag from gyro_lag: {proposal_text(PLANS[0])}; --card CARD.toml writes that as a test card"
+        in words
+    )
     without = diagnosis_text(unexplained(replace(proposal, card=None)))
     assert "CARD.toml" not in without
