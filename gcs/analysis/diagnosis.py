@@ -19,7 +19,6 @@ import numpy as np
 
 from gcs.analysis.fits import assess
 from gcs.analysis.ladder import Step, short_names
-from gcs.analysis.quantities import listed
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
@@ -42,6 +41,44 @@ MOST_RUNGS = 6
 Progress = Callable[[str], None]
 
 
+@dataclass(frozen=True, slots=True)
+class NoValidation:
+    """No run judged the answer that was not fitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class OneRun:
+    """What differs from run to run cannot show."""
+
+
+@dataclass(frozen=True, slots=True)
+class NotAdded:
+    """With the answer added the fit goes to values that physics does not allow."""
+
+    effect: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StoppedAsking:
+    """So many questions are enough."""
+
+    questions: int
+
+
+@dataclass(frozen=True, slots=True)
+class InALoop:
+    """The best model is unstable: feedback, and not the vehicle alone, made these data."""
+
+    effects: tuple[str, ...]
+    """Of the answer; empty where there is none."""
+    pole: float
+    """1/s, the fastest growing."""
+
+
+Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FitDiagnosis:
     """A diagnosis with all that is told beside it."""
@@ -60,7 +97,8 @@ class FitDiagnosis:
     next: NextManeuver | None
     suggestion: Suggestion | None
     """The simple terms that explain most beside the structure, where something is left; asked for only."""
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
+    """What these runs cost the answer."""
 
     def fit_json(self, folder: Path) -> dict[str, Any] | None:
         """The fit with what was found added, as `tippath add` would write it; None where nothing was."""
@@ -101,12 +139,12 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks = [*_remarks(records, validation), *_in_a_loop(answer)]
+    remarks: list[Remark] = [*remarks_on(records, validation), *_in_a_loop(answer)]
     if repeat and wild:
-        remarks.append(f"not added: with {answer.effect} the fit goes to {listed(wild)}, which physics does not allow")
+        remarks.append(NotAdded(str(answer.effect), wild))
         grown = None
     elif repeat and grown is not None:
-        remarks.append(f"stopped after {MOST_RUNGS} questions")
+        remarks.append(StoppedAsking(MOST_RUNGS))
     say("where it fails")
     comparison = compare(answer.parent.model, records, fit.band_hz, quiet)
     say("why")
@@ -222,26 +260,16 @@ def rival(found: Diagnosis) -> Ranked | None:
     return second if near else None
 
 
-def _remarks(records: Sequence[Record], validation: Sequence[Record]) -> tuple[str, ...]:
-    """What these runs cost the answer."""
-    said = []
-    if not validation:
-        said.append("no validation runs: whether it holds on others is open; name some with --validate")
-    if len(records) == 1:
-        said.append("one run only: what differs from run to run cannot show")
-    return tuple(said)
+def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[Remark]:
+    """What these runs cost any answer."""
+    return [*([] if validation else [NoValidation()]), *([OneRun()] if len(records) == 1 else [])]
 
 
-def _in_a_loop(found: Diagnosis) -> tuple[str, ...]:
+def _in_a_loop(found: Diagnosis) -> list[Remark]:
     """That feedback, and not the vehicle alone, made these data, where the best model is unstable."""
     winner = found.winner
     model = found.parent.model if winner is None or winner.fit is None else winner.fit.model
     if model.stable:
-        return ()
-    pole = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
-    named = "" if winner is None else f" with {listed(winner.effects)}"
-    return (
-        f"the model{named} is unstable (pole at {pole:+.1f} 1/s): so data look that were flown through a pilot or "
-        "controller without excitation of their own. Kind and size of what was found hold only as far as that loop "
-        "lets them: fly a chirp with noise on every axis, with the excitation logged, and ask that",
-    )
+        return []
+    pole = max(float(pole.real) for pole in np.linalg.eigvals(model.matrices.A))
+    return [InALoop(() if winner is None else winner.effects, pole)]

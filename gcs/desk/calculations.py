@@ -15,7 +15,7 @@ from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
 from gcs.analysis.fits import assess, identify_flight, on_cd, side_by_side
 from gcs.analysis.text.addition import addition_blocks, outcome
-from gcs.analysis.text.blocks import Blocks
+from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
 from gcs.analysis.text.diagnosis import diagnosis_blocks
 from gcs.analysis.text.documents import comparison_document, diagnosis_document
@@ -216,9 +216,9 @@ class Calculations:
         return ladder.full_name(fit)
 
     def added(self, addition: Addition, place: str, written: Path | None) -> tuple[Blocks, str]:
-        """What is to be said of an added effect, in full and in a sentence."""
+        """What is to be said of an added effect, in full and in a sentence, which offers nothing of a face's."""
         text = addition_blocks(addition, place, None if written is None else str(written))
-        return text, outcome(addition)[1]
+        return text, whole(outcome(addition)[1], {})
 
     def report(self, paths: Sequence[Path], named: Sequence[str], gains: Path | None) -> str:
         """The page of some fits and gains; `named` are the user's effect files."""

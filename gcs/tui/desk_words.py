@@ -31,7 +31,11 @@ Line = str | tuple[str, str]
 SIGNS = {Choice.FIT: "●", Choice.VALIDATE: "○", Choice.OUT: " ", Choice.NOISE: "~"}
 """Beside the word, never in its place."""
 MOST_CANDIDATES = 12
-KEYS = {"card": "W writes that as a test card"}
+KEYS = {
+    "card": "W writes that as a test card",
+    "validate some": "3, then V marks some, and 4, then F fits again",
+    "validate one": "3, then V marks one, and 4, then F fits again",
+}
 """What the app offers where a shell offers an option."""
 TO_TYPE = ("next", "in full")
 """Blocks on what to type next: those are keys here."""
@@ -184,7 +188,9 @@ def compare_lines(desk: DeskState, width: int, *, full: bool = True) -> list[Lin
     if found is None:
         return ["", f" {full_name(desk)} was not compared with its runs yet"]
     lines: list[Line] = [(f" suspicion: {suspicion_text(one)}", "bold") for one in found.suspicions]
-    lines += [f" {finding_text(one)}" for one in found.findings] or [" nothing to tell: what is left looks like noise"]
+    lines += [f" {finding_text(one, KEYS)}" for one in found.findings] or [
+        " nothing to tell: what is left looks like noise"
+    ]
     if full:
         lines += ["", *_indented(spaced(rung.comparison_text, KEYS, but=("findings",)))]  # those stand above
     return broken(lines, width)

@@ -15,10 +15,11 @@ from gcs.analysis.diagnosis import FitDiagnosis
 from gcs.analysis.ladder import rungs_of, short_names
 from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
 from gcs.analysis.text.explanation import explanation_lines
-from gcs.analysis.text.findings import finding_text, suspicion_text
+from gcs.analysis.text.findings import finding_sentence, suspicion_text
 from gcs.analysis.text.hidden import consequences, hidden_sentences, up_to
 from gcs.analysis.text.ladder import cut, ladder_text
 from gcs.analysis.text.maneuvers import proposal_text, why_text
+from gcs.analysis.text.remarks import remark_sentence
 from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
 from sysid.diagnose.verdict import Diagnosis
 
@@ -49,7 +50,7 @@ def diagnosis_blocks(
     nameless = not trace and last.verdict != "complete" and not last.chain
     rungs = rungs_of(found.fit.model.structure.base, found.rungs) if len(found.rungs) > 1 else []
     suspicions = [Sentence(suspicion_text(one), " suspicion: ", "   ") for one in found.comparison.suspicions]
-    findings = [Sentence(finding_text(one), " ", "   ") for one in found.comparison.findings] if nameless else []
+    findings = [finding_sentence(one, " ", "   ") for one in found.comparison.findings] if nameless else []
     reasons = [f" {line}" for line in explanation_lines(found.explanation, WIDTH - 1)] if full else []
     beside = [*_telling(found, full), *_hidden(found, full), *_untestable(last, full), *_remarks(found)]
     step = _next_step(found, fit, rest, written)
@@ -130,7 +131,7 @@ def _untestable(last: Diagnosis, full: bool) -> list[Line]:
 
 
 def _remarks(found: FitDiagnosis) -> list[Line]:
-    return [Sentence(text, " ", "   ") for text in found.remarks]
+    return [remark_sentence(one, " ", "   ") for one in found.remarks]
 
 
 def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[str]:

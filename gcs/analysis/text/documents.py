@@ -11,6 +11,7 @@ from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.analysis.text.hidden import hidden_sentences
 from gcs.analysis.text.maneuvers import proposal_text, why_text
+from gcs.analysis.text.remarks import remark_text
 from sysid.compare.finding_kinds import Suspicion
 from sysid.compare.values import Comparison
 from sysid.diagnose.next_maneuver import NextManeuver
@@ -70,7 +71,7 @@ def diagnosis_document(found: FitDiagnosis) -> dict[str, Any]:
         "suspicions": [suspicion_document(suspicion) for suspicion in comparison.suspicions],
         "structure": {"base": structure.base, "effects": list(structure.effects)},
         "rungs": [rung.to_json() for rung in found.rungs],
-        "remarks": list(found.remarks),
+        "remarks": [remark_text(remark) for remark in found.remarks],
     }
 
 

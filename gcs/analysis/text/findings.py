@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import assert_never
 
+from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
 from sysid.compare.finding_kinds import (
     Answers,
     AtTheEnds,
@@ -33,8 +34,21 @@ CONDITIONS = {"omega": "the rotor speed", "airspeed": "the airspeed"}
 NONLINEAR = "a nonlinearity"
 
 
-def finding_text(finding: Finding) -> str:
+def finding_text(finding: Finding, offers: Offers = SHELL) -> str:
     """One finding of a comparison, or one suspicion."""
+    return whole(finding_sentence(finding), offers)
+
+
+def finding_sentence(finding: Finding, first: str = "", rest: str = "") -> Sentence:
+    """The same, still to be broken."""
+    if isinstance(finding, AtTheEnds):
+        look = " look at what happens there"
+        return Sentence(_text(finding), first, rest, offer="cut off", joint=" ", last=look)
+    return Sentence(_text(finding), first, rest)
+
+
+def _text(finding: Finding) -> str:
+    """What every face says of it."""
     match finding:
         case OnlyNoise(noise, None):
             return f"what is left is noise: nothing to find here ({_noise_known(noise)})"
@@ -58,11 +72,8 @@ def finding_text(finding: Finding) -> str:
             why = "yaw couples into it" if channel == "r" else "it acts on the vehicle and is not in the structure"
             return f"{axis}: {channel} explains {_percent(share)} of the error beyond the commands: {why}"
         case AtTheEnds():
-            end = "first" if finding.first else "last"
-            return (
-                f"{finding.axis}: {_percent(finding.share)} of the error sits in the {end} {finding.seconds:g} s of "
-                "the runs: cut them off with --window, or look at what happens there"
-            )
+            end = f"the {'first' if finding.first else 'last'} {finding.seconds:g} s of the runs"
+            return f"{finding.axis}: {_percent(finding.share)} of the error sits in {end}:"
         case Burst():
             return (
                 f"{finding.axis}: {_percent(finding.share)} of the error sits at {finding.start_s:.0f}-"

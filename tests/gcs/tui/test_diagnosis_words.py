@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 from fake_desk import ASKED, OPEN
 
+from gcs.analysis.diagnosis import remarks_on
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
 from gcs.analysis.text.maneuvers import proposal_text
 from gcs.tui import desk_words
+from sysid.compare.finding_kinds import AtTheEnds
 from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
-from sysid.diagnose.proposals import FurtherApart
+from sysid.diagnose.proposals import FurtherApart, HalfAndFull, LinearHalves
 from sysid.model.effect import catalogue
 
 CHIRP = Plan(kind="chirp", axis="roll", amplitude=0.1, f_start_hz=0.5, f_stop_hz=10.0, duration_s=30.0)
@@ -26,6 +28,7 @@ PLANS = [
     )
 ]
 WHY = FurtherApart(sigma=4.0, before=1.0)
+HALVES = NextManeuver(HalfAndFull("roll", (0.05, 0.1)), ("linear", "nonlinear"), LinearHalves(0.2), 4.0, None)
 
 
 def unexplained(proposal: NextManeuver) -> Any:
@@ -56,6 +59,40 @@ def test_every_proposal_offers_the_key_and_never_the_option(plan: Plan) -> None:
         keys += [] if "; W writes that as a test card" in words else [separates]
     assert not shell
     assert not keys
+
+
+def shown(diagnosis: Any) -> str:
+    """What the Diagnose and the Compare screens show of it, brief and in full, on one line."""
+    rung = replace(
+        ASKED, diagnosis_text=diagnosis_blocks(diagnosis), diagnosis=diagnosis, comparison=diagnosis.comparison
+    )
+    desk = replace(OPEN, ladder=(rung,))
+    screens = (
+        desk_words.verdict_lines(desk, 80),
+        desk_words.explained_lines(rung, 80),
+        desk_words.compare_lines(desk, 80, full=False),
+    )
+    return " ".join(" ".join(line if isinstance(line, str) else line[0] for each in screens for line in each).split())
+
+
+def test_without_validation_runs_the_app_names_its_keys_and_a_shell_the_option() -> None:
+    diagnosis = unexplained(HALVES)
+    diagnosis.remarks = remarks_on([], [])
+    words = shown(diagnosis)
+    assert "whether it holds on others is open; 3, then V marks some, and 4, then F fits again" in words
+    assert "--" not in words
+    shell = " ".join(diagnosis_text(diagnosis).split())
+    assert "whether it holds on others is open; name some with --validate" in shell
+
+
+def test_an_error_at_the_ends_is_cut_off_in_a_shell_and_looked_at_in_the_app() -> None:
+    diagnosis = unexplained(HALVES)
+    diagnosis.comparison.findings = (AtTheEnds(axis="roll", share=0.4, first=True, seconds=2.0),)
+    words = shown(diagnosis)
+    assert words.count("of the error sits in the first 2 s of the runs: look at what happens there") == 3
+    assert "--" not in words
+    shell = " ".join(diagnosis_text(diagnosis).split())
+    assert "of the runs: cut them off with --window, or look at what happens there" in shell
 
 
 def test_a_shell_is_told_the_option() -> None:
