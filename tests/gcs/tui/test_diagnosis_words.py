@@ -15,6 +15,7 @@ from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
 from gcs.analysis.text.maneuvers import proposal_text
 from gcs.tui import desk_words
 from sysid.compare.finding_kinds import AtTheEnds
+from sysid.diagnose.explain import Explanation
 from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
 from sysid.diagnose.proposals import FurtherApart, HalfAndFull, LinearHalves
@@ -43,7 +44,7 @@ def unexplained(proposal: NextManeuver) -> Any:
     return SimpleNamespace(
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
-        hiding=SimpleNamespace(harmful=(), others=()),
+        hiding=SimpleNamespace(harmful=(), others=()), explanation=Explanation(effects=(), what=()),
     )  # fmt: skip
 
 
