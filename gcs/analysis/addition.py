@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from gcs.analysis.fits import assess
 from gcs.analysis.ladder import WORSE_POINTS, RungNumbers, short_names, together
 from gcs.analysis.quantities import listed, quantity
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
@@ -68,16 +66,6 @@ class Addition:
         if wrong is None or wrong.fit is None:
             return None
         return " + ".join(short_names(wrong.effects)), wrong.fit.nrmse_percent, wrong.validation_nrmse_percent
-
-    def to_json(self, folder: Path) -> dict[str, Any]:
-        """The fit's document with what the ladder shows."""
-        return {
-            **self.after.to_json(folder),
-            **assess(self.after, self.records).to_json(),
-            "noise_floor_percent": self.noise_floor_percent,
-            "placebo": None if self.placebo is None else self.placebo.to_json(),
-            "signs": [one.to_json() for one in self.signs],
-        }
 
 
 def add_effect(

@@ -12,12 +12,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from gcs.analysis.fits import assess
 from gcs.analysis.ladder import Step, short_names
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
@@ -100,12 +97,10 @@ class FitDiagnosis:
     remarks: tuple[Remark, ...] = ()
     """What these runs cost the answer."""
 
-    def fit_json(self, folder: Path) -> dict[str, Any] | None:
-        """The fit with what was found added, as `tippath add` would write it; None where nothing was."""
-        found = self.added or (self.fit if len(self.rungs) > 1 else None)
-        if found is None:
-            return None
-        return {**found.to_json(folder), **assess(found, self.records).to_json()}
+    @property
+    def grown(self) -> Fit | None:
+        """The fit with what was found added; None where nothing was."""
+        return self.added or (self.fit if len(self.rungs) > 1 else None)
 
 
 def diagnose_fit(

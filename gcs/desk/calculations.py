@@ -14,11 +14,12 @@ from gcs.analysis.addition import Addition, add_effect
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
 from gcs.analysis.fits import assess, identify_flight, on_cd, side_by_side
-from gcs.analysis.text.addition import addition_blocks, outcome
+from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
 from gcs.analysis.text.diagnosis import diagnosis_blocks
 from gcs.analysis.text.documents import comparison_document, diagnosis_document
+from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.gains import gains_text
 from gcs.desk import choices, ladder, saved, shell
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
@@ -125,7 +126,7 @@ class Calculations:
         self._step("TPP and CD")
         fits = identify_flight(records, validation, effects=base.effects)
         self._step("judging them", 0.5)
-        judged = {one: assess(one, records).to_json() for one in (fits.tpp, fits.cd)}
+        judged = {one: judgement_document(assess(one, records)) for one in (fits.tpp, fits.cd)}
         self._step("", 0.9)
         return FittedFlight(ladder.tables(fits), base, judged)
 
@@ -157,6 +158,10 @@ class Calculations:
         addition = add_effect(rung.fit, effect, records, validation, say=self._step)
         self._step("writing")
         return addition
+
+    def addition_document(self, addition: Addition, folder: Path) -> Document:
+        """The grown fit as it is kept in a folder."""
+        return addition_document(addition, folder)
 
     def design(self, fit: Fit, input_cost: float) -> Designed:
         """Gains, and the answer they promise; kept nowhere yet."""

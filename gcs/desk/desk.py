@@ -245,7 +245,7 @@ class Desk:
             self._keep_fit(
                 addition.after,
                 lambda: f"{self._place(rung.fit).stem}-{Path(effect).stem}.json",
-                addition.to_json,
+                lambda folder: self._calculations.addition_document(addition, folder),
                 lambda path: shell.add(rung.fit, self._place(rung.fit), effect, path),
                 f"added {effect}",
             )

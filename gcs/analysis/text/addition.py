@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from gcs.analysis.addition import Addition
+from gcs.analysis.fits import assess
 from gcs.analysis.ladder import NO_CHANGE, WORSE_POINTS, rungs_of, together
 from gcs.analysis.text.blocks import WIDTH, Blocks, Sentence, block, command, text_of
+from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.ladder import cut, ladder_text, moved_text
 
 MARKS = {True: "✓", False: "✗", None: "?"}
@@ -44,6 +47,17 @@ def addition_blocks(found: Addition, fit: str = "FIT.json", written: str | None 
         *(block("warning", [Sentence(f"warning: {text}", rest="  ")]) for text in found.after.warnings),
         last,
     )
+
+
+def addition_document(found: Addition, folder: Path) -> dict[str, Any]:
+    """The fit's document with what the ladder shows."""
+    return {
+        **found.after.to_json(folder),
+        **judgement_document(assess(found.after, found.records)),
+        "noise_floor_percent": found.noise_floor_percent,
+        "placebo": None if found.placebo is None else found.placebo.to_json(),
+        "signs": [sign.to_json() for sign in found.signs],
+    }
 
 
 def outcome(found: Addition) -> tuple[bool, Sentence]:

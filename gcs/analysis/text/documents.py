@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from gcs.analysis.diagnosis import FitDiagnosis
+from gcs.analysis.fits import assess
 from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
+from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.hidden import hidden_sentences
 from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.analysis.text.remarks import remark_text
@@ -73,6 +76,12 @@ def diagnosis_document(found: FitDiagnosis) -> dict[str, Any]:
         "rungs": [rung.to_json() for rung in found.rungs],
         "remarks": [remark_text(remark) for remark in found.remarks],
     }
+
+
+def grown_document(found: FitDiagnosis, folder: Path) -> dict[str, Any] | None:
+    """The fit with what was found added, as `tippath add` would write it; None where nothing was."""
+    grown = found.grown
+    return None if grown is None else {**grown.to_json(folder), **judgement_document(assess(grown, found.records))}
 
 
 def next_maneuver_document(next_maneuver: NextManeuver) -> dict[str, Any]:
