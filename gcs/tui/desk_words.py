@@ -32,9 +32,9 @@ SIGNS = {Choice.FIT: "●", Choice.VALIDATE: "○", Choice.OUT: " ", Choice.NOIS
 """Beside the word, never in its place."""
 MOST_CANDIDATES = 12
 KEYS = {
-    "card": "W writes that as a test card",
-    "validate some": "3, then V marks some, and 4, then F fits again",
-    "validate one": "3, then V marks one, and 4, then F fits again",
+    "card": "; W writes that as a test card",
+    "validate some": "; 3, then V marks some, and 4, then F fits again",
+    "validate one": "; 3, then V marks one, and 4, then F fits again",
 }
 """What the app offers where a shell offers an option."""
 TO_TYPE = ("next", "in full")

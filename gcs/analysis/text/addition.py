@@ -78,7 +78,7 @@ def outcome(found: Addition) -> tuple[bool, Sentence]:
     if signs["validation"] is False:
         return False, Sentence(f"{fall}, but not on runs that were not fitted: there is little of it, if anything")
     if signs["validation"] is None:
-        return True, Sentence(f"{fall}; whether it would on other runs is open", offer="validate one", joint=": ")
+        return True, Sentence(f"{fall}; whether it would on other runs is open", offer="validate one")
     return True, Sentence(f"{fall}, and on runs that were not fitted too")
 
 

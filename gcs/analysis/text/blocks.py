@@ -13,12 +13,12 @@ from dataclasses import dataclass
 WIDTH = 78
 
 Offers = Mapping[str, str]
-"""What a face offers, by what it does: `card` writes the proposed maneuver as a test card."""
+"""What a face offers, by what it does, with the joint to the text before it: `card` writes the proposed card."""
 SHELL: Offers = {
-    "card": "--card CARD.toml writes that as a test card",
-    "validate some": "name some with --validate",
-    "validate one": "name one with --validate",
-    "cut off": "cut them off with --window, or",
+    "card": "; --card CARD.toml writes that as a test card",
+    "validate some": "; name some with --validate",
+    "validate one": ": name one with --validate",
+    "cut off": " cut them off with --window, or",
 }
 
 
@@ -32,9 +32,7 @@ class Sentence:
     rest: str = ""
     """and before the others."""
     offer: str = ""
-    """Key of what can be done about it; said by faces that offer it,"""
-    joint: str = "; "
-    """behind this,"""
+    """Key of what can be done about it; said by faces that offer it, directly behind the text,"""
     last: str = ""
     """and before this, which all say."""
 
@@ -64,8 +62,7 @@ def block(key: str, lines: Sequence[Line], *, joined: bool = False) -> Block:
 
 def whole(sentence: Sentence, offers: Offers = SHELL) -> str:
     """A sentence with what a face offers, on one line."""
-    offered = sentence.joint + offers[sentence.offer] if sentence.offer in offers else ""
-    return f"{sentence.text}{offered}{sentence.last}"
+    return f"{sentence.text}{offers.get(sentence.offer, '')}{sentence.last}"
 
 
 def broken(sentence: Sentence, offers: Offers = SHELL) -> list[str]:

@@ -43,7 +43,7 @@ def finding_sentence(finding: Finding, first: str = "", rest: str = "") -> Sente
     """The same, still to be broken."""
     if isinstance(finding, AtTheEnds):
         look = " look at what happens there"
-        return Sentence(_text(finding), first, rest, offer="cut off", joint=" ", last=look)
+        return Sentence(_text(finding), first, rest, offer="cut off", last=look)
     return Sentence(_text(finding), first, rest)
 
 

@@ -79,12 +79,12 @@ def answer_findings(answer: AxisAnswer) -> Iterator[ProbeFinding]:
     """What is wrong with an axis' answer by itself: not seen, too strong to be true, late."""
     axis = answer.axis
     if not answer.seen or answer.gain is None or answer.delay_s is None or answer.delay_error_s is None:
-        yield ProbeFinding("unseen", axis, False, {"signal_to_noise": answer.signal_to_noise})
+        yield ProbeFinding(kind="unseen", axis=axis, serious=False, numbers={"signal_to_noise": answer.signal_to_noise})
         return
     names = {"axis": axis, "rate": answer.rate}
     if abs(answer.gain) > LARGEST_GAIN:
-        yield ProbeFinding("units", answer.rate, numbers={"gain": answer.gain}, how="gain", names=names)
+        yield ProbeFinding(kind="units", axis=answer.rate, numbers={"gain": answer.gain}, how="gain", names=names)
     if answer.delay_s > LATE_S:
         sure = answer.delay_s - SURE_LATE * answer.delay_error_s > LATE_S
         numbers = {"delay_s": answer.delay_s, "error_s": answer.delay_error_s}
-        yield ProbeFinding("late", axis, sure, numbers, names=names)
+        yield ProbeFinding(kind="late", axis=axis, serious=sure, numbers=numbers, names=names)

@@ -43,7 +43,7 @@ def axes_findings(fit: Fit) -> tuple[list[ProbeFinding], float | None]:
         return findings, None
     turn = math.degrees(math.atan2(G[1, 0] - G[0, 1], G[0, 0] + G[1, 1]))
     if not findings and abs(turn) > TURNED_DEG:
-        findings.append(ProbeFinding("turned", None, False, {"turn_deg": turn}))
+        findings.append(ProbeFinding(kind="turned", axis=None, serious=False, numbers={"turn_deg": turn}))
     return findings, turn
 
 
@@ -77,7 +77,7 @@ def _reversed_alone(fit: Fit, columns: Sequence[int]) -> Iterator[ProbeFinding]:
     for j in columns:
         axis = {"x": "roll", "y": "pitch"}[fit.letters[j]]
         if RATES[axis] == fit.rates[0] and fit.rows[0].gain[j] < 0:
-            yield ProbeFinding("reversed", axis)
+            yield ProbeFinding(kind="reversed", axis=axis)
 
 
 def _way_findings(way: FloatArray, letters: Sequence[str], attitude: Mapping[str, str]) -> Iterator[ProbeFinding]:
@@ -87,11 +87,11 @@ def _way_findings(way: FloatArray, letters: Sequence[str], attitude: Mapping[str
             "pq"[i]: ("-" if way[i].sum() < 0 else "") + "delta_" + "yx"[i] for i in range(2) if "yx"[i] in letters
         }
         how = "gyro" if "swapped" in attitude.values() else ""
-        yield ProbeFinding("swapped", None, how=how, names=names)
+        yield ProbeFinding(kind="swapped", axis=None, how=how, names=names)
         return
     for i, axis in enumerate(("roll", "pitch")):
         if way[i, i] < 0 and "xy"[i] in letters:
-            yield ProbeFinding("reversed", axis, how=attitude.get(RATES[axis], ""))
+            yield ProbeFinding(kind="reversed", axis=axis, how=attitude.get(RATES[axis], ""))
 
 
 def _mixing(fit: Fit) -> FloatArray:
@@ -119,11 +119,11 @@ def _mixing(fit: Fit) -> FloatArray:
 
 def _mixing_findings(mixing: FloatArray) -> Iterator[ProbeFinding]:
     if mixing[0, 0] == 0:
-        yield ProbeFinding("swapped", None, how="mixing")
+        yield ProbeFinding(kind="swapped", axis=None, how="mixing")
         return
     for i, axis in enumerate(("roll", "pitch")):
         if mixing[i, i] < 0:
-            yield ProbeFinding("reversed", axis, how="mixing")
+            yield ProbeFinding(kind="reversed", axis=axis, how="mixing")
 
 
 def _by_attitude(fit: Fit) -> dict[str, str]:

@@ -30,18 +30,24 @@ def log_findings(samples: Samples, axis: str | None, expected_hz: float | None) 
     t = samples["t"]
     hz = log_rate_hz(t)
     if hz is None or t[-1] - t[0] < 1.0:
-        yield ProbeFinding("no samples", axis, how="short")
+        yield ProbeFinding(kind="no samples", axis=axis, how="short")
         return
     if hz < SLOWEST_HZ:
-        yield ProbeFinding("slow log", None, numbers={"rate_hz": hz})
+        yield ProbeFinding(kind="slow log", axis=None, numbers={"rate_hz": hz})
     elif expected_hz is not None and hz < 0.9 * expected_hz:
-        yield ProbeFinding("slow log", None, False, {"rate_hz": hz, "expected_hz": expected_hz}, how="than expected")
+        yield ProbeFinding(
+            kind="slow log",
+            axis=None,
+            serious=False,
+            numbers={"rate_hz": hz, "expected_hz": expected_hz},
+            how="than expected",
+        )
     spaces = np.diff(t)
     wide = spaces[spaces > 3 / hz]
     lost = float(np.sum(wide) - wide.size / hz) / float(t[-1] - t[0])
     if wide.size:
         numbers = {"gaps": float(wide.size), "lost": lost, "longest_s": float(wide.max())}
-        yield ProbeFinding("gaps", axis, lost > FEW_LOST, numbers)
+        yield ProbeFinding(kind="gaps", axis=axis, serious=lost > FEW_LOST, numbers=numbers)
 
 
 def _known(samples: Samples, name: str) -> FloatArray:
@@ -65,19 +71,21 @@ def noise_findings(
         pieces = [_known(samples, name) for samples in (quiet, *(step.samples for step in steps))]
         pieces = [values for values in pieces if values.size > 10]
         if not pieces:
-            yield ProbeFinding("no samples", name, how="rate")
+            yield ProbeFinding(kind="no samples", axis=name, how="rate")
             continue
         if any(np.mean(np.diff(values) == 0) > 0.9 for values in pieces):
-            yield ProbeFinding("frozen", name)
+            yield ProbeFinding(kind="frozen", axis=name)
             continue
         deviation = noise.get(name)
         if deviation is None:
             continue
         if deviation > QUIET_RATE:
-            yield ProbeFinding("units", name, numbers={"deviation": deviation}, how="noise")
+            yield ProbeFinding(kind="units", axis=name, numbers={"deviation": deviation}, how="noise")
         before = (usual or {}).get(name)
         if before is not None and deviation > NOISIER * before:
-            yield ProbeFinding("noisy", name, False, {"deviation": deviation, "usual": before})
+            yield ProbeFinding(
+                kind="noisy", axis=name, serious=False, numbers={"deviation": deviation, "usual": before}
+            )
 
 
 def flown_findings(step: ProbeStep) -> Iterator[ProbeFinding]:
@@ -86,11 +94,11 @@ def flown_findings(step: ProbeStep) -> Iterator[ProbeFinding]:
     letter = LETTERS[axis]
     excitation, command = (_known(step.samples, name + letter) for name in ("excitation_", "delta_"))
     if command.size < 10:
-        yield ProbeFinding("no samples", axis, how="command")
+        yield ProbeFinding(kind="no samples", axis=axis, how="command")
         return
     if excitation.size > 10 and np.ptp(excitation) < asked:
         numbers = {"moved": 0.5 * float(np.ptp(excitation)), "asked": asked}
-        yield ProbeFinding("no excitation", axis, numbers=numbers, how="not added")
+        yield ProbeFinding(kind="no excitation", axis=axis, numbers=numbers, how="not added")
     elif np.ptp(command) < 0.1 * asked or np.mean(np.diff(command) == 0) > 0.999:
         numbers = {"moved": 0.5 * float(np.ptp(command)), "asked": asked}
-        yield ProbeFinding("no excitation", axis, numbers=numbers, how="still")
+        yield ProbeFinding(kind="no excitation", axis=axis, numbers=numbers, how="still")

@@ -31,7 +31,7 @@ class ProbeStep:
     """When the excitation began, on the samples' clock: lets it be worked out where the vehicle does not log it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ProbeFinding:
     """One thing that a probe found."""
 
