@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gcs.analysis.text.blocks import Blocks, block, text_of, wrapped
-from sysid.compare.data_checks import listed
+from gcs.analysis.text.findings import finding_text, listed_runs
 from sysid.compare.values import Comparison
 from sysid.data.record import AXIS_OF
 from sysid.fit.result import Fit
@@ -22,14 +22,14 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     structure = fit.model.structure
     runs = [one.id for one in found.runs]
     title = " + ".join([structure.base.upper(), *(Path(one).name for one in structure.effects)])
-    head = f"{title} against {listed(runs)}, {found.band_hz[0]:g}-{found.band_hz[1]:g} Hz"
+    head = f"{title} against {listed_runs(runs)}, {found.band_hz[0]:g}-{found.band_hz[1]:g} Hz"
     figures = ["                    roll p   pitch q", _row("NRMSE fit, %", [*found.nrmse_percent.values()])]
     if found.noise_floor_percent is not None:
         figures.append(_row("with noise alone", [*found.noise_floor_percent.values()]))
     return (
         block("title", wrapped(head, rest="  ")),
         block("figures", figures),
-        block("findings", [line for text in found.findings for line in wrapped(text, " ", "   ")]),
+        block("findings", [line for each in found.findings for line in wrapped(finding_text(each), " ", "   ")]),
         block("bands", _band_lines(found)),
         block("responses", _response_lines(found)),
         block("runs", _run_lines(found) if len(found.runs) > 1 else []),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs.analysis.ladder import Nrmse, RungNumbers
-from sysid.diagnose.quantities import amount
+from gcs.analysis.quantities import amount
 from sysid.fit.result import Fit
 
 LEFT = 40
