@@ -360,7 +360,7 @@ MUTATIONS = tuple(
         (
             "our own silence counts against stuck",
             "if state.heard_since == UNKNOWN or silent:",
-            "if state.heard_since == UNKNOWN or seen.lost:",
+            "if state.heard_since == UNKNOWN or lost:",
         ),
         ("cleared without proof", " and state.known_s >= state.ordered_at:", ":"),
         (
@@ -449,10 +449,15 @@ MUTATIONS = tuple(
         ),
         (
             "a silence between two ticks is not seen",
-            " or heard_at - state.heard_at > LOST_AFTER_S",
-            "",
+            "lost = seen.lost or heard_at - state.heard_at > LOST_AFTER_S",
+            "lost = seen.lost",
         ),
-        ("our own silence is none", " or seen.now - state.ticked_at > STALL_S", ""),
+        (
+            "a silence between two ticks does not end a run",
+            "    if state.lost_since is not None:\n        return Ending.LINK",
+            "    if seen.lost:\n        return Ending.LINK",
+        ),
+        ("our own silence is none", "silent = lost or seen.now - state.ticked_at > STALL_S", "silent = lost"),
         ("asked again after a silence", "if wanted is None and state.settled_at > state.asked_at:", "if False:"),
         ("asked again although it started", "if state.confirmed or started or (", "if ("),
         (
@@ -492,7 +497,7 @@ MUTATIONS = tuple(
         ("no answers do not end a run", "if seen.answer_age_s > LOST_AFTER_S:", "if False:"),
         (
             "a lost link does not end a run",
-            "    if seen.lost:\n        return Ending.LINK",
+            "    if state.lost_since is not None:\n        return Ending.LINK",
             "    if False:\n        return Ending.LINK",
             "a run without answers ends as well; so does a start after a silence",
         ),

@@ -101,9 +101,10 @@ def _listen(state: RunState, seen: Seen, plan: Plan) -> RunState:
 def _look_at_link(state: RunState, seen: Seen) -> RunState:
     """Silences, the link's or our own, a late link, a log that stopped."""
     heard_at = seen.now - seen.link_age_s
-    silent = seen.lost or seen.now - state.ticked_at > STALL_S or heard_at - state.heard_at > LOST_AFTER_S
+    lost = seen.lost or heard_at - state.heard_at > LOST_AFTER_S  # it may lie between two ticks
+    silent = lost or seen.now - state.ticked_at > STALL_S
     if silent:
-        # What was heard before the silence is too old to act on; it may lie between two ticks.
+        # What was heard before the silence is too old to act on.
         state = _unproved(replace(state, settled_at=seen.now + SETTLE_S, excited=False, accepted_after=None))
     if state.heard_since == UNKNOWN or silent:
         state = replace(state, heard_since=seen.now)
@@ -113,7 +114,7 @@ def _look_at_link(state: RunState, seen: Seen) -> RunState:
         state,
         ticked_at=seen.now,
         heard_at=heard_at,
-        lost_since=_since(seen.lost, state.lost_since, seen.now),
+        lost_since=_since(lost, state.lost_since, seen.now),
         late_since=_since(late and not seen.lost, state.late_since, seen.now),
         log_silent_since=_since(silent_log, state.log_silent_since, seen.now),
     )
@@ -283,7 +284,7 @@ def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order 
 
 
 def _link_given_up(state: RunState, seen: Seen) -> RunState | None:
-    if state.lost_since is None:
+    if state.lost_since is None or not seen.lost:
         return None
     waited = seen.now - state.lost_since
     if waited <= LOST_PATIENCE_S and not seen.given_up:
@@ -298,7 +299,7 @@ def given_up(state: RunState, ending: Ending, reason: str, mode_after: str = "un
 
 
 def _wants_end(state: RunState, seen: Seen) -> tuple[Ending, str] | None:
-    if seen.lost:
+    if state.lost_since is not None:
         return Ending.LINK, "the link was lost"
     if seen.abort is not None:
         return Ending.ABORTED, seen.abort
