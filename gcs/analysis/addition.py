@@ -99,7 +99,9 @@ def add_effect(
     say("the structure as it is")
     after = refitted(fit, [*composed, effect], records, validation, band, grown=before)
     say(effect.id)
-    structure = on_runs(fit.model.structure.base, composed, [*records, *validation], records)
+    structure = on_runs(
+        fit.model.structure.base_, composed, [*records, *validation], records, fit.model.structure.outputs
+    )
     held = {name: fit.model[name] for name in fit.fixed}
     users = [] if effect.path is None else [effect]
     asked = diagnose(

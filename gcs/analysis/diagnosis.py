@@ -163,7 +163,13 @@ class _Question:
 
     def ask(self, fit: Fit, composed: Sequence[Effect]) -> Diagnosis:
         """What a fit with these effects lacks."""
-        structure = on_runs(fit.model.structure.base, composed, [*self.records, *self.validation], self.records)
+        structure = on_runs(
+            fit.model.structure.base_,
+            composed,
+            [*self.records, *self.validation],
+            self.records,
+            fit.model.structure.outputs,
+        )
         held = {name: fit.model[name] for name in fit.fixed}
         return diagnose(
             structure,

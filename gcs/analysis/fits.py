@@ -21,8 +21,9 @@ from sysid.fit.checks import Check, Spread, eigenfrequency_checks, fit_checks
 from sysid.fit.identify import identify, judge
 from sysid.fit.implied import Implied, Vehicle, implied, rotor_speed
 from sysid.fit.result import Fit, RecordUsed
-from sysid.model.bases import CD, TPP, compose, not_testable, reduce_to_cd
+from sysid.model.compose import compose, not_testable
 from sysid.model.effect import find
+from sysid.model.paper import CD, TPP, reduce_to_cd
 from sysid.model.structure import Model, Structure
 
 Band = tuple[float, float]

@@ -8,7 +8,6 @@ from sysid.data.record import Record
 from sysid.diagnose.quantities import quantity
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit, RecordUsed
-from sysid.model.bases import compose
 from sysid.model.effect import Effect
 from sysid.model.structure import Model
 
@@ -27,13 +26,15 @@ def refitted(
 ) -> Fit:
     """The fit's base with these effects on these runs, what the fit held held again; the rest as `identify` has it."""
     held = {name: fit.model[name] for name in fit.fixed}
-    composed = on_runs(fit.model.structure.base, effects, [*records, *validation], records)
+    composed = on_runs(
+        fit.model.structure.base_, effects, [*records, *validation], records, fit.model.structure.outputs
+    )
     if begin is None and composed.base != fit.model.structure.base:
         # flapping makes another base, whose parameters have no beginning in the old one
         own = [one for one in composed.composed if one.id != "flapping"]
-        begin = identify(compose(composed.base), records, (), band_hz or fit.band_hz, effects=own).model
+        begin = identify(composed.bare, records, (), band_hz or fit.band_hz, effects=own).model
     return identify(
-        compose(fit.model.structure.base),
+        fit.model.structure.bare,
         records,
         validation,
         band_hz or fit.band_hz,

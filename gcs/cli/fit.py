@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.errors import TippathError
     from gcs.logs import parse_window, resolve_runs
     from sysid.fit.identify import identify
-    from sysid.model.bases import compose
+    from sysid.model.compose import compose
 
     band = parse_band(args.band)
     window = None if args.window is None else parse_window(args.window)
@@ -153,7 +153,7 @@ def parse_effects(base: str, words: Sequence[str], held: Mapping[str, float]) ->
     """
     from gcs.errors import UsageError
     from sysid.data.record import CHANNELS
-    from sysid.model.bases import compose
+    from sysid.model.compose import compose
     from sysid.model.effect import EffectError, find
 
     found = []

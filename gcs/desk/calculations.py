@@ -34,7 +34,7 @@ from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
 from sysid.errors import SysidError
 from sysid.fit.result import Fit, RecordUsed
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError
 
 

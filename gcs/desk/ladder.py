@@ -27,7 +27,7 @@ def effect_to_add(fit: Fit, word: str, name: str = "the fit") -> Effect:
             raise
         raise UsageError(str(error)) from error
     present = {one.id for one in fit.model.structure.composed}
-    if effect.id in present or (effect.id == "flapping" and fit.model.structure.base == "tpp"):
+    if effect.id in present or effect.id in fit.model.structure.base_.contains:
         raise UsageError(f"{name} has {word} already")
     return effect
 

@@ -16,7 +16,7 @@ import numpy as np
 from sysid.control.stability import ClosedLoop, Margins, closed_loop
 from sysid.errors import SysidError
 from sysid.fit.result import finite
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 from sysid.model.structure import AnyArray, FloatArray, Model
 
 FORMAT = "tippath.gains/1"

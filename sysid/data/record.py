@@ -193,6 +193,10 @@ class Record:
         )
 
 
+RATES = ("p", "q")
+"""Measured in every run, and outputs of every model whose base says no other."""
+CYCLIC = ("delta_x", "delta_y")
+"""Roll and pitch command: in every run, and read by every model whose base says no other."""
 COMMANDS = ("delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "delta_a")
 AXIS_OF = {
     "delta_x": "roll",

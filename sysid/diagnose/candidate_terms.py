@@ -21,7 +21,7 @@ from sysid.diagnose.terms import CONDITIONS, Entry, Expression, entries, express
 from sysid.diagnose.whitening import Whitening
 from sysid.fit.rows import rows
 from sysid.model.acting import divided, in_time
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.predict import respond
 from sysid.model.relaxation import RELAXATION_HZ
@@ -215,7 +215,7 @@ def _opened(parent: Candidate, probes: Sequence[Effect]) -> Structure:
     had = parent.model.structure
     available = {*parent.dataset.available, *(name for one in probes for name in one.channels)}
     composed = [replace(one, adapt=None) for one in had.composed]  # declared for these runs already
-    return compose(had.base, [*composed, *probes], available, dict(had.constants))
+    return compose(had.base_, [*composed, *probes], available, dict(had.constants), outputs=had.outputs)
 
 
 def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[str, FloatArray]:

@@ -20,7 +20,7 @@ from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.maneuver_plans import LETTERS, Flown, Plan, moved_by_hand
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.noise import Division
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
@@ -108,7 +108,7 @@ def _with(model: Model, plan: Plan, dataset: Dataset) -> Model:
         return model
     available = {"t", "p", "q", *structure.inputs, plan.channel or ""}
     constants = {"Omega_0": 172.8, **dict(dataset.constants), **dict(structure.constants)}
-    composed = compose(structure.base, [*structure.composed, effect], available, constants)
+    composed = compose(structure.base_, [*structure.composed, effect], available, constants, outputs=structure.outputs)
     known = dict(zip(structure.names, map(float, model.values), strict=True))
     return Model(composed, composed.vector({**{one.name: one.typical for one in composed.parameters}, **known}))
 

@@ -22,6 +22,7 @@ from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.output_error import output_error
 from sysid.fit.stable import held_stable
 from sysid.fit.start import start
+from sysid.model.base import bases
 from sysid.model.structure import FloatArray, Model, Structure
 
 POOR_PERCENT = 70.0
@@ -197,13 +198,13 @@ def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
         "a pilot or controller in the loop, without independent excitation, makes data look so"
     ]
     try:
-        p, q = held_stable(model, stacks)[1].nrmse_percent
+        outputs = model.structure.outputs
+        held = held_stable(model, stacks)[1].nrmse_percent
         said.append(
-            f"with the poles held stable it reaches only p {p:.0f} / q {q:.0f} %, "
-            f"free p {free[0]:.0f} / q {free[1]:.0f} %"
+            f"with the poles held stable it reaches only {_percent(outputs, held)}, free {_percent(outputs, free)}"
         )
         if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
-            late = lateness(Structure(base_=model.structure.base_), found)
+            late = lateness(model.structure.bare, found)
             if late is not None:
                 said.append(late)
     except FitError as error:
@@ -217,14 +218,19 @@ LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 
 def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) -> list[str]:
-    """What to tell of a TPP fit that leaves much unexplained: often something is late, and then its numbers lie."""
-    if model.structure.composed or model.structure.base != "tpp" or np.min(nrmse) >= POOR_PERCENT:
+    """What to tell of a fit that leaves much unexplained: often something is late, and then its numbers lie.
+
+    Not of a base that a larger one stands above: what that one has besides is what it leaves.
+    """
+    structure = model.structure
+    simple = any(larger.reduces_to == structure.base for larger in bases().values())
+    if structure.composed or simple or np.min(nrmse) >= POOR_PERCENT:
         return []
     said = [
-        f"the model leaves much unexplained (p {nrmse[0]:.0f} / q {nrmse[1]:.0f} %): its standard errors do not hold"
+        f"the model leaves much unexplained ({_percent(structure.outputs, nrmse)}): its standard errors do not hold"
     ]
     try:
-        late = lateness(model.structure, found)
+        late = lateness(structure, found)
     except FitError:
         late = None
     if late is not None:
@@ -243,8 +249,8 @@ def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
             costs.append(_cost(structure, delayed))
         late_s = LATENESS_S[int(np.argmin(costs))]
         least[kind] = min(costs)
-        p, q = estimate(structure, [_late(one, kind, late_s) for one in found]).error.nrmse_percent
-        parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to p {p:.0f} / q {q:.0f} %")
+        lifted = estimate(structure, [_late(one, kind, late_s) for one in found]).error.nrmse_percent
+        parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to {_percent(structure.outputs, lifted)}")
     if min(least.values()) > base + np.log(0.7):
         return None
     if abs(least["lag"] - least["delay"]) < np.log(SEPARATE):
@@ -252,6 +258,11 @@ def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
     else:
         verdict = f"the {min(least, key=lambda kind: least[kind])} explains far more"
     return f"something is late between command and rate: {', '.join(parts)}; {verdict}"
+
+
+def _percent(outputs: Sequence[str], nrmse: FloatArray) -> str:
+    """`p 92 / q 88 %`."""
+    return " / ".join(f"{name} {value:.0f}" for name, value in zip(outputs, nrmse, strict=True)) + " %"
 
 
 def _cost(structure: Structure, found: Sequence[Spectrum]) -> float:

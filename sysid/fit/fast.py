@@ -22,7 +22,8 @@ import numpy as np
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.rows import smooth
-from sysid.model.polynomial import FORMS, Form, exact_enough, inverse, signals
+from sysid.model.form import Form
+from sysid.model.polynomial import closed_form, exact_enough, inverse, signals
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
 
 THINNING = 4
@@ -76,7 +77,7 @@ class _Layout(NamedTuple):
     ends: slice
 
 
-@lru_cache(maxsize=len(FORMS))
+@lru_cache
 def _layout(form: Form) -> _Layout:
     targets = 2 * form.order + 2
     ends = targets + 2
@@ -158,12 +159,14 @@ class _Normal(NamedTuple):
 
 
 def applies(structure: Structure, stacks: list[Stack]) -> bool:
-    return structure.base in FORMS and not structure.composed and len(stacks) == 1 and exact_enough(stacks[0])
+    """A form is of two outputs and two commands: everything else is fitted through the matrices."""
+    return closed_form(structure) is not None and len(stacks) == 1 and exact_enough(stacks[0])
 
 
 def fit(structure: Structure, stack: Stack) -> FastFit | None:
     """None where no solution is found; the caller then takes the long way."""
-    form = FORMS[structure.base]
+    form = structure.base_.form
+    assert form is not None
     whole = _grid(form, stack)
     measured = _power(whole.measured)
     if not np.all(measured > 0):

@@ -45,7 +45,7 @@ def normal_equations(
 ) -> NormalEquations:
     """Curvature J J^T, gradient J r and what is left, with weights (k, bins), end states projected out."""
     count = values.size if full else 0
-    curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(2)
+    curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(len(structure.outputs))
     found: list[list[FloatArray]] = []
     for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
         response = respond(
@@ -62,7 +62,10 @@ def normal_equations(
             difference = T.T @ (T @ (columns @ left_over[0]))
             rest = left_over - difference @ columns
             found[-1].append(difference)
-            power += np.sum(rest.reshape(2, -1) ** 2, axis=1) * (group.scale[part.start] / weight[:, part.start]) ** 2
+            power += (
+                np.sum(rest.reshape(power.size, -1) ** 2, axis=1)
+                * (group.scale[part.start] / weight[:, part.start]) ** 2
+            )
             if response.J is not None:
                 gram = inner_products(T, columns, np.concatenate([rest, rows(response.J[..., part])]))
                 if response.to is not None:

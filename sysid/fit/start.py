@@ -6,16 +6,19 @@ Koerner), gives a start from which the output error is minimised."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
+from sysid.data.record import RATES
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.gauss_newton import minimise, normal_equations
 from sysid.fit.output_error import axis_weights, output_error
 from sysid.fit.rows import inner_products, orthonormaliser, rows
-from sysid.model.polynomial import FORMS, Form, Regressors, inverse, regressors, through
+from sysid.model.form import Form
+from sysid.model.polynomial import Regressors, closed_form, inverse, regressors, through
 from sysid.model.structure import FloatArray, Model, Structure
 
 REWEIGHTINGS = 3
@@ -34,10 +37,10 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
     It begins at the equation error, reweighted by its own last denominator; the end states are polynomials in s, one
     set for each segment. A base without a matrix polynomial begins at its stable point without coupling.
     """
-    if structure.base not in FORMS:
-        begin = Model(structure, np.array(structure.base_.uncoupled, dtype=float))
+    form = closed_form(structure)
+    if form is None:
+        begin = _without_form(structure, stacks)
         return minimise(begin, stacks, output_error(begin, stacks).residual_power)[0]
-    form = FORMS[structure.base]
     measured = np.sqrt(sum(np.sum(np.abs(group.Y) ** 2, axis=1) for group in stacks))
     blocks = []
     for group in stacks:
@@ -71,6 +74,15 @@ def start(structure: Structure, stacks: Sequence[Stack]) -> Model:
         if np.sum(np.log(rest)) < np.sum(np.log(left)):
             best, left = other, rest
     return best
+
+
+def _without_form(structure: Structure, stacks: Sequence[Stack]) -> Model:
+    """Where p and q alone begin, which may have a form; else the base's stable point without coupling."""
+    rates = replace(structure, outputs=RATES)
+    if structure.outputs == RATES or not set(RATES) <= set(structure.outputs) or closed_form(rates) is None:
+        return Model(structure, np.array(structure.base_.uncoupled, dtype=float))
+    at = [structure.outputs.index(name) for name in RATES]
+    return Model(structure, start(rates, [replace(group, Y=group.Y[at]) for group in stacks]).values)
 
 
 def _reweighted(
@@ -125,6 +137,12 @@ def _equation_error(
     if not np.all(np.isfinite(values)):
         return None
     cost = float(
-        np.sum(np.log(normal_equations(structure, values, stacks, axis_weights(stacks, np.ones(2)), False).power))
+        np.sum(
+            np.log(
+                normal_equations(
+                    structure, values, stacks, axis_weights(stacks, np.ones(len(structure.outputs))), False
+                ).power
+            )
+        )
     )
     return (cost, coefficients) if np.isfinite(cost) else None

@@ -12,7 +12,8 @@ from planted import PLANTED, TABLE_4, fly
 from sysid.compare.metrics import integrated_cost, mismatch, response_difference, widest
 from sysid.data.preprocess import spectra
 from sysid.data.record import Record
-from sysid.model.bases import CD, TPP, compose, reduce_to_cd
+from sysid.model.compose import compose
+from sysid.model.paper import CD, TPP, reduce_to_cd
 from sysid.model.response import slopes, transfer
 from sysid.model.structure import Model
 

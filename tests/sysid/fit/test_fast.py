@@ -16,7 +16,7 @@ from sysid.fit import fast
 from sysid.fit.estimate import estimate
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
-from sysid.model.bases import CD, TPP
+from sysid.model.paper import CD, TPP
 from sysid.model.structure import Model, Structure
 
 Card = tuple[list[Record], list[Record]]
