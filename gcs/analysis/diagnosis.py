@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gcs.analysis.fits import assess
-from gcs.analysis.ladder import Step, short_names
+from gcs.analysis.ladder import Step
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
@@ -219,9 +219,7 @@ def _hiding(answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
 def _suggested(answer: Diagnosis, fit: Fit, runs: int) -> Suggestion | None:
     structure = fit.model.structure
     with contextlib.suppress(SuggestionError):
-        return suggest(
-            answer.simple().terms, " + ".join([structure.base.upper(), *short_names(structure.effects)]), runs
-        )
+        return suggest(answer.simple().terms, structure.title, runs)
     return None
 
 

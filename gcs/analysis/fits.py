@@ -41,6 +41,10 @@ PAPER_PARAMETERS = {
 """Table 4, in the order of our structures."""
 
 
+PAIR = TPP.base, CD.base
+"""Fitted side by side, as the paper has them: the app knows no other bases."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
     """TPP, CD and the CD that the TPP reduces to, on the same runs."""
@@ -79,7 +83,7 @@ def identify_flight(
 
 def on_cd(effects: Sequence[str]) -> list[str]:
     """Those of the effects of a TPP that act on the CD beside it."""
-    return [one for one in effects if not_testable(find(one), "cd", effects, CHANNELS) is None]
+    return [one for one in effects if not_testable(find(one), CD.base_, effects, CHANNELS) is None]
 
 
 def side_by_side(tpp: Fit, cd: Fit, records: Sequence[Record], validation: Sequence[Record]) -> Identification:
@@ -98,7 +102,7 @@ def side_by_side(tpp: Fit, cd: Fit, records: Sequence[Record], validation: Seque
 
 def _reduced(tpp: Model, cd: Structure) -> Model:
     """The CD of this structure that a TPP becomes when its flapping has settled; effects that both have stay."""
-    core = compose("tpp", [one for one in tpp.structure.composed if one.id == "angular_damping"])
+    core = compose(TPP.base_, [one for one in tpp.structure.composed if one.id == "angular_damping"])
     bare = reduce_to_cd(Model(core, core.vector({name: tpp[name] for name in core.names})))
     known = dict(zip(bare.structure.names, map(float, bare.values), strict=True))
     return Model(cd, cd.vector({name: known[name] if name in known else tpp[name] for name in cd.names}))

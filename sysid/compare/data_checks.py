@@ -17,7 +17,7 @@ import numpy as np
 
 from sysid.compare.spectrum import Responses
 from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.record import Record
+from sysid.data.record import CYCLIC, RATES, Record, axis_of
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels
 from sysid.model.structure import FloatArray, Structure
@@ -68,7 +68,7 @@ def clipped(records: Sequence[Record]) -> list[Suspicion]:
     """Rates that stand at their largest or smallest value again and again, reached in full motion."""
     found: dict[str, list[tuple[str, float, float]]] = {}
     for record in records:
-        for name in ("p", "q"):
+        for name in RATES:
             share, limit = flat_tops(record.channels[name])
             if share > 0:
                 found.setdefault(name, []).append((record.id, share, limit))
@@ -170,9 +170,10 @@ def mistaken_signs(measured: Responses) -> list[Suspicion]:
 
     A positive roll (pitch) command gives a positive slow roll (pitch) rate, whatever the vehicle.
     """
-    if not {"delta_x", "delta_y"} <= set(measured.commands) or measured.outputs != ("p", "q"):
+    if not set(CYCLIC) <= set(measured.commands) or not set(RATES) <= set(measured.outputs):
         return []
-    H = measured.H[:, [measured.commands.index(name) for name in ("delta_x", "delta_y")]]
+    at = np.ix_([measured.outputs.index(name) for name in RATES], [measured.commands.index(name) for name in CYCLIC])
+    H = measured.H[at]
     known = np.all(np.isfinite(H), axis=(0, 1)) & (measured.frequency_hz <= SLOWEST_HZ)
     if np.count_nonzero(known) < FEWEST_POINTS:
         return []
@@ -186,7 +187,7 @@ def mistaken_signs(measured: Responses) -> list[Suspicion]:
         looks = "rates and commands are turned by 180 degrees against each other"
     else:
         looks = "the sign of " + ("p or of delta_x" if one < 0 else "q or of delta_y") + " is turned"
-    said = _said(answers, ("delta_x", "delta_y"), ("p", "q"))
+    said = _said(answers, CYCLIC, RATES)
     or_ = "" if measured.closed_loop_safe else " (or gusts through the feedback look so: the excitation is not logged)"
     return [
         Suspicion(
@@ -239,11 +240,13 @@ def mixed(
     *,
     across: bool,
     amplitudes: bool,
+    outputs: Sequence[str] = RATES,
 ) -> list[Suspicion]:
     """Runs whose residuals want a linear response each: other vehicles, gains or flight conditions among them.
 
     power: (runs, k) of the residual. kinds: what was flown, of every run; without `across` runs are compared with those
-    of their kind only. Nonlinear vehicles do this too where the `amplitudes` differ, and the text says so.
+    of their kind only. Nonlinear vehicles do this too where the `amplitudes` differ, and the text says so. `outputs`
+    names the k.
     """
     groups = [[i for i, kind in enumerate(kinds) if kind == one] for one in dict.fromkeys(kinds)]
     together = [group for group in ([list(range(len(ids)))] if across else groups) if len(group) > 1]
@@ -268,7 +271,7 @@ def mixed(
         Suspicion(
             "mixed",
             tuple(ids),
-            f"{100 * beyond[worst]:.0f} % of the {('roll', 'pitch')[worst]} error goes away when every run may answer "
+            f"{100 * beyond[worst]:.0f} % of the {axis_of(outputs[worst])} error goes away when every run may answer "
             f"for itself{where}: {look}; fit them apart and compare the numbers",
         )
     ]

@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.compare.data_checks import listed
 from sysid.compare.values import GROWTH_RATIO, BandError, Comparison, RunError
-from sysid.data.record import AXIS_OF
+from sysid.data.record import axis_of
 
 MOST_OF_IT, NEARLY_ALL = 0.5, 0.9
 COHERENT, PARTLY = 0.5, 0.2
@@ -57,7 +57,7 @@ def _noise_words(found: Comparison) -> str:
 
 
 def _axis_finding(found: Comparison, output: str, own_runs: bool) -> str:
-    axis = AXIS_OF[output]
+    axis = axis_of(output)
     bands = [one for one in found.bands if one.axis == axis]
     if found.noise_share is None:
         one = max(bands, key=lambda band: band.error_share)
@@ -155,7 +155,7 @@ def _control_findings(found: Comparison) -> list[str]:
         output, share = max(shares.items(), key=lambda item: item[1])
         if name in found.bands[0].coherence:
             said.append(
-                f"{AXIS_OF[output]}: {name} explains {_percent(share)} of the error beyond the commands: "
+                f"{axis_of(output)}: {name} explains {_percent(share)} of the error beyond the commands: "
                 + ("yaw couples into it" if name == "r" else "it acts on the vehicle and is not in the structure")
             )
     return said
@@ -166,7 +166,7 @@ def _time_findings(found: Comparison) -> list[str]:
     said: list[str] = []
     total = sum(float(one.t[-1] - one.t[0]) for one in found.traces)
     for k, output in enumerate(found.outputs):
-        axis = AXIS_OF[output]
+        axis = axis_of(output)
         whole = max(float(np.sum([np.sum(one.residual[k] ** 2) for one in found.traces])), 1e-300)
         for words, begin in (("first", True), ("last", False)):
             share = time = 0.0
@@ -217,7 +217,7 @@ def _run_findings(found: Comparison) -> list[str]:
                 noisy = one.noise_share is not None and one.noise_share[output] > 0.7
                 why = "most of it is noise, rougher air" if noisy else "look at what was different in it"
                 said.append(
-                    f"{listed([one.id])} is worse than the others: its {AXIS_OF[output]} error is "
+                    f"{listed([one.id])} is worse than the others: its {axis_of(output)} error is "
                     f"{own / max(float(np.median(like)), 1e-300):.1f} times theirs; {why}"
                 )
                 break

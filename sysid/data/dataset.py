@@ -12,11 +12,10 @@ import numpy as np
 
 from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes
 from sysid.data.preprocess import Spectrum, spectra
-from sysid.data.record import COMMANDS, Record
+from sysid.data.record import COMMANDS, CYCLIC, RATES, Record
 from sysid.data.stacks import Stack, stack
 from sysid.errors import FitError
 
-CYCLIC = ("delta_x", "delta_y")
 CHANNELS_READ = ("omega", "airspeed", "alpha", "beta", "r", "phi", "theta")
 """Beside commands, what effects of the catalogue read."""
 LEAST_MOTION = {"omega": 0.002, "airspeed": 0.01}
@@ -61,8 +60,12 @@ def dataset(
     records: Sequence[Record],
     band_hz: tuple[float, float],
     like: Dataset | None = None,
+    outputs: Sequence[str] = RATES,
 ) -> Dataset:
-    """Prepare runs; `like` gives validation runs the channels of the fitted ones. Raises FitError without any data."""
+    """Prepare runs that are measured in `outputs`.
+
+    `like` gives validation runs the channels of the fitted ones. Raises FitError without any data.
+    """
     common = set.intersection(*(set(record.channels) for record in records))
     if like is None:
         moving = {name for name in (*COMMANDS, *CHANNELS_READ) if name in common and _moves(name, records)}
@@ -71,7 +74,7 @@ def dataset(
         moving, still = set(like.available), set(like.still)
     always = ("delta_x", "delta_y", "t")  # time is what a drift is written in
     inputs = [name for name in (*COMMANDS, *CHANNELS_READ, "t") if name in moving or name in always]
-    found, _ = spectra(records, inputs, ("p", "q"), band_hz)
+    found, _ = spectra(records, inputs, outputs, band_hz)
     if not found:
         raise FitError("no run has 2 s of gap-free samples")
     stacks = stack(found)

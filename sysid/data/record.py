@@ -204,4 +204,15 @@ AXIS_OF = {
     "delta_e": "elevator",
     "p": "roll",
     "q": "pitch",
+    "r": "yaw",
+    "a": "longitudinal flapping",
+    "b": "lateral flapping",
+    "phi": "roll angle",
+    "theta": "pitch angle",
 }
+"""The axis of a command or an output in words; its unit is that of `CHANNELS`."""
+
+
+def axis_of(name: str) -> str:
+    """The axis of a command or an output in words, or the channel's own name."""
+    return AXIS_OF.get(name, name)

@@ -59,8 +59,8 @@ def diagnose(
     `begin` is where the structure was fitted to, if it was. Raises FitError where the runs do not identify the
     structure itself.
     """
-    on = dataset(records, band_hz)
-    validated_on = dataset(validation, band_hz, on) if validation else None
+    on = dataset(records, band_hz, outputs=structure.outputs)
+    validated_on = dataset(validation, band_hz, on, structure.outputs) if validation else None
     parent = _parent(structure, on, fixed or {}, begin)
     whitening = noise_whitening(parent.model, on.stacks, parent.division)
     stepped = instrumental_step(parent, whitening)

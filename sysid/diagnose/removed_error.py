@@ -14,14 +14,14 @@ import numpy as np
 
 from sysid.compare.metrics import Mismatch, Mismatches, mismatch
 from sysid.data.instrument import causes
-from sysid.data.record import AXIS_OF, COMMANDS
+from sysid.data.record import COMMANDS, CYCLIC, RATES, axis_of
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate
 from sysid.fit.noise import divide
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model
 
-DIRECT = {"p": "delta_x", "q": "delta_y"}
+DIRECT = dict(zip(RATES, CYCLIC, strict=True))
 STRAIGHT = 0.9
 """Share of a phase's square that a line through zero explains, from which on it falls in proportion to frequency."""
 LEAST_PHASE_DEG = 8.0
@@ -176,11 +176,11 @@ class RemovedError:
         found = []
         if share[worst] >= ONE_AXIS:
             found.append(
-                f"{100 * share[worst]:.0f} % of the error that it takes away is in {AXIS_OF[self.outputs[worst]]}."
+                f"{100 * share[worst]:.0f} % of the error that it takes away is in {axis_of(self.outputs[worst])}."
             )
         band = self._narrowest(self.power[worst])
         if band is not None:
-            axis = AXIS_OF[self.outputs[worst]]
+            axis = axis_of(self.outputs[worst])
             where = f"in {band[0]:.1f}-{band[1]:.1f} Hz" if band[0] > 0 else f"below {band[1]:.1f} Hz"
             found.append(f"{100 * MOST_OF_IT:.0f} % of what goes in {axis} lies {where}.")
         return found
@@ -274,7 +274,7 @@ def _by_command(parent: Candidate, name: str, removed: RemovedError) -> list[str
     worst = int(np.argmax(share * removed.relative))
     if share[worst] < SHARE_OF_COMMAND:
         return []
-    part, axis = 100 * min(float(share[worst]), 1.0), AXIS_OF[removed.outputs[worst]]
+    part, axis = 100 * min(float(share[worst]), 1.0), axis_of(removed.outputs[worst])
     return [f"{part:.0f} % of what goes in {axis} is in step with {name}."]
 
 

@@ -46,7 +46,7 @@ def compose(
         attitude_states=attitude,
         constants=tuple(sorted((constants or {}).items())),
     )
-    if base.path is not None or any(one.path is not None for one in ordered):
+    if structure.files:
         _refuse_broken(structure)
     return structure
 
@@ -108,8 +108,7 @@ def _refuse_clashes(base: Base, effects: Sequence[Effect]) -> None:
 
 def _refuse_broken(structure: Structure) -> None:
     """Evaluate a composition with a user's base or effects once, so that their slips are said before a fit begins."""
-    paths = [structure.base_.path, *(one.path for one in structure.composed)]
-    users = ", ".join(path for path in paths if path is not None)
+    users = ", ".join(structure.files)
     typical = np.array([one.typical for one in structure.parameters])
     named = dict(zip(structure.names, map(float, typical), strict=True))
     try:

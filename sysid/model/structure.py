@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,6 +87,17 @@ class Structure:
     def base(self) -> str:
         """The name of the base, or the path of a user's."""
         return self.base_.word
+
+    @property
+    def title(self) -> str:
+        """`TPP + servo_lag`; users' files without their folder."""
+        return " + ".join((self.base_.label, *(Path(one).name for one in self.effects)))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Paths of a user's own base and effects, which are code."""
+        paths = (self.base_.path, *(one.path for one in self.composed))
+        return tuple(path for path in paths if path is not None)
 
     @property
     def bare(self) -> Structure:

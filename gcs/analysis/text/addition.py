@@ -24,7 +24,7 @@ def addition_blocks(found: Addition, fit: str = "FIT.json", written: str | None 
     fit, written: where the fit before lies, and where that with the effect does, if anywhere.
     """
     good, answer = outcome(found)
-    rungs = rungs_of(found.after.model.structure.base, found.after.lineage)
+    rungs = rungs_of(found.after.model.structure.base_, found.after.lineage)
     wrong = found.placebo_rung
     if wrong is not None:
         rungs.append(("placebo", *wrong[1:]))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from gcs.analysis.text.blocks import Blocks, block, text_of, wrapped
 from sysid.compare.data_checks import listed
 from sysid.compare.values import Comparison
-from sysid.data.record import AXIS_OF
+from sysid.data.record import axis_of
 from sysid.fit.result import Fit
 
 
@@ -21,7 +20,7 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     """`title`, `figures`, `findings`, then the tables `bands`, `responses`, `runs`, and `remarks`."""
     structure = fit.model.structure
     runs = [one.id for one in found.runs]
-    title = " + ".join([structure.base.upper(), *(Path(one).name for one in structure.effects)])
+    title = structure.title
     head = f"{title} against {listed(runs)}, {found.band_hz[0]:g}-{found.band_hz[1]:g} Hz"
     figures = ["                    roll p   pitch q", _row("NRMSE fit, %", [*found.nrmse_percent.values()])]
     if found.noise_floor_percent is not None:
@@ -43,7 +42,7 @@ def _row(name: str, values: Sequence[float]) -> str:
 
 def _band_lines(found: Comparison) -> list[str]:
     """Shares of the error by band; of each band's error what is noise and what follows the commands."""
-    axes = [AXIS_OF[output] for output in found.outputs]
+    axes = [axis_of(output) for output in found.outputs]
     lines = [
         "error by band, %    " + "".join(f"{axis:28}" for axis in axes).rstrip(),
         "                    " + ("share noise  coherent          " * len(axes)).rstrip(),

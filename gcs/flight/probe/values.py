@@ -18,6 +18,7 @@ Samples = Mapping[str, FloatArray]
 LETTERS = {"roll": "x", "pitch": "y", "elevator": "e"}
 """An axis' command and excitation: delta_x, excitation_x."""
 RATES = {"roll": "p", "pitch": "q", "elevator": "q"}
+MEASURED = tuple(dict.fromkeys(RATES.values()))
 """The rate that should answer it."""
 
 
@@ -123,7 +124,7 @@ class ProbeResult:
         """A few short lines: what is wrong first."""
         serious = [finding.words for finding in self.findings if finding.serious]
         rest = [finding.words for finding in self.findings if not finding.serious and finding.kind != "unseen"]
-        rates = [f"{name} {self.noise[name]:.3f}" for name in ("p", "q") if name in self.noise]
+        rates = [f"{name} {self.noise[name]:.3f}" for name in MEASURED if name in self.noise]
         noise = [f"noise in hover: {', '.join(rates)} rad/s"] if rates else []
         return (*serious, *(answer.words for answer in self.answers), *noise, *rest)
 
