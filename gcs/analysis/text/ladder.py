@@ -14,7 +14,7 @@ LEFT = 40
 
 
 def ladder_text(rungs: Sequence[RungNumbers], floor: Nrmse | None) -> list[str]:
-    """(name, fitted NRMSE, validation NRMSE or None) by output, with bars of their mean; 78 columns hold two outputs."""
+    """(name, fitted NRMSE, validation NRMSE or None) by output, with bars of their mean; two fit into 78 columns."""
     outputs = tuple(rungs[0][1]) if rungs else RATES
     beside = "" if floor is None else f"noise {' / '.join(f'{floor[name]:.1f}' for name in outputs)}"
     heads = "  ".join(f"{name}: fitted valid." for name in outputs)
