@@ -265,7 +265,7 @@ def _plain(parent: Candidate) -> Whitening:
     """Every output by its own residual power, as a fit weighs them."""
     stacks, model = parent.dataset.stacks, parent.model
     weight = np.diag(1 / np.sqrt(np.maximum(parent.estimate.error.residual_power, 1e-300))).astype(complex)
-    whitener = [np.broadcast_to(weight, (group.z.size, 2, 2)) for group in stacks]
+    whitener = [np.broadcast_to(weight, (group.z.size, *weight.shape)) for group in stacks]
     ends = []
     for group, white in zip(stacks, whitener, strict=True):
         E = np.einsum("fij,cjf->cif", white, group.scale * respond(model.structure, model.values, group, False).E)

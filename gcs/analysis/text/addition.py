@@ -49,7 +49,8 @@ def outcome(found: Addition) -> tuple[bool, str]:
     """Whether to keep it, and that in a sentence."""
     name = Path(found.named).name
     before, after = found.before.nrmse_percent, found.after.nrmse_percent
-    fall = f"{name}: the error falls, p {before['p']:.1f} → {after['p']:.1f}, q {before['q']:.1f} → {after['q']:.1f} %"
+    each = ", ".join(f"{output} {before[output]:.1f} → {value:.1f}" for output, value in after.items())
+    fall = f"{name}: the error falls, {each} %"
     signs = {one.key: one.seen for one in found.signs}
     if together(after) - together(before) < NO_CHANGE:
         return False, f"{name} changes next to nothing here: the error stays as it was"

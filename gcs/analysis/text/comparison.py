@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from gcs.analysis.text.blocks import Blocks, block, text_of, wrapped
 from sysid.compare.data_checks import listed
 from sysid.compare.values import Comparison
 from sysid.data.record import axis_of
 from sysid.fit.result import Fit
+
+LONGEST_AXIS = 5
+"""Characters of an axis that stand beside its output over a column."""
 
 
 def compare_text(found: Comparison, fit: Fit) -> str:
@@ -22,9 +25,10 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     runs = [one.id for one in found.runs]
     title = structure.title
     head = f"{title} against {listed(runs)}, {found.band_hz[0]:g}-{found.band_hz[1]:g} Hz"
-    figures = ["                    roll p   pitch q", _row("NRMSE fit, %", [*found.nrmse_percent.values()])]
+    names = [_short(output) for output in found.outputs]
+    figures = [f"{'':16}{''.join(f'{name:>10}' for name in names)}", _row("NRMSE fit, %", found.nrmse_percent.values())]
     if found.noise_floor_percent is not None:
-        figures.append(_row("with noise alone", [*found.noise_floor_percent.values()]))
+        figures.append(_row("with noise alone", found.noise_floor_percent.values()))
     return (
         block("title", wrapped(head, rest="  ")),
         block("figures", figures),
@@ -36,7 +40,12 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     )
 
 
-def _row(name: str, values: Sequence[float]) -> str:
+def _short(output: str) -> str:
+    """`roll p`; of others their name."""
+    return f"{axis_of(output)} {output}" if len(axis_of(output)) <= LONGEST_AXIS else output
+
+
+def _row(name: str, values: Iterable[float]) -> str:
     return f"  {name:16}" + "".join(f"{value:8.1f}  " for value in values).rstrip()
 
 
@@ -75,9 +84,11 @@ def _response_lines(found: Comparison) -> list[str]:
 
 def _run_lines(found: Comparison) -> list[str]:
     """What each run has of the error, under the name of its log."""
+    outputs, k = found.outputs, len(found.outputs)
+    shares = "".join(f"{name:>3}  " for name in outputs)
     lines = [
-        "runs                      NRMSE, %        error, %     noise in it, %",
-        "                          p      q        p    q        p    q",
+        f"{'runs':26}{'NRMSE, %':{7 * k + 2}}{'error, %':{5 * k + 3}}noise in it, %",
+        f"{'':24}{''.join(f'{name:>3}    ' for name in outputs)}  {shares}    {shares}".rstrip(),
     ]
     last = ""
     for one in found.runs:
