@@ -99,17 +99,22 @@ def find_effect(word: str) -> Effect:
     return find(word)
 
 
-def make_model(base: str, values: Mapping[str, float], effects: Sequence[str | Effect] = ()) -> Model:
+def make_model(
+    base: str,
+    values: Mapping[str, float],
+    effects: Sequence[str | Effect] = (),
+    outputs: Sequence[str] | None = None,
+) -> Model:
     """A model with given numbers, units of its parameters: `cd`, `tpp` or a base of your own by its path, with effects.
 
-    Raises NotebookError for another word, EffectError for an effect that cannot act on it, and KeyError for a parameter
-    without a value.
+    `outputs` as in `fit_model`. Raises NotebookError for another word, EffectError for an effect that cannot act on it,
+    and KeyError for a parameter without a value.
 
     >>> lagging = sysid.make_model("cd", {**CD, "tau_s": 0.03}, ["servo_lag"])
     >>> lagging["tau_s"]
     0.03
     """
-    structure = compose(_known(base), effects)
+    structure = compose(_known(base), effects, outputs=outputs)
     return Model(structure, structure.vector(values))
 
 
