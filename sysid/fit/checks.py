@@ -19,10 +19,12 @@ from sysid.data.stacks import stack
 from sysid.errors import FitError
 from sysid.fit import fast
 from sysid.fit.estimate import Estimate, estimate
+from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
 from sysid.fit.stable import held_stable
 from sysid.fit.start import start
 from sysid.model.base import bases
+from sysid.model.polynomial import closed_form
 from sysid.model.structure import FloatArray, Model, Structure
 
 POOR_PERCENT = 70.0
@@ -230,7 +232,7 @@ def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) 
         f"the model leaves much unexplained ({_percent(structure.outputs, nrmse)}): its standard errors do not hold"
     ]
     try:
-        late = lateness(structure, found)
+        late = lateness(structure, found, model)
     except FitError:
         late = None
     if late is not None:
@@ -238,18 +240,22 @@ def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) 
     return said
 
 
-def lateness(structure: Structure, found: Sequence[Spectrum]) -> str | None:
-    """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not."""
-    base = _cost(structure, found)
+def lateness(structure: Structure, found: Sequence[Spectrum], fitted: Model | None = None) -> str | None:
+    """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not.
+
+    Without a closed form, which begins at the data, every fit begins at the one that is known, if any.
+    """
+    begin = fitted if closed_form(structure) is None else None
+    base = _cost(structure, found, begin)
     parts, least = [], {}
     for kind in ("lag", "delay"):
         costs = []
         for late_s in LATENESS_S:
             delayed = [_late(one, kind, late_s) for one in found]
-            costs.append(_cost(structure, delayed))
+            costs.append(_cost(structure, delayed, begin))
         late_s = LATENESS_S[int(np.argmin(costs))]
         least[kind] = min(costs)
-        lifted = estimate(structure, [_late(one, kind, late_s) for one in found]).error.nrmse_percent
+        lifted = estimate(structure, [_late(one, kind, late_s) for one in found], begin).error.nrmse_percent
         parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to {_percent(structure.outputs, lifted)}")
     if min(least.values()) > base + np.log(0.7):
         return None
@@ -265,8 +271,10 @@ def _percent(outputs: Sequence[str], nrmse: FloatArray) -> str:
     return " / ".join(f"{name} {value:.0f}" for name, value in zip(outputs, nrmse, strict=True)) + " %"
 
 
-def _cost(structure: Structure, found: Sequence[Spectrum]) -> float:
+def _cost(structure: Structure, found: Sequence[Spectrum], begin: Model | None) -> float:
     stacks = stack(found)
+    if begin is not None:
+        return float(np.sum(np.log(minimise(begin, stacks, output_error(begin, stacks).residual_power)[1])))
     if fast.applies(structure, stacks):
         quick = fast.fit(structure, stacks[0])
         if quick is not None:

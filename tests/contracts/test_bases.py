@@ -46,7 +46,7 @@ def test_its_form_says_the_same_as_its_equations(base: Base) -> None:
     values = np.array([one.typical for one in base.parameters]) * np.linspace(0.8, 1.3, len(base.parameters))
     coefficients = form.of_parameters(values)
     np.testing.assert_allclose(form.to_parameters(coefficients), values, rtol=1e-12)
-    s = 2j * np.pi * FREQUENCY_HZ
+    s = np.asarray(2j * np.pi * FREQUENCY_HZ, dtype=np.complex128)
     D = np.array(form.denominator(s, coefficients)).reshape(2, 2, -1)
     answer = np.linalg.solve(np.moveaxis(D, -1, 0), coefficients[-4:].reshape(2, 2)[None].astype(complex))
     np.testing.assert_allclose(np.moveaxis(answer, 0, -1), transfer(compose(base), values, FREQUENCY_HZ), rtol=1e-9)

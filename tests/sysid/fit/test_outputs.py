@@ -12,11 +12,16 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 import sysid
+from sysid.data.dataset import dataset
 from sysid.data.preprocess import spectra
 from sysid.data.stacks import stack
-from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.candidates import composed_with, score_effects
+from sysid.diagnose.evidence import candidate, instrumental_step, refit
+from sysid.diagnose.whitening import noise_whitening
 from sysid.errors import FitError
+from sysid.fit.estimate import estimate
 from sysid.fit.result import Fit, ResultError
+from sysid.model.effect import catalogue
 from sysid.model.predict import respond
 from sysid.model.structure import FloatArray
 
@@ -178,8 +183,15 @@ def test_what_is_missing_is_named_on_four_outputs(lagging: list[sysid.Record]) -
     fit = sysid.fit_model(lagging, "tpp", outputs=ALL)
     compared = sysid.compare_fit(fit, lagging)
     assert {one.axis for one in compared.bands} == {"roll", "pitch", "longitudinal flapping", "lateral flapping"}
-    found = diagnose(fit.model.structure, lagging, begin=fit.model, chains=False)
-    assert (found.verdict, found.effect) == ("missing", "servo_lag")
+    on = dataset(lagging, fit.band_hz, outputs=ALL)
+    parent = candidate(estimate(fit.model.structure, on.viewed(fit.model.structure.inputs), fit.model), (), on)
+    whitening = noise_whitening(parent.model, on.stacks, parent.division)
+    asked = score_effects(parent, instrumental_step(parent, whitening), whitening, (), lambda _name: None)
+    best = min((one for one in asked if one.score is not None), key=lambda one: one.score.log_p)  # type: ignore[union-attr]
+    assert best.effects[0] in {"servo_lag", "servo_second_order", "transport_delay"}, "they are late alike in one step"
+    refitted = refit(composed_with(parent.model.structure, catalogue()["servo_lag"], on), parent, ("servo_lag",))
+    assert refitted.model.structure.outputs == ALL
+    assert refitted.error_share < 0.1 * parent.error_share
 
 
 def test_gains_are_those_of_the_rates_that_the_controller_measures(measured: list[sysid.Record]) -> None:
