@@ -164,7 +164,7 @@ def test_a_response_is_in_the_order_of_the_outputs(lagging: list[sysid.Record], 
         typical = {one.name: one.typical for one in structure.parameters}
         response = respond(structure, structure.vector({**typical, **values}), group, True)
         assert response.J is not None
-        answers[outputs] = dict(zip(outputs, np.moveaxis([response.Y, *response.J], 1, 0), strict=True))
+        answers[outputs] = dict(zip(outputs, np.moveaxis(np.stack([response.Y, *response.J]), 1, 0), strict=True))
     usual, other, rates = answers.values()
     for name in ALL:
         np.testing.assert_allclose(other[name], usual[name], rtol=1e-3, atol=1e-3 * np.max(np.abs(usual[name])))
