@@ -14,9 +14,9 @@ import numpy as np
 from planted import DT, SIZES, TABLE_4, chirp
 from scipy.signal import lfilter, lsim
 
-from sysid.data.preprocess import low_pass, spectra
+from sysid.data.dataset import prepared
+from sysid.data.preprocess import low_pass
 from sysid.data.record import Record
-from sysid.data.stacks import stack
 from sysid.fit.estimate import estimate
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
@@ -99,8 +99,8 @@ def above_the_optimum(one: Flown) -> float:
     The cost is the one that is minimised, both weighed alike; the power that a fit reports takes the end states of
     each output without weights, and is not least at the same place.
     """
-    found, _ = spectra(one.records, TPP.inputs, TPP.outputs)
-    stacks = stack(found)
+    bins = prepared(one.records, (0.0, BAND_HZ)).viewed(TPP.inputs)
+    stacks = bins.stacks
     best, power = minimise(one.truth, stacks, output_error(one.truth, stacks).residual_power)
-    reached, reference = (minimise(model, stacks, power, steps=0)[1] for model in (estimate(TPP, found).model, best))
+    reached, reference = (minimise(model, stacks, power, steps=0)[1] for model in (estimate(TPP, bins).model, best))
     return float(np.sum(np.log(reached)) - np.sum(np.log(reference)))

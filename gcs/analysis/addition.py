@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from gcs.analysis.fits import assess
 from gcs.analysis.ladder import WORSE_POINTS, RungNumbers, short_names, together
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
-from sysid.data.record import Record
+from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.quantities import listed, quantity
@@ -56,7 +56,8 @@ class Addition:
     """The effect: catalogue id, or path of a user's file."""
     before: Fit
     after: Fit
-    records: tuple[Record, ...]
+    runs: Dataset
+    """Those that were fitted."""
     noise_floor_percent: dict[str, float]
     placebo: Ranked | None
     signs: tuple[Sign, ...]
@@ -73,7 +74,7 @@ class Addition:
         """The fit's document with what the ladder shows."""
         return {
             **self.after.to_json(folder),
-            **assess(self.after, self.records).to_json(),
+            **assess(self.after, self.runs).to_json(),
             "noise_floor_percent": self.noise_floor_percent,
             "placebo": None if self.placebo is None else self.placebo.to_json(),
             "signs": [one.to_json() for one in self.signs],
@@ -83,8 +84,8 @@ class Addition:
 def add_effect(
     fit: Fit,
     effect: Effect,
-    records: Sequence[Record],
-    validation: Sequence[Record] = (),
+    records: Runs,
+    validation: Runs = (),
     *,
     band_hz: Band | None = None,
     say: Progress = lambda _: None,
@@ -95,27 +96,27 @@ def add_effect(
     """
     composed = [*fit.model.structure.composed]
     band = band_hz or fit.band_hz
-    before = fit if made_from(fit, records, validation, band) else refitted(fit, composed, records, validation, band)
+    fitted, judging = prepared(records, band), prepared(validation, band)
+    before = fit if made_from(fit, fitted, judging) else refitted(fit, composed, fitted, judging, band)
     say("the structure as it is")
-    after = refitted(fit, [*composed, effect], records, validation, band, grown=before)
+    after = refitted(fit, [*composed, effect], fitted, judging, band, grown=before)
     say(effect.id)
-    structure = on_runs(
-        fit.model.structure.base_, composed, [*records, *validation], records, fit.model.structure.outputs
-    )
+    runs = [*fitted.records, *judging.records]
+    structure = on_runs(fit.model.structure.base_, composed, runs, fitted.records, fit.model.structure.outputs)
     held = {name: fit.model[name] for name in fit.fixed}
     users = [] if effect.path is None else [effect]
     asked = diagnose(
-        structure, records, validation, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
+        structure, fitted, judging, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
     )
     name = effect.path or effect.id
     return Addition(
         named=name,
         before=before,
         after=after,
-        records=tuple(records),
+        runs=fitted,
         noise_floor_percent={key: float(value) for key, value in asked.noise_floor_percent.items()},
         placebo=asked.placebo_of(name),
-        signs=(_validated(before, after), _agrees(before, after, records), _plausible(before, after)),
+        signs=(_validated(before, after), _agrees(before, after, fitted), _plausible(before, after)),
     )
 
 
@@ -128,10 +129,10 @@ def _validated(before: Fit, after: Fit) -> Sign:
     return Sign(key, name, together(now) - together(was) > WORSE_POINTS, text)
 
 
-def _agrees(before: Fit, after: Fit, records: Sequence[Record]) -> Sign:
+def _agrees(before: Fit, after: Fit, runs: Dataset) -> Sign:
     """The base's parameters, fitted to sets of runs apart, come nearer to each other."""
     key, name = "agreement", "runs agree better on the parameters"
-    spreads = [fit_checks(one.model, records, one.band_hz, one.fixed)[1] for one in (before, after)]
+    spreads = [fit_checks(one.model, runs, one.band_hz, one.fixed)[1] for one in (before, after)]
     was, now = spreads
     if was is None or now is None:
         return Sign(key, name, None, "needs two chirps on each axis: fly each twice")

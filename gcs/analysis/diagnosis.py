@@ -22,6 +22,7 @@ from gcs.analysis.ladder import Step
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
+from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.could_hide import could_hide
@@ -48,7 +49,8 @@ class FitDiagnosis:
 
     fit: Fit
     """The fit that the last question was about."""
-    records: tuple[Record, ...]
+    runs: Dataset
+    """Those that were fitted."""
     last: Diagnosis
     comparison: Comparison
     """Of the last fit with its runs: where it fails."""
@@ -89,13 +91,13 @@ class FitDiagnosis:
         found = self.added or (self.fit if len(self.rungs) > 1 else None)
         if found is None:
             return None
-        return {**found.to_json(folder), **assess(found, self.records).to_json()}
+        return {**found.to_json(folder), **assess(found, self.runs).to_json()}
 
 
 def diagnose_fit(
     fit: Fit,
-    records: Sequence[Record],
-    validation: Sequence[Record] = (),
+    records: Runs,
+    validation: Runs = (),
     quiet: Sequence[Record] = (),
     *,
     effects: Sequence[Effect] = (),
@@ -109,10 +111,12 @@ def diagnose_fit(
     `effects` are a user's own, asked beside the catalogue's; `suggesting` looks for simple terms too. Raises SysidError
     where the runs do not identify the structure.
     """
-    question = _Question(records, validation, band_hz or fit.band_hz, effects, say)
+    band = band_hz or fit.band_hz
+    fitted, judging = prepared(records, band), prepared(validation, band)
+    question = _Question(fitted, judging, effects, say)
     composed: Sequence[Effect] = [*fit.model.structure.composed]
-    if not made_from(fit, records, validation, question.band_hz):
-        fit = refitted(fit, composed, records, validation, question.band_hz)
+    if not made_from(fit, fitted, judging):
+        fit = refitted(fit, composed, fitted, judging, band)
     rungs: list[Step] = []
     while True:
         answer = question.ask(fit, composed)
@@ -123,14 +127,14 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks = [*_remarks(records, validation), *_in_a_loop(answer)]
+    remarks = [*_remarks(fitted.records, judging.records), *_in_a_loop(answer)]
     if repeat and wild:
         remarks.append(f"not added: with {answer.effect} the fit goes to {listed(wild)}, which physics does not allow")
         grown = None
     elif repeat and grown is not None:
         remarks.append(f"stopped after {MOST_RUNGS} questions")
     say("where it fails")
-    comparison = compare(answer.parent.model, records, fit.band_hz, quiet)
+    comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
     say("why")
     explanation = _explained(answer)
     say("what could hide")
@@ -138,14 +142,14 @@ def diagnose_fit(
     say("what would tell")
     return FitDiagnosis(
         fit=fit,
-        records=tuple(records),
+        runs=fitted,
         last=answer,
         comparison=comparison,
         rungs=tuple(rungs),
         added=grown,
         explanation=explanation,
         hiding=hiding,
-        suggestion=_suggested(answer, fit, len(records)) if suggesting else None,
+        suggestion=_suggested(answer, fit, len(fitted.records)) if suggesting else None,
         next=_next(answer),
         remarks=tuple(remarks),
     )
@@ -153,29 +157,23 @@ def diagnose_fit(
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """What is asked of one fit after the other: on which runs, in which band, of which effects of a user."""
+    """What is asked of one fit after the other: on which runs, of which effects of a user."""
 
-    records: Sequence[Record]
-    validation: Sequence[Record]
-    band_hz: Band
+    fitted: Dataset
+    judging: Dataset
     users: Sequence[Effect]
     say: Progress
 
     def ask(self, fit: Fit, composed: Sequence[Effect]) -> Diagnosis:
         """What a fit with these effects lacks."""
-        structure = on_runs(
-            fit.model.structure.base_,
-            composed,
-            [*self.records, *self.validation],
-            self.records,
-            fit.model.structure.outputs,
-        )
+        fitted, judging, had = self.fitted.records, self.judging.records, fit.model.structure
+        structure = on_runs(had.base_, composed, [*fitted, *judging], fitted, had.outputs)
         held = {name: fit.model[name] for name in fit.fixed}
         return diagnose(
             structure,
-            self.records,
-            self.validation,
-            self.band_hz,
+            self.fitted,
+            self.judging,
+            self.fitted.band_hz,
             effects=self.users,
             fixed=held,
             begin=fit.model,
@@ -188,7 +186,7 @@ class _Question:
             return None
         begin = next(one.fit.model for one in answer.candidates if one.effect == answer.effect and one.fit is not None)
         effects = [*composed, named_effect(answer.effect, self.users)]
-        return refitted(fit, effects, self.records, self.validation, self.band_hz, grown=fit, begin=begin)
+        return refitted(fit, effects, self.fitted, self.judging, grown=fit, begin=begin)
 
 
 def _step(answer: Diagnosis) -> Step:

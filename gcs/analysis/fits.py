@@ -15,7 +15,8 @@ from msgspec import Meta
 from gcs import documents
 from gcs.errors import TippathError
 from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches, mismatch
-from sysid.data.preprocess import DEFAULT_BAND_HZ, spectra
+from sysid.data.dataset import Runs, prepared
+from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
 from sysid.fit.checks import Check, Spread, eigenfrequency_checks, fit_checks
 from sysid.fit.identify import identify, judge
@@ -65,8 +66,8 @@ def split_runs(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
 
 
 def identify_flight(
-    records: Sequence[Record],
-    validation: Sequence[Record] = (),
+    records: Runs,
+    validation: Runs = (),
     band_hz: Band = DEFAULT_BAND_HZ,
     *,
     effects: Sequence[str] = (),
@@ -76,9 +77,10 @@ def identify_flight(
     `effects` are composed onto the TPP, and onto the CD those that its own parameters do not stand for. Raises
     sysid.errors.FitError where an axis is not identifiable.
     """
-    tpp = identify(TPP, records, validation, band_hz, effects=effects)
-    cd = identify(CD, records, validation, band_hz, effects=on_cd(effects))
-    return side_by_side(tpp, cd, records, validation)
+    fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
+    tpp = identify(TPP, fitted, judging, band_hz, effects=effects)
+    cd = identify(CD, fitted, judging, band_hz, effects=on_cd(effects))
+    return side_by_side(tpp, cd, fitted, judging)
 
 
 def on_cd(effects: Sequence[str]) -> list[str]:
@@ -86,17 +88,18 @@ def on_cd(effects: Sequence[str]) -> list[str]:
     return [one for one in effects if not_testable(find(one), CD.base_, effects, CHANNELS) is None]
 
 
-def side_by_side(tpp: Fit, cd: Fit, records: Sequence[Record], validation: Sequence[Record]) -> Identification:
+def side_by_side(tpp: Fit, cd: Fit, records: Runs, validation: Runs) -> Identification:
     """Two fits that were made of these runs, with the CD that the TPP reduces to and the eigenfrequency check."""
     band_hz = tpp.band_hz
+    fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
     reduced = _reduced(tpp.model, cd.model.structure)
     return Identification(
         tpp=tpp,
         cd=cd,
         reduced=reduced,
-        reduced_nrmse=judge(reduced, records, band_hz),
-        reduced_validation=judge(reduced, validation, band_hz) if validation else None,
-        checks=eigenfrequency_checks(tpp.model, records, band_hz),
+        reduced_nrmse=judge(reduced, fitted, band_hz),
+        reduced_validation=judge(reduced, judging, band_hz) if judging.records else None,
+        checks=eigenfrequency_checks(tpp.model, fitted, band_hz),
     )
 
 
@@ -104,7 +107,7 @@ def _reduced(tpp: Model, cd: Structure) -> Model:
     """The CD of this structure that a TPP becomes when its flapping has settled; effects that both have stay."""
     core = compose(TPP.base_, [one for one in tpp.structure.composed if one.id == "angular_damping"])
     bare = reduce_to_cd(Model(core, core.vector({name: tpp[name] for name in core.names})))
-    known = dict(zip(bare.structure.names, map(float, bare.values), strict=True))
+    known = bare.by_name
     return Model(cd, cd.vector({name: known[name] if name in known else tpp[name] for name in cd.names}))
 
 
@@ -136,13 +139,12 @@ class Judgement:
         }
 
 
-def assess(fit: Fit, records: Sequence[Record], vehicle: Vehicle | None = None) -> Judgement:
+def assess(fit: Fit, runs: Runs, vehicle: Vehicle | None = None) -> Judgement:
     """Judge a fit on the runs it was made from."""
-    structure = fit.model.structure
-    found, _ = spectra(records, structure.inputs, structure.outputs, fit.band_hz)
-    checks, spread = fit_checks(fit.model, records, fit.band_hz, fit.fixed)
-    figures = () if vehicle is None else implied(fit, vehicle, rotor_speed(records))
-    return Judgement(mismatch(fit.model, found), checks, spread, figures)
+    on, structure = prepared(runs, fit.band_hz), fit.model.structure
+    checks, spread = fit_checks(fit.model, on, fit.band_hz, fit.fixed)
+    figures = () if vehicle is None else implied(fit, vehicle, rotor_speed(on.records))
+    return Judgement(mismatch(fit.model, on.viewed(structure.inputs, structure.outputs)), checks, spread, figures)
 
 
 class VehicleDocument(documents.Strict, frozen=True, kw_only=True):

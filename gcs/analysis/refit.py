@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.diagnose.quantities import quantity
 from sysid.fit.identify import identify, on_runs
@@ -17,27 +18,28 @@ Band = tuple[float, float]
 def refitted(
     fit: Fit,
     effects: Sequence[str | Effect],
-    records: Sequence[Record],
-    validation: Sequence[Record],
+    records: Runs,
+    validation: Runs,
     band_hz: Band | None = None,
     *,
     grown: Fit | None = None,
     begin: Model | None = None,
 ) -> Fit:
     """The fit's base with these effects on these runs, what the fit held held again; the rest as `identify` has it."""
+    band = band_hz or fit.band_hz
+    fitted, judging = prepared(records, band), prepared(validation, band)
     held = {name: fit.model[name] for name in fit.fixed}
-    composed = on_runs(
-        fit.model.structure.base_, effects, [*records, *validation], records, fit.model.structure.outputs
-    )
-    if begin is None and composed.base != fit.model.structure.base:
+    structure, runs = fit.model.structure, [*fitted.records, *judging.records]
+    composed = on_runs(structure.base_, effects, runs, fitted.records, structure.outputs)
+    if begin is None and composed.base != structure.base:
         # flapping makes another base, whose parameters have no beginning in the old one
         own = [one for one in composed.composed if one.id != "flapping"]
-        begin = identify(composed.bare, records, (), band_hz or fit.band_hz, effects=own).model
+        begin = identify(composed.bare, fitted, (), band, effects=own).model
     return identify(
-        fit.model.structure.bare,
-        records,
-        validation,
-        band_hz or fit.band_hz,
+        structure.bare,
+        fitted,
+        judging,
+        band,
         effects=effects,
         fixed=held,
         profile=fit.profile,
@@ -47,15 +49,15 @@ def refitted(
     )
 
 
-def made_from(fit: Fit, records: Sequence[Record], validation: Sequence[Record], band_hz: Band) -> bool:
-    """Whether the fit was made from just these runs in this band."""
+def made_from(fit: Fit, fitted: Dataset, judging: Dataset) -> bool:
+    """Whether the fit was made from just these runs in their band."""
 
     def same(used: Sequence[RecordUsed], given: Sequence[Record]) -> bool:
         return {(one.id, one.sha256, one.samples) for one in used} == {
             (one.id, one.sha256, one.t.size) for one in given
         }
 
-    return band_hz == fit.band_hz and same(fit.records, records) and same(fit.validation, validation)
+    return fitted.band_hz == fit.band_hz and same(fit.records, fitted.records) and same(fit.validation, judging.records)
 
 
 def newly_implausible(before: Fit, after: Fit) -> tuple[str, ...]:

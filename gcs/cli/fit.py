@@ -96,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.text.fit import fit_text, implied_text
     from gcs.errors import TippathError
     from gcs.logs import parse_window, resolve_runs
+    from sysid.data.dataset import prepared
     from sysid.fit.identify import identify
     from sysid.model.compose import compose
 
@@ -118,9 +119,10 @@ def run(args: argparse.Namespace) -> int:
     if not records:
         raise TippathError("no run is left to fit: they are quiet hover or validation runs")
     print_notes([*records, *validation])
+    fitted = prepared(records, band)
     fit = identify(
         compose(base),
-        records,
+        fitted,
         validation,
         band,
         effects=effects,
@@ -128,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
         profile=args.profile,
         window_s=window,
     )
-    judged = assess(fit, records, vehicle)
+    judged = assess(fit, fitted, vehicle)
     document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judged.to_json()}
     if args.output:
         write_json(document, args.output)

@@ -30,6 +30,7 @@ from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.control.loop import following
 from sysid.control.regulator import design, designs_on
+from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
 from sysid.errors import SysidError
@@ -121,9 +122,10 @@ class Calculations:
     def fit(self, records: Sequence[Record], validation: Sequence[Record], base: Base) -> FittedFlight:
         """TPP, CD and the CD that the TPP reduces to."""
         self._step("TPP and CD")
-        fits = identify_flight(records, validation, effects=base.effects)
+        fitted = prepared(records, DEFAULT_BAND_HZ)
+        fits = identify_flight(fitted, validation, effects=base.effects)
         self._step("judging them", 0.5)
-        judged = {one: assess(one, records).to_json() for one in (fits.tpp, fits.cd)}
+        judged = {one: assess(one, fitted).to_json() for one in (fits.tpp, fits.cd)}
         self._step("", 0.9)
         return FittedFlight(ladder.tables(fits), base, judged)
 

@@ -60,7 +60,7 @@ def band_errors(on: ModelOnRuns, division: Division, noise: NoiseShare) -> tuple
     """The error in each band and output, and what of it noise and the commands make."""
     frequency, power = on.frequency_hz, on.power
     window = window_of(frequency, division.edges_hz)
-    edges = band_edges(on.model, on.records, on.band_hz)
+    edges = band_edges(on.model, on.records, on.dataset.band_hz)
     band = np.clip(np.searchsorted(edges, frequency, side="left") - 1, 0, edges.size - 2)
     floor = np.maximum(division.power, 1e-300)
     found = []

@@ -22,6 +22,7 @@ from sysid.compare.findings import findings
 from sysid.compare.noise import Levels, NoiseShare, densities, other_controls, quiet_levels
 from sysid.compare.on_runs import CompareError, ModelOnRuns
 from sysid.compare.values import Comparison
+from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model
@@ -29,7 +30,7 @@ from sysid.model.structure import FloatArray, Model
 
 def compare(
     model: Model,
-    records: Sequence[Record],
+    runs: Runs,
     band_hz: tuple[float, float],
     quiet: Sequence[Record] = (),
     *,
@@ -37,30 +38,29 @@ def compare(
 ) -> Comparison:
     """Compare a model with flown runs.
 
-    Runs of quiet hover, among the records or in `quiet`, measure the noise and are not compared on. `own_runs` says
-    that the model was fitted to these records, so that what is left is not for its numbers to mend. Raises
+    Runs of quiet hover, among these or in `quiet`, measure the noise and are not compared on. `own_runs` says that
+    the model was fitted to these runs, so that what is left is not for its numbers to mend. Raises
     CompareError where nothing can be compared.
     """
     try:
-        return _compared(model, records, band_hz, quiet, own_runs)
+        return _compared(model, prepared(runs, band_hz), quiet, own_runs)
     except (RelaxationError, np.linalg.LinAlgError) as failure:
         raise CompareError(f"the model's response does not settle on these runs ({failure})") from failure
 
 
-def _compared(
-    model: Model, records: Sequence[Record], band_hz: tuple[float, float], quiet: Sequence[Record], own_runs: bool
-) -> Comparison:
+def _compared(model: Model, on_all: Dataset, quiet: Sequence[Record], own_runs: bool) -> Comparison:
+    records, band_hz = on_all.records, on_all.band_hz
     flown = [record for record in records if record.maneuver != "quiet"]
     still = [*quiet, *(record for record in records if record.maneuver == "quiet")]
     if not flown:
         raise CompareError("no run to compare on: quiet hover alone tells of noise only; name a chirp")
     _refuse_missing_channels(model, [*flown, *still])
-    on = ModelOnRuns.of(model, flown, band_hz)
+    on = ModelOnRuns.of(model, on_all.of(flown))
     alone = RunsAlone(on)
     runs = alone.runs()
     growth = growth_with_amplitude(runs, alone, on.outputs) if on.division.measured else ()
     controls, division = other_controls(on)
-    calm, remarks = quiet_levels(model, still, band_hz, division.edges_hz)
+    calm, remarks = quiet_levels(model, prepared(still, band_hz), division.edges_hz)
     levels = Levels.of(division, on.stacks)
     noise = NoiseShare.of(division, on.division.measured, levels, calm, on.power)
     mixture = alone.mixture(runs, across=on.division.measured, amplitudes=bool(growth))
@@ -99,7 +99,7 @@ def _compared(
         densities=densities(on, levels, noise),
         traces=traces,
         suspicions=tuple(checks),
-        remarks=tuple(dict.fromkeys([*on.remarks, *remarks])),
+        remarks=tuple(dict.fromkeys([*on.dataset.remarks, *remarks])),
         findings=(),
     )
     return replace(result, findings=findings(result, own_runs))

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.compare.spectrum import Responses, Windows, judged, windows
-from sysid.data.preprocess import DEFAULT_BAND_HZ, ComplexArray, Spectrum
-from sysid.data.stacks import Stack, stack
+from sysid.data.dataset import Bins
+from sysid.data.preprocess import DEFAULT_BAND_HZ, ComplexArray
+from sysid.data.stacks import Stack
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.result import finite
 from sysid.model.predict import respond
@@ -127,10 +128,9 @@ class ModelResponses:
         return cls(windows=cut, outputs=structure.outputs, expected=expected, missing=missing, noise=noise, own=own)
 
 
-def mismatch(model: Model, spectra: Sequence[Spectrum]) -> Mismatches:
+def mismatch(model: Model, bins: Bins) -> Mismatches:
     """Compare a model with the flown responses, output by output and command by command."""
-    stacks = stack(spectra)
-    return mismatches(ModelResponses.of(model, stacks, output_error(model, stacks)))
+    return mismatches(ModelResponses.of(model, bins.stacks, output_error(model, bins.stacks)))
 
 
 def mismatches(of: ModelResponses) -> Mismatches:

@@ -13,10 +13,9 @@ import numpy as np
 
 from sysid.compare.on_runs import ModelOnRuns, power_of_bins
 from sysid.compare.values import Densities
-from sysid.data.instrument import causes
-from sysid.data.preprocess import ComplexArray, spectra
-from sysid.data.record import Record
-from sysid.data.stacks import Stack, stack
+from sysid.data.dataset import Dataset
+from sysid.data.preprocess import ComplexArray
+from sysid.data.stacks import Stack
 from sysid.fit.noise import LEAST_FREEDOM, Division, divide
 from sysid.fit.output_error import output_error
 from sysid.model.structure import FloatArray, Model
@@ -160,17 +159,14 @@ class QuietHover:
 
 def quiet_levels(
     model: Model,
-    still: Sequence[Record],
-    band_hz: tuple[float, float],
+    still: Dataset,
     edges_hz: FloatArray,
 ) -> tuple[QuietHover | None, list[str]]:
     """What the model leaves of quiet hover, the noise, and remarks on its preparation; None where there is none."""
-    structure = model.structure
-    found, remarks = spectra(still, structure.inputs, structure.outputs, band_hz)
-    found = [one for one in found if one.frequency_hz.size]
-    if not found:
+    remarks = still.remarks
+    stacks = still.viewed(model.structure.inputs, model.structure.outputs).stacks
+    if not stacks:
         return None, remarks
-    stacks = stack(found)
     power = power_of_bins(output_error(model, stacks), stacks)
     window = window_of(np.concatenate([group.frequency_hz for group in stacks]), edges_hz)
     w = edges_hz.size - 1
@@ -217,19 +213,18 @@ def other_controls(on: ModelOnRuns) -> tuple[dict[str, dict[str, float]], Divisi
     ]
     if not other:
         return {}, division
-    found, _ = spectra(on.records, (*structure.inputs, *other), structure.outputs, on.band_hz)
-    groups = stack([one for one in found if one.frequency_hz.size])
+    bins = on.dataset.viewed((*structure.inputs, *other), structure.outputs)
     whole = np.maximum(np.sum(division.power, axis=0), 1e-300)
     level = Levels.of(division, on.stacks).noise
     chance = np.sqrt(np.sum(2 * level**2, axis=0)) / whole
     shares: dict[str, dict[str, float]] = {}
     strong = []
     for name in other:
-        more = divide(on.error, groups, causes(groups, (*structure.commands, name)))
+        more = divide(on.error, bins.stacks, bins.causes((*structure.commands, name)))
         gained = np.sum(more.explained - division.explained, axis=0) / whole
         shares[name] = on.by_output(np.clip(gained, 0, 1))
         if np.any(gained > np.maximum(LEAST_CONTROL_SHARE, CONTROL_ERRORS * chance)):
             strong.append(name)
     if not strong:
         return shares, division
-    return shares, divide(on.error, groups, causes(groups, (*structure.commands, *strong)))
+    return shares, divide(on.error, bins.stacks, bins.causes((*structure.commands, *strong)))

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.instrument import Causes, causes
-from sysid.data.preprocess import Spectrum, spectra
+from sysid.data.dataset import Bins, Dataset
+from sysid.data.instrument import Causes
+from sysid.data.preprocess import Spectrum
 from sysid.data.record import Record
-from sysid.data.stacks import Stack, stack
+from sysid.data.stacks import Stack
 from sysid.errors import SysidError
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import OutputError, output_error
@@ -28,41 +29,41 @@ class ModelOnRuns:
     """What a model leaves of flown runs."""
 
     model: Model
-    records: tuple[Record, ...]
-    band_hz: tuple[float, float]
-    stacks: tuple[Stack, ...]
+    dataset: Dataset
+    bins: Bins
+    """With the model's inputs and outputs."""
     error: OutputError
-    causes: Causes
-    remarks: tuple[str, ...]
 
     @classmethod
-    def of(cls, model: Model, records: Sequence[Record], band_hz: tuple[float, float]) -> ModelOnRuns:
+    def of(cls, model: Model, runs: Dataset) -> ModelOnRuns:
         """Raises CompareError where these runs hold nothing to compare on."""
         structure = model.structure
-        found, remarks = spectra(records, structure.inputs, structure.outputs, band_hz)
-        if not found:
+        if not runs.pieces:
             raise CompareError(
-                f"no run has 2 s of gap-free samples: nothing to compare on. {'; '.join(remarks)}".strip()
+                f"no run has 2 s of gap-free samples: nothing to compare on. {'; '.join(runs.remarks)}".strip()
             )
-        found = [one for one in found if one.frequency_hz.size]
-        if not found:
-            raise CompareError(
-                f"no frequency lies in {band_hz[0]:g}-{band_hz[1]:g} Hz: widen the band or take longer runs"
-            )
-        stacks = stack(found)
-        error = output_error(model, stacks)
+        bins = runs.viewed(structure.inputs, structure.outputs)
+        if not bins.stacks:
+            low, high = runs.band_hz
+            raise CompareError(f"no frequency lies in {low:g}-{high:g} Hz: widen the band or take longer runs")
+        error = output_error(model, bins.stacks)
         if not np.all(error.measured_power > 0):
             dead = ", ".join(name for name, x in zip(structure.outputs, error.measured_power, strict=True) if not x > 0)
             raise CompareError(f"{dead} does not move at all in these runs: check the gyro's channel")
-        return cls(
-            model=model,
-            records=tuple(records),
-            band_hz=band_hz,
-            stacks=tuple(stacks),
-            error=error,
-            causes=causes(stacks, structure.commands),
-            remarks=tuple(remarks),
-        )
+        return cls(model=model, dataset=runs, bins=bins, error=error)
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        return self.dataset.records
+
+    @property
+    def stacks(self) -> tuple[Stack, ...]:
+        return self.bins.stacks
+
+    @property
+    def causes(self) -> Causes:
+        """What the excitation caused in each of the model's commands."""
+        return self.bins.causes(self.model.structure.commands)
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.preprocess import EXCITATIONS, ComplexArray, Spectrum
+from sysid.data.preprocess import EXCITATIONS, ComplexArray, Spectrum, excitation_of, gusts_kept_out
 from sysid.data.record import RATES
 from sysid.data.stacks import Stack, stack
 from sysid.model.structure import FloatArray
@@ -62,7 +62,7 @@ class Responses:
     @property
     def closed_loop_safe(self) -> bool:
         """Whether logged excitation kept the gusts out of every response."""
-        return all(name in EXCITATIONS for name in self.references)
+        return gusts_kept_out(self.references)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,7 +128,7 @@ def windows(stacks: Sequence[Stack], commands: Sequence[str], points: int = POIN
     )
     R, references = U.copy(), list(commands)
     for row, name in enumerate(commands):
-        excitation = f"excitation_{name.removeprefix('delta_')}"
+        excitation = excitation_of(name)
         logged = _logged(stacks, excitation)
         if logged is not None:
             R[row], references[row] = scale * logged, excitation

@@ -6,12 +6,13 @@ the commands as the logged excitation alone moved them."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes
-from sysid.data.preprocess import Spectrum, spectra
+from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes, instruments
+from sysid.data.preprocess import ComplexArray, Piece, Spectrum, pieces
 from sysid.data.record import COMMANDS, CYCLIC, RATES, Record
 from sysid.data.stacks import Stack, stack
 from sysid.errors import FitError
@@ -24,29 +25,175 @@ LEAST_COMMAND = 1e-3
 STILL = 1e-12
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Dataset:
-    """Runs as every candidate sees them: their bins with every input that any may read."""
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """The bins of all segments with the inputs and outputs of one structure, stacked once."""
 
     spectra: tuple[Spectrum, ...]
-    stacks: tuple[Stack, ...]
-    imposed: tuple[Stack, ...]
-    """The same with commands, and channels that follow the motion, only as far as the excitation caused them."""
-    causes: Causes
-    available: frozenset[str]
-    """Channels that all runs have and that move."""
-    still: frozenset[str]
-    """Channels that all runs have and that do not move."""
-    constants: Mapping[str, float]
-    """Omega_0, V_0: means over the fitted runs."""
+    _instruments: dict[tuple[str, ...], list[ComplexArray] | None] = field(default_factory=dict)
+    _causes: dict[tuple[str, ...], Causes] = field(default_factory=dict)
 
-    def viewed(self, inputs: tuple[str, ...]) -> list[Spectrum]:
-        """The bins with a structure's own inputs, as a fit wants them."""
-        return [viewed(one, inputs) for one in self.spectra]
+    @cached_property
+    def stacks(self) -> tuple[Stack, ...]:
+        return tuple(stack(self.spectra))
+
+    def instruments(self, commands: tuple[str, ...]) -> list[ComplexArray] | None:
+        """As `sysid.data.instrument.instruments`."""
+        if commands not in self._instruments:
+            self._instruments[commands] = instruments(self.stacks, commands)
+        return self._instruments[commands]
+
+    def causes(self, commands: tuple[str, ...]) -> Causes:
+        """As `sysid.data.instrument.causes`."""
+        if commands not in self._causes:
+            self._causes[commands] = causes(self.stacks, commands)
+        return self._causes[commands]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dataset:
+    """Runs in a band, prepared once: whoever asks for inputs gets their bins, and what is made from these, for good."""
+
+    records: tuple[Record, ...]
+    band_hz: tuple[float, float]
+    like: Dataset | None = None
+    """The fitted runs, where these only judge: then channels and flight condition are theirs."""
+    outputs: tuple[str, ...] = RATES
+    """What is measured, where nobody says otherwise."""
+    _pieces: dict[Record, tuple[list[Piece], list[str]]] = field(default_factory=dict)
+    _viewed: dict[tuple[tuple[str, ...], tuple[str, ...]], Bins] = field(default_factory=dict)
+    _some: dict[tuple[Record, ...], Dataset] = field(default_factory=dict)
+
+    def of(self, records: Sequence[Record]) -> Dataset:
+        """Some of these runs; what was prepared of them is shared."""
+        some = tuple(records)
+        if some == self.records:
+            return self
+        if some not in self._some:
+            self._some[some] = Dataset(
+                records=some, band_hz=self.band_hz, like=self.like, outputs=self.outputs, _pieces=self._pieces
+            )
+        return self._some[some]
+
+    def beside(self, fitted: Dataset) -> Dataset:
+        """These runs as those that judge what was fitted to others."""
+        return replace(self, like=fitted, _some={})
+
+    def measured_in(self, outputs: tuple[str, ...]) -> Dataset:
+        """These runs with these outputs; what was prepared of them is shared."""
+        return self if outputs == self.outputs else replace(self, outputs=outputs, _some={})
+
+    def _of(self, record: Record) -> tuple[list[Piece], list[str]]:
+        if record not in self._pieces:
+            self._pieces[record] = pieces(record, self.band_hz)
+        return self._pieces[record]
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """Gap-free parts of at least 2 s, in the order of the runs."""
+        return [piece for record in self.records for piece in self._of(record)[0]]
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was dropped."""
+        return [remark for record in self.records for remark in self._of(record)[1]]
+
+    def viewed(self, inputs: tuple[str, ...], outputs: tuple[str, ...] | None = None) -> Bins:
+        """The bins with a structure's own inputs and outputs, without pieces too short for a frequency in the band."""
+        outputs = outputs or self.outputs
+        if (inputs, outputs) not in self._viewed:
+            found = (piece.spectrum(inputs, outputs) for piece in self.pieces)
+            self._viewed[inputs, outputs] = Bins(tuple(one for one in found if one.frequency_hz.size))
+        return self._viewed[inputs, outputs]
+
+    @cached_property
+    def common(self) -> frozenset[str]:
+        """Channels that all runs have."""
+        return frozenset(set.intersection(*(set(record.channels) for record in self.records)))
+
+    @cached_property
+    def _moving(self) -> frozenset[str]:
+        """Of all that effects read, what all runs have and what moves."""
+        if self.like is not None:
+            return self.like._moving
+        read = (name for name in (*COMMANDS, *CHANNELS_READ) if name in self.common)
+        return frozenset(name for name in read if _moves(name, self.records))
+
+    @property
+    def available(self) -> frozenset[str]:
+        """Channels that all runs have and that move."""
+        return self._moving | (self.common & {"t", *RATES})
+
+    @cached_property
+    def still(self) -> frozenset[str]:
+        """Channels that all runs have and that do not move."""
+        if self.like is not None:
+            return self.like.still
+        return (self.common & {*COMMANDS, *CHANNELS_READ}) - self._moving
+
+    @cached_property
+    def constants(self) -> Mapping[str, float]:
+        """Omega_0, V_0: means over the fitted runs."""
+        return means(self.records) if self.like is None else self.like.constants
+
+    @cached_property
+    def whole(self) -> Bins:
+        """The bins with every input that any model may read."""
+        always = ("delta_x", "delta_y", "t")  # time is what a drift is written in
+        return self.viewed(
+            tuple(name for name in (*COMMANDS, *CHANNELS_READ, "t") if name in self._moving or name in always)
+        )
+
+    @property
+    def spectra(self) -> tuple[Spectrum, ...]:
+        return self.whole.spectra
+
+    @property
+    def stacks(self) -> tuple[Stack, ...]:
+        return self.whole.stacks
+
+    @cached_property
+    def causes(self) -> Causes:
+        """What the excitation caused in each command that it can have caused."""
+        inputs = self.spectra[0].inputs
+        return self.whole.causes(
+            tuple(name for name in inputs if name in CYCLIC or f"excitation_{name[-1]}" in self.common)
+        )
+
+    @cached_property
+    def imposed(self) -> tuple[Stack, ...]:
+        """The stacks with commands, and channels that follow the motion, only as far as the excitation caused them."""
+        return tuple(_imposed(self.stacks, self.causes))
 
     @property
     def samples(self) -> int:
         return sum(group.samples for group in self.stacks)
+
+
+Runs = Dataset | Sequence[Record]
+"""Records, or what was prepared of them already."""
+
+
+def prepared(runs: Runs, band_hz: tuple[float, float]) -> Dataset:
+    """The runs in this band, prepared now unless they are."""
+    if isinstance(runs, Dataset):
+        return runs if runs.band_hz == band_hz else Dataset(records=runs.records, band_hz=band_hz)
+    return Dataset(records=tuple(runs), band_hz=band_hz)
+
+
+def dataset(
+    runs: Runs, band_hz: tuple[float, float], like: Dataset | None = None, outputs: tuple[str, ...] = RATES
+) -> Dataset:
+    """Runs to diagnose on, measured in `outputs`; `like` gives validation runs the channels of the fitted ones.
+
+    Raises FitError where no run has 2 s without a gap.
+    """
+    found = prepared(runs, band_hz).measured_in(outputs)
+    if like is not None:
+        found = found.beside(like)
+    if not found.pieces:
+        raise FitError("no run has 2 s of gap-free samples")
+    return found
 
 
 def viewed(one: Spectrum, inputs: tuple[str, ...]) -> Spectrum:
@@ -54,40 +201,6 @@ def viewed(one: Spectrum, inputs: tuple[str, ...]) -> Spectrum:
     if one.inputs == inputs:
         return one
     return replace(one, U=one.U[[one.inputs.index(name) for name in inputs]], inputs=inputs)
-
-
-def dataset(
-    records: Sequence[Record],
-    band_hz: tuple[float, float],
-    like: Dataset | None = None,
-    outputs: Sequence[str] = RATES,
-) -> Dataset:
-    """Prepare runs that are measured in `outputs`.
-
-    `like` gives validation runs the channels of the fitted ones. Raises FitError without any data.
-    """
-    common = set.intersection(*(set(record.channels) for record in records))
-    if like is None:
-        moving = {name for name in (*COMMANDS, *CHANNELS_READ) if name in common and _moves(name, records)}
-        still = {name for name in (*COMMANDS, *CHANNELS_READ) if name in common} - moving
-    else:
-        moving, still = set(like.available), set(like.still)
-    always = ("delta_x", "delta_y", "t")  # time is what a drift is written in
-    inputs = [name for name in (*COMMANDS, *CHANNELS_READ, "t") if name in moving or name in always]
-    found, _ = spectra(records, inputs, outputs, band_hz)
-    if not found:
-        raise FitError("no run has 2 s of gap-free samples")
-    stacks = stack(found)
-    made_by = causes(stacks, [name for name in inputs if name in CYCLIC or f"excitation_{name[-1]}" in common])
-    return Dataset(
-        spectra=tuple(found),
-        stacks=tuple(stacks),
-        imposed=tuple(_imposed(stacks, made_by)),
-        causes=made_by,
-        available=frozenset({*moving, *(common & {"t", "p", "q"})}),
-        still=frozenset(still),
-        constants=means(records) if like is None else like.constants,
-    )
 
 
 def _moves(name: str, records: Sequence[Record]) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.preprocess import EXCITATIONS, ComplexArray
+from sysid.data.preprocess import EXCITATIONS, ComplexArray, excitation_of
 from sysid.data.record import FloatArray
 from sysid.data.stacks import Stack
 
@@ -33,7 +33,7 @@ def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[Comple
     found = []
     for stack in stacks:
         names = [name for name in EXCITATIONS if all(name in one.segment.channels for one in stack.spectra)]
-        wanted = [f"excitation_{command.removeprefix('delta_')}" for command in commands]
+        wanted = [excitation_of(command) for command in commands]
         if not set(wanted) <= set(names):
             return None
         R: ComplexArray = np.concatenate(
@@ -80,7 +80,7 @@ def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
     whole = [one.segment.channels for group in stacks for one in group.spectra]
     references = []
     for name in commands:
-        excitation = f"excitation_{name.removeprefix('delta_')}"
+        excitation = excitation_of(name)
         moved = all(excitation in channels for channels in whole) and any(
             np.any(channels[excitation]) for channels in whole
         )

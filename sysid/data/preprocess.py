@@ -8,7 +8,7 @@ A gap splits the run; it is never interpolated over.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,16 @@ MINIMUM_SEGMENT_S = 2.0
 OFF_CLOCK = 0.1  # of a sample
 DEFAULT_BAND_HZ = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+
+
+def excitation_of(command: str) -> str:
+    """The channel of what was added to a command: `excitation_x` for `delta_x`."""
+    return f"excitation_{command.removeprefix('delta_')}"
+
+
+def gusts_kept_out(references: Sequence[str]) -> bool:
+    """Whether each command stands beside a logged excitation, which no gust reaches."""
+    return all(name in EXCITATIONS for name in references)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,18 +120,50 @@ def rate_hz(t: FloatArray, found: Sequence[tuple[float, float]]) -> float:
     return (t.size - 1 - len(found)) / inside
 
 
-def segments(
-    record: Record, names: Sequence[str], high_hz: float = DEFAULT_BAND_HZ[1]
-) -> tuple[list[Segment], list[str]]:
-    """Split at gaps and put each part on a uniform clock.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Piece:
+    """A gap-free part of a run with its clock; channels are put on it, and transformed, when first asked for."""
 
-    Returns the segments of at least 2 s and sentences about what was dropped.
-    Commands are held, rates interpolated linearly where a time stamp is off the grid.
-    """
+    record: Record
+    band_hz: tuple[float, float]
+    part: slice
+    """Of the record's samples."""
+    dt: float
+    grid: FloatArray
+    """Times of the uniform clock, s, (n,)."""
+    resampled: int
+    """As `Segment.resampled`."""
+    _channels: dict[str, FloatArray] = field(default_factory=dict)
+    _bins: dict[str, ComplexArray] = field(default_factory=dict)
+
+    def segment(self, names: Sequence[str]) -> Segment:
+        """The part with these channels."""
+        channels = {name: self._channel(name) for name in names}
+        return Segment(self.record, float(self.record.t[self.part.start]), self.dt, channels, self.resampled)
+
+    def _channel(self, name: str) -> FloatArray:
+        """Commands are held, rates interpolated linearly where a time stamp is off the grid."""
+        if name not in self._channels:
+            values = self.record.channels[name][self.part]
+            if self.resampled:
+                t = self.record.t[self.part]
+                held = _is_held(name)
+                values = _held(t, values, self.grid, self.dt) if held else np.interp(self.grid, t, values)
+            self._channels[name] = values
+        return self._channels[name]
+
+    def spectrum(self, inputs: Sequence[str], outputs: Sequence[str]) -> Spectrum:
+        """Its Fourier bins, with the logged excitation among the segment's channels."""
+        logged = [name for name in EXCITATIONS if name in self.record.channels]
+        return spectrum(self.segment((*inputs, *outputs, *logged)), inputs, outputs, self.band_hz, self._bins)
+
+
+def pieces(record: Record, band_hz: tuple[float, float]) -> tuple[list[Piece], list[str]]:
+    """Split at gaps. Returns the parts of at least 2 s and sentences about what was dropped."""
     t = record.t
     spacing = np.diff(t)
-    edges = gap_places(spacing, high_hz)
-    found: list[Segment] = []
+    edges = gap_places(spacing, band_hz[1])
+    found: list[Piece] = []
     remarks: list[str] = []
     for start, stop in zip([0, *edges], [*edges, t.size], strict=True):
         part = t[start:stop]
@@ -135,14 +177,21 @@ def segments(
         even = part.size * max(float(inside.max()) - dt, dt - float(inside.min())) <= OFF_CLOCK * dt
         grid = part if even else part[0] + dt * np.arange(part.size)
         off = 0 if even else int(np.count_nonzero(np.abs(part - grid) > OFF_CLOCK * dt))
-        channels = {}
-        for name in names:
-            values = record.channels[name][start:stop]
-            if off:
-                values = _held(part, values, grid, dt) if _is_held(name) else np.interp(grid, part, values)
-            channels[name] = values
-        found.append(Segment(record, float(part[0]), dt, channels, off))
+        found.append(
+            Piece(record=record, band_hz=band_hz, part=slice(int(start), int(stop)), dt=dt, grid=grid, resampled=off)
+        )
     return found, remarks
+
+
+def segments(
+    record: Record, names: Sequence[str], high_hz: float = DEFAULT_BAND_HZ[1]
+) -> tuple[list[Segment], list[str]]:
+    """Split at gaps and put each part on a uniform clock.
+
+    Returns the segments of at least 2 s and sentences about what was dropped.
+    """
+    parts, remarks = pieces(record, (0.0, high_hz))
+    return [part.segment(names) for part in parts], remarks
 
 
 def _is_held(name: str) -> bool:
@@ -162,9 +211,16 @@ def _held(t: FloatArray, values: FloatArray, grid: FloatArray, dt: float) -> Flo
 
 
 def spectrum(
-    segment: Segment, inputs: Sequence[str], outputs: Sequence[str], band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+    segment: Segment,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
+    known: dict[str, ComplexArray] | None = None,
 ) -> Spectrum:
-    """Fourier bins with low < f <= high; bin zero, the trim, is never among them."""
+    """Fourier bins with low < f <= high; bin zero, the trim, is never among them.
+
+    `known` are bins of this segment's channels in this band that need not be made again; what is made joins them.
+    """
     from scipy.fft import rfft
 
     n, dt = segment.samples, segment.dt
@@ -173,9 +229,11 @@ def spectrum(
     first = max(1, int(band_hz[0] * n * dt + 1e-9) + 1)
     frequency_hz = np.arange(first, last + 1) / (n * dt)
 
-    def bins(names: Sequence[str]) -> ComplexArray:
-        rows = np.stack([segment.channels[name] for name in names])
-        return np.ascontiguousarray(rfft(rows, axis=1)[:, first : last + 1])
+    bins = {} if known is None else known
+    new = [name for name in dict.fromkeys((*inputs, *outputs)) if name not in bins]
+    if new:
+        made = rfft(np.stack([segment.channels[name] for name in new]), axis=1)[:, first : last + 1]
+        bins.update(zip(new, np.ascontiguousarray(made), strict=True))
 
     z = np.exp(2j * np.pi * dt * frequency_hz)
     return Spectrum(
@@ -184,8 +242,8 @@ def spectrum(
         samples=n,
         frequency_hz=frequency_hz,
         z=z,
-        U=bins(inputs),
-        Y=bins(outputs),
+        U=np.stack([bins[name] for name in inputs]),
+        Y=np.stack([bins[name] for name in outputs]),
         first=first,
         inputs=tuple(inputs),
     )
@@ -210,8 +268,7 @@ def spectra(
     found: list[Spectrum] = []
     remarks: list[str] = []
     for record in records:
-        logged = [name for name in EXCITATIONS if name in record.channels]
-        parts, said = segments(record, (*inputs, *outputs, *logged), band_hz[1])
-        remarks += said
-        found += [spectrum(part, inputs, outputs, band_hz) for part in parts]
+        parts, dropped = pieces(record, band_hz)
+        remarks += dropped
+        found += [part.spectrum(inputs, outputs) for part in parts]
     return found, remarks

@@ -78,7 +78,7 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
     """Every expression in every row, on the parent's runs. Which there are depends on the channels that move there."""
     on, model = parent.dataset, parent.model
     probe = _listening(parent)
-    named = dict(zip(model.structure.names, map(float, model.values), strict=True))
+    named = model.by_name
     with np.errstate(all="ignore"):  # a parent that is not linear may run away: nothing is finite then, nor ranked
         flown = [[_signals(probe, named, one) for one in group.spectra] for group in on.stacks]
         imposed = [[_signals(probe, named, one) for one in group.spectra] for group in on.imposed]
@@ -186,7 +186,7 @@ def _transfer(parent: Candidate, at: Sequence[str], frequency_hz: FloatArray) ->
         probes.append(_probing(stage.name, stage, into(redefined), redefined))
     opened = _opened(parent, [replace(one, channels=tuple(f"into_{row}" for row in one.channels)) for one in probes])
     _, rest = divided(opened)
-    named = dict(zip(parent.model.structure.names, map(float, parent.model.values), strict=True))
+    named = parent.model.by_name
     A, B, C, D = rest.matrices(rest.vector(named))
     columns = [rest.inputs.index(f"into_{row}") for row in at]
     s = 2j * np.pi * frequency_hz

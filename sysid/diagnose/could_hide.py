@@ -151,7 +151,7 @@ class _Asking:
 
     def ask(self, effect: Effect, composed: Structure) -> Hidden | None:
         """None where the effect moves nothing, or has no response that settles."""
-        known = dict(zip(self.parent.model.structure.names, map(float, self.parent.model.values), strict=True))
+        known = self.parent.model.by_name
         new = [one for one in composed.parameters if one.name not in known]
         sized = tuple(one for one in new if one.null is not None)
         point = _Point(composed, known, new, sized)

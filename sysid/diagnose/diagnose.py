@@ -16,9 +16,8 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 
-from sysid.data.dataset import Dataset, dataset
+from sysid.data.dataset import Dataset, Runs, dataset, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
-from sysid.data.record import Record
 from sysid.diagnose.candidates import (
     QUESTIONS,
     SIGNIFICANT,
@@ -44,8 +43,8 @@ from sysid.model.structure import Model, Structure
 
 def diagnose(
     structure: Structure,
-    records: Sequence[Record],
-    validation: Sequence[Record] = (),
+    records: Runs,
+    validation: Runs = (),
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     *,
     effects: Sequence[Effect] = (),
@@ -60,7 +59,8 @@ def diagnose(
     structure itself.
     """
     on = dataset(records, band_hz, outputs=structure.outputs)
-    validated_on = dataset(validation, band_hz, on, structure.outputs) if validation else None
+    judging = prepared(validation, band_hz)
+    validated_on = dataset(judging, band_hz, on, structure.outputs) if judging.records else None
     parent = _parent(structure, on, fixed or {}, begin)
     whitening = noise_whitening(parent.model, on.stacks, parent.division)
     stepped = instrumental_step(parent, whitening)

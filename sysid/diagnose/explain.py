@@ -132,7 +132,7 @@ def _no_winner(parent: Candidate, complete: bool) -> tuple[str, ...]:
 
 def _errors(of: Candidate) -> dict[str, float]:
     spread = np.sqrt(np.maximum(np.diag(of.estimate.covariance), 0))
-    return dict(zip(of.model.structure.names, map(float, spread), strict=True))
+    return of.model.structure.by_name(spread)
 
 
 def _what(fit: Candidate, effect: Effect) -> str:

@@ -109,7 +109,7 @@ def _with(model: Model, plan: Plan, dataset: Dataset) -> Model:
     available = {"t", *RATES, *structure.inputs, plan.channel or ""}
     constants = {"Omega_0": 172.8, **dict(dataset.constants), **dict(structure.constants)}
     composed = compose(structure.base_, [*structure.composed, effect], available, constants, outputs=structure.outputs)
-    known = dict(zip(structure.names, map(float, model.values), strict=True))
+    known = structure.by_name(model.values)
     return Model(composed, composed.vector({**{one.name: one.typical for one in composed.parameters}, **known}))
 
 

@@ -97,7 +97,7 @@ def _begins_at_null(one: Parameter, linear: bool) -> bool:
 
 def _begun_from(composed: Structure, of: Candidate) -> dict[str, float]:
     """What new effects make of the parent's values for a beginning."""
-    named = dict(zip(of.model.structure.names, map(float, of.model.values), strict=True))
+    named = of.model.by_name
     begin: dict[str, float] = {}
     for effect in composed.composed:
         if effect.start is not None and any(one.name not in named for one in effect.parameters):
@@ -167,7 +167,7 @@ class _Question:
         """What each step (and the point itself, where it acts alone) adds to the prediction, by the commands as flown
         and by the imposed ones, (steps, N); None where there is no response."""
         of, composed, whitening = self.of, self.composed, self.whitening
-        known = dict(zip(of.model.structure.names, map(float, of.model.values), strict=True))
+        known = of.model.by_name
         named = {**{name: known[name] for name in composed.names if name in known}, **point}
         places = [named] if alone else []
         places += [{**named, name: named[name] + step} for name, step in steps]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.dataset import Dataset, viewed
+from sysid.data.dataset import Bins, Dataset, viewed
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.initial_states import begun
 from sysid.errors import FitError
@@ -79,9 +79,8 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
     held = {*one.held, *one.estimate.at_bound, *(name for effect in kept for name in effect.names)}
     fixed = {name: model[name] for name in model.structure.names if name in held}
     try:
-        again = estimate(
-            model.structure, [viewed(one, model.structure.inputs) for one in begun(model, other.spectra)], model, fixed
-        )
+        runs = Bins(tuple(viewed(one, model.structure.inputs) for one in begun(model, other.spectra)))
+        again = estimate(model.structure, runs, model, fixed)
     except (FitError, RelaxationError, np.linalg.LinAlgError):
         return None
     names = model.structure.names

@@ -75,7 +75,7 @@ def _signal(model: Model, signal: str, group: Stack) -> ComplexArray | None:
 def _acting(model: Model, group: Stack) -> ComplexArray:
     """The structure's inputs behind all that lies between command and swashplate."""
     structure = model.structure
-    named = dict(zip(structure.names, map(float, model.values), strict=True))
+    named = structure.by_name(model.values)
     U = group.U[[group.inputs.index(name) for name in structure.inputs]].copy()
     commands = len(structure.commands)
     front = [one for one in structure.composed if one.samples is not None or one.per_command]

@@ -13,16 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
+from sysid.data.dataset import Bins, Dataset, Runs, prepared
+from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import Record
-from sysid.data.stacks import stack
 from sysid.errors import FitError
-from sysid.fit import fast
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
 from sysid.fit.stable import held_stable
-from sysid.fit.start import start
+from sysid.fit.start import START_THINNING, start
 from sysid.model.base import bases
 from sysid.model.polynomial import closed_form
 from sysid.model.structure import FloatArray, Model, Structure
@@ -64,15 +63,15 @@ class Spread:
 
 
 def eigenfrequency_checks(
-    model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+    model: Model, runs: Runs, band_hz: tuple[float, float] = DEFAULT_BAND_HZ
 ) -> tuple[Check, ...]:
     """Modes inside the swept band, well below the rotor's frequency, and agreeing between sets of runs."""
-    return fit_checks(model, records, band_hz)[0][:3]
+    return fit_checks(model, runs, band_hz)[0][:3]
 
 
 def fit_checks(
     model: Model,
-    records: Sequence[Record],
+    runs: Runs,
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     held: Collection[str] = (),
 ) -> tuple[tuple[Check, ...], Spread | None]:
@@ -80,11 +79,12 @@ def fit_checks(
 
     The spread is None where the runs do not form sets that identify the model each for itself.
     """
-    sets = _sets(model, records, band_hz, held)
+    on = prepared(runs, band_hz)
+    sets = _sets(model, on, held)
     spread = None if isinstance(sets, Check) else _spread(model.structure, sets)
     return (
-        _inside_sweep(model, records),
-        _below_rotor(model, records),
+        _inside_sweep(model, on.records),
+        _below_rotor(model, on.records),
         sets if isinstance(sets, Check) else _agreement([one.model for one in sets]),
         *([] if spread is None else [_same_parameters(spread)]),
     ), spread
@@ -121,13 +121,11 @@ def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
 AGREEMENT = "agreement between runs"
 
 
-def _sets(
-    model: Model, records: Sequence[Record], band_hz: tuple[float, float], held: Collection[str]
-) -> list[Estimate] | Check:
+def _sets(model: Model, on: Dataset, held: Collection[str]) -> list[Estimate] | Check:
     """The structure fitted to the first run of every axis, then to the second; or why that is not possible."""
     structure = model.structure
     by_axis: dict[str | None, list[Record]] = {}
-    for record in records:
+    for record in on.records:
         by_axis.setdefault(record.axis, []).append(record)
     count = min((len(runs) for runs in by_axis.values()), default=0)
     if None in by_axis or len(by_axis) < 2 or count < 2:
@@ -135,10 +133,9 @@ def _sets(
     fixed = {name: model[name] for name in held}
     estimates = []
     for index in range(count):
-        chosen = [runs[index] for runs in by_axis.values()]
-        found, _ = spectra(chosen, structure.inputs, structure.outputs, band_hz)
+        chosen = on.of([runs[index] for runs in by_axis.values()])
         try:
-            estimates.append(estimate(structure, found, model, fixed))
+            estimates.append(estimate(structure, chosen.viewed(structure.inputs, structure.outputs), model, fixed))
         except FitError as error:
             return Check(AGREEMENT, False, f"a set of runs alone does not identify the model: {error}")
     return estimates
@@ -186,27 +183,26 @@ def _same_parameters(spread: Spread) -> Check:
     return Check(name, True, f"{text} (at most {listed})")
 
 
-def explain_instability(model: Model, found: Sequence[Spectrum]) -> list[str]:
+def explain_instability(model: Model, bins: Bins) -> list[str]:
     """What to make of a fit with poles in the right half plane, in sentences.
 
     Rate dynamics of a flyable rotorcraft are seldom that unstable; feedback through a pilot or controller on
     data without independent excitation looks so. The refits show what stable poles and late commands would give.
     """
     real = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
-    stacks = stack(found)
-    free = output_error(model, stacks).nrmse_percent
+    free = output_error(model, bins.stacks).nrmse_percent
     said = [
         f"the model is unstable (pole at {real:+.1f} 1/s): do not simulate it or design on it; "
         "a pilot or controller in the loop, without independent excitation, makes data look so"
     ]
     try:
         outputs = model.structure.outputs
-        held = held_stable(model, stacks)[1].nrmse_percent
+        held = held_stable(model, bins.stacks)[1].nrmse_percent
         said.append(
             f"with the poles held stable it reaches only {_percent(outputs, held)}, free {_percent(outputs, free)}"
         )
         if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
-            late = lateness(model.structure.bare, found)
+            late = lateness(model.structure.bare, bins)
             if late is not None:
                 said.append(late)
     except FitError as error:
@@ -219,7 +215,7 @@ LATE_ALREADY = frozenset({"servo_lag", "servo_second_order", "transport_delay", 
 LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 
-def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) -> list[str]:
+def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
     """What to tell of a fit that leaves much unexplained: often something is late, and then its numbers lie.
 
     Not of a base that a larger one stands above: what that one has besides is what it leaves.
@@ -232,7 +228,7 @@ def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) 
         f"the model leaves much unexplained ({_percent(structure.outputs, nrmse)}): its standard errors do not hold"
     ]
     try:
-        late = lateness(structure, found, model)
+        late = lateness(structure, bins, model)
     except FitError:
         late = None
     if late is not None:
@@ -240,22 +236,19 @@ def explain_poverty(model: Model, nrmse: FloatArray, found: Sequence[Spectrum]) 
     return said
 
 
-def lateness(structure: Structure, found: Sequence[Spectrum], fitted: Model | None = None) -> str | None:
+def lateness(structure: Structure, bins: Bins, fitted: Model | None = None) -> str | None:
     """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not.
 
     Without a closed form, which begins at the data, every fit begins at the one that is known, if any.
     """
     begin = fitted if closed_form(structure) is None else None
-    base = _cost(structure, found, begin)
+    base = _cost(structure, bins, begin)
     parts, least = [], {}
     for kind in ("lag", "delay"):
-        costs = []
-        for late_s in LATENESS_S:
-            delayed = [_late(one, kind, late_s) for one in found]
-            costs.append(_cost(structure, delayed, begin))
+        costs = [_cost(structure, _late(bins, kind, late_s), begin) for late_s in LATENESS_S]
         late_s = LATENESS_S[int(np.argmin(costs))]
         least[kind] = min(costs)
-        lifted = estimate(structure, [_late(one, kind, late_s) for one in found], begin).error.nrmse_percent
+        lifted = estimate(structure, _late(bins, kind, late_s), begin).error.nrmse_percent
         parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to {_percent(structure.outputs, lifted)}")
     if min(least.values()) > base + np.log(0.7):
         return None
@@ -271,18 +264,20 @@ def _percent(outputs: Sequence[str], nrmse: FloatArray) -> str:
     return " / ".join(f"{name} {value:.0f}" for name, value in zip(outputs, nrmse, strict=True)) + " %"
 
 
-def _cost(structure: Structure, found: Sequence[Spectrum], begin: Model | None) -> float:
-    stacks = stack(found)
+def _cost(structure: Structure, bins: Bins, begin: Model | None) -> float:
+    """The least cost of a bare base, judged on some of the bins: it is compared with others of these bins only."""
+    stacks = [group.thinned(START_THINNING) for group in bins.stacks]
     if begin is not None:
         return float(np.sum(np.log(minimise(begin, stacks, output_error(begin, stacks).residual_power)[1])))
-    if fast.applies(structure, stacks):
-        quick = fast.fit(structure, stacks[0])
-        if quick is not None:
-            return float(np.sum(np.log(quick.residual_power)))
-    return float(np.sum(np.log(output_error(start(structure, stacks), stacks).residual_power)))
+    best = start(structure, stacks, thorough=False)
+    return float(np.sum(np.log(output_error(best, stacks).residual_power)))
 
 
-def _late(one: Spectrum, kind: str, late_s: float) -> Spectrum:
-    s = 2j * np.pi * one.frequency_hz
-    factor = 1 / (1 + s * late_s) if kind == "lag" else np.exp(-s * late_s)
-    return replace(one, U=one.U * factor)
+def _late(bins: Bins, kind: str, late_s: float) -> Bins:
+    """The same with inputs that act later."""
+
+    def late(one: Spectrum) -> Spectrum:
+        s = 2j * np.pi * one.frequency_hz
+        return replace(one, U=one.U * (1 / (1 + s * late_s) if kind == "lag" else np.exp(-s * late_s)))
+
+    return Bins(tuple(late(one) for one in bins.spectra))

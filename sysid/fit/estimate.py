@@ -11,18 +11,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.data.instrument import instruments
-from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.stacks import Stack, stack
+from sysid.data.dataset import Bins
+from sysid.data.preprocess import ComplexArray
+from sysid.data.stacks import Stack
 from sysid.errors import FitError
-from sysid.fit import fast
-from sysid.fit.axes import refuse_still_channels, refuse_vague_axes, refuse_vagueness
+from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.grow import grow
 from sysid.fit.identifiable import alike
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows, smooth
-from sysid.fit.start import POOR_SHARE, START_THINNING, start
+from sysid.fit.start import START_THINNING, start
 from sysid.model.acting import divided, jumping
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
@@ -47,7 +46,7 @@ class Estimate:
 
 def estimate(
     structure: Structure,
-    spectra: Sequence[Spectrum],
+    bins: Bins,
     parent: Model | None = None,
     fixed: Mapping[str, float] | None = None,
 ) -> Estimate:
@@ -61,19 +60,9 @@ def estimate(
     unknown = [name for name in fixed if name not in structure.names]
     if unknown:
         raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
-    refuse_still_channels(structure, spectra)
-    stacks = stack(spectra)
-    causes = instruments(stacks, structure.commands)
-    if parent is None and not fixed and fast.applies(structure, stacks):
-        quick = fast.fit(structure, stacks[0])
-        if quick is not None and np.all(quick.residual_power < POOR_SHARE * quick.measured_power):
-            parent = Model(structure, quick.values)
-            if causes is None:
-                refuse_vagueness(structure, quick.vagueness)
-                error = OutputError(quick.residuals, quick.measured_power, quick.residual_power)
-                return Estimate(parent, quick.covariance, error)
-    model = _least_squares(structure, stacks, parent, fixed)
-    found = _with_errors(model, stacks, fixed, causes)
+    refuse_still_channels(structure, bins.spectra)
+    model = _least_squares(structure, bins.stacks, parent, fixed)
+    found = _with_errors(model, bins.stacks, fixed, bins.instruments(structure.commands))
     refuse_vague_axes(found.model, found.covariance)
     return found
 
@@ -213,9 +202,7 @@ def _linearised(
 
 
 def _hold(model: Model, held: Mapping[str, float]) -> Model:
-    named = dict(zip(model.structure.names, model.values, strict=True))
-    named.update({name: value for name, value in held.items() if name in named})
-    return Model(model.structure, model.structure.vector(named))
+    return Model(model.structure, model.structure.vector({**model.by_name, **held}))
 
 
 def _covariance(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sysid.data.stacks import Stack
 from sysid.fit.output_error import axis_weights
-from sysid.fit.rows import inner_products, orthonormaliser, rows
+from sysid.fit.rows import less_ends, rows
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.response import Ends
@@ -31,8 +31,8 @@ class NormalEquations:
     """(k,), of the residual, as if unweighted; the weights are constant over frequency."""
     curvature: FloatArray
     gradient: FloatArray
-    ends: list[list[FloatArray]]
-    """For every stack and segment, the differences of first and last state."""
+    ends: list[FloatArray]
+    """For every stack (segments, end states), the differences of first and last state."""
 
 
 def normal_equations(
@@ -46,33 +46,29 @@ def normal_equations(
     """Curvature J J^T, gradient J r and what is left, with weights (k, bins), end states projected out."""
     count = values.size if full else 0
     curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(len(structure.outputs))
-    found: list[list[FloatArray]] = []
+    found: list[FloatArray] = []
     for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
         response = respond(
             structure, values, group, sensitivities=full, U=None, ends=None if ends is None else ends[number]
         )
-        found.append([])
-        e, E = weight * (group.Y - response.Y), weight * response.E
-        if response.J is not None:
-            np.multiply(response.J, weight, out=response.J)
-        for part in group.slices:
-            columns = rows(E[..., part])
-            left_over = rows(e[None, :, part])
-            T = orthonormaliser(columns)
-            difference = T.T @ (T @ (columns @ left_over[0]))
-            rest = left_over - difference @ columns
-            found[-1].append(difference)
-            power += (
-                np.sum(rest.reshape(power.size, -1) ** 2, axis=1)
-                * (group.scale[part.start] / weight[:, part.start]) ** 2
-            )
-            if response.J is not None:
-                gram = inner_products(T, columns, np.concatenate([rest, rows(response.J[..., part])]))
-                if response.to is not None:
-                    gram[1:] = response.to @ gram[1:]
-                    gram[:, 1:] = gram[:, 1:] @ response.to.T
-                curvature += gram[1:, 1:]
-                gradient += gram[1:, 0]
+        n = response.E.shape[0]
+        whole = np.concatenate(
+            [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
+        )
+        whole *= weight
+        blocks = [rows(whole[..., part]) for part in group.slices]
+        products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)
+        found.append(explained[:, :, 0])
+        moved = np.zeros(products.shape[0] - 1)
+        for part, block, difference in zip(group.slices, blocks, found[-1], strict=True):
+            rest = block[n] - difference @ block[:n]  # inner products alone would leave rounding where little is left
+            unweighted = (group.scale[part.start] / weight[:, part.start]) ** 2
+            power += np.sum(rest.reshape(power.size, -1) ** 2, axis=1) * unweighted
+            moved += block[n + 1 :] @ rest
+        if full:
+            inner, to = products[1:, 1:], response.to
+            gradient += moved if to is None else to @ moved
+            curvature += inner if to is None else to @ inner @ to.T
     return NormalEquations(power, curvature, gradient, found)
 
 
@@ -82,11 +78,13 @@ def minimise(
     power: FloatArray,
     held: Sequence[str] = (),
     steps: int = MAXIMUM_STEPS,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Model, FloatArray]:
     """Gauss-Newton with step halving and hard bounds on sum log(residual power) over the outputs.
 
     After every step the outputs are weighed anew by what is left of them; `power` (k,) weighs the first. `held`
-    parameters stay. Returns the model and its residual power.
+    parameters stay. It ends where a step promises, or brings, less than `tolerance` of that sum. Returns the model and
+    its residual power.
     """
     structure = model.structure
     low = np.array([parameter.bounds[0] for parameter in structure.parameters])
@@ -105,7 +103,7 @@ def minimise(
         if not np.any(free):
             break
         move = gauss_newton_step(here, free)
-        if float(here.gradient @ move) < TOLERANCE:  # what the step promises, in summed logarithms
+        if float(here.gradient @ move) < tolerance:  # what the step promises, in summed logarithms
             break
         weights = axis_weights(stacks, here.power)
         goal = float(np.sum(np.log(here.power)))
@@ -120,7 +118,7 @@ def minimise(
         else:
             break
         values, here, weighed_by = trial, there, here.power
-        if goal - reached < TOLERANCE:
+        if goal - reached < tolerance:
             break
     return Model(structure, values), here.power
 

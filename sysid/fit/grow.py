@@ -34,7 +34,7 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Ma
     deepest, and that one is followed to the bottom. What the parent knows already is taken from it; `fixed` parameters
     stay at their values.
     """
-    known = dict(zip(parent.structure.names, map(float, parent.values), strict=True))
+    known = parent.by_name
     first, choices = _beginnings(structure, known)
     first |= fixed
     choices = {name: values for name, values in choices.items() if name not in fixed}
@@ -81,7 +81,7 @@ class _Valleys:
             structure=structure,
             stacks=stacks,
             fixed=fixed,
-            known=dict(zip(parent.structure.names, map(float, parent.values), strict=True)),
+            known=parent.by_name,
             power=output_error(parent, stacks).residual_power,
             front=front,
             rest=rest,

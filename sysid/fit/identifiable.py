@@ -59,7 +59,7 @@ def structural(structure: Structure, held: Collection[str] = ()) -> str | None:
 
 def _exchange(structure: Structure, typical: FloatArray, held: Collection[str]) -> str | None:
     """Two effects of the same units whose values may be swapped."""
-    values = dict(zip(structure.names, map(float, typical), strict=True))
+    values = structure.by_name(typical)
     for one, other in itertools.combinations(structure.composed, 2):
         free = not any(name in held for name in (*one.names, *other.names))
         alike = [p.unit for p in one.parameters] == [p.unit for p in other.parameters]

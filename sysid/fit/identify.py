@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.dataset import means
-from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum, spectra
+from sysid.data.dataset import Bins, Dataset, Runs, means, prepared
+from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import AXIS_OF, CYCLIC, RATES, Record
-from sysid.data.stacks import stack
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.estimate import Estimate, estimate
@@ -27,8 +26,8 @@ LARGE_TILT = 5.0  # rad of flapping per full command
 
 def identify(
     structure: Structure,
-    records: Sequence[Record],
-    validation: Sequence[Record] = (),
+    records: Runs,
+    validation: Runs = (),
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     *,
     effects: Sequence[str | Effect] = (),
@@ -38,7 +37,7 @@ def identify(
     grown: Fit | None = None,
     begin: Model | None = None,
 ) -> Fit:
-    """Fit a bare base with effects to all records together; validation records only judge.
+    """Fit a bare base with effects to all runs together; validation runs only judge.
 
     Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
     lineage. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
@@ -46,26 +45,28 @@ def identify(
     need not be made again; `begin` a model of the whole composition to begin at. Raises FitError where an axis is not
     identifiable, EffectError where an effect cannot act on these runs; the message says which and what to do.
     """
-    refuse_mixed_sources([*records, *validation])
+    fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
+    refuse_mixed_sources([*fitted.records, *judging.records])
     if not 0 <= band_hz[0] < band_hz[1]:
         raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
-    if not records:
+    if not fitted.records:
         raise FitError("no run to fit")
-    refuse_unlogged(structure, [*records, *validation])
-    runs = _Runs(records, validation, band_hz)
+    refuse_unlogged(structure, [*fitted.records, *judging.records])
+    if not fitted.pieces:
+        raise FitError("no run has 2 s of gap-free samples: nothing to fit")
     rungs: list[Rung] = [] if grown is None else [*grown.lineage]
     parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
     for count in range(0 if grown is None else len(effects), len(effects) + 1):
         last = count == len(effects)
         try:
-            everyone = [*records, *validation]
-            composed = on_runs(structure.base_, effects[:count], everyone, records, structure.outputs)
+            everyone = [*fitted.records, *judging.records]
+            composed = on_runs(structure.base_, effects[:count], everyone, fitted.records, structure.outputs)
         except EffectError:
             if last:
                 raise
             continue  # it needs one that is named after it
         held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
-        step = _Step.of(composed, runs, held, begin if last and begin is not None else parent)
+        step = _Step.of(composed, fitted, judging, held, begin if last and begin is not None else parent)
         parent = step.found.model
         rungs.append(step.rung)
     return Fit(
@@ -73,10 +74,10 @@ def identify(
         covariance=step.found.covariance,
         nrmse_percent=rungs[-1].nrmse_percent,
         validation_nrmse_percent=rungs[-1].validation_nrmse_percent,
-        records=tuple(RecordUsed.of(record, band_hz[1]) for record in records),
-        validation=tuple(RecordUsed.of(record, band_hz[1]) for record in validation),
+        records=tuple(RecordUsed.of(record, band_hz[1]) for record in fitted.records),
+        validation=tuple(RecordUsed.of(record, band_hz[1]) for record in judging.records),
         band_hz=band_hz,
-        warnings=tuple(dict.fromkeys(step.warnings(records))),
+        warnings=tuple(dict.fromkeys(step.warnings(fitted.records))),
         profile=profile,
         window_s=window_s,
         at_bound=step.found.at_bound,
@@ -85,36 +86,20 @@ def identify(
     )
 
 
-@dataclass(frozen=True)
-class _Runs:
-    """What a fit is made from, prepared for each structure's own inputs once."""
-
-    records: Sequence[Record]
-    validation: Sequence[Record]
-    band_hz: tuple[float, float]
-    _known: dict[tuple[tuple[str, ...], bool], tuple[list[Spectrum], list[str]]] = field(default_factory=dict)
-
-    def spectra(self, structure: Structure, validation: bool = False) -> tuple[list[Spectrum], list[str]]:
-        """Bins and remarks, of the fitted or the validation runs."""
-        key = structure.inputs, validation
-        if key not in self._known:
-            runs = self.validation if validation else self.records
-            self._known[key] = spectra(runs, structure.inputs, structure.outputs, self.band_hz)
-        return self._known[key]
-
-
 @dataclass(frozen=True, eq=False)
 class _Step:
     """One fit on the way from the bare base to the last effect."""
 
     found: Estimate
-    fitted: list[Spectrum]
+    fitted: Bins
     rung: Rung
     remarks: list[str]
 
     @classmethod
-    def of(cls, composed: Structure, runs: _Runs, held: Mapping[str, float], begin: Model | None) -> _Step:
-        fitted, remarks = runs.spectra(composed)
+    def of(
+        cls, composed: Structure, runs: Dataset, judging: Dataset, held: Mapping[str, float], begin: Model | None
+    ) -> _Step:
+        fitted = runs.viewed(composed.inputs, composed.outputs)
         open_to_all = structural(composed, held) if composed.composed else None
         if open_to_all is not None:
             raise FitError(open_to_all)
@@ -122,12 +107,12 @@ class _Step:
             begin = None  # cylinder dynamics know nothing of flapping
         found = estimate(composed, fitted, begin, held)
         validated: Mapping[str, float] | None = None
-        if runs.validation:
-            validation, more = runs.spectra(composed, validation=True)
-            remarks = [*remarks, *more]
-            if not validation:
+        if judging.records:
+            if not judging.pieces:
                 raise FitError("no validation run has 2 s of gap-free samples")
-            validated = by_output(composed, output_error(found.model, stack(validation)))
+            validation = judging.viewed(composed.inputs, composed.outputs)
+            validated = by_output(composed, output_error(found.model, validation.stacks))
+        remarks = [*runs.remarks, *judging.remarks]
         return cls(found, fitted, Rung(composed.effects, by_output(composed, found.error), validated), remarks)
 
     def warnings(self, records: Sequence[Record]) -> list[str]:
@@ -140,7 +125,7 @@ class _Step:
         )
         return [
             *self.remarks,
-            *_resampling(self.fitted),
+            *_resampling(self.fitted.spectra),
             *_suspicious_signs(model),
             *explained,
             *_vague_directions(self.found),
@@ -161,13 +146,15 @@ def on_runs(
     return compose(base, effects, available, means(fitted), outputs=outputs)
 
 
-def judge(model: Model, records: Sequence[Record], band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:
-    """NRMSE by output of a model on records; only trims and end states are estimated."""
-    refuse_unlogged(model.structure, records)
-    found, _ = spectra(records, model.structure.inputs, model.structure.outputs, band_hz)
-    if not found:
+def judge(model: Model, runs: Runs, band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:
+    """NRMSE by output of a model on runs; only trims and end states are estimated."""
+    on = prepared(runs, band_hz)
+    refuse_unlogged(model.structure, on.records)
+    if not on.pieces:
         raise FitError("no run has 2 s of gap-free samples: nothing to judge by")
-    return by_output(model.structure, output_error(model, stack(found)))
+    return by_output(
+        model.structure, output_error(model, on.viewed(model.structure.inputs, model.structure.outputs).stacks)
+    )
 
 
 def by_output(structure: Structure, error: OutputError) -> dict[str, float]:

@@ -145,14 +145,14 @@ def _figure(
     plausible: tuple[float, float],
 ) -> Implied:
     """A function of the parameters, its standard error to first order."""
-    names, values = fit.model.structure.names, fit.model.values
-    value = of(dict(zip(names, map(float, values), strict=True)))
+    values = fit.model.values
+    value = of(fit.model.by_name)
     slope: FloatArray = np.zeros(values.size)
     for index in range(values.size):
         step = RELATIVE_STEP * max(abs(float(values[index])), 1e-6)
         moved = values.copy()
         moved[index] += step
-        slope[index] = (of(dict(zip(names, map(float, moved), strict=True))) - value) / step
+        slope[index] = (of(fit.model.structure.by_name(moved)) - value) / step
     variance = float(slope @ fit.covariance @ slope) if np.all(np.isfinite(slope)) else math.nan
     error = math.sqrt(variance) if variance > 0 else None
     return Implied(name=name, unit=unit, value=value, standard_error=error, measured=measured, plausible=plausible)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.instrument import Causes
-from sysid.data.preprocess import EXCITATIONS, ComplexArray
+from sysid.data.preprocess import ComplexArray, gusts_kept_out
 from sysid.data.stacks import Stack
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import orthonormal
@@ -77,7 +77,7 @@ class Division:
     @property
     def measured(self) -> bool:
         """Whether logged excitation kept the gusts out; else what is explained is an upper bound."""
-        return all(name in EXCITATIONS for name in self.references)
+        return gusts_kept_out(self.references)
 
 
 def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:

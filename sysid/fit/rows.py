@@ -18,40 +18,37 @@ def rows(x: ComplexArray) -> FloatArray:
     return real
 
 
-def orthonormaliser(E: AnyArray, rank: float = ENDS_RANK) -> AnyArray:
-    """T (r, n) that turns the rows of E (n, N) into an orthonormal basis T E; weak combinations stay out."""
-    T, size = _directions(E, rank)
-    return np.asarray(T / size)
-
-
 def orthonormal(E: AnyArray, rank: float = ENDS_RANK) -> AnyArray:
     """The rows of E (n, N) as an orthonormal basis (r, N) of what they span; rows that follow from others drop out."""
-    T, size = _directions(E, rank)
-    return np.asarray(T @ (E / size[:, None]))
-
-
-def _directions(E: AnyArray, rank: float) -> tuple[AnyArray, FloatArray]:
-    """What makes an orthonormal basis of the rows of E, each over its size; and these sizes, 1 for a row of zeros."""
     size = np.sqrt(np.sum(np.abs(E) ** 2, axis=1) if np.iscomplexobj(E) else np.einsum("ij,ij->i", E, E))
-    size = np.where(size > 0, size, 1.0)
-    scaled = E / size[:, None]
+    scaled = E / np.where(size > 0, size, 1.0)[:, None]
     inner, axes = np.linalg.eigh(scaled @ scaled.conj().T)
     keep = inner > rank * np.max(inner, initial=0.0)
-    return (axes[:, keep] / np.sqrt(inner[keep])).conj().T, size
+    return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).conj().T @ scaled)
+
+
+def less_ends(grams: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """Inner products of rows, less what the first n, the ends' of each segment, explain of the others.
+
+    `grams` (segments, n + r, n + r) has all inner products. Returns their sum over segments, (r, r), and how much of
+    each row every end state explains, (segments, n, r). Weak combinations of ends explain nothing.
+    """
+    size = np.sqrt(np.einsum("sii->si", grams[:, :n, :n]))
+    size = np.where(size > 0, size, 1.0)
+    inner, axes = np.linalg.eigh(grams[:, :n, :n] / (size[:, :, None] * size[:, None, :]))
+    keep = inner > ENDS_RANK * np.max(inner, axis=1, initial=0.0, keepdims=True)
+    weight = keep / np.sqrt(np.where(keep, inner, 1.0))
+    T = weight[:, :, None] * axes.transpose(0, 2, 1) / size[:, None, :]
+    cross = T @ grams[:, :n, n:]
+    left = grams[:, n:, n:] - cross.transpose(0, 2, 1) @ cross
+    return np.asarray(np.sum(left, axis=0)), np.asarray(T.transpose(0, 2, 1) @ cross)
 
 
 def project(E: FloatArray, others: FloatArray) -> FloatArray:
     """Rows of `others` (r, N) less what the rows of E (n, N) explain of them."""
-    basis = orthonormaliser(E) @ E
+    basis = orthonormal(E)
     rest: FloatArray = others - (others @ basis.T) @ basis
     return rest
-
-
-def inner_products(T: FloatArray, ends: FloatArray, block: FloatArray) -> FloatArray:
-    """Inner products of the rows of `block`, less what the rows of `ends`, orthonormal by T, explain of them."""
-    cross = T @ (ends @ block.T)
-    found: FloatArray = block @ block.T - cross.T @ cross
-    return found
 
 
 def smooth(values: AnyArray, frequency_hz: FloatArray, width_hz: float = SMOOTHING_HZ) -> AnyArray:

@@ -36,7 +36,7 @@ def divided(structure: Structure) -> tuple[tuple[Effect, ...], Structure]:
 def behind(structure: Structure, values: FloatArray, stack: Stack) -> Stack:
     """The stack with its inputs as they act behind everything that acts on samples; `divided` tells what follows."""
     front, _ = divided(structure)
-    named = dict(zip(structure.names, map(float, values), strict=True))
+    named = structure.by_name(values)
     U = stack.U[[stack.inputs.index(name) for name in structure.inputs]]
     return replace(stack, U=_behind(structure, front, stack, U, named), inputs=structure.inputs)
 
@@ -51,7 +51,7 @@ def jumping(structure: Structure, values: FloatArray, stack: Stack) -> list[str]
     names = [name for effect in front for name in effect.names if effect.samples is not None]
     if not names:
         return []
-    named = dict(zip(structure.names, map(float, values), strict=True))
+    named = structure.by_name(values)
     segment = stack.spectra[0].segment
 
     def change(name: str, step: float) -> float:
@@ -79,7 +79,7 @@ def acting_commands(
     late = [one for one in structure.composed if one.response is not None]
     if not front and not late:
         return logged, {}
-    named = dict(zip(structure.names, map(float, values), strict=True))
+    named = structure.by_name(values)
     commands = len(structure.commands)
     s = 2j * np.pi * stack.frequency_hz
 

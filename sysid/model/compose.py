@@ -110,7 +110,7 @@ def _refuse_broken(structure: Structure) -> None:
     """Evaluate a composition with a user's base or effects once, so that their slips are said before a fit begins."""
     users = ", ".join(structure.files)
     typical = np.array([one.typical for one in structure.parameters])
-    named = dict(zip(structure.names, map(float, typical), strict=True))
+    named = structure.by_name(typical)
     try:
         with np.errstate(all="ignore"):
             matrices = structure.matrices(typical)

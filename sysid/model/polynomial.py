@@ -1,9 +1,9 @@
 """Bare bases as matrix polynomials D(s) Y = N U: linear in their coefficients, and closed in the frequency domain.
 
-So a fit needs no start values, and its steps need no matrices: that is what makes it fast. A base declares its form
-beside its equations. Held commands and sampling are accounted for in closed form, up to images of the response's second
-term (below 1e-7 of it at 500 Hz), so slow sampling goes through the matrices instead; so do other outputs than p and q,
-and other commands than delta_x and delta_y.
+So a fit needs no start values, and its steps need no matrices. A base declares its form beside its equations. Held
+commands and sampling are accounted for in closed form, up to images of the response's second term (below 1e-7 of it at
+500 Hz), so slow sampling goes through the matrices instead; so do other outputs than p and q, and other commands than
+delta_x and delta_y.
 """
 
 from __future__ import annotations

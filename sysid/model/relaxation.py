@@ -50,7 +50,7 @@ def relaxed_response(
     """
     front, rest = divided(structure)
     outside = {name for effect in front for name in effect.names}
-    named = dict(zip(structure.names, map(float, values), strict=True))
+    named = structure.by_name(values)
     count = len(structure.names) if sensitivities else 0
     Y = np.empty((len(structure.outputs), stack.z.size), dtype=complex)
     E = np.empty((len(rest.states), *Y.shape), dtype=complex)

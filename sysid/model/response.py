@@ -6,7 +6,6 @@ rest for others. `slopes` is how each parameter moves it, which tells what no fl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +54,7 @@ def slopes(structure: Structure, values: FloatArray, frequency_hz: FloatArray) -
 def behind_commands(structure: Structure, values: FloatArray, s: AnyArray) -> ComplexArray:
     """What effects that no matrix holds (delay) make of every command, (frequencies,)."""
     factor = np.ones(s.size, dtype=complex)
-    named = dict(zip(structure.names, map(float, values), strict=True))
+    named = structure.by_name(values)
     for effect in structure.composed:
         if effect.response is not None:
             factor = factor * np.asarray(effect.response(s, {name: named[name] for name in effect.names}))
@@ -90,5 +89,5 @@ class Response(NamedTuple):
         return np.asarray((self.to @ J.reshape(J.shape[0], -1).view(float)).view(complex).reshape(-1, *J.shape[1:]))
 
 
-Ends = Sequence[FloatArray]
+Ends = FloatArray
 """For every segment of a stack the differences of first and last state, one for each of the columns E."""

@@ -136,6 +136,10 @@ class Structure:
         """Values (..., parameters) -> by name, each (...)."""
         return {name: values[..., i] for i, name in enumerate(self.names)}
 
+    def by_name(self, values: FloatArray) -> dict[str, float]:
+        """Values (parameters,) by name."""
+        return dict(zip(self.names, map(float, values), strict=True))
+
     def matrices(self, values: AnyArray) -> Matrices:
         """Parameter values (..., parameters), real or complex -> matrices (..., rows, columns).
 
@@ -242,6 +246,10 @@ class Model:
 
     def __getitem__(self, name: str) -> float:
         return float(self.values[self.structure.names.index(name)])
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        return self.structure.by_name(self.values)
 
     @cached_property
     def matrices(self) -> Matrices:

@@ -12,7 +12,8 @@ from planted import FORWARD, TABLE_4, fly
 from scipy.signal import lsim
 from timing import best_of
 
-from sysid.data.preprocess import spectra
+from sysid.data.dataset import prepared
+from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
 from sysid.errors import FitError
 from sysid.fit.estimate import estimate
@@ -40,7 +41,7 @@ def bench_every_effect_on_the_base() -> None:
         records = runs(forward)
         base_effects = ["angular_damping", "elevator"] if forward else []
         structure = on_runs("tpp", base_effects, records, records)
-        found = spectra(records, structure.inputs, structure.outputs)[0]
+        found = prepared(records, DEFAULT_BAND_HZ).viewed(structure.inputs)
         base = estimate(structure, found)
         base_s = best_of(3, lambda structure=structure, found=found: estimate(structure, found))
         simulation_s = best_of(
@@ -63,7 +64,7 @@ def bench_every_effect_on_the_base() -> None:
                 continue
             try:
                 grown = on_runs("tpp", [*base_effects, effect.id], records, records)
-                bins = spectra(records, grown.inputs, grown.outputs)[0]
+                bins = prepared(records, DEFAULT_BAND_HZ).viewed(grown.inputs)
                 spent = best_of(1, lambda grown=grown, bins=bins, base=base: estimate(grown, bins, base.model))
             except (EffectError, FitError) as error:
                 print(f"  {effect.id:24} not on these runs: {str(error)[:70]}")

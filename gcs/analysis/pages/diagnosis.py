@@ -31,7 +31,7 @@ def drawn(found: FitDiagnosis) -> Any:
     last = found.last
     shares = [_share(one) for one in ranked(last)[:DRAWN] if shows(one, last)]
     winner = last.winner
-    best = None if winner is None or winner.fit is None else compare(winner.fit.model, found.records, found.fit.band_hz)
+    best = None if winner is None or winner.fit is None else compare(winner.fit.model, found.runs, found.fit.band_hz)
     label = " + ".join(short_names(last.chain))
     answer = f": {label}" if last.verdict == "missing" else f": {label} stands in" if last.stands_in else ""
     head = f"{last.verdict}{answer}, confidence {last.confidence:.2f}"

@@ -35,7 +35,7 @@ from gcs.logs.words import printable
 from sysid.compare.compare import compare
 from sysid.control.loop import Following, following
 from sysid.control.regulator import Gains, lqr, not_held
-from sysid.data.preprocess import segments, spectrum
+from sysid.data.dataset import Dataset, prepared
 from sysid.data.record import CHANNELS, RATES, Record
 from sysid.errors import SysidError
 from sysid.fit.result import Fit
@@ -62,8 +62,7 @@ def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tu
     top.legend(loc="upper left", fontsize=8, ncols=3)
     for index, output in enumerate(outputs):
         axis = axes[1 + index]
-        for part in segments(record, (*inputs, *outputs), band_hz[1])[0]:
-            one = spectrum(part, inputs, outputs, band_hz)
+        for one in prepared([record], band_hz).viewed(inputs, outputs).spectra:
             for number, ((label, model), colour) in enumerate(zip(models, (BLUE, ORANGE, GREEN), strict=False)):
                 t, measured, modelled = overlay(model, one)
                 t = t - record.t[0]
@@ -112,22 +111,22 @@ def flight_report(
     steps = len(fits) + 2 + diagnosing
     sections: list[Section] = []
     runs: dict[tuple[str, str], Record] = {}
+    fitted: list[Dataset] = []
     for number, (path, fit) in enumerate(zip(paths, fits, strict=True)):
         say(path.name, number / steps)
-        fitted = runs_of(fit, fit.records)
-        for record in [*fitted, *runs_of(fit, fit.validation)]:
+        fitted.append(prepared(runs_of(fit, fit.records), fit.band_hz))
+        for record in [*fitted[-1].records, *runs_of(fit, fit.validation)]:
             runs[record.path, record.id] = record
-        judged = assess(fit, fitted)
+        judged = assess(fit, fitted[-1])
         sections.append((path.name, fit_text(fit, judged.checks, judged.responses), []))
     main = max(range(len(fits)), key=lambda number: len(fits[number].lineage))
     path, fit = paths[main], fits[main]
     say("where it fails", len(fits) / steps)
-    records, quiet = flown(fit)
-    found = compare(fit.model, records, fit.band_hz, quiet)
+    found = compare(fit.model, fitted[main], fit.band_hz, flown(fit)[1])
     sections += _ladder_section(path, fit, found.noise_floor_percent)
     sections.append((f"Where {path.name} fails", compare_text(found, fit), [svg(compare_picture(found))]))
     if diagnosing:
-        sections.append(_diagnosis_section(path, fit, lambda what: say(what, (len(fits) + 1) / steps)))
+        sections.append(_diagnosis_section(path, fit, fitted[main], lambda what: say(what, (len(fits) + 1) / steps)))
     sections += designed
     models = [(_label(fit), fit.model) for fit in fits]
     pictures = []
@@ -175,9 +174,9 @@ def _ladder_section(path: Path, fit: Fit, floor: Nrmse | None) -> list[Section]:
     return [(f"The ladder to {path.name}", "\n".join(lines), [svg(ladder_picture(rungs, floor))])]
 
 
-def _diagnosis_section(path: Path, fit: Fit, say: Callable[[str], None]) -> Section:
-    records, validation, quiet = flown_with_validation(fit, (), (), None, None)
-    found = diagnose_fit(fit, records, validation, quiet, say=say)
+def _diagnosis_section(path: Path, fit: Fit, fitted: Dataset, say: Callable[[str], None]) -> Section:
+    _, validation, quiet = flown_with_validation(fit, (), (), None, None)
+    found = diagnose_fit(fit, fitted, validation, quiet, say=say)
     return f"What {path.name} lacks", diagnosis_text(found, path.name, full=True), [svg(drawn(found))]
 
 
@@ -213,7 +212,7 @@ def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
         gains = lqr(fit.model, float(cost))
     except SysidError as error:
         return f"no gains can be designed on it: {error}"
-    own = dict(zip(gains.model.structure.names, map(float, gains.model.values), strict=True))
+    own = gains.model.by_name
     theirs = document["model"]["parameters"]
     moved = [name for name, value in own.items() if theirs.get(name) != value]
     if moved:

@@ -10,7 +10,8 @@ import pytest
 from planted import PLANTED, TABLE_4, fly
 
 from sysid.compare.metrics import integrated_cost, mismatch, response_difference, widest
-from sysid.data.preprocess import spectra
+from sysid.data.dataset import prepared
+from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
 from sysid.model.compose import compose
 from sysid.model.paper import CD, TPP, reduce_to_cd
@@ -101,7 +102,7 @@ def test_tpp_and_its_cd_are_far_apart_where_the_rotor_moves() -> None:
 
 
 def test_the_vehicle_that_flew_fits_its_own_responses() -> None:
-    found = mismatch(table_4(), spectra(flown(None), TPP.inputs, TPP.outputs)[0])
+    found = mismatch(table_4(), prepared(flown(None), DEFAULT_BAND_HZ).viewed(TPP.inputs))
     assert found.measured.closed_loop_safe
     for one in found.each:
         assert one.band_hz is not None
@@ -114,13 +115,13 @@ def test_the_vehicle_that_flew_fits_its_own_responses() -> None:
 
 def test_a_model_with_half_the_control_is_6_dB_low() -> None:
     half = table_4(A_lat=0.5 * TABLE_4["A_lat"], B_lat=0.5 * TABLE_4["B_lat"])
-    for one in mismatch(half, spectra(flown(None), TPP.inputs, TPP.outputs)[0]).each:
+    for one in mismatch(half, prepared(flown(None), DEFAULT_BAND_HZ).viewed(TPP.inputs)).each:
         expected = -20 * np.log10(2) if one.command == "delta_x" else 0
         assert np.median(one.decibels) == pytest.approx(expected, abs=0.3)
 
 
 def test_a_missing_lag_shows_as_phase_and_costs_more_than_the_guide() -> None:
-    found = mismatch(table_4(), spectra(flown("servo_lag"), TPP.inputs, TPP.outputs)[0])
+    found = mismatch(table_4(), prepared(flown("servo_lag"), DEFAULT_BAND_HZ).viewed(TPP.inputs))
     for one in found.each:
         place = int(np.argmin(np.abs(one.frequency_hz - 3.0)))
         lag = np.degrees(np.arctan(2 * np.pi * one.frequency_hz[place] * PLANTED["servo_lag"]["tau_s"]))

@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import dlsim, lsim
 
 from gcs.analysis.fits import PAPER_PARAMETERS
+from sysid.data.dataset import Bins
 from sysid.data.preprocess import low_pass, spectra
 from sysid.data.record import Record
 from sysid.data.stacks import stack
@@ -105,7 +106,7 @@ def test_hold_and_end_states_are_exact(dt: float) -> None:
     one = exact_record(dt, 12.0, 1, np.array([0.5, -0.3, 0.02, 0.01]))
     found, _ = spectra([one], TPP.inputs, TPP.outputs)
     assert np.all(output_error(Model(TPP, TRUTH), stack(found)).nrmse_percent > 100 - 1e-6)
-    np.testing.assert_allclose(estimate(TPP, found).model.values, TRUTH, rtol=1e-6)
+    np.testing.assert_allclose(estimate(TPP, Bins(tuple(found))).model.values, TRUTH, rtol=1e-6)
 
 
 def test_standard_errors_match_the_spread_over_flights(fly_card: Callable[..., Card]) -> None:

@@ -7,9 +7,8 @@ import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import records
 
-from sysid.data.instrument import causes
-from sysid.data.preprocess import spectra
-from sysid.data.stacks import stack
+from sysid.data.dataset import Bins, prepared
+from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
 from sysid.fit.output_error import output_error
@@ -27,10 +26,9 @@ def clean() -> list[list[Run]]:
 
 
 def divided(flight: list[Run], *without: str):  # type: ignore[no-untyped-def]
-    found, _ = spectra(records(flight, *without), TPP.inputs, TPP.outputs)
-    stacks = stack(found)
-    fit = estimate(TPP, found)
-    return divide(fit.error, stacks, causes(stacks, COMMANDS)), fit, stacks
+    bins = prepared(records(flight, *without), DEFAULT_BAND_HZ).viewed(TPP.inputs, TPP.outputs)
+    fit = estimate(TPP, bins)
+    return divide(fit.error, bins.stacks, bins.causes(COMMANDS)), fit, bins.stacks
 
 
 def test_where_nothing_is_missing_the_residual_is_noise(clean: list[list[Run]]) -> None:
@@ -50,7 +48,9 @@ def test_what_is_explained_is_what_the_true_structure_takes_away() -> None:
     (flight,) = fly_many("servo_lag", PLANTED["servo_lag"], seeds=[75], duration_s=SECONDS)
     found, fit, stacks = divided(flight)
     true = compose("tpp", ["servo_lag"])
-    least = output_error(estimate(true, [one for group in stacks for one in group.spectra], fit.model).model, stacks)
+    least = output_error(
+        estimate(true, Bins(tuple(one for group in stacks for one in group.spectra)), fit.model).model, stacks
+    )
     taken = fit.error.residual_power - least.residual_power
     np.testing.assert_allclose(np.sum(found.explained, axis=0), taken, rtol=0.1)
     assert found.chi_squared > 50 * found.degrees
