@@ -11,8 +11,12 @@ import numpy as np
 
 from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
 from sysid.control.stability import Margins
+from sysid.diagnose.hidden import CouldHide, Hidden
+from sysid.diagnose.proposals import LogSignal, SignalTells
+from sysid.model.parameter import Parameter
 
 HOME = Path("flight-0007")
 
@@ -78,9 +82,14 @@ def comparison() -> Any:
         outputs=("p", "q"), band_hz=(0.0, 15.0), traces=traces, bands=bands,
         responses=tuple(response(o, c) for o in "pq" for c in ("delta_x", "delta_y")),
         densities=Densities(f, levels, 0.1 * levels, 0.01 * levels),
-        findings=("pitch: 58 % of the error sits in 3.4-7.1 Hz, coherent with delta_x (0.93): linear dynamics are "
-                  "missing there. Noise explains 12 % (measured from quiet hover).",),
-        suspicions=(SimpleNamespace(text="p and q may be swapped [bold]"),),
+        findings=(
+            ErrorInBand(
+                axis="pitch", band_hz=(3.4, 7.1), error_share=0.58, noise_within=0.1, coherence={"delta_x": 0.93},
+                coherence_together=0.93, noise_share=0.12, noise=NoiseKnown("quiet hover", False), distortion=None,
+                mixed=False, own_runs=True,
+            ),
+        ),
+        suspicions=(NotSeparable((), "p and q may be swapped [bold]"),),
     )  # fmt: skip
 
 
@@ -89,6 +98,13 @@ def candidate(effect: str, share: float | None, why: str | None = None, implausi
         effects=(effect,), effect=effect, explained_share=share, not_testable=why, implausible=implausible,
         fit=None if share is None else object(), delta_bic=-(share or 0.0),
     )  # fmt: skip
+
+
+HIDDEN = Hidden(
+    effect="quadratic_damping", title="quadratic damping", size={"k_p": 3.0},
+    sized=(Parameter("k_p", "1/rad", "damping", null=0.0),), visible=True, shift={}, relative={"M_a": 0.005},
+    modes=(), margins=None,
+)  # fmt: skip
 
 
 def diagnosis(verdict: str = "missing") -> Any:
@@ -102,10 +118,10 @@ def diagnosis(verdict: str = "missing") -> Any:
     return SimpleNamespace(
         last=last,
         next=SimpleNamespace(
-            maneuver="a roll chirp at half the amplitude", why="2.1 sigma apart", separates=("servo_lag", "gyro_lag"),
+            proposal=LogSignal("servo"), why=SignalTells(7.0, same_whatever=False), separates=("servo_lag", "gyro_lag"),
             card={"name": "next"},
         ),
-        hiding=SimpleNamespace(sentences=("quadratic damping up to 3 1/rad; M_a would change by less than 1 %",)),
+        hiding=CouldHide((), ((HIDDEN,),)),
     )  # fmt: skip
 
 

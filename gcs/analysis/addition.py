@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from gcs.analysis.fits import assess
 from gcs.analysis.ladder import WORSE_POINTS, RungNumbers, short_names, together
+from gcs.analysis.quantities import listed, quantity
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
-from sysid.diagnose.quantities import listed, quantity
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit
@@ -69,16 +67,6 @@ class Addition:
         if wrong is None or wrong.fit is None:
             return None
         return " + ".join(short_names(wrong.effects)), wrong.fit.nrmse_percent, wrong.validation_nrmse_percent
-
-    def to_json(self, folder: Path) -> dict[str, Any]:
-        """The fit's document with what the ladder shows."""
-        return {
-            **self.after.to_json(folder),
-            **assess(self.after, self.runs).to_json(),
-            "noise_floor_percent": self.noise_floor_percent,
-            "placebo": None if self.placebo is None else self.placebo.to_json(),
-            "signs": [one.to_json() for one in self.signs],
-        }
 
 
 def add_effect(

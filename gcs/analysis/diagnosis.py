@@ -12,12 +12,9 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from gcs.analysis.fits import assess
 from gcs.analysis.ladder import Step
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
@@ -31,7 +28,6 @@ from sysid.diagnose.evidence import instrumental_step
 from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
-from sysid.diagnose.quantities import listed
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.fit.identify import on_runs
@@ -41,6 +37,44 @@ from sysid.model.effect import Effect, named_effect
 MOST_RUNGS = 6
 
 Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class NoValidation:
+    """No run judged the answer that was not fitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class OneRun:
+    """What differs from run to run cannot show."""
+
+
+@dataclass(frozen=True, slots=True)
+class NotAdded:
+    """With the answer added the fit goes to values that physics does not allow."""
+
+    effect: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StoppedAsking:
+    """So many questions are enough."""
+
+    questions: int
+
+
+@dataclass(frozen=True, slots=True)
+class InALoop:
+    """The best model is unstable: feedback, and not the vehicle alone, made these data."""
+
+    effects: tuple[str, ...]
+    """Of the answer; empty where there is none."""
+    pole: float
+    """1/s, the fastest growing."""
+
+
+Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,36 +96,13 @@ class FitDiagnosis:
     next: NextManeuver | None
     suggestion: Suggestion | None
     """The simple terms that explain most beside the structure, where something is left; asked for only."""
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
+    """What these runs cost the answer."""
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            **self.last.to_json(),
-            "character": {
-                "findings": list(self.comparison.findings),
-                "bands": [one.to_json() for one in self.comparison.bands],
-                "growth": [one.to_json() for one in self.comparison.growth],
-                "controls": {name: dict(shares) for name, shares in self.comparison.controls.items()},
-            },
-            "explanation": self.explanation.to_json(),
-            "could_hide": self.hiding.to_json(),
-            "next_maneuver": None if self.next is None else self.next.to_json(),
-            "terms": [
-                {"equation": term.entry.equation, "error_share": term.error_share, "as_well": len(term.as_well)}
-                for term in (() if self.last.terms is None else self.last.terms.terms)
-            ],
-            "suspicions": [one.to_json() for one in self.comparison.suspicions],
-            "structure": {"base": self.fit.model.structure.base, "effects": list(self.fit.model.structure.effects)},
-            "rungs": [one.to_json() for one in self.rungs],
-            "remarks": list(self.remarks),
-        }
-
-    def fit_json(self, folder: Path) -> dict[str, Any] | None:
-        """The fit with what was found added, as `tippath add` would write it; None where nothing was."""
-        found = self.added or (self.fit if len(self.rungs) > 1 else None)
-        if found is None:
-            return None
-        return {**found.to_json(folder), **assess(found, self.runs).to_json()}
+    @property
+    def grown(self) -> Fit | None:
+        """The fit with what was found added; None where nothing was."""
+        return self.added or (self.fit if len(self.rungs) > 1 else None)
 
 
 def diagnose_fit(
@@ -127,12 +138,12 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks = [*_remarks(fitted.records, judging.records), *_in_a_loop(answer)]
+    remarks: list[Remark] = [*remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
     if repeat and wild:
-        remarks.append(f"not added: with {answer.effect} the fit goes to {listed(wild)}, which physics does not allow")
+        remarks.append(NotAdded(str(answer.effect), wild))
         grown = None
     elif repeat and grown is not None:
-        remarks.append(f"stopped after {MOST_RUNGS} questions")
+        remarks.append(StoppedAsking(MOST_RUNGS))
     say("where it fails")
     comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
     say("why")
@@ -246,26 +257,16 @@ def rival(found: Diagnosis) -> Ranked | None:
     return second if near else None
 
 
-def _remarks(records: Sequence[Record], validation: Sequence[Record]) -> tuple[str, ...]:
-    """What these runs cost the answer."""
-    said = []
-    if not validation:
-        said.append("no validation runs: whether it holds on others is open; name some with --validate")
-    if len(records) == 1:
-        said.append("one run only: what differs from run to run cannot show")
-    return tuple(said)
+def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[Remark]:
+    """What these runs cost any answer."""
+    return [*([] if validation else [NoValidation()]), *([OneRun()] if len(records) == 1 else [])]
 
 
-def _in_a_loop(found: Diagnosis) -> tuple[str, ...]:
+def _in_a_loop(found: Diagnosis) -> list[Remark]:
     """That feedback, and not the vehicle alone, made these data, where the best model is unstable."""
     winner = found.winner
     model = found.parent.model if winner is None or winner.fit is None else winner.fit.model
     if model.stable:
-        return ()
-    pole = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
-    named = "" if winner is None else f" with {listed(winner.effects)}"
-    return (
-        f"the model{named} is unstable (pole at {pole:+.1f} 1/s): so data look that were flown through a pilot or "
-        "controller without excitation of their own. Kind and size of what was found hold only as far as that loop "
-        "lets them: fly a chirp with noise on every axis, with the excitation logged, and ask that",
-    )
+        return []
+    pole = max(float(pole.real) for pole in np.linalg.eigvals(model.matrices.A))
+    return [InALoop(() if winner is None else winner.effects, pole)]

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from msgspec import Meta
 
 from gcs import documents
 from gcs.errors import TippathError
-from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches, mismatch
+from sysid.compare.metrics import Mismatches, mismatch
 from sysid.data.dataset import Runs, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
@@ -119,24 +119,6 @@ class Judgement:
     checks: tuple[Check, ...]
     spread: Spread | None
     implied: tuple[Implied, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Keys that are added to the fit's document."""
-        return {
-            "guides": {
-                "cramer_rao_percent": GUIDE_CRAMER_RAO,
-                "insensitivity_percent": GUIDE_INSENSITIVITY,
-                "coherence": LEAST_COHERENCE,
-                "cost": GOOD_COST,
-            },
-            "responses": [one.to_json() for one in self.responses.each],
-            "responses_reference": dict(
-                zip(self.responses.measured.commands, self.responses.measured.references, strict=True)
-            ),
-            "checks": [{"name": one.name, "passed": one.passed, "text": one.text} for one in self.checks],
-            "spread": None if self.spread is None else self.spread.to_json(),
-            "implied": [one.to_json() for one in self.implied],
-        }
 
 
 def assess(fit: Fit, runs: Runs, vehicle: Vehicle | None = None) -> Judgement:

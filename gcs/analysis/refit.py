@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gcs.analysis.quantities import quantity
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
-from sysid.diagnose.quantities import quantity
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit, RecordUsed
 from sysid.model.effect import Effect

@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.ladder import rungs_of
     from gcs.analysis.pages.ladder import ladder_picture
     from gcs.analysis.pages.pictures import picture_kind, write_picture
-    from gcs.analysis.text.addition import addition_text
+    from gcs.analysis.text.addition import addition_document, addition_text
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
     from gcs.desk.ladder import effect_to_add
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         picture = ladder_picture(rungs, found.noise_floor_percent, placebo=found.placebo_rung)
         write_picture(args.plot, picture, f"tippath add: {args.effect}", text)
         print(f"wrote {args.plot}", file=sys.stderr)
-    document = found.to_json(args.output.parent if args.output else Path.cwd())
+    document = addition_document(found, args.output.parent if args.output else Path.cwd())
     if args.output:
         write_json(document, args.output)
         print(f"wrote {args.output}", file=sys.stderr)

@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.comparison import flown
     from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
     from gcs.analysis.text.comparison import compare_text
+    from gcs.analysis.text.documents import comparison_document
     from gcs.cli.fit import print_notes
     from sysid.compare.compare import compare
     from sysid.fit.result import Fit
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         write_picture(args.plot, compare_picture(found), f"tippath compare: {args.fit.name}", text)
         print(f"wrote {args.plot}", file=sys.stderr)
     if args.json:
-        print_json(found.to_json())
+        print_json(comparison_document(found))
     else:
         print(text)
     return 0

@@ -94,6 +94,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.diagnosis import diagnose_fit
     from gcs.analysis.pages.pictures import picture_kind
     from gcs.analysis.text.diagnosis import diagnosis_text
+    from gcs.analysis.text.documents import diagnosis_document, grown_document
     from gcs.cli.fit import print_notes
     from gcs.cli.progress import Counting
     from gcs.errors import UsageError
@@ -128,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
             suggesting=args.suggest is not None,
             say=say,
         )
-    document = None if args.output is None else found.fit_json(args.output.parent)
+    document = None if args.output is None else grown_document(found, args.output.parent)
     text = diagnosis_text(
         found,
         str(args.fit),
@@ -138,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
     )
     _write(args, found, document, text)
     if args.json:
-        print_json(found.to_json())
+        print_json(diagnosis_document(found))
     else:
         print(text)
     return 0

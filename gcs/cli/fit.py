@@ -93,7 +93,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.fits import assess, load_vehicle
-    from gcs.analysis.text.fit import fit_text, implied_text
+    from gcs.analysis.text.fit import fit_text, implied_text, judgement_document
     from gcs.errors import TippathError
     from gcs.logs import parse_window, resolve_runs
     from sysid.data.dataset import prepared
@@ -131,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
         window_s=window,
     )
     judged = assess(fit, fitted, vehicle)
-    document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judged.to_json()}
+    document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judgement_document(judged)}
     if args.output:
         write_json(document, args.output)
         print(f"wrote {args.output}", file=sys.stderr)

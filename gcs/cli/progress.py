@@ -9,6 +9,7 @@ from typing import TextIO
 
 from gcs.cards.envelope import Limits
 from gcs.flight.flown_card import Briefing
+from gcs.flight.probe import result_words
 from gcs.flight.rules import LOST_PATIENCE_S
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
@@ -42,7 +43,7 @@ class ProgressLines:
             case Probed():
                 result = progress.result
                 mark = "✗" if result.wrong else "✓" if result.ok else "?"
-                for words in result.words:
+                for words in result_words(result):
                     self._line(f" {mark} probe   {printable(words)}")
             case RunReady():
                 maneuver = progress.run.maneuver

@@ -92,6 +92,8 @@ class Demonstration:
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
+        from gcs.analysis.text.checks import checks_document
+
         found = self.identification
         return {
             "format": "tippath.demo/1",
@@ -115,7 +117,7 @@ class Demonstration:
                 name: [{"frequency_hz": m.frequency_hz, "damping_ratio": m.damping_ratio} for m in model.modes]
                 for name, model in (("tpp", found.tpp.model), ("cd", found.cd.model), ("cd_reduced", found.reduced))
             },
-            "checks": [{"name": c.name, "passed": c.passed, "text": c.text} for c in found.checks],
+            "checks": checks_document(found.checks),
             "pushed": [{"crc": p.crc, "checksum": checksum(p.crc), "verified": len(p.values)} for p in self.pushed],
             "reverted_to": self.reverted.crc,
             "reverted_to_checksum": checksum(self.reverted.crc),

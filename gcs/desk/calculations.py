@@ -14,10 +14,12 @@ from gcs.analysis.addition import Addition, add_effect
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
 from gcs.analysis.fits import PAIR, assess, identify_flight, on_cd, side_by_side
-from gcs.analysis.text.addition import addition_blocks, outcome
-from gcs.analysis.text.blocks import Blocks
+from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
+from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
 from gcs.analysis.text.diagnosis import diagnosis_blocks
+from gcs.analysis.text.documents import comparison_document, diagnosis_document
+from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.gains import gains_text
 from gcs.desk import choices, ladder, saved, shell
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
@@ -38,6 +40,8 @@ from sysid.fit.result import Fit, RecordUsed
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError
 from sysid.model.paper import TPP
+
+Document = dict[str, Any]
 
 
 class Step(Protocol):
@@ -125,26 +129,26 @@ class Calculations:
         fitted = prepared(records, DEFAULT_BAND_HZ)
         fits = identify_flight(fitted, validation, effects=base.effects)
         self._step("judging them", 0.5)
-        judged = {one: assess(one, fitted).to_json() for one in (fits.tpp, fits.cd)}
+        judged = {one: judgement_document(assess(one, fitted)) for one in (fits.tpp, fits.cd)}
         self._step("", 0.9)
         return FittedFlight(ladder.tables(fits), base, judged)
 
-    def compare(self, rung: Rung, flown: Flown) -> tuple[Comparison, Blocks]:
-        """Where a rung fails."""
+    def compare(self, rung: Rung, flown: Flown) -> tuple[Comparison, Document, Blocks]:
+        """Where a rung fails: values, the document to keep, text."""
         self._step(rung.name)
         records, _, quiet = flown
         comparison = compare(rung.fit.model, records, rung.fit.band_hz, quiet)
         text = compare_blocks(comparison, rung.fit)
         self._step("")
-        return comparison, text
+        return comparison, comparison_document(comparison), text
 
-    def diagnose(self, rung: Rung, flown: Flown, place: str) -> tuple[FitDiagnosis, Blocks]:
-        """What a rung lacks; `place`: where its fit is kept."""
+    def diagnose(self, rung: Rung, flown: Flown, place: str) -> tuple[FitDiagnosis, Document, Blocks]:
+        """What a rung lacks: values, the document to keep, text; `place`: where its fit is kept."""
         self._step(rung.name)
         diagnosis = diagnose_fit(rung.fit, *flown, say=self._step)
         text = diagnosis_blocks(diagnosis, place, shell.words(shell.named(rung.fit)))
         self._step("")
-        return diagnosis, text
+        return diagnosis, diagnosis_document(diagnosis), text
 
     def effect(self, fit: Fit, word: str) -> Effect:
         """The effect to add that a word names; a file's code runs."""
@@ -157,6 +161,10 @@ class Calculations:
         addition = add_effect(rung.fit, effect, records, validation, say=self._step)
         self._step("writing")
         return addition
+
+    def addition_document(self, addition: Addition, folder: Path) -> Document:
+        """The grown fit as it is kept in a folder."""
+        return addition_document(addition, folder)
 
     def designs_on(self, fit: Fit) -> bool:
         """Whether gains are designed on a fit of this structure."""
@@ -220,9 +228,9 @@ class Calculations:
         return ladder.full_name(fit)
 
     def added(self, addition: Addition, place: str, written: Path | None) -> tuple[Blocks, str]:
-        """What is to be said of an added effect, in full and in a sentence."""
+        """What is to be said of an added effect, in full and in a sentence, which offers nothing of a face's."""
         text = addition_blocks(addition, place, None if written is None else str(written))
-        return text, outcome(addition)[1]
+        return text, whole(outcome(addition)[1], {})
 
     def report(self, paths: Sequence[Path], named: Sequence[str], gains: Path | None) -> str:
         """The page of some fits and gains; `named` are the user's effect files."""

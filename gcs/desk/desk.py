@@ -188,10 +188,10 @@ class Desk:
             rung = self._rung()
             if rung.comparison is not None:
                 return
-            comparison, text = self._calculations.compare(rung, self._flown(rung.fit))
+            comparison, document, text = self._calculations.compare(rung, self._flown(rung.fit))
             floor = comparison.noise_floor_percent or rung.noise_floor_percent
             self._replace(rung.fit, comparison=comparison, comparison_text=text, noise_floor_percent=floor)
-            self._keep_document("a comparison", rung.fit, comparison.to_json(), shell.compare, "compared")
+            self._keep_document("a comparison", rung.fit, document, shell.compare, "compared")
 
     def diagnose(self) -> None:
         """Which effect the current rung lacks."""
@@ -200,13 +200,12 @@ class Desk:
             if rung.diagnosis is not None:
                 return
             place = str(self._places.get(rung.fit) or "FIT.json")
-            diagnosis, text = self._calculations.diagnose(rung, self._flown(rung.fit), place)
+            diagnosis, document, text = self._calculations.diagnose(rung, self._flown(rung.fit), place)
             last = diagnosis.last
             floor = {key: float(value) for key, value in last.noise_floor_percent.items()}
             self._replace(rung.fit, diagnosis=diagnosis, diagnosis_text=text, noise_floor_percent=floor)
             answer = last.verdict + (f" {last.effect}" if last.verdict == "missing" else "")
             self._set(said=f"{answer}, confidence {last.confidence:.2f}")
-            document = diagnosis.to_json()
             self._keep_document("a diagnosis", rung.fit, document, shell.diagnose, f"asked: {answer}")
 
     def _keep_document(
@@ -247,7 +246,7 @@ class Desk:
             self._keep_fit(
                 addition.after,
                 lambda: f"{self._place(rung.fit).stem}-{Path(effect).stem}.json",
-                addition.to_json,
+                lambda folder: self._calculations.addition_document(addition, folder),
                 lambda path: shell.add(rung.fit, self._place(rung.fit), effect, path),
                 f"added {effect}",
             )

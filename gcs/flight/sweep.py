@@ -30,7 +30,18 @@ from gcs.flight.flown_card import Briefing, SweepResult, limits_document, record
 from gcs.flight.folder import FlightFolder
 from gcs.flight.handback import Handback
 from gcs.flight.preflight import Check
-from gcs.flight.probe import QUIET_S, ProbeResult, ProbeStep, Samples, judge_probe, largest_amplitude, probe_card
+from gcs.flight.probe import (
+    QUIET_S,
+    ProbeResult,
+    ProbeStep,
+    Samples,
+    finding_words,
+    judge_probe,
+    largest_amplitude,
+    probe_card,
+    result_document,
+    result_words,
+)
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.rules import LOG_SILENCE_S, TICK_S, joined
 from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, fly_run
@@ -352,12 +363,12 @@ class _Flight:
             return ""
         self.probed = judge_probe(self.quiet, self.steps, self.handback.settings.get(LOOP_RATE))
         self.write()
-        self._audit(f"probe: {'; '.join(self.probed.words)}")
+        self._audit(f"probe: {'; '.join(result_words(self.probed))}")
         self.on_progress(Probed(self.probed))
         if not self.probed.wrong:
             return ""
         self.ending = Ending.PROBE
-        serious = "; ".join(finding.words for finding in self.probed.findings if finding.serious)
+        serious = "; ".join(finding_words(finding) for finding in self.probed.findings if finding.serious)
         return f"the probe says: {serious}; nothing more was flown"
 
     def _capped(self, run: CardRun) -> str:
@@ -450,7 +461,7 @@ class _Flight:
                 "checks": [{"name": c.name, "ok": c.ok, "words": c.words} for c in self.checks],
                 "planned": len(self.planned),
                 "runs": [run.to_json() for run in self.runs],
-                "probe": None if self.probed is None else self.probed.to_json(),
+                "probe": None if self.probed is None else result_document(self.probed),
                 "stopped": self.stopped,
                 "recording": None if self.recording is None else recording_document(self.recording, self.folder.path),
                 "missing_blocks": snapshot.missing if self.recording is None else self.recording.missing_blocks,

@@ -18,6 +18,7 @@ from gcs.errors import TippathError
 from gcs.flight.excitation import abort
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import create
+from gcs.flight.probe import result_words
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.session import Session
@@ -237,7 +238,7 @@ class CardFlight:
             case RunResult():
                 self._judged(progress)
             case Probed():
-                self._moment.set(said=f"probe: {'; '.join(progress.result.words)}")
+                self._moment.set(said=f"probe: {'; '.join(result_words(progress.result))}")
             case Note():
                 self._notes.append(progress.words)
                 self._moment.set(said=progress.words)

@@ -13,6 +13,9 @@ from rich.cells import cell_len
 from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.ladder import RungNumbers, short_names
 from gcs.analysis.text.blocks import Blocks, spaced
+from gcs.analysis.text.findings import finding_text, suspicion_text
+from gcs.analysis.text.hidden import hidden_sentences
+from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
@@ -28,7 +31,11 @@ Line = str | tuple[str, str]
 SIGNS = {Choice.FIT: "●", Choice.VALIDATE: "○", Choice.OUT: " ", Choice.NOISE: "~"}
 """Beside the word, never in its place."""
 MOST_CANDIDATES = 12
-KEYS = {"card": "W writes that as a test card"}
+KEYS = {
+    "card": "; W writes that as a test card",
+    "validate some": "; 3, then V marks some, and 4, then F fits again",
+    "validate one": "; 3, then V marks one, and 4, then F fits again",
+}
 """What the app offers where a shell offers an option."""
 TO_TYPE = ("next", "in full")
 """Blocks on what to type next: those are keys here."""
@@ -180,8 +187,10 @@ def compare_lines(desk: DeskState, width: int, *, full: bool = True) -> list[Lin
     found = rung.comparison
     if found is None:
         return ["", f" {full_name(desk)} was not compared with its runs yet"]
-    lines: list[Line] = [(f" suspicion: {one.text}", "bold") for one in found.suspicions]
-    lines += [f" {text}" for text in found.findings] or [" nothing to tell: what is left looks like noise"]
+    lines: list[Line] = [(f" suspicion: {suspicion_text(one)}", "bold") for one in found.suspicions]
+    lines += [f" {finding_text(one, KEYS)}" for one in found.findings] or [
+        " nothing to tell: what is left looks like noise"
+    ]
     if full:
         lines += ["", *_indented(spaced(rung.comparison_text, KEYS, but=("findings",)))]  # those stand above
     return broken(lines, width)
@@ -367,7 +376,7 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
     lines: list[Line] = []
     if found.next is not None:
         lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
-        lines += [f"   {found.next.maneuver}", f"   {found.next.why}"]
+        lines += [f"   {proposal_text(found.next.proposal)}", f"   {why_text(found.next.why)}"]
         lines.append(
             "   6, then W writes it as a test card" if found.next.card is not None else "   no card can hold that"
         )
@@ -375,7 +384,7 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
         lines.append(" no maneuver would tell more")
     if desk.card is not None:
         lines.append(f" written: {desk.card}; 2, then C flies it")
-    lines += ["", *(f" {text}" for text in found.hiding.sentences)]
+    lines += ["", *(f" {text}" for text in hidden_sentences(found.hiding))]
     return broken(lines, width)
 
 

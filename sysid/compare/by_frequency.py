@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.compare.data_checks import Suspicion, mistaken_signs
+from sysid.compare.data_checks import mistaken_signs
+from sysid.compare.finding_kinds import Suspicion
 from sysid.compare.metrics import ModelResponses, mismatches
 from sysid.compare.noise import NoiseShare, window_of
 from sysid.compare.on_runs import ModelOnRuns

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.compare.by_time import CONDITIONS
-from sysid.compare.data_checks import Suspicion, mixed
+from sysid.compare.data_checks import mixed
+from sysid.compare.finding_kinds import Suspicion
 from sysid.compare.noise import TESTABLE, Levels
 from sysid.compare.on_runs import ModelOnRuns
 from sysid.compare.values import GROWTH_ERRORS, GROWTH_RATIO, Growth, RunError

@@ -10,11 +10,19 @@ linear response explains and a common one does not.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from sysid.compare.finding_kinds import (
+    Answers,
+    Clipped,
+    CommandsElsewhere,
+    Mixed,
+    NotSeparable,
+    OtherAxisMoved,
+    Suspicion,
+    WrongSigns,
+)
 from sysid.compare.spectrum import Responses
 from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import CYCLIC, RATES, Record, axis_of
@@ -47,20 +55,6 @@ MOST_RUNS = 12
 """That are compared two by two."""
 
 
-@dataclass(frozen=True)
-class Suspicion:
-    """One mistake that the runs look like."""
-
-    kind: str
-    """`clipped`, `axes`, `signs`, `mixed` or `not separable`."""
-    runs: tuple[str, ...]
-    """Ids of the runs concerned."""
-    text: str
-
-    def to_json(self) -> dict[str, Any]:
-        return {"kind": self.kind, "runs": list(self.runs), "text": self.text}
-
-
 # ------------------------------------------------------------------------------------------------ the gyro
 
 
@@ -73,12 +67,11 @@ def clipped(records: Sequence[Record]) -> list[Suspicion]:
             if share > 0:
                 found.setdefault(name, []).append((record.id, share, limit))
     return [
-        Suspicion(
-            "clipped",
-            tuple(run for run, _, _ in each),
-            f"{name} is clipped at {max(limit for _, _, limit in each):.3g} rad/s "
-            f"({100 * max(share for _, share, _ in each):.2g} % of the samples of {listed([run for run, _, _ in each])}"
-            "): fly with less amplitude, or set a larger range of the gyro",
+        Clipped(
+            runs=tuple(run for run, _, _ in each),
+            channel=name,
+            limit=max(limit for _, _, limit in each),
+            share=max(share for _, share, _ in each),
         )
         for name, each in found.items()
     ]
@@ -113,7 +106,7 @@ def flat_tops(values: FloatArray) -> tuple[float, float]:
 
 def mistaken_axes(records: Sequence[Record]) -> list[Suspicion]:
     """Runs whose declared axis is not the one that was moved, and excitations that moved another command."""
-    found = []
+    found: list[Suspicion] = []
     letters = {"roll": "x", "pitch": "y"}
     for axis, letter in letters.items():
         other = "y" if letter == "x" else "x"
@@ -129,15 +122,7 @@ def mistaken_axes(records: Sequence[Record]) -> list[Suspicion]:
             own, beside = (float(np.std(record.channels[f"{kind}_{one}"])) for one in (letter, other))
             if beside > OTHER_AXIS * own:
                 wrong.setdefault(f"{kind}_{other}", []).append(record.id)
-        found += [
-            Suspicion(
-                "axes",
-                tuple(runs),
-                f"{listed(runs)} {'is' if len(runs) == 1 else 'are'} declared {axis}, but {name} moved most: "
-                "are the axes swapped in the log or its profile?",
-            )
-            for name, runs in wrong.items()
-        ]
+        found += [OtherAxisMoved(tuple(runs), axis, name) for name, runs in wrong.items()]
     return found + _mistaken_commands(records)
 
 
@@ -155,14 +140,7 @@ def _mistaken_commands(records: Sequence[Record]) -> list[Suspicion]:
     answers = _answers(gain)
     if answers is None:
         return []
-    said = _said(answers, ("excitation_x", "excitation_y"), ("delta_x", "delta_y"))
-    return [
-        Suspicion(
-            "axes",
-            tuple(one.id for one in whole),
-            f"the commands do not follow what was added to them: {said}; check their signs and axes in the profile",
-        )
-    ]
+    return [CommandsElsewhere(tuple(one.id for one in whole), answers)]
 
 
 def mistaken_signs(measured: Responses) -> list[Suspicion]:
@@ -180,24 +158,9 @@ def mistaken_signs(measured: Responses) -> list[Suspicion]:
     answers = _answers(np.mean(H[:, :, known], axis=2) * USUAL_LAG)
     if answers is None:
         return []
-    (row, one), (_, other) = answers
-    if row:
-        looks = "rates and commands are " + ("swapped" if one == other else "turned by 90 degrees against each other")
-    elif one == other:
-        looks = "rates and commands are turned by 180 degrees against each other"
-    else:
-        looks = "the sign of " + ("p or of delta_x" if one < 0 else "q or of delta_y") + " is turned"
-    said = _said(answers, CYCLIC, RATES)
-    or_ = "" if measured.closed_loop_safe else " (or gusts through the feedback look so: the excitation is not logged)"
-    return [
-        Suspicion(
-            "signs", (), f"the slow answers have the wrong signs ({said}): as if {looks}; check the profile first{or_}"
-        )
-    ]
+    return [WrongSigns(answers, measured.closed_loop_safe)]
 
 
-Answers = tuple[tuple[int, int], tuple[int, int]]
-"""For each of two inputs the row that really answers it, and with which sign."""
 USUAL: Answers = ((0, 1), (1, 1))
 
 
@@ -216,13 +179,6 @@ def _answers(gain: ComplexArray | FloatArray) -> Answers | None:
         key=lambda each: sum(sign * float(np.real(gain[row, column])) for column, (row, sign) in enumerate(each)),
     )
     return None if best == USUAL else best
-
-
-def _said(answers: Answers, inputs: tuple[str, str], outputs: tuple[str, str]) -> str:
-    return ", ".join(
-        f"{name} moves {'-' if sign < 0 else ''}{outputs[row]}"
-        for name, (row, sign) in zip(inputs, answers, strict=True)
-    )
 
 
 # ------------------------------------------------------------------------------------------------ vehicles
@@ -262,17 +218,14 @@ def mixed(
     for group in groups:
         parts = _alike(group, alone, power, explained) if len(group) <= MOST_RUNS else [group]
         if len(parts) > 1:
-            apart.append(" against ".join(listed([ids[i] for i in part]) for part in parts))
-    where = f" ({'; '.join(apart)})" if apart else ""
-    look = "runs of different vehicles, gains or flight conditions"
-    if amplitudes:
-        look += ", or a nonlinearity, as the amplitudes differ"
+            apart.append(tuple(tuple(ids[i] for i in part) for part in parts))
     return [
-        Suspicion(
-            "mixed",
-            tuple(ids),
-            f"{100 * beyond[worst]:.0f} % of the {axis_of(outputs[worst])} error goes away when every run may answer "
-            f"for itself{where}: {look}; fit them apart and compare the numbers",
+        Mixed(
+            runs=tuple(ids),
+            axis=axis_of(outputs[worst]),
+            share=float(beyond[worst]),
+            apart=tuple(apart),
+            amplitudes=amplitudes,
         )
     ]
 
@@ -299,16 +252,5 @@ def not_separable(structure: Structure, spectra: Sequence[Spectrum]) -> list[Sus
         refuse_still_channels(structure, spectra)
     except FitError as error:
         runs = tuple(dict.fromkeys(one.segment.record.id for one in spectra))
-        return [Suspicion("not separable", runs, f"these runs alone would be refused: {error}")]
+        return [NotSeparable(runs, str(error))]
     return []
-
-
-def listed(ids: Sequence[str]) -> str:
-    """Runs as people write them: `flight.BIN#1, #2`, the log named once."""
-    said: list[str] = []
-    last: str | None = None
-    for one in ids:
-        log, mark, number = one.rpartition("#")
-        said.append(f"#{number}" if mark and log == last else one)
-        last = log if mark else None
-    return ", ".join(said)

@@ -1,19 +1,32 @@
-"""A comparison in sentences that an operator can use; each is said only where the data carry it."""
+"""What a comparison finds, as values; each stands there only where the data carry it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sysid.compare.data_checks import listed
+from sysid.compare.finding_kinds import (
+    MOST_OF_IT,
+    AtTheEnds,
+    Burst,
+    ChangesWithAmplitude,
+    ErrorInBand,
+    Finding,
+    FollowsControl,
+    GoesWithCondition,
+    GrowsWithAmplitude,
+    NearlyNoise,
+    NoiseKnown,
+    NotSeparable,
+    OnlyNoise,
+    TooShort,
+    WorseRun,
+)
 from sysid.compare.values import GROWTH_RATIO, BandError, Comparison, RunError
 from sysid.data.record import axis_of
 
-MOST_OF_IT, NEARLY_ALL = 0.5, 0.9
-COHERENT, PARTLY = 0.5, 0.2
-ONE_COMMAND = 0.8
-"""Of what all commands explain; a command that explains this much alone is named alone."""
+NEARLY_ALL = 0.9
 QUIET_AGREES = 2.0
 """Factor between the two within which they agree."""
 DISTORTED = 0.08
@@ -21,93 +34,79 @@ DISTORTED = 0.08
 CHANGED = 0.15
 """Of the error, that goes away when the response may differ between amplitudes, to be spoken of."""
 WORSE = 2.0
+MOSTLY_NOISE = 0.7
 ENDS_S = 2.0
 ENDS_SHARE, ENDS_DENSITY = 0.25, 3.0
 BURST_SHARE, BURST_DENSITY = 0.2, 6.0
-CONDITION_WORDS = {"omega": "the rotor speed", "airspeed": "the airspeed"}
 
 
-def findings(found: Comparison, own_runs: bool) -> tuple[str, ...]:
-    """What is to be said, mistakes in the data first; `own_runs` says that the model was fitted to these."""
-    said = [one.text for one in found.suspicions if one.kind != "not separable"]
-    nonlinear = any(share > DISTORTED for share in found.distortion.values())
-    if not any(found.more.values()) and not nonlinear:
-        said.append(f"what is left is noise: nothing to find here ({_noise_words(found)})")
-    else:
-        worst_first = sorted(found.outputs, key=lambda output: found.nrmse_percent[output])
-        said += [_axis_finding(found, output, own_runs) for output in worst_first]
-    said += _growth_findings(found)
-    said += _control_findings(found)
-    said += _time_findings(found)
-    said += _condition_findings(found)
-    said += _run_findings(found)
-    said += [one.text for one in found.suspicions if one.kind == "not separable"]
-    return tuple(said)
-
-
-def _noise_words(found: Comparison) -> str:
-    agrees = found.quiet_ratio is not None and all(
-        1 / QUIET_AGREES < ratio < QUIET_AGREES for ratio in found.quiet_ratio.values()
+def findings(compared: Comparison, own_runs: bool) -> tuple[Finding, ...]:
+    """What there is to tell, mistakes in the data first; `own_runs` says that the model was fitted to these."""
+    refused = [one for one in compared.suspicions if isinstance(one, NotSeparable)]
+    mistakes = [one for one in compared.suspicions if not isinstance(one, NotSeparable)]
+    return (
+        *mistakes,
+        *_error_findings(compared, own_runs),
+        *_growth_findings(compared),
+        *_control_findings(compared),
+        *_time_findings(compared),
+        *_condition_findings(compared),
+        *_run_findings(compared),
+        *refused,
     )
-    return {
-        "quiet hover": "measured from quiet hover",
-        "logged excitation": "measured, and quiet hover agrees" if agrees else "measured, the excitation is logged",
-        "commands": "feedback hides some of it, the excitation is not logged",
-    }[found.noise_from]
 
 
-def _axis_finding(found: Comparison, output: str, own_runs: bool) -> str:
+def _error_findings(compared: Comparison, own_runs: bool) -> list[Finding]:
+    """Where the error of each axis sits, the worst axis first."""
+    nonlinear = any(share > DISTORTED for share in compared.distortion.values())
+    if not any(compared.more.values()) and not nonlinear:
+        return [OnlyNoise(_noise_known(compared))]
+    worst_first = sorted(compared.outputs, key=lambda output: compared.nrmse_percent[output])
+    return [_axis_finding(compared, output, own_runs) for output in worst_first]
+
+
+def _noise_known(compared: Comparison) -> NoiseKnown:
+    agrees = compared.quiet_ratio is not None and all(
+        1 / QUIET_AGREES < ratio < QUIET_AGREES for ratio in compared.quiet_ratio.values()
+    )
+    return NoiseKnown(compared.noise_from, agrees)
+
+
+def _axis_finding(compared: Comparison, output: str, own_runs: bool) -> Finding:
     axis = axis_of(output)
-    bands = [one for one in found.bands if one.axis == axis]
-    if found.noise_share is None:
-        one = max(bands, key=lambda band: band.error_share)
-        return (
-            f"{axis}: {_percent(one.error_share)} of the error sits in {_hertz(one.low_hz, one.high_hz)}; the runs are "
-            "too short to tell noise from error, fly longer ones or quiet hover"
-        )
-    least = "at least " if found.noise_from == "commands" else ""
-    share = found.noise_share[output]
-    noisy = f"Noise explains {least}{_percent(share)} ({_noise_words(found)})"
-    nonlinear = found.distortion[output] > DISTORTED
-    if not found.more[output] and not nonlinear:
-        return f"{axis}: what is left is noise, nothing to find here"
-    low, high, part, inside, together, each = _stretch(bands)
-    if share > NEARLY_ALL and not nonlinear:
-        return (
-            f"{axis}: noise explains {least}{_percent(share)} ({_noise_words(found)}); "
-            f"the little beyond it sits in {_hertz(low, high)}."
-        )
-    where = f"{axis}: {_percent(part)} of the error sits in {_hertz(low, high)}"
-    lacking = "linear dynamics are missing there" if own_runs else "linear dynamics or their numbers are off there"
-    name, alone = max(each.items(), key=lambda item: item[1])
-    if together < PARTLY:
-        said = f"{where}, hardly coherent with the commands ({together:.2f})"
-        if any(one.kind == "mixed" for one in found.suspicions):
-            said += ": the runs do not agree"
-        else:
-            what = "most of it is noise" if inside > MOST_OF_IT else "a nonlinearity, or something that is not logged"
-            said += f": {'a nonlinearity rather than linear dynamics' if nonlinear else what}"
-    elif alone >= ONE_COMMAND * together:
-        said = f"{where}, coherent with {name} ({alone:.2f}): {lacking}"
-    else:
-        listing = ", ".join(f"{name} {value:.2f}" for name, value in sorted(each.items(), key=lambda item: -item[1]))
-        said = f"{where}, coherent with the commands ({together:.2f}; {listing}): {lacking}"
-    if together >= PARTLY and together < COHERENT:
-        said += ", among other things"
-    said += f". {noisy}"
-    if nonlinear:
-        said += (
-            f"; {_percent(found.distortion[output])} is neither as in quiet hover nor linear in the commands: "
-            "a nonlinearity, or rougher air"
-        )
-    return said + "."
+    bands = [one for one in compared.bands if one.axis == axis]
+    if compared.noise_share is None:
+        worst = max(bands, key=lambda band: band.error_share)
+        return TooShort(axis, (worst.low_hz, worst.high_hz), worst.error_share)
+    noise, share = _noise_known(compared), compared.noise_share[output]
+    distortion = compared.distortion[output] if compared.distortion[output] > DISTORTED else None
+    if not compared.more[output] and distortion is None:
+        return OnlyNoise(noise, axis)
+    inside = _stretch(bands)
+    band = inside[0].low_hz, inside[-1].high_hz
+    if share > NEARLY_ALL and distortion is None:
+        return NearlyNoise(axis, band, share, noise)
+    part = sum(one.error_share for one in inside)
+    weight = max(part, 1e-300)
+    return ErrorInBand(
+        axis=axis,
+        band_hz=band,
+        error_share=part,
+        noise_within=sum(one.error_share * (one.noise_share or 0) for one in inside) / weight,
+        coherence={
+            name: sum(one.error_share * one.coherence[name] for one in inside) / weight for name in inside[0].coherence
+        },
+        coherence_together=sum(one.error_share * one.coherence_together for one in inside) / weight,
+        noise_share=share,
+        noise=noise,
+        distortion=distortion,
+        mixed=any(one.kind == "mixed" for one in compared.suspicions),
+        own_runs=own_runs,
+    )
 
 
-def _stretch(bands: Sequence[BandError]) -> tuple[float, float, float, float, float, dict[str, float]]:
-    """The neighbouring bands that hold most of what is not noise.
-
-    Ends, share of the error, noise's share in it, coherence with all commands and with each.
-    """
+def _stretch(bands: Sequence[BandError]) -> Sequence[BandError]:
+    """The neighbouring bands that hold most of what is not noise."""
     beyond = np.array([one.error_share * (1 - (one.noise_share or 0)) for one in bands])
     first = last = int(np.argmax(beyond))
     while np.sum(beyond[first : last + 1]) < MOST_OF_IT * np.sum(beyond):
@@ -117,123 +116,100 @@ def _stretch(bands: Sequence[BandError]) -> tuple[float, float, float, float, fl
             first -= 1
         else:
             last += 1
-    inside = bands[first : last + 1]
-    share = sum(one.error_share for one in inside)
-    weight = max(share, 1e-300)
-    each = {name: sum(one.error_share * one.coherence[name] for one in inside) / weight for name in inside[0].coherence}
-    together = sum(one.error_share * one.coherence_together for one in inside) / weight
-    noise = sum(one.error_share * (one.noise_share or 0) for one in inside) / weight
-    return inside[0].low_hz, inside[-1].high_hz, share, noise, together, each
+    return bands[first : last + 1]
 
 
-def _growth_findings(found: Comparison) -> list[str]:
-    said = []
+def _growth_findings(compared: Comparison) -> Iterator[Finding]:
     for axis in ("roll", "pitch"):
-        each = [one for one in found.growth if one.axis == axis]
+        each = [one for one in compared.growth if one.axis == axis]
         strong = [one for one in each if one.significant]
         if strong:
-            one = max(strong, key=lambda growth: abs(np.log(growth.per_doubling)))
-            way = "grows" if one.per_doubling > 1 else "falls"
-            kind = "" if one.per_doubling > 1 else " that counts most in small motion, as play does"
-            factor = f"{'at least ' if one.at_least else ''}x{one.per_doubling:.1f} per doubling beyond the linear"
-            said.append(
-                f"{axis}: the error {way} with amplitude ({factor}, {one.command} {one.low:.2g} to {one.high:.2g} "
-                f"rms): a nonlinearity{kind}"
+            most = max(strong, key=lambda growth: abs(np.log(growth.per_doubling)))
+            yield GrowsWithAmplitude(
+                axis=axis,
+                command=most.command,
+                per_doubling=most.per_doubling,
+                at_least=most.at_least,
+                low=most.low,
+                high=most.high,
             )
         elif any(one.changes > CHANGED for one in each):
-            one = max(each, key=lambda growth: growth.changes)
-            said.append(
-                f"{axis}: the response to {one.command} changes with amplitude "
-                f"({_percent(one.changes)} of the error): a nonlinearity"
-            )
-    return said
+            most = max(each, key=lambda growth: growth.changes)
+            yield ChangesWithAmplitude(axis, most.command, most.changes)
 
 
-def _control_findings(found: Comparison) -> list[str]:
-    said = []
-    for name, shares in found.controls.items():
+def _control_findings(compared: Comparison) -> Iterator[Finding]:
+    for name, shares in compared.controls.items():
         output, share = max(shares.items(), key=lambda item: item[1])
-        if name in found.bands[0].coherence:
-            said.append(
-                f"{axis_of(output)}: {name} explains {_percent(share)} of the error beyond the commands: "
-                + ("yaw couples into it" if name == "r" else "it acts on the vehicle and is not in the structure")
-            )
-    return said
+        if name in compared.bands[0].coherence:
+            yield FollowsControl(axis_of(output), name, share)
 
 
-def _time_findings(found: Comparison) -> list[str]:
+def _time_findings(compared: Comparison) -> Iterator[Finding]:
     """Errors that sit at the ends of the runs, or in one place of one run."""
-    said: list[str] = []
-    total = sum(float(one.t[-1] - one.t[0]) for one in found.traces)
-    for k, output in enumerate(found.outputs):
-        axis = axis_of(output)
-        whole = max(float(np.sum([np.sum(one.residual[k] ** 2) for one in found.traces])), 1e-300)
-        for words, begin in (("first", True), ("last", False)):
-            share = time = 0.0
-            for one in found.traces:
-                near = one.t - one.t[0] if begin else one.t[-1] - one.t
-                at = near < ENDS_S
-                share += float(np.sum(one.residual[k, at] ** 2)) / whole
-                time += min(ENDS_S, float(one.t[-1] - one.t[0])) / total
-            if share > ENDS_SHARE and share > ENDS_DENSITY * time:
-                said.append(
-                    f"{axis}: {_percent(share)} of the error sits in the {words} {ENDS_S:g} s of the runs: "
-                    "cut them off with --window, or look at what happens there"
-                )
-        if any(text.startswith(axis) for text in said) or len(found.runs) < 2:
-            continue
-        largest = max((one for one in found.windows if one.axis == axis), key=lambda one: one.error_share)
-        density = largest.error_share * total / (largest.stop_s - largest.start_s)
-        if largest.error_share > BURST_SHARE and density > BURST_DENSITY:
-            start = next(trace.t[0] for trace in found.traces if trace.run == largest.run)
-            said.append(
-                f"{axis}: {_percent(largest.error_share)} of the error sits at {largest.start_s - start:.0f}-"
-                f"{largest.stop_s - start:.0f} s of {largest.run}: a gust, a knock or a lost sample there?"
-            )
-    return said
+    total = sum(float(one.t[-1] - one.t[0]) for one in compared.traces)
+    for k, output in enumerate(compared.outputs):
+        at_ends = list(_end_findings(compared, k, axis_of(output), total))
+        yield from at_ends
+        if not at_ends and len(compared.runs) > 1:
+            yield from _burst_findings(compared, axis_of(output), total)
 
 
-def _condition_findings(found: Comparison) -> list[str]:
-    return [
-        f"{one.axis}: the error grows where {CONDITION_WORDS[one.channel]} is {'high' if one.factor > 1 else 'low'} "
-        f"(x{max(one.factor, 1 / one.factor):.1f} in power from {one.low:.4g} to {one.high:.4g})"
-        for one in found.trends
-        if one.significant
-    ]
+def _end_findings(compared: Comparison, k: int, axis: str, total: float) -> Iterator[Finding]:
+    """The ends of all runs, of output `k`; total: seconds of them all."""
+    whole = max(float(np.sum([np.sum(one.residual[k] ** 2) for one in compared.traces])), 1e-300)
+    for first in (True, False):
+        share = time = 0.0
+        for one in compared.traces:
+            near = one.t - one.t[0] if first else one.t[-1] - one.t
+            at = near < ENDS_S
+            share += float(np.sum(one.residual[k, at] ** 2)) / whole
+            time += min(ENDS_S, float(one.t[-1] - one.t[0])) / total
+        if share > ENDS_SHARE and share > ENDS_DENSITY * time:
+            yield AtTheEnds(axis=axis, share=share, first=first, seconds=ENDS_S)
 
 
-def _run_findings(found: Comparison) -> list[str]:
+def _burst_findings(compared: Comparison, axis: str, total: float) -> Iterator[Finding]:
+    largest = max((one for one in compared.windows if one.axis == axis), key=lambda one: one.error_share)
+    density = largest.error_share * total / (largest.stop_s - largest.start_s)
+    if largest.error_share > BURST_SHARE and density > BURST_DENSITY:
+        start = next(trace.t[0] for trace in compared.traces if trace.run == largest.run)
+        yield Burst(
+            axis=axis,
+            share=largest.error_share,
+            run=largest.run,
+            start_s=largest.start_s - start,
+            stop_s=largest.stop_s - start,
+        )
+
+
+def _condition_findings(compared: Comparison) -> Iterator[Finding]:
+    for one in compared.trends:
+        if one.significant:
+            yield GoesWithCondition(axis=one.axis, channel=one.channel, factor=one.factor, low=one.low, high=one.high)
+
+
+def _run_findings(compared: Comparison) -> Iterator[Finding]:
     """Runs whose error is far above that of the others of their kind."""
-    said = []
-    for one in found.runs:
-        for output in found.outputs:
+    for one in compared.runs:
+        for output in compared.outputs:
             like = [
                 other.error_share[output] / other.duration_s
-                for other in found.runs
+                for other in compared.runs
                 if other is not one and (other.axis, other.maneuver) == (one.axis, one.maneuver) and _like(other, one)
             ]
             own = one.error_share[output] / one.duration_s
             if like and own > WORSE * float(np.median(like)) and own > WORSE * min(like):
-                noisy = one.noise_share is not None and one.noise_share[output] > 0.7
-                why = "most of it is noise, rougher air" if noisy else "look at what was different in it"
-                said.append(
-                    f"{listed([one.id])} is worse than the others: its {axis_of(output)} error is "
-                    f"{own / max(float(np.median(like)), 1e-300):.1f} times theirs; {why}"
+                yield WorseRun(
+                    run=one.id,
+                    axis=axis_of(output),
+                    times=own / max(float(np.median(like)), 1e-300),
+                    mostly_noise=one.noise_share is not None and one.noise_share[output] > MOSTLY_NOISE,
                 )
                 break
-    return said
 
 
 def _like(one: RunError, other: RunError) -> bool:
     """Whether two runs were flown with about the same amplitude."""
     sizes = max(one.command_rms.values()), max(other.command_rms.values())
     return max(sizes) < GROWTH_RATIO * min(sizes)
-
-
-def _percent(share: float) -> str:
-    value = 100 * share
-    return f"{value:.0f} %" if value >= 1 else "less than 1 %"
-
-
-def _hertz(low: float, high: float) -> str:
-    return f"{low:.2g}-{high:.2g} Hz"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.compare.data_checks import Suspicion
+from sysid.compare.finding_kinds import Finding, Suspicion
 from sysid.compare.metrics import Mismatch
 from sysid.data.preprocess import ComplexArray
 from sysid.fit.result import finite
@@ -241,38 +241,5 @@ class Comparison:
     suspicions: tuple[Suspicion, ...]
     remarks: tuple[str, ...]
     """What was dropped or mended on the way."""
-    findings: tuple[str, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """The `tippath.compare/1` document."""
-        return {
-            "format": "tippath.compare/1",
-            "nrmse_percent": _numbers(self.nrmse_percent),
-            "bands": [one.to_json() for one in self.bands],
-            "windows": [asdict(one) for one in self.windows],
-            "noise_share": dict.fromkeys(self.outputs) if self.noise_share is None else _numbers(self.noise_share),
-            "noise_share_is": self.noise_share_is,
-            "noise_from": self.noise_from,
-            "noise_floor_percent": None if self.noise_floor_percent is None else _numbers(self.noise_floor_percent),
-            "distortion": dict(self.distortion),
-            "quiet_ratio": None if self.quiet_ratio is None else _numbers(self.quiet_ratio),
-            "more_than_noise": self.explained,
-            "findings": list(self.findings),
-            "band_hz": list(self.band_hz),
-            "references": dict(zip(self.commands, self.references, strict=True)),
-            "responses": [one.to_json() for one in self.responses],
-            "amplitude": {
-                "levels": [asdict(one) for one in self.levels],
-                "growth": [one.to_json() for one in self.growth],
-            },
-            "conditions": [asdict(one) for one in self.conditions],
-            "trends": [asdict(one) for one in self.trends],
-            "controls": {name: _numbers(shares) for name, shares in self.controls.items()},
-            "runs": [one.to_json() for one in self.runs],
-            "suspicions": [one.to_json() for one in self.suspicions],
-            "remarks": list(self.remarks),
-        }
-
-
-def _numbers(values: Mapping[str, float]) -> dict[str, float | None]:
-    return {name: finite(x) for name, x in values.items()}
+    findings: tuple[Finding, ...]
+    """Mistakes in the data first, then the worst axis first."""

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from sysid.control.stability import Margins
-from sysid.diagnose.quantities import quantity
-from sysid.fit.result import finite
 from sysid.model.parameter import Parameter
 from sysid.model.structure import FloatArray, Mode
 
 HARM = 0.1
 """Relative change of a watched parameter, or of the delay margin, that matters for gains."""
+TOLD = 0.3 * HARM
 MOST = 5
 ALIKE = 0.1
 """Relative difference of what two effects do to a fit, below which they are told together."""
@@ -64,56 +62,25 @@ class Hidden:
         return float(max([*np.abs(self.done[:-1]), self.done[-1]]))
 
     @property
-    def up_to(self) -> str:
-        """`up to tau_s = 12 ms`, `down to limit = 0.3`."""
-        way = "down" if any(math.isinf(one.null or 0.0) for one in self.sized) else "up"
-        return f"{way} to " + ", ".join(quantity(one, self.size[one.name]) for one in self.sized)
+    def changed(self) -> dict[str, float]:
+        """Of `relative`, what is large enough to be told, the largest first."""
+        largest_first = sorted(self.relative.items(), key=lambda item: -abs(item[1]))
+        return {name: change for name, change in largest_first if abs(change) >= TOLD}
+
+    @property
+    def moved_modes(self) -> tuple[tuple[Mode, Mode], ...]:
+        """Of `modes`, those whose frequency is another."""
+        return tuple(each for each in self.modes if abs(each[1].frequency_hz / each[0].frequency_hz - 1) >= HARM)
+
+    @property
+    def costs_margin(self) -> bool:
+        """Whether the loss of delay margin is large enough to be told."""
+        return self.margins is not None and self.delay_loss >= TOLD
 
     @property
     def done(self) -> FloatArray:
         """What leaving it out does, as relative changes: watched parameters, delay margin."""
         return np.array([*self.relative.values(), self.delay_loss])
-
-    @property
-    def consequences(self) -> str:
-        """`M_a would be 16 % low, the delay margin would be 12 ms shorter`."""
-        done = [
-            f"{name} would be {100 * abs(x):.0f} % {'high' if x > 0 else 'low'}"
-            for name, x in sorted(self.relative.items(), key=lambda item: -abs(item[1]))
-            if abs(x) >= max(0.01, 0.3 * HARM)
-        ]
-        done += [
-            f"the mode at {here.frequency_hz:.2f} Hz would be at {there.frequency_hz:.2f} Hz"
-            for here, there in self.modes
-            if abs(there.frequency_hz / here.frequency_hz - 1) >= HARM
-        ]
-        if self.margins is not None and self.delay_loss >= 0.3 * HARM:
-            here, there = self.margins
-            if there.delay_ms <= 0:
-                done.append(f"gains designed on the fit ({here.words}) would not hold it")
-            else:
-                done.append(
-                    f"the delay margin would be {self.delay_loss_ms:.0f} ms shorter "
-                    f"({there.delay_ms:.0f} in place of {here.delay_ms:.0f} ms)"
-                )
-        seen = "" if self.visible else "; these runs show nothing of it, only what is plausible limits it"
-        return f"{', '.join(done) or 'the fit would hardly change'}{seen}"
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "effect": self.effect,
-            "size": {name: finite(value) for name, value in self.size.items()},
-            "visible": self.visible,
-            "shift": dict(self.shift),
-            "relative": dict(self.relative),
-            "margins": None
-            if self.margins is None
-            else [
-                {"gain_db": finite(one.gain_db), "phase_deg": finite(one.phase_deg), "delay_ms": finite(one.delay_ms)}
-                for one in self.margins
-            ],
-            "consequences": self.consequences,
-        }
 
 
 @dataclass(frozen=True)
@@ -126,34 +93,9 @@ class CouldHide:
     """The rest, the worst first."""
 
     @property
-    def sentences(self) -> tuple[str, ...]:
-        said = [_sentence(group) for group in self.harmful]
-        if self.others:
-            said.append(self._rest())
-        return tuple(said)
-
-    def _rest(self) -> str:
-        more = [group for group in self.others if group[0].harm >= HARM]
-        if more:
-            return f"could hide and do harm too: {', '.join(f'{one.effect} {one.up_to}' for one, *_ in more)}"
-        first = self.others[0][0]
-        name, change = max(first.relative.items(), key=lambda item: abs(item[1]), default=("", 0.0))
-        begin = "the others are harmless" if self.harmful else "nothing that could hide here would do harm"
-        said = f"{begin}: at worst {first.effect} {first.up_to}"
-        if abs(change) >= first.harm - 1e-9:
-            percent = "less than 1 %" if abs(change) < 0.01 else f"{100 * abs(change):.0f} %"
-            return f"{said} leaves {name} {percent} {'high' if change > 0 else 'low'}"
-        return f"{said} makes the delay margin {first.delay_loss_ms:.1f} ms shorter"
-
-    def to_json(self) -> list[str]:
-        """The contract's `could_hide`."""
-        return list(self.sentences)
-
-
-def _sentence(group: Sequence[Hidden]) -> str:
-    first, *same = group
-    also = f", or {', '.join(f'{one.effect} {one.up_to}' for one in same)}" if same else ""
-    return f"{first.title} ({first.effect}) {first.up_to}{also} could hide here: {first.consequences}"
+    def harmful_others(self) -> tuple[tuple[Hidden, ...], ...]:
+        """Of the others, those that would do harm, too."""
+        return tuple(group for group in self.others if group[0].harm >= HARM)
 
 
 def grouped(found: Sequence[Hidden]) -> list[tuple[Hidden, ...]]:

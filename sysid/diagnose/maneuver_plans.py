@@ -130,26 +130,19 @@ class Plan:
     times: float = 1.0
     """Its amplitude over the flown one."""
     repeats: int = 1
-    by_hand: str = ""
-    """What the pilot does meanwhile, for people."""
+    pulse_s: float = PULSE_S
+    """Of a doublet."""
     effect: str | None = None
-    """The catalogue entry through which that acts."""
+    """The catalogue entry through which acts what else is moved,"""
     channel: str | None = None
+    """and on which channel."""
+    by_hand: bool = False
+    """Whether the pilot does that meanwhile: no card holds it."""
 
     @property
     def cost(self) -> float:
         """Seconds of flight, dearer with amplitude."""
         return self.repeats * self.duration_s * (1 + RISK * max(0.0, self.times - 1))
-
-    @property
-    def words(self) -> str:
-        band = f" {self.f_start_hz:g}-{self.f_stop_hz:g} Hz," if self.kind == "chirp" else f" of {PULSE_S:g} s pulses,"
-        often = ("", "", " twice", " three times", " four times")[self.repeats]
-        also = f", while {self.by_hand}" if self.by_hand else ""
-        larger = f" ({self.times:g} times the flown one)" if self.times != 1 else ""
-        return (
-            f"{self.axis} {self.kind}{band} {self.duration_s:g} s, amplitude {self.amplitude:.3g}{larger}{often}{also}"
-        )
 
     def table(self) -> dict[str, Any]:
         found: dict[str, Any] = {"kind": self.kind, "axis": self.axis, "amplitude": round(self.amplitude, 4)}
@@ -157,7 +150,7 @@ class Plan:
         if self.kind == "chirp":
             found |= {"f_start_hz": self.f_start_hz, "f_stop_hz": self.f_stop_hz}
         else:
-            found["pulse_s"] = PULSE_S
+            found["pulse_s"] = self.pulse_s
         return {**found, "repeat": self.repeats}
 
     def excitation(self, dt: float) -> FloatArray:
@@ -231,12 +224,8 @@ def plans_by_hand(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
         return []
     same = flown.chirp(axis)
     return [
-        replace(same, by_hand=words, effect=effect, channel=channel)
-        for channel, words, effect in (
-            ("delta_c", "the collective is moved gently", "input_coupling"),
-            ("r", "the pilot yaws to and fro, some 0.6 rad/s", "yaw_coupling"),
-            ("omega", "the rotor speed is changed by 4 % to and fro", "rotor_speed"),
-        )
+        replace(same, effect=effect, channel=channel, by_hand=True)
+        for channel, effect in (("delta_c", "input_coupling"), ("r", "yaw_coupling"), ("omega", "rotor_speed"))
         if channel in flown.logged
     ]
 

@@ -20,39 +20,49 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.data.record import CHANNELS, axis_of
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.maneuver_plans import Flown, Plan, plans_by_hand, possible_plans
-from sysid.diagnose.quantities import quantity
+from sysid.diagnose.proposals import (
+    FurtherApart,
+    HalfAndFull,
+    LinearHalves,
+    LogChannels,
+    LogSignal,
+    MeasuredNotGuessed,
+    SignalTells,
+    Why,
+)
 from sysid.diagnose.rivals import NEEDED, Rivals, name_of
 from sysid.diagnose.unlogged_signals import NOISE_OF, told_by_signal
 from sysid.diagnose.whitening import Whitening
 from sysid.fit.noise import Division
 from sysid.model.effect import catalogue
 
+if TYPE_CHECKING:
+    from sysid.diagnose.proposals import Proposal
+
 HOPELESS = 1e-3
 """Linear rivals to which one maneuver on the cyclic adds no more are equal on it, however it is moved."""
 SAME_WHATEVER = 0.3
 """Below it in every maneuver, the rivals are the same on these channels."""
-WORDS_OF = {
-    "servo": "log the servo's position",
-    "flapping": "measure the flapping (a and b)",
-    "attitude": "log the attitude by another sensor than these gyros",
-}
+MOST_USUAL = 2
+"""Parameters that are told of an effect through which a hand acts."""
 
 
 @dataclass(frozen=True)
 class NextManeuver:
     """What to do next."""
 
-    maneuver: str
+    proposal: Proposal
+    """What to fly or to log."""
     separates: tuple[str, ...]
     """Rivals, the winner first."""
-    why: str
+    why: Why
     sigma: float | None
     """Expected separation, in standard errors; None where it cannot be foretold."""
     card: Mapping[str, Any] | None
@@ -62,19 +72,6 @@ class NextManeuver:
     def toml(self) -> str | None:
         """The card as text."""
         return None if self.card is None else _toml(self.card)
-
-    @property
-    def sentence(self) -> str:
-        return f"to separate {' from '.join(self.separates)}: {self.maneuver} ({self.why})"
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "maneuver": self.maneuver,
-            "separates": list(self.separates),
-            "why": self.why,
-            "sigma": None if self.sigma is None or not math.isfinite(self.sigma) else self.sigma,
-            "card": None if self.card is None else dict(self.card),
-        }
 
 
 def next_maneuver(rivals: Sequence[Candidate], division: Division, whitening: Whitening) -> NextManeuver | None:
@@ -133,13 +130,10 @@ def linear_or_not(parent: Candidate, division: Division) -> NextManeuver | None:
     axis = wanted if wanted in flown.amplitude else axis
     plans = [flown.chirp(axis, part) for part in (0.5, 1)]
     sigma = 0.25 * math.sqrt(beyond)
-    said = f"{axis} chirps at half the amplitude ({plans[0].amplitude:.3g}) and at the flown one, twice each"
-    why = (
-        "a linear error halves with the amplitude, a nonlinear one does not, and the repeats tell both from noise; "
-        f"{100 * share:.0f} % of what is left now looks like a linear answer to the commands"
-    )
-    table = [replace(one, repeats=2).table() for one in plans]
-    return NextManeuver(said, ("linear", "nonlinear"), why, sigma if sigma > 0 else None, _card("half and full", table))
+    half_and_full = HalfAndFull(axis, (plans[0].amplitude, plans[1].amplitude))
+    card = _card("half and full", [replace(one, repeats=2).table() for one in plans])
+    why = LinearHalves(float(share))
+    return NextManeuver(half_and_full, ("linear", "nonlinear"), why, sigma if sigma > 0 else None, card)
 
 
 Told = tuple[float, int]
@@ -163,15 +157,12 @@ def _proposal(plan: Plan, each: Sequence[Told], pairs: Sequence[Rivals]) -> Next
     least = min(sigma for _, sigma in told)
     before = min(pair.flown for pair, _ in told)
     rest = [pair.names[1] for pair, (sigma, _) in zip(pairs, each, strict=True) if sigma < NEEDED]
-    why = f"it sets them {least:.1f} standard errors of the noise further apart; these runs set them {before:.1f} apart"
-    if plan.effect is not None:
-        usual = [quantity(one, one.typical) for one in catalogue()[plan.effect].parameters]
-        why += f"; taken that it acts as usual ({', '.join(usual)})" if len(usual) <= 2 else ""
-    if rest:
-        why += f"; {', '.join(rest)} would still look the same"
+    acting = () if plan.effect is None else catalogue()[plan.effect].parameters
+    usual = tuple((one, one.typical) for one in acting) if len(acting) <= MOST_USUAL else ()
+    why = FurtherApart(sigma=least, before=before, usual=usual, rest=tuple(rest))
     names = (pairs[0].names[0], *(pair.names[1] for pair, _ in told))
     card = None if plan.by_hand else _card(f"separate {' from '.join(names)}", [plan.table()])
-    return NextManeuver(plan.words, names, why, least, card)
+    return NextManeuver(plan, names, why, least, card)
 
 
 def _card(name: str, tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -205,14 +196,7 @@ def _measurement(pairs: Sequence[Rivals], most: Sequence[float]) -> NextManeuver
     told = [i for i, sigma in enumerate(each) if sigma >= NEEDED]
     names = (pairs[0].names[0], *(pairs[i].names[1] for i in told))
     same = all(most[i] < SAME_WHATEVER for i in told)
-    begin = "whatever these inputs do, they answer alike in p and q" if same else "no maneuver of a card does enough"
-    words = WORDS_OF[signal] + ", and fly the same again"
-    why = f"{begin}; that signal sets them {_apart_words(least)}"
-    return NextManeuver(words, names, why, least, None)
-
-
-def _apart_words(sigma: float) -> str:
-    return f"{sigma:.0f} standard errors apart" if sigma < 100 else "more than 100 standard errors apart"
+    return NextManeuver(LogSignal(signal), names, SignalTells(least, same), least, None)
 
 
 def _own_signal(pairs: Sequence[Rivals]) -> NextManeuver | None:
@@ -223,6 +207,6 @@ def _own_signal(pairs: Sequence[Rivals]) -> NextManeuver | None:
             own = [name for name in one.model.structure.states if name in CHANNELS and name not in ("p", "q", "a", "b")]
             missing = [name for name in own if name not in known]
             if missing:
-                why = f"{name_of(one)} is about it: measured, it is no longer to be guessed from the rates"
-                return NextManeuver(f"log {' and '.join(missing)}, and fly the same again", pair.names, why, None, None)
+                why = MeasuredNotGuessed(name_of(one))
+                return NextManeuver(LogChannels(tuple(missing)), pair.names, why, None, None)
     return None

@@ -1,8 +1,8 @@
 """What these very runs show of an effect, measured by taking it out of the model that has it.
 
 The rest is compared with the flown responses: the difference is what the effect does, unmixed with what the parent's
-parameters did in its place. Nothing is said that was not measured: each sentence has a number from these runs and a
-threshold under which it is not spoken."""
+parameters did in its place. Nothing is told that was not measured: each statement has a number from these runs and a
+threshold under which it is not made."""
 
 from __future__ import annotations
 
@@ -17,6 +17,21 @@ from sysid.data.instrument import causes
 from sysid.data.record import COMMANDS, CYCLIC, RATES, axis_of
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate
+from sysid.diagnose.reasons import (
+    BestLinear,
+    FitRises,
+    GainFalls,
+    GainStays,
+    GoesWithChannel,
+    GrowsWithCommand,
+    InOneBand,
+    InStepWithCommand,
+    NearerResponses,
+    NoLinearAnswer,
+    OnOneAxis,
+    PhaseFalls,
+    Shown,
+)
 from sysid.fit.noise import divide
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model
@@ -44,24 +59,27 @@ GROWING = 1.3
 DIFFERENT_SIZES = 1.4
 
 
-def shown_by_runs(parent: Candidate, winner: Ranked, others: Sequence[Ranked]) -> tuple[str, ...]:
+def shown_by_runs(parent: Candidate, winner: Ranked, others: Sequence[Ranked]) -> tuple[Shown, ...]:
     """What these runs show of the effect, strongest first."""
     assert winner.fit is not None
-    found = [*_response(parent, winner.fit)]
     removed = RemovedError.of(parent, winner.fit)
-    found += [*removed.where(), *_not_linear(parent, winner.fit, removed), *_in_step(parent, winner, removed)]
-    return (*found, *removed.growth(), *_best_linear(winner, others))
+    return (
+        *_response(parent, winner.fit),
+        *removed.where(),
+        *_not_linear(parent, winner.fit, removed),
+        *_in_step(parent, winner, removed),
+        *removed.growth(),
+        *_best_linear(winner, others),
+    )
 
 
-def fall(parent: Candidate, winner: Ranked) -> str:
+def rise(parent: Candidate, winner: Ranked) -> FitRises:
     """How the fit's numbers change."""
     assert winner.fit is not None
-    before, after = parent.nrmse_percent, winner.fit.nrmse_percent
-    each = ", ".join(f"{name} {before[name]:.1f} → {after[name]:.1f} %" for name in before)
-    return f"With it the fit goes from {each}."
+    return FitRises(parent.nrmse_percent, winner.fit.nrmse_percent)
 
 
-def _response(parent: Candidate, fit: Candidate) -> list[str]:
+def _response(parent: Candidate, fit: Candidate) -> list[Shown]:
     """What taking the effect out does to phase and gain, beside the measured responses."""
     if not fit.model.structure.linear:
         return []
@@ -74,15 +92,12 @@ def _response(parent: Candidate, fit: Candidate) -> list[str]:
         whole = mismatch(fit.model, fit.dataset.viewed(fit.model.structure.inputs))
     except (RelaxationError, np.linalg.LinAlgError):
         return []
-    found = _phase(bare)
-    near = [_rms(each) for each in (bare, whole)]
-    finite = all(math.isfinite(x) for pair in near for x in pair)
-    if finite and any(before >= CLOSER * after for before, after in zip(*near, strict=True)):
-        found.append(
-            f"Without it the responses are {near[0][0]:.1f} dB and {near[0][1]:.1f} degrees off, "
-            f"with it {near[1][0]:.1f} dB and {near[1][1]:.1f} degrees."
-        )
-    return found
+    shown = _phase(bare)
+    off, near = _rms(bare), _rms(whole)
+    finite = all(math.isfinite(x) for x in (*off, *near))
+    if finite and any(before >= CLOSER * after for before, after in zip(off, near, strict=True)):
+        shown.append(NearerResponses(off, near))
+    return shown
 
 
 def _rms(all_of_them: Mismatches) -> tuple[float, float]:
@@ -94,27 +109,23 @@ def _rms(all_of_them: Mismatches) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def _phase(bare: Mismatches) -> list[str]:
+def _phase(bare: Mismatches) -> list[Shown]:
     """Lag or delay: how phase and gain of the measured responses lie beside the model without the effect."""
     seen = [line for one in bare.each if DIRECT.get(one.output) == one.command and (line := _line(one)) is not None]
     if not seen or not all(straight >= STRAIGHT for _, _, straight, _, _ in seen):
         return []
     if not all(degrees <= -LEAST_PHASE_DEG for _, _, _, degrees, _ in seen):
         return []
-    late = ", ".join(f"{output} {1000 * delay:.0f} ms" for output, delay, _, _, _ in seen)
     top = max(float(one.frequency_hz[-1]) for one in bare.each if one.frequency_hz.size)
     degrees = float(np.mean([each[3] for each in seen]))
     gain = float(np.mean([each[4] for each in seen]))
-    said = [f"The phase falls in proportion to frequency, by {-degrees:.0f} degrees up to {top:.1f} Hz: {late} late."]
+    shown: list[Shown] = [PhaseFalls(-degrees, top, {output: delay for output, delay, _, _, _ in seen})]
     of_lag = 20 * math.log10(max(math.cos(math.radians(min(-degrees, 80.0))), 1e-3))
     if gain <= min(-LEAST_GAIN_DB, GAIN_OF_LAG * of_lag):
-        said.append(f"The gain falls too, by {-gain:.1f} dB there, as behind a lag: a pure delay would keep it.")
+        shown.append(GainFalls(-gain))
     elif gain > GAIN_OF_LAG * of_lag and of_lag < -LEAST_GAIN_DB:
-        said.append(
-            f"The gain stays within {max(abs(gain), 0.1):.1f} dB, as behind a delay: a first-order lag would lose "
-            f"{-of_lag:.1f} dB."
-        )
-    return said
+        shown.append(GainStays(abs(gain), -of_lag))
+    return shown
 
 
 def _line(one: Mismatch) -> tuple[str, float, float, float, float] | None:
@@ -169,21 +180,14 @@ class RemovedError:
             waves=tuple(waves),
         )
 
-    def where(self) -> list[str]:
+    def where(self) -> list[Shown]:
         """In which axis and band the removed error lies."""
         share = np.maximum(self.relative, 0) / max(float(np.sum(np.maximum(self.relative, 0))), 1e-300)
         worst = int(np.argmax(share))
-        found = []
-        if share[worst] >= ONE_AXIS:
-            found.append(
-                f"{100 * share[worst]:.0f} % of the error that it takes away is in {axis_of(self.outputs[worst])}."
-            )
+        axis = axis_of(self.outputs[worst])
         band = self._narrowest(self.power[worst])
-        if band is not None:
-            axis = axis_of(self.outputs[worst])
-            where = f"in {band[0]:.1f}-{band[1]:.1f} Hz" if band[0] > 0 else f"below {band[1]:.1f} Hz"
-            found.append(f"{100 * MOST_OF_IT:.0f} % of what goes in {axis} lies {where}.")
-        return found
+        shown: list[Shown] = [OnOneAxis(axis, float(share[worst]))] if share[worst] >= ONE_AXIS else []
+        return shown if band is None else [*shown, InOneBand(axis, MOST_OF_IT, band)]
 
     def _narrowest(self, power: FloatArray) -> tuple[float, float] | None:
         """The narrowest band with most of the power; None where that is half of everything."""
@@ -202,7 +206,7 @@ class RemovedError:
         width, low, high = min(spans)
         return (float(low), float(high)) if width <= NARROW * top else None
 
-    def growth(self) -> list[str]:
+    def growth(self) -> list[Shown]:
         """Whether twice the command makes more than twice the error."""
         for command in ("delta_x", "delta_y"):
             each = np.array([(size, ratio) for name, size, ratio in self.by_run if name == command and ratio > 0])
@@ -210,13 +214,11 @@ class RemovedError:
                 continue
             growth = 2 ** float(np.polyfit(np.log(each[:, 0]), np.log(each[:, 1]), 1)[0])
             if growth >= GROWING:
-                return [
-                    f"Twice the command ({command}) makes {2 * growth:.1f} times the error: it grows with amplitude."
-                ]
+                return [GrowsWithCommand(command, 2 * growth)]
         return []
 
 
-def _not_linear(parent: Candidate, fit: Candidate, removed: RemovedError) -> list[str]:
+def _not_linear(parent: Candidate, fit: Candidate, removed: RemovedError) -> list[Shown]:
     """How much of the removed error no linear answer to the commands explains."""
     if fit.model.structure.linear:
         return []
@@ -226,10 +228,10 @@ def _not_linear(parent: Candidate, fit: Candidate, removed: RemovedError) -> lis
     share = 1 - linear / whole if whole > 0 else 0.0
     if share < NOT_LINEAR:
         return []
-    return [f"{100 * min(share, 1.0):.0f} % of the error that it takes away is no linear answer to the commands."]
+    return [NoLinearAnswer(min(share, 1.0))]
 
 
-def _best_linear(winner: Ranked, others: Sequence[Ranked]) -> list[str]:
+def _best_linear(winner: Ranked, others: Sequence[Ranked]) -> list[Shown]:
     """How near the best linear effect comes to one that is not."""
     assert winner.fit is not None
     if winner.fit.model.structure.linear:
@@ -238,18 +240,17 @@ def _best_linear(winner: Ranked, others: Sequence[Ranked]) -> list[str]:
     best = max(linear, key=lambda one: one.chi_squared, default=None)
     if best is None or not 0 < best.chi_squared < winner.chi_squared:
         return []
-    share = 100 * best.chi_squared / winner.chi_squared
-    return [f"The best effect with constant coefficients, {name_of(best)}, gets {share:.0f} % of the way."]
+    return [BestLinear(best.effects, best.chi_squared / winner.chi_squared)]
 
 
-def _in_step(parent: Candidate, winner: Ranked, removed: RemovedError) -> list[str]:
+def _in_step(parent: Candidate, winner: Ranked, removed: RemovedError) -> list[Shown]:
     """Channels that the effect reads: whether the removed error comes and goes with them."""
     assert winner.fit is not None
     inputs = [name for name in winner.fit.model.structure.inputs if name not in parent.model.structure.inputs]
-    found = []
+    shown: list[Shown] = []
     for name in inputs:
         if name in COMMANDS:
-            found += _by_command(parent, name, removed)
+            shown += _by_command(parent, name, removed)
             continue
         segments = [one for group in parent.dataset.stacks for one in group.spectra]
         values = [one.segment.channels[name] for one in segments]
@@ -262,11 +263,11 @@ def _in_step(parent: Candidate, winner: Ranked, removed: RemovedError) -> list[s
         with np.errstate(invalid="ignore"):
             together = float(np.corrcoef(error, far)[0, 1])
         if together >= IN_STEP:
-            found.append(f"The error comes and goes with {name} (correlation {together:.2f}).")
-    return found
+            shown.append(GoesWithChannel(name, together))
+    return shown
 
 
-def _by_command(parent: Candidate, name: str, removed: RemovedError) -> list[str]:
+def _by_command(parent: Candidate, name: str, removed: RemovedError) -> list[Shown]:
     """How much of the removed error a command that the parent does not read explains by itself."""
     stacks = parent.dataset.stacks
     alone = divide(parent.estimate.error, stacks, causes(stacks, [name]))
@@ -274,8 +275,7 @@ def _by_command(parent: Candidate, name: str, removed: RemovedError) -> list[str
     worst = int(np.argmax(share * removed.relative))
     if share[worst] < SHARE_OF_COMMAND:
         return []
-    part, axis = 100 * min(float(share[worst]), 1.0), axis_of(removed.outputs[worst])
-    return [f"{part:.0f} % of what goes in {axis} is in step with {name}."]
+    return [InStepWithCommand(axis_of(removed.outputs[worst]), min(float(share[worst]), 1.0), name)]
 
 
 def _windowed(wave: FloatArray, channel: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
@@ -284,7 +284,3 @@ def _windowed(wave: FloatArray, channel: FloatArray, dt: float) -> tuple[FloatAr
     count = channel.size // n
     square = np.sum(wave[:, : count * n] ** 2, axis=0).reshape(count, n)
     return np.sqrt(np.mean(square, axis=1)), np.mean(channel[: count * n].reshape(count, n), axis=1)
-
-
-def name_of(judged: Ranked) -> str:
-    return " + ".join(judged.effects)

@@ -1,6 +1,7 @@
 """The checks an engineer makes before believing a fit: natural frequencies, agreement between runs, poles.
 
-Each check says in a sentence what it found, so that a screen or a report can show it as it is.
+Each check gives what it found as a value. What is told of an unstable or a poor fit is in sentences: they go into a
+fit's warnings, which its file keeps as text.
 """
 
 from __future__ import annotations
@@ -17,6 +18,20 @@ from sysid.data.dataset import Bins, Dataset, Runs, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import Record
 from sysid.errors import FitError
+from sysid.fit.check_kinds import (
+    CheckFinding,
+    FewChirps,
+    InsideSweep,
+    ModesDiffer,
+    NothingFree,
+    OutsideSweep,
+    ParametersMoved,
+    RotorAbove,
+    RotorUnknown,
+    SetRefused,
+    SetsDiffer,
+    SweepUnknown,
+)
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
@@ -39,11 +54,11 @@ SLOWEST_HZ = 1e-3  # below it a mode is an integrator of attitude or speed
 
 @dataclass(frozen=True)
 class Check:
-    """One finding; `passed` is None where the data did not allow the check."""
+    """One check; `passed` is None where the data did not allow it."""
 
     name: str
     passed: bool | None
-    text: str
+    finding: CheckFinding
 
 
 @dataclass(frozen=True)
@@ -94,28 +109,24 @@ def _inside_sweep(model: Model, records: Sequence[Record]) -> Check:
     bands = [record.swept_band_hz for record in records if record.swept_band_hz is not None]
     name = "inside the sweep"
     if not bands:
-        return Check(name, None, "swept band not known: none of the runs is a chirp with its settings")
+        return Check(name, None, SweepUnknown())
     low, high = max(band[0] for band in bands), min(band[1] for band in bands)
     found = [mode for mode in model.modes if mode.frequency_hz > SLOWEST_HZ]
-    outside = [mode for mode in found if not low <= mode.frequency_hz <= high]
+    outside = tuple(mode.frequency_hz for mode in found if not low <= mode.frequency_hz <= high)
     if outside:
-        listed = ", ".join(f"{mode.frequency_hz:.2f} Hz" for mode in outside)
-        return Check(name, False, f"{listed} outside the swept {low:g}-{high:g} Hz: extrapolated, sweep there too")
-    return Check(name, True, f"every mode inside the swept {low:g}-{high:g} Hz")
+        return Check(name, False, OutsideSweep(outside, (low, high)))
+    return Check(name, True, InsideSweep((low, high)))
 
 
 def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
     name = "below the rotor"
     speeds = [float(np.mean(record.channels["omega"])) for record in records if "omega" in record.channels]
     if not speeds or min(speeds) <= 0:
-        return Check(name, None, "rotor speed not logged: compare the modes with it by hand")
+        return Check(name, None, RotorUnknown())
     rotor_hz = min(speeds) / (2 * np.pi)
     highest = max(mode.frequency_hz for mode in model.modes)
     ratio = rotor_hz / highest
-    text = f"rotor {rotor_hz:.1f} Hz, {ratio:.1f} times the highest mode"
-    if ratio < ROTOR_SEPARATION:
-        return Check(name, False, f"{text}: averaging over a revolution does not hold")
-    return Check(name, True, text)
+    return Check(name, ratio >= ROTOR_SEPARATION, RotorAbove(rotor_hz, ratio))
 
 
 AGREEMENT = "agreement between runs"
@@ -129,7 +140,7 @@ def _sets(model: Model, on: Dataset, held: Collection[str]) -> list[Estimate] | 
         by_axis.setdefault(record.axis, []).append(record)
     count = min((len(runs) for runs in by_axis.values()), default=0)
     if None in by_axis or len(by_axis) < 2 or count < 2:
-        return Check(AGREEMENT, None, "needs two chirps on each axis: fly each twice")
+        return Check(AGREEMENT, None, FewChirps())
     fixed = {name: model[name] for name in held}
     estimates = []
     for index in range(count):
@@ -137,7 +148,7 @@ def _sets(model: Model, on: Dataset, held: Collection[str]) -> list[Estimate] | 
         try:
             estimates.append(estimate(structure, chosen.viewed(structure.inputs, structure.outputs), model, fixed))
         except FitError as error:
-            return Check(AGREEMENT, False, f"a set of runs alone does not identify the model: {error}")
+            return Check(AGREEMENT, False, SetRefused(str(error)))
     return estimates
 
 
@@ -145,17 +156,13 @@ def _agreement(models: Sequence[Model]) -> Check:
     """Natural frequencies and damping ratios of the sets (the paper: 0.9 and 1.8 %); integrators do not count."""
     modes = [[mode for mode in model.modes if mode.frequency_hz > SLOWEST_HZ] for model in models]
     if len({len(found) for found in modes}) > 1:
-        return Check(AGREEMENT, False, "the sets of runs do not even agree on which modes oscillate")
+        return Check(AGREEMENT, False, ModesDiffer())
     frequencies = np.array([[mode.frequency_hz for mode in found] for found in modes])
     dampings = np.array([[mode.damping_ratio for mode in found] for found in modes])
     change_f = 100 * float(np.max(np.ptp(frequencies, axis=0) / np.mean(frequencies, axis=0)))
     change_z = 100 * float(np.max(np.ptp(dampings, axis=0) / np.max(np.abs(dampings), axis=0)))
-    text = (
-        f"{len(models)} sets of runs differ by {change_f:.1f} % in natural frequency, {change_z:.1f} % in damping "
-        f"(paper {PAPER_FREQUENCY_CHANGE_PERCENT} and {PAPER_DAMPING_CHANGE_PERCENT} %)"
-    )
     good = change_f <= LARGEST_FREQUENCY_CHANGE_PERCENT and change_z <= LARGEST_DAMPING_CHANGE_PERCENT
-    return Check(AGREEMENT, good, text)
+    return Check(AGREEMENT, good, SetsDiffer(len(models), change_f, change_z))
 
 
 def _spread(structure: Structure, sets: Sequence[Estimate]) -> Spread:
@@ -175,12 +182,8 @@ def _same_parameters(spread: Spread) -> Check:
     name = "spread between runs"
     moved, count = len(spread.moved), len(spread.moves)
     if not spread.moves:
-        return Check(name, None, "no parameter is free in every set of runs")
-    listed = ", ".join(f"{one} {times:.1f} σ" for one, times in spread.moves[: max(moved, 1)])
-    text = f"{moved} of {count} parameters moved more than {LARGEST_SPREAD:g} σ between runs"
-    if moved:
-        return Check(name, False, f"{text}: something is missing ({listed})")
-    return Check(name, True, f"{text} (at most {listed})")
+        return Check(name, None, NothingFree())
+    return Check(name, not moved, ParametersMoved(moved, count, LARGEST_SPREAD, spread.moves[: max(moved, 1)]))
 
 
 def explain_instability(model: Model, bins: Bins) -> list[str]:

@@ -12,6 +12,7 @@ import pytest
 from flying import CHIRP, DOUBLET, fly_maneuver, log_of
 
 from gcs.analysis.fits import Identification, identify_flight, split_runs
+from gcs.analysis.text.checks import check_text
 from gcs.analysis.text.fit import identification_text
 from gcs.logs import ingest, resolve_runs
 from sitl.autopilot.parameters import BANK_ORDER, bank_crc
@@ -81,7 +82,7 @@ def test_the_issue_s_figures(found: tuple[str, Identification]) -> None:
             assert mode.frequency_hz == pytest.approx(frequency, rel=0.02)
             assert mode.damping_ratio == pytest.approx(damping, rel=0.10)
         assert 40 < cd["q"] < 55
-    assert all(check.passed for check in result.checks), [check.text for check in result.checks]
+    assert all(check.passed for check in result.checks), [check_text(check) for check in result.checks]
 
 
 def test_tables_fit_a_terminal_and_show_the_paper(found: tuple[str, Identification]) -> None:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from gcs.analysis.addition import Addition
+from gcs.analysis.fits import assess
 from gcs.analysis.ladder import NO_CHANGE, WORSE_POINTS, rungs_of, together
 from gcs.analysis.text.blocks import WIDTH, Blocks, Sentence, block, command, text_of
+from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.ladder import cut, ladder_text, moved_text
 
 MARKS = {True: "✓", False: "✗", None: "?"}
@@ -36,7 +40,7 @@ def addition_blocks(found: Addition, fit: str = "FIT.json", written: str | None 
     else:
         last = block("next", [" next: the same with -o FIT2.json keeps it"])
     return (
-        block("answer", [Sentence(answer, "", "  ")]),
+        block("answer", [replace(answer, rest="  ")]),
         block("ladder", [*ladder_text(rungs, found.noise_floor_percent), *_placebo_sentences(found)]),
         block("moved", moved_text(found.before, found.after)),
         block("signs", signs),
@@ -45,7 +49,18 @@ def addition_blocks(found: Addition, fit: str = "FIT.json", written: str | None 
     )
 
 
-def outcome(found: Addition) -> tuple[bool, str]:
+def addition_document(found: Addition, folder: Path) -> dict[str, Any]:
+    """The fit's document with what the ladder shows."""
+    return {
+        **found.after.to_json(folder),
+        **judgement_document(assess(found.after, found.runs)),
+        "noise_floor_percent": found.noise_floor_percent,
+        "placebo": None if found.placebo is None else found.placebo.to_json(),
+        "signs": [sign.to_json() for sign in found.signs],
+    }
+
+
+def outcome(found: Addition) -> tuple[bool, Sentence]:
     """Whether to keep it, and that in a sentence."""
     name = Path(found.named).name
     before, after = found.before.nrmse_percent, found.after.nrmse_percent
@@ -53,17 +68,19 @@ def outcome(found: Addition) -> tuple[bool, str]:
     fall = f"{name}: the error falls, {each} %"
     signs = {one.key: one.seen for one in found.signs}
     if together(after) - together(before) < NO_CHANGE:
-        return False, f"{name} changes next to nothing here: the error stays as it was"
+        return False, Sentence(f"{name} changes next to nothing here: the error stays as it was")
     was, now = found.before.validation_nrmse_percent, found.after.validation_nrmse_percent
     if was is not None and now is not None and together(now) - together(was) < -WORSE_POINTS:
-        return False, f"{fall}, but it grows on runs that were not fitted: it follows the noise of the fitted ones"
+        return False, Sentence(
+            f"{fall}, but it grows on runs that were not fitted: it follows the noise of the fitted ones"
+        )
     if signs["plausible"] is False:
-        return False, f"{fall}, but only at implausible values: {name} stands in for something else"
+        return False, Sentence(f"{fall}, but only at implausible values: {name} stands in for something else")
     if signs["validation"] is False:
-        return False, f"{fall}, but not on runs that were not fitted: there is little of it, if anything"
+        return False, Sentence(f"{fall}, but not on runs that were not fitted: there is little of it, if anything")
     if signs["validation"] is None:
-        return True, f"{fall}; whether it would on other runs is open: name one with --validate"
-    return True, f"{fall}, and on runs that were not fitted too"
+        return True, Sentence(f"{fall}; whether it would on other runs is open", offer="validate one")
+    return True, Sentence(f"{fall}, and on runs that were not fitted too")
 
 
 def _placebo_sentences(found: Addition) -> list[Sentence]:

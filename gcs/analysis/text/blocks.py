@@ -13,8 +13,13 @@ from dataclasses import dataclass
 WIDTH = 78
 
 Offers = Mapping[str, str]
-"""What a face offers, by what it does: `card` writes the proposed maneuver as a test card."""
-SHELL: Offers = {"card": "--card CARD.toml writes that as a test card"}
+"""What a face offers, by what it does, with the joint to the text before it: `card` writes the proposed card."""
+SHELL: Offers = {
+    "card": "; --card CARD.toml writes that as a test card",
+    "validate some": "; name some with --validate",
+    "validate one": ": name one with --validate",
+    "cut off": " cut them off with --window, or",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +32,9 @@ class Sentence:
     rest: str = ""
     """and before the others."""
     offer: str = ""
-    """Key of what can be done about it; said behind a semicolon by faces that offer it."""
+    """Key of what can be done about it; said by faces that offer it, directly behind the text,"""
+    last: str = ""
+    """and before this, which all say."""
 
 
 Line = str | Sentence
@@ -53,11 +60,14 @@ def block(key: str, lines: Sequence[Line], *, joined: bool = False) -> Block:
     return Block(key, tuple(lines), joined)
 
 
+def whole(sentence: Sentence, offers: Offers = SHELL) -> str:
+    """A sentence with what a face offers, on one line."""
+    return f"{sentence.text}{offers.get(sentence.offer, '')}{sentence.last}"
+
+
 def broken(sentence: Sentence, offers: Offers = SHELL) -> list[str]:
     """A sentence in lines."""
-    text = sentence.text
-    if sentence.offer in offers:
-        text += f"; {offers[sentence.offer]}"
+    text = whole(sentence, offers)
     for mark in ("=", "±", "→"):
         text = text.replace(f" {mark} ", f"\N{NO-BREAK SPACE}{mark}\N{NO-BREAK SPACE}")
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in wrapped(text, sentence.first, sentence.rest)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from gcs.analysis.text.blocks import Blocks, block, text_of, wrapped
-from sysid.compare.data_checks import listed
+from gcs.analysis.text.findings import finding_text, listed_runs
 from sysid.compare.values import Comparison
 from sysid.data.record import axis_of
 from sysid.fit.result import Fit
@@ -24,7 +24,7 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     structure = fit.model.structure
     runs = [one.id for one in found.runs]
     title = structure.title
-    head = f"{title} against {listed(runs)}, {found.band_hz[0]:g}-{found.band_hz[1]:g} Hz"
+    head = f"{title} against {listed_runs(runs)}, {found.band_hz[0]:g}-{found.band_hz[1]:g} Hz"
     names = [_short(output) for output in found.outputs]
     figures = [f"{'':16}{''.join(f'{name:>10}' for name in names)}", _row("NRMSE fit, %", found.nrmse_percent.values())]
     if found.noise_floor_percent is not None:
@@ -32,7 +32,7 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     return (
         block("title", wrapped(head, rest="  ")),
         block("figures", figures),
-        block("findings", [line for text in found.findings for line in wrapped(text, " ", "   ")]),
+        block("findings", [line for each in found.findings for line in wrapped(finding_text(each), " ", "   ")]),
         block("bands", _band_lines(found)),
         block("responses", _response_lines(found)),
         block("runs", _run_lines(found) if len(found.runs) > 1 else []),

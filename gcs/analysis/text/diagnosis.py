@@ -3,7 +3,7 @@
 What decides the next step stands there: the verdict and how sure it is, what it explains on fitted and on other runs,
 the sizes found, one or two reasons, the rivals, what could hide, and the command to type next. The reasons in full, the
 harm that each hidden effect would do and why an effect could not be asked follow with `full` only: most people read
-them once. The sentences about physics are `sysid.diagnose.explain`'s and its neighbours'; here they are chosen and set.
+them once. The sentences about physics are in `explanation` and its neighbours; here they are chosen and set.
 """
 
 from __future__ import annotations
@@ -14,7 +14,12 @@ from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.diagnosis import FitDiagnosis
 from gcs.analysis.ladder import rungs_of, short_names
 from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
+from gcs.analysis.text.explanation import explanation_lines
+from gcs.analysis.text.findings import finding_sentence, suspicion_text
+from gcs.analysis.text.hidden import consequences, hidden_sentences, up_to
 from gcs.analysis.text.ladder import cut, ladder_text
+from gcs.analysis.text.maneuvers import proposal_text, why_text
+from gcs.analysis.text.remarks import remark_sentence
 from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
 from sysid.control.regulator import designs_on
 from sysid.diagnose.verdict import Diagnosis
@@ -45,9 +50,9 @@ def diagnosis_blocks(
     trace = a_trace(last)
     nameless = not trace and last.verdict != "complete" and not last.chain
     rungs = rungs_of(found.fit.model.structure.base_, found.rungs) if len(found.rungs) > 1 else []
-    suspicions = [Sentence(one.text, " suspicion: ", "   ") for one in found.comparison.suspicions]
-    findings = [Sentence(text, " ", "   ") for text in found.comparison.findings] if nameless else []
-    reasons = [f" {line}" for line in found.explanation.lines(WIDTH - 1)] if full else []
+    suspicions = [Sentence(suspicion_text(one), " suspicion: ", "   ") for one in found.comparison.suspicions]
+    findings = [finding_sentence(one, " ", "   ") for one in found.comparison.findings] if nameless else []
+    reasons = [f" {line}" for line in explanation_lines(found.explanation, WIDTH - 1)] if full else []
     beside = [*_telling(found, full), *_hidden(found, full), *_untestable(last, full), *_remarks(found)]
     step = _next_step(found, fit, rest, written)
     return (
@@ -94,8 +99,8 @@ def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
         others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
         lines.append(Sentence(f"a simple term would do much: {term.entry.equation}{others}", " ", "   "))
     if found.next is not None:
-        told = f"to tell {' from '.join(short_names(found.next.separates))}: {found.next.maneuver}"
-        why = f" ({found.next.why})" if full else ""
+        told = f"to tell {' from '.join(short_names(found.next.separates))}: {proposal_text(found.next.proposal)}"
+        why = f" ({why_text(found.next.why)})" if full else ""
         lines.append(Sentence(told + why, " ", "   ", offer="" if found.next.card is None else "card"))
     return lines
 
@@ -105,14 +110,14 @@ def _hidden(found: FitDiagnosis, full: bool) -> list[Line]:
     if not full and found.last.verdict == "unexplained":
         return []
     if full:
-        return [Sentence(text, " ", "   ") for text in found.hiding.sentences]
+        return [Sentence(text, " ", "   ") for text in hidden_sentences(found.hiding)]
     groups = found.hiding.harmful
     if not groups:
         return [" nothing that could hide here would do harm"] if found.hiding.others else []
     worst, *others = groups
-    said = f"could hide here: {worst[0].effect} {worst[0].up_to}, {worst[0].consequences}"
+    said = f"could hide here: {worst[0].effect} {up_to(worst[0])}, {consequences(worst[0])}"
     if others:
-        said += f"; also {', '.join(f'{one[0].effect} {one[0].up_to}' for one in others)}"
+        said += f"; also {', '.join(f'{one[0].effect} {up_to(one[0])}' for one in others)}"
     return [Sentence(said, " ", "   ")]
 
 
@@ -128,7 +133,7 @@ def _untestable(last: Diagnosis, full: bool) -> list[Line]:
 
 
 def _remarks(found: FitDiagnosis) -> list[Line]:
-    return [Sentence(text, " ", "   ") for text in found.remarks]
+    return [remark_sentence(one, " ", "   ") for one in found.remarks]
 
 
 def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[str]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAMETERS, Identification
+from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAMETERS, Identification, Judgement
 from gcs.analysis.text.blocks import wrapped
+from gcs.analysis.text.checks import check_text, checks_document
 from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches
 from sysid.fit.checks import Check
 from sysid.fit.implied import Implied
@@ -94,12 +96,30 @@ def parameter_table(found: Identification) -> str:
     return "\n".join(lines)
 
 
+def judgement_document(judged: Judgement) -> dict[str, Any]:
+    """Keys that are added to the fit's document."""
+    measured = judged.responses.measured
+    return {
+        "guides": {
+            "cramer_rao_percent": GUIDE_CRAMER_RAO,
+            "insensitivity_percent": GUIDE_INSENSITIVITY,
+            "coherence": LEAST_COHERENCE,
+            "cost": GOOD_COST,
+        },
+        "responses": [response.to_json() for response in judged.responses.each],
+        "responses_reference": dict(zip(measured.commands, measured.references, strict=True)),
+        "checks": checks_document(judged.checks),
+        "spread": None if judged.spread is None else judged.spread.to_json(),
+        "implied": [figure.to_json() for figure in judged.implied],
+    }
+
+
 def checks_text(checks: Sequence[Check]) -> str:
     """One line a check: ✓ passed, ✗ failed, ? not possible."""
     marks = {True: "✓", False: "✗", None: "?"}
     lines = ["eigenfrequency check"]
     for one in checks:
-        lines += wrapped(f"{marks[one.passed]} {one.name}: {one.text}", "  ", "    ")
+        lines += wrapped(f"{marks[one.passed]} {one.name}: {check_text(one)}", "  ", "    ")
     return "\n".join(lines)
 
 

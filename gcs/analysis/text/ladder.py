@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs.analysis.ladder import Nrmse, RungNumbers
+from gcs.analysis.quantities import amount
 from sysid.data.record import RATES
-from sysid.diagnose.quantities import amount
 from sysid.fit.result import Fit
 
 LEFT = 40

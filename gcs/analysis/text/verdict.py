@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from gcs.analysis.diagnosis import FitDiagnosis, rival
 from gcs.analysis.ladder import NO_CHANGE, Nrmse, short_names, together
+from gcs.analysis.quantities import listed, plausible_range, quantity
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
+from gcs.analysis.text.explanation import shown_text
 from gcs.analysis.text.ladder import LEFT, nrmse_row
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.quantities import listed, plausible_range, quantity
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.model.effect import catalogue
 from sysid.model.parameter import Parameter
@@ -136,7 +137,8 @@ def _why(found: FitDiagnosis) -> list[Line]:
     """What these runs show most plainly, beside the effect's usual mark where that tells more than numbers."""
     winner, why = found.last.winner, found.explanation
     linear = winner is None or winner.fit is None or winner.fit.model.structure.linear
-    said = why.shown[:REASONS] if linear and why.shown else (*why.marks[:1], *why.shown[-1:])
+    shown = [shown_text(one) for one in why.shown]
+    said = shown[:REASONS] if linear and shown else [*(f"{mark}." for mark in why.marks[:1]), *shown[-1:]]
     if not said:
         return []
     return [Sentence(" ".join([said[0][0].lower() + said[0][1:], *said[1:]]), "  why: ", "    ")]

@@ -12,5 +12,17 @@ from gcs.flight.probe.card import QUIET_S, probe_card
 from gcs.flight.probe.judge import judge_probe
 from gcs.flight.probe.prediction import largest_amplitude
 from gcs.flight.probe.values import ProbeResult, ProbeStep, Samples
+from gcs.flight.probe.words import finding_words, result_document, result_words
 
-__all__ = ["QUIET_S", "ProbeResult", "ProbeStep", "Samples", "judge_probe", "largest_amplitude", "probe_card"]
+__all__ = [
+    "QUIET_S",
+    "ProbeResult",
+    "ProbeStep",
+    "Samples",
+    "finding_words",
+    "judge_probe",
+    "largest_amplitude",
+    "probe_card",
+    "result_document",
+    "result_words",
+]

@@ -79,19 +79,12 @@ def answer_findings(answer: AxisAnswer) -> Iterator[ProbeFinding]:
     """What is wrong with an axis' answer by itself: not seen, too strong to be true, late."""
     axis = answer.axis
     if not answer.seen or answer.gain is None or answer.delay_s is None or answer.delay_error_s is None:
-        words = f"{axis}: not seen above the noise; probe again in calm air or with a larger step"
-        yield ProbeFinding("unseen", axis, words, False, {"signal_to_noise": answer.signal_to_noise})
+        yield ProbeFinding(kind="unseen", axis=axis, serious=False, numbers={"signal_to_noise": answer.signal_to_noise})
         return
+    names = {"axis": axis, "rate": answer.rate}
     if abs(answer.gain) > LARGEST_GAIN:
-        words = (
-            f"{axis}: {abs(answer.gain):.0f} rad/s per full command is beyond any vehicle; is {answer.rate} in deg/s?"
-        )
-        yield ProbeFinding("units", answer.rate, words, True, {"gain": answer.gain})
+        yield ProbeFinding(kind="units", axis=answer.rate, numbers={"gain": answer.gain}, how="gain", names=names)
     if answer.delay_s > LATE_S:
         sure = answer.delay_s - SURE_LATE * answer.delay_error_s > LATE_S
-        words = (
-            f"{axis}: {answer.rate} {'follows' if sure else 'seems to follow'} {1000 * answer.delay_s:.0f} ± "
-            f"{1000 * answer.delay_error_s:.0f} ms after the command, more than {1000 * LATE_S:.0f}: "
-        )
-        words += "look for a slow servo or filter, or late stamps" if sure else "a larger step would tell"
-        yield ProbeFinding("late", axis, words, sure, {"delay_s": answer.delay_s, "error_s": answer.delay_error_s})
+        numbers = {"delay_s": answer.delay_s, "error_s": answer.delay_error_s}
+        yield ProbeFinding(kind="late", axis=axis, serious=sure, numbers=numbers, names=names)

@@ -43,8 +43,7 @@ def axes_findings(fit: Fit) -> tuple[list[ProbeFinding], float | None]:
         return findings, None
     turn = math.degrees(math.atan2(G[1, 0] - G[0, 1], G[0, 0] + G[1, 1]))
     if not findings and abs(turn) > TURNED_DEG:
-        words = f"commands and rates are turned by {turn:.0f} degrees: a swashplate's phase angle, or strong coupling"
-        findings.append(ProbeFinding("turned", None, words, False, {"turn_deg": turn}))
+        findings.append(ProbeFinding(kind="turned", axis=None, serious=False, numbers={"turn_deg": turn}))
     return findings, turn
 
 
@@ -78,32 +77,21 @@ def _reversed_alone(fit: Fit, columns: Sequence[int]) -> Iterator[ProbeFinding]:
     for j in columns:
         axis = {"x": "roll", "y": "pitch"}[fit.letters[j]]
         if RATES[axis] == fit.rates[0] and fit.rows[0].gain[j] < 0:
-            yield _reversed(axis, "command or gyro")
+            yield ProbeFinding(kind="reversed", axis=axis)
 
 
 def _way_findings(way: FloatArray, letters: Sequence[str], attitude: Mapping[str, str]) -> Iterator[ProbeFinding]:
     """What a way of exchanging axes means, for the columns that were seen."""
     if way[0, 0] == 0:
-        signs = [("-" if way[i].sum() < 0 else "") + "delta_" + "yx"[i] for i in range(2) if "yx"[i] in letters]
-        answers = ", ".join(f"{'pq'['yx'.index(s[-1])]} answers {s}" for s in signs)
-        blame = "the gyro's axes" if "swapped" in attitude.values() else "the command's or the gyro's axes"
-        words = f"roll and pitch are swapped: {answers}; look at {blame} (a swashplate's phase angle, the board's turn)"
-        yield ProbeFinding("swapped", None, words)
+        names = {
+            "pq"[i]: ("-" if way[i].sum() < 0 else "") + "delta_" + "yx"[i] for i in range(2) if "yx"[i] in letters
+        }
+        how = "gyro" if "swapped" in attitude.values() else ""
+        yield ProbeFinding(kind="swapped", axis=None, how=how, names=names)
         return
     for i, axis in enumerate(("roll", "pitch")):
         if way[i, i] < 0 and "xy"[i] in letters:
-            yield _reversed(axis, attitude.get(RATES[axis], "command or gyro"))
-
-
-def _reversed(axis: str, blame: str) -> ProbeFinding:
-    rate, letter = RATES[axis], LETTERS[axis]
-    where = {
-        "gyro": f"the gyro is: {rate} moves against the attitude",
-        "command": f"the command more likely than the gyro: {rate} goes with the attitude",
-        "swapped": f"the gyro is: {rate} does not go with the attitude",
-    }.get(blame, "command or gyro: the log does not tell which")
-    words = f"{axis} is reversed: positive delta_{letter} gives negative {rate}; {where}"
-    return ProbeFinding("reversed", axis, words)
+            yield ProbeFinding(kind="reversed", axis=axis, how=attitude.get(RATES[axis], ""))
 
 
 def _mixing(fit: Fit) -> FloatArray:
@@ -131,16 +119,11 @@ def _mixing(fit: Fit) -> FloatArray:
 
 def _mixing_findings(mixing: FloatArray) -> Iterator[ProbeFinding]:
     if mixing[0, 0] == 0:
-        words = (
-            "what is added on roll shows on delta_y, and on pitch on delta_x: look at the mixing, or at the log's names"
-        )
-        yield ProbeFinding("swapped", None, words)
+        yield ProbeFinding(kind="swapped", axis=None, how="mixing")
         return
     for i, axis in enumerate(("roll", "pitch")):
         if mixing[i, i] < 0:
-            letter = LETTERS[axis]
-            words = f"{axis} is reversed: delta_{letter} moves against what is added to it; look at the mixing"
-            yield ProbeFinding("reversed", axis, words)
+            yield ProbeFinding(kind="reversed", axis=axis, how="mixing")
 
 
 def _by_attitude(fit: Fit) -> dict[str, str]:

@@ -28,25 +28,26 @@ def log_rate_hz(t: FloatArray) -> float | None:
 def log_findings(samples: Samples, axis: str | None, expected_hz: float | None) -> Iterator[ProbeFinding]:
     """Whether samples came, often enough and without gaps; `axis` None for the quiet hover."""
     t = samples["t"]
-    where = "in quiet hover" if axis is None else f"of the {axis} step"
     hz = log_rate_hz(t)
     if hz is None or t[-1] - t[0] < 1.0:
-        words = f"no samples {where} came (less than a second of them): nothing can be said; is the log running?"
-        yield ProbeFinding("no samples", axis, words)
+        yield ProbeFinding(kind="no samples", axis=axis, how="short")
         return
     if hz < SLOWEST_HZ:
-        words = f"the log comes at {hz:.0f} Hz: too slow for a sweep; set the vehicle to log in every loop"
-        yield ProbeFinding("slow log", None, words, True, {"rate_hz": hz})
+        yield ProbeFinding(kind="slow log", axis=None, numbers={"rate_hz": hz})
     elif expected_hz is not None and hz < 0.9 * expected_hz:
-        words = f"the log comes at {hz:.0f} Hz, not at {expected_hz:.0f}"
-        yield ProbeFinding("slow log", None, words, False, {"rate_hz": hz, "expected_hz": expected_hz})
+        yield ProbeFinding(
+            kind="slow log",
+            axis=None,
+            serious=False,
+            numbers={"rate_hz": hz, "expected_hz": expected_hz},
+            how="than expected",
+        )
     spaces = np.diff(t)
     wide = spaces[spaces > 3 / hz]
     lost = float(np.sum(wide) - wide.size / hz) / float(t[-1] - t[0])
     if wide.size:
-        words = f"{wide.size} gaps in the log {where}, {100 * lost:.1f} % lost, the longest {wide.max():.2f} s"
         numbers = {"gaps": float(wide.size), "lost": lost, "longest_s": float(wide.max())}
-        yield ProbeFinding("gaps", axis, words, lost > FEW_LOST, numbers)
+        yield ProbeFinding(kind="gaps", axis=axis, serious=lost > FEW_LOST, numbers=numbers)
 
 
 def _known(samples: Samples, name: str) -> FloatArray:
@@ -70,26 +71,21 @@ def noise_findings(
         pieces = [_known(samples, name) for samples in (quiet, *(step.samples for step in steps))]
         pieces = [values for values in pieces if values.size > 10]
         if not pieces:
-            yield ProbeFinding("no samples", name, f"{name} is not in the log: nothing can be said of that axis")
+            yield ProbeFinding(kind="no samples", axis=name, how="rate")
             continue
         if any(np.mean(np.diff(values) == 0) > 0.9 for values in pieces):
-            words = f"{name} stands still in the log: its gyro is frozen, or is not logged in every loop"
-            yield ProbeFinding("frozen", name, words)
+            yield ProbeFinding(kind="frozen", axis=name)
             continue
         deviation = noise.get(name)
         if deviation is None:
             continue
         if deviation > QUIET_RATE:
-            words = (
-                f"{name} varies by {deviation:.2f} rad/s in quiet hover: is it in deg/s, or is the vehicle not quiet?"
-            )
-            yield ProbeFinding("units", name, words, True, {"deviation": deviation})
+            yield ProbeFinding(kind="units", axis=name, numbers={"deviation": deviation}, how="noise")
         before = (usual or {}).get(name)
         if before is not None and deviation > NOISIER * before:
-            words = (
-                f"{name} is {deviation / before:.1f} times as noisy as usual: {deviation:.3f} rad/s, not {before:.3f}"
+            yield ProbeFinding(
+                kind="noisy", axis=name, serious=False, numbers={"deviation": deviation, "usual": before}
             )
-            yield ProbeFinding("noisy", name, words, False, {"deviation": deviation, "usual": before})
 
 
 def flown_findings(step: ProbeStep) -> Iterator[ProbeFinding]:
@@ -98,14 +94,11 @@ def flown_findings(step: ProbeStep) -> Iterator[ProbeFinding]:
     letter = LETTERS[axis]
     excitation, command = (_known(step.samples, name + letter) for name in ("excitation_", "delta_"))
     if command.size < 10:
-        words = f"delta_{letter} is not in the log: nothing can be said of {axis}"
-        yield ProbeFinding("no samples", axis, words)
+        yield ProbeFinding(kind="no samples", axis=axis, how="command")
         return
     if excitation.size > 10 and np.ptp(excitation) < asked:
         numbers = {"moved": 0.5 * float(np.ptp(excitation)), "asked": asked}
-        words = f"nothing like ±{asked:g} was added on {axis} (the log has ±{numbers['moved']:.4f}): no step was flown"
-        yield ProbeFinding("no excitation", axis, words, True, numbers)
+        yield ProbeFinding(kind="no excitation", axis=axis, numbers=numbers, how="not added")
     elif np.ptp(command) < 0.1 * asked or np.mean(np.diff(command) == 0) > 0.999:
         numbers = {"moved": 0.5 * float(np.ptp(command)), "asked": asked}
-        words = f"delta_{letter} did not move (±{numbers['moved']:.4f}) while ±{asked:g} was asked for on {axis}"
-        yield ProbeFinding("no excitation", axis, words, True, numbers)
+        yield ProbeFinding(kind="no excitation", axis=axis, numbers=numbers, how="still")

@@ -1,11 +1,9 @@
-"""What a probe is given, and what it says: its steps, its findings, each axis' answer, the result."""
+"""What a probe is given, and what it finds: its steps, its findings, each axis' answer, the result."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +32,7 @@ class ProbeStep:
     """When the excitation began, on the samples' clock: lets it be worked out where the vehicle does not log it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ProbeFinding:
     """One thing that a probe found."""
 
@@ -43,16 +41,14 @@ class ProbeFinding:
     `late` or `unseen`."""
     axis: str | None
     """None where it concerns the whole vehicle."""
-    words: str
     serious: bool = True
     """Whether the card must not be flown before it is mended."""
     numbers: Mapping[str, float] | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        numbers = {key: _rounded(value) for key, value in (self.numbers or {}).items()}
-        return {
-            "kind": self.kind, "axis": self.axis, "words": self.words, "serious": self.serious, "numbers": numbers
-        }  # fmt: skip
+    """What was measured, SI."""
+    how: str = ""
+    """Which of the ways to be so, where a kind has several: `words` names them."""
+    names: Mapping[str, str] | None = None
+    """Channels and axes that it is about beside its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,21 +76,6 @@ class AxisAnswer:
     rate_gains: tuple[tuple[float, float], ...] = ()
     """Frequency in Hz, and p or q (the larger) per command added there, rad/s, feedback at work."""
 
-    @property
-    def words(self) -> str:
-        if self.gain is None or self.gain_error is None:
-            return f"{self.axis}: not seen above the noise ({self.signal_to_noise:.1f} times its error)"
-        parts = [f"{self.axis}: {self.rate} follows delta_{LETTERS[self.axis]}"]
-        if self.delay_s is not None and self.delay_error_s is not None:
-            parts.append(f" after {1000 * self.delay_s:.0f} ± {1000 * self.delay_error_s:.0f} ms")
-        parts.append(f", {self.gain:.1f} ± {self.gain_error:.1f} rad/s per full command")
-        return "".join(parts)
-
-    def to_json(self) -> dict[str, Any]:
-        keys = ("amplitude", "signal_to_noise", "gain", "gain_error", "delay_s", "delay_error_s", "peak_rate")
-        numbers = {key: _rounded(getattr(self, key)) for key in (*keys, "peak_attitude")}
-        return {"axis": self.axis, "seen": self.seen, "rate": self.rate, **numbers}
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProbeResult:
@@ -118,28 +99,3 @@ class ProbeResult:
     def ok(self) -> bool:
         """Nothing serious was found, and every axis was seen to answer. Neither ok nor wrong: not known."""
         return not self.wrong and bool(self.answers) and all(answer.seen for answer in self.answers)
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """A few short lines: what is wrong first."""
-        serious = [finding.words for finding in self.findings if finding.serious]
-        rest = [finding.words for finding in self.findings if not finding.serious and finding.kind != "unseen"]
-        rates = [f"{name} {self.noise[name]:.3f}" for name in MEASURED if name in self.noise]
-        noise = [f"noise in hover: {', '.join(rates)} rad/s"] if rates else []
-        return (*serious, *(answer.words for answer in self.answers), *noise, *rest)
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "ok": self.ok,
-            "wrong": self.wrong,
-            "findings": [finding.to_json() for finding in self.findings],
-            "answers": [answer.to_json() for answer in self.answers],
-            "noise": {name: _rounded(value) for name, value in self.noise.items()},
-            "rate_hz": _rounded(self.rate_hz),
-            "turn_deg": _rounded(self.turn_deg),
-            "words": list(self.words),
-        }
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(f"{value:.4g}")

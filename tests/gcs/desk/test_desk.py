@@ -335,6 +335,7 @@ def test_one_rung_back_and_the_file_stays(worked: tuple[Desk, Path]) -> None:
 def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path], tmp_path: Path) -> None:
     from gcs.cards.maneuver import load_card
     from sysid.diagnose.next_maneuver import NextManeuver
+    from sysid.diagnose.proposals import LogChannels, MeasuredNotGuessed
 
     _, home = worked
     shutil.copytree(home / "flight-0001", tmp_path / "flight-0001")
@@ -351,7 +352,8 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
     with pytest.raises(TippathError, match="no maneuver on a card"):
         desk.next_card()
     table = {"kind": "chirp", "axis": "roll", "amplitude": 0.2, "duration_s": 20.0}
-    more = NextManeuver("a larger roll chirp", ("a", "b"), "play", 5.0, {"name": "next", "maneuver": [table]})
+    card = {"name": "next", "maneuver": [table]}
+    more = NextManeuver(LogChannels(("beta",)), ("a", "b"), MeasuredNotGuessed("a"), 5.0, card)
     desk._replace(rung.fit, diagnosis=replace(asked, next=more))
     path = desk.next_card()
     assert path == tmp_path / "flight-0001" / "next.toml" == desk.state().card

@@ -22,7 +22,15 @@ from scipy import signal
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard, load_card
 from gcs.flight.live import LiveLog, LiveWindow
-from gcs.flight.probe import ProbeResult, ProbeStep, judge_probe, largest_amplitude, probe_card
+from gcs.flight.probe import (
+    ProbeResult,
+    ProbeStep,
+    judge_probe,
+    largest_amplitude,
+    probe_card,
+    result_document,
+    result_words,
+)
 from gcs.flight.probe.card import FRACTION, LEAST_AMPLITUDE
 from gcs.flight.probe.prediction import predicted_attitude
 from gcs.flight.verdict import cut
@@ -166,8 +174,8 @@ def kinds(result: ProbeResult) -> set[tuple[str, str | None]]:
 )
 def test_a_sound_vehicle_is_in_order(plant: str, seed: int, fraction: float, gusts: float, stock: bool) -> None:
     result = sound(plant, seed, fraction, gusts, stock)
-    assert not result.wrong, result.words
-    assert result.ok, result.words
+    assert not result.wrong, result_words(result)
+    assert result.ok, result_words(result)
     assert [answer.axis for answer in result.answers] == ["roll", "pitch"]
     # Table 4 in steady state is turned by -18 degrees with rows of one length
     assert result.turn_deg is not None
@@ -178,7 +186,7 @@ def test_a_sound_vehicle_is_in_order(plant: str, seed: int, fraction: float, gus
     assert (roll.rate, pitch.rate) == ("p", "q")
     assert 2.0 < roll.gain < 8.5
     assert 1.1 < pitch.gain < 5.0
-    json.dumps(result.to_json(), allow_nan=False)
+    json.dumps(result_document(result), allow_nan=False)
 
 
 def test_what_does_not_stand_out_of_the_noise_is_neither_right_nor_wrong() -> None:
@@ -190,19 +198,19 @@ def test_what_does_not_stand_out_of_the_noise_is_neither_right_nor_wrong() -> No
         part = {name: np.resize(quiet[name], step.samples["t"].size) for name in ("p", "q")}
         deaf.append(replace(step, samples={**step.samples, **{name: part[name][at] for name in part}}))
     result = judge_probe(quiet, deaf, 500.0)
-    assert not result.wrong, result.words
+    assert not result.wrong, result_words(result)
     assert not result.ok
     assert [answer.seen for answer in result.answers] == [False, False]
     assert [answer.gain for answer in result.answers] == [None, None]
     assert {(f.kind, f.axis) for f in result.findings} == {("unseen", "roll"), ("unseen", "pitch")}
-    assert any("not seen above the noise" in line for line in result.words)
+    assert any("not seen above the noise" in line for line in result_words(result))
     assert largest_amplitude(result, Limits(), 0.3, CARD.maneuvers[0]) is None
 
 
 def test_an_elevator_is_seen_and_its_sign_is_left_alone() -> None:
     quiet, steps = flown("forward", 1, 0.2, card="forward")
     result = judge_probe(quiet, steps, 500.0)
-    assert not result.wrong, result.words
+    assert not result.wrong, result_words(result)
     answer = result.answers[-1]
     assert (answer.axis, answer.rate, answer.seen) == ("elevator", "q", True)
     other = [replace(steps[-1], samples={**steps[-1].samples, "q": -steps[-1].samples["q"]})]
@@ -287,12 +295,12 @@ def test_a_planted_fault_is_named_and_nothing_else(probe: tuple[str, int, float,
     assert not sound(*probe).wrong
     result = judge_probe(*faulty(flown(*probe), plant), 500.0)
     if fault == "0.2 s":  # a tenth of the amplitude is too little to be sure of a delay in gusts: it "seems" late
-        assert kinds(result) <= {("late", "roll"), ("late", "pitch")}, result.words
+        assert kinds(result) <= {("late", "roll"), ("late", "pitch")}, result_words(result)
         assert bool(kinds(result)) == (probe[2] > 0.1)
     else:
         assert not result.ok
-        assert kinds(result) == expected, result.words
-    assert words in " ".join(result.words)
+        assert kinds(result) == expected, result_words(result)
+    assert words in " ".join(result_words(result))
 
 
 @pytest.mark.parametrize("probe", PROBES)
@@ -304,7 +312,7 @@ def test_degrees_are_told_by_the_hover_and_by_the_answer(probe: tuple[str, int, 
     assert kinds(judge_probe(*faulty((quiet, steps), degrees), 500.0)) == {("units", "p"), ("units", "q")}
     _, in_degrees = faulty((quiet, steps), degrees)
     only_steps = judge_probe(quiet, in_degrees, 500.0)
-    assert ("units", "p") in kinds(only_steps), only_steps.words
+    assert ("units", "p") in kinds(only_steps), result_words(only_steps)
 
 
 def test_more_noise_than_usual_is_said_and_wrong_is_something_else() -> None:
@@ -329,7 +337,7 @@ def test_the_log_s_rate_is_judged_by_what_it_should_be() -> None:
 
     slower = judge_probe(*thinned(5), 500.0)
     assert slower.rate_hz == pytest.approx(100.0)
-    assert slower.ok, slower.words
+    assert slower.ok, result_words(slower)
     assert ("slow log", None) in {(f.kind, f.axis) for f in slower.findings}
     assert not judge_probe(*thinned(5), 100.0).findings
     assert ("slow log", None) in kinds(judge_probe(*thinned(25), 20.0))
@@ -341,7 +349,7 @@ def test_no_samples_at_all_are_said(size: int) -> None:
     result = judge_probe(*probe, 500.0)
     assert {("no samples", None), ("no samples", "roll"), ("no samples", "pitch")} <= kinds(result)
     assert result.answers == ()
-    json.dumps(result.to_json(), allow_nan=False)
+    json.dumps(result_document(result), allow_nan=False)
 
 
 def test_channels_that_are_not_logged_are_no_crash() -> None:
@@ -356,7 +364,7 @@ def test_channels_that_are_not_logged_are_no_crash() -> None:
 def test_one_axis_alone_is_judged_by_itself() -> None:
     quiet, steps = flown("hover-ideal", 101, 0.1, 1.0)
     result = judge_probe(quiet, steps[:1], 500.0)
-    assert result.ok, result.words
+    assert result.ok, result_words(result)
     assert result.turn_deg is None
     flipped = faulty((quiet, steps[:1]), lambda s: negated(s, "p", "q"))
     assert kinds(judge_probe(*flipped, 500.0)) == {("reversed", "roll")}
@@ -412,7 +420,7 @@ def test_a_vehicle_without_coupling_is_in_order(
     gains: tuple[float, float], poles: tuple[float, float], stock: bool
 ) -> None:
     result = judge_probe(*made_up(np.diag(gains), poles, stock=stock), 500.0)
-    assert result.ok, result.words
+    assert result.ok, result_words(result)
     assert result.turn_deg == pytest.approx(0.0, abs=10.0)
     for answer, gain, pole in zip(result.answers, gains, poles, strict=True):
         step = gain * (0.5 if pole == 0 else np.expm1(pole * 0.5) / pole)
@@ -424,17 +432,17 @@ def test_a_vehicle_without_coupling_is_in_order(
 def test_an_unstable_vehicle_has_the_sign_of_its_answer() -> None:
     """Its gain at no frequency at all would be negative."""
     result = judge_probe(*made_up(np.diag([60.0, 40.0]), (0.8, 0.8), noise=0.01), 500.0)
-    assert not result.wrong, result.words
+    assert not result.wrong, result_words(result)
 
 
 @pytest.mark.parametrize("stock", [False, True])
 def test_a_delay_is_measured(stock: bool) -> None:
     result = judge_probe(*made_up(np.diag([60.0, 40.0]), (-5.0, -5.0), 0.06, stock), 500.0)
-    assert result.ok, result.words
+    assert result.ok, result_words(result)
     for answer in result.answers:
         assert answer.delay_s == pytest.approx(0.06, abs=0.02)
     late = judge_probe(*made_up(np.diag([60.0, 40.0]), (-5.0, -5.0), 0.25, stock), 500.0)
-    assert kinds(late) == {("late", "roll"), ("late", "pitch")}, late.words
+    assert kinds(late) == {("late", "roll"), ("late", "pitch")}, result_words(late)
 
 
 @pytest.mark.parametrize(("turn", "kind"), [(40.0, None), (52.0, "turned"), (90.0, "swapped"), (-90.0, "swapped")])
@@ -506,7 +514,7 @@ def test_eight_seconds_of_a_real_autopilot_s_sweep_are_in_order(shared_data: Pat
         )
     assert quiet is not None
     result = judge_probe(quiet, steps, 400.0)
-    assert not result.wrong, result.words
-    assert all(answer.seen for answer in result.answers), result.words
+    assert not result.wrong, result_words(result)
+    assert all(answer.seen for answer in result.answers), result_words(result)
     flipped = [replace(step, samples=negated(dict(step.samples), "q")) for step in steps]
     assert ("reversed", "pitch") in kinds(judge_probe(quiet, flipped, 400.0))

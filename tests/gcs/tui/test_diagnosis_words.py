@@ -10,20 +10,26 @@ from typing import Any
 import pytest
 from fake_desk import ASKED, OPEN
 
+from gcs.analysis.diagnosis import remarks_on
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
+from gcs.analysis.text.maneuvers import proposal_text
 from gcs.tui import desk_words
+from sysid.compare.finding_kinds import AtTheEnds
+from sysid.diagnose.explain import Explanation
+from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
+from sysid.diagnose.proposals import FurtherApart, HalfAndFull, LinearHalves
 from sysid.model.effect import catalogue
 
+CHIRP = Plan(kind="chirp", axis="roll", amplitude=0.1, f_start_hz=0.5, f_stop_hz=10.0, duration_s=30.0)
 PLANS = [
-    f"{axis} {what}, amplitude 0.1{larger}{often}"
-    for axis, what, larger, often in itertools.product(
-        ("roll", "pitch", "elevator"),
-        ("chirp 0.5-10 Hz, 30 s", "doublet of 0.25 s pulses, 6 s"),
-        ("", " (1.41 times the flown one)"),
-        ("", " twice", " three times"),
+    replace(CHIRP, axis=axis, kind=kind, duration_s=duration_s, times=times, repeats=repeats)
+    for axis, (kind, duration_s), times, repeats in itertools.product(
+        ("roll", "pitch", "elevator"), (("chirp", 30.0), ("doublet", 6.0)), (1.0, 1.41), (1, 2, 3)
     )
 ]
+WHY = FurtherApart(sigma=4.0, before=1.0)
+HALVES = NextManeuver(HalfAndFull("roll", (0.05, 0.1)), ("linear", "nonlinear"), LinearHalves(0.2), 4.0, None)
 
 
 def unexplained(proposal: NextManeuver) -> Any:
@@ -38,15 +44,15 @@ def unexplained(proposal: NextManeuver) -> Any:
     return SimpleNamespace(
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
-        hiding=SimpleNamespace(harmful=(), others=(), sentences=()),
+        hiding=SimpleNamespace(harmful=(), others=()), explanation=Explanation(effects=(), what=()),
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("plan", PLANS)
-def test_every_proposal_offers_the_key_and_never_the_option(plan: str) -> None:
+@pytest.mark.parametrize("plan", PLANS, ids=proposal_text)
+def test_every_proposal_offers_the_key_and_never_the_option(plan: Plan) -> None:
     shell, keys = [], []
     for separates in itertools.permutations(catalogue(), 2):
-        diagnosis = unexplained(NextManeuver(plan, separates, "", 4.0, {"name": "card", "maneuver": []}))
+        diagnosis = unexplained(NextManeuver(plan, separates, WHY, 4.0, {"name": "card", "maneuver": []}))
         rung = replace(ASKED, diagnosis_text=diagnosis_blocks(diagnosis))
         lines = desk_words.verdict_lines(replace(OPEN, ladder=(rung,)), 80)
         words = " ".join(" ".join(line if isinstance(line, str) else line[0] for line in lines).split())
@@ -56,9 +62,46 @@ def test_every_proposal_offers_the_key_and_never_the_option(plan: str) -> None:
     assert not keys
 
 
+def shown(diagnosis: Any) -> str:
+    """What the Diagnose and the Compare screens show of it, brief and in full, on one line."""
+    rung = replace(
+        ASKED, diagnosis_text=diagnosis_blocks(diagnosis), diagnosis=diagnosis, comparison=diagnosis.comparison
+    )
+    desk = replace(OPEN, ladder=(rung,))
+    screens = (
+        desk_words.verdict_lines(desk, 80),
+        desk_words.explained_lines(rung, 80),
+        desk_words.compare_lines(desk, 80, full=False),
+    )
+    return " ".join(" ".join(line if isinstance(line, str) else line[0] for each in screens for line in each).split())
+
+
+def test_without_validation_runs_the_app_names_its_keys_and_a_shell_the_option() -> None:
+    diagnosis = unexplained(HALVES)
+    diagnosis.remarks = remarks_on([], [])
+    words = shown(diagnosis)
+    assert "whether it holds on others is open; 3, then V marks some, and 4, then F fits again" in words
+    assert "--" not in words
+    shell = " ".join(diagnosis_text(diagnosis).split())
+    assert "whether it holds on others is open; name some with --validate" in shell
+
+
+def test_an_error_at_the_ends_is_cut_off_in_a_shell_and_looked_at_in_the_app() -> None:
+    diagnosis = unexplained(HALVES)
+    diagnosis.comparison.findings = (AtTheEnds(axis="roll", share=0.4, first=True, seconds=2.0),)
+    words = shown(diagnosis)
+    assert words.count("of the error sits in the first 2 s of the runs: look at what happens there") == 3
+    assert "--" not in words
+    shell = " ".join(diagnosis_text(diagnosis).split())
+    assert "of the runs: cut them off with --window, or look at what happens there" in shell
+
+
 def test_a_shell_is_told_the_option() -> None:
-    proposal = NextManeuver(PLANS[0], ("servo_lag", "gyro_lag"), "", 4.0, {"name": "card", "maneuver": []})
+    proposal = NextManeuver(PLANS[0], ("servo_lag", "gyro_lag"), WHY, 4.0, {"name": "card", "maneuver": []})
     words = " ".join(diagnosis_text(unexplained(proposal)).split())
-    assert f"to tell servo_lag from gyro_lag: {PLANS[0]}; --card CARD.toml writes that as a test card" in words
+    assert (
+        f"to tell servo_lag from gyro_lag: {proposal_text(PLANS[0])}; --card CARD.toml writes that as a test card"
+        in words
+    )
     without = diagnosis_text(unexplained(replace(proposal, card=None)))
     assert "CARD.toml" not in without

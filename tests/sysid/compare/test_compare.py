@@ -14,8 +14,10 @@ import pytest
 from planted import PLANTED, Run, axes, fly
 from scipy.signal import butter, coherence, lfilter, sosfiltfilt, welch
 
+from gcs.analysis.text.documents import comparison_document
+from gcs.analysis.text.findings import finding_text, listed_runs, suspicion_text
 from sysid.compare.compare import compare
-from sysid.compare.data_checks import flat_tops, listed
+from sysid.compare.data_checks import flat_tops
 from sysid.compare.on_runs import CompareError
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
@@ -39,6 +41,11 @@ def flight(
         return fly(effect, PLANTED.get(effect or "", {}), seed=seed, gusts=gusts, duration_s=duration_s)
     finally:
         planted.SIZES = usual
+
+
+def told(compared: Comparison) -> tuple[str, ...]:
+    """Its findings in sentences."""
+    return tuple(finding_text(finding) for finding in compared.findings)
 
 
 def records(
@@ -170,7 +177,7 @@ def test_noise_is_what_gusts_and_gyro_made(effect: str, gusts: float) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nothing_to_find_where_nothing_is_missing(seed: int) -> None:
     found = compared(None, seed)
-    assert found.findings == ("what is left is noise: nothing to find here (measured, the excitation is logged)",)
+    assert told(found) == ("what is left is noise: nothing to find here (measured, the excitation is logged)",)
     assert found.suspicions == ()
     assert not any(found.more.values())
     for one in found.responses:
@@ -181,7 +188,7 @@ def test_nothing_to_find_where_nothing_is_missing(seed: int) -> None:
 def test_what_is_missing_is_placed() -> None:
     found = compared("servo_lag", 1)
     assert found.explained
-    text = next(text for text in found.findings if text.startswith("pitch"))
+    text = next(text for text in told(found) if text.startswith("pitch"))
     assert "linear dynamics are missing there" in text
     assert "coherent with the commands" in text
     assert "Noise explains 1" in text
@@ -205,7 +212,7 @@ def test_without_the_excitation_the_share_is_a_bound(windy: tuple[Model, list[Ru
     assert found.references == ("delta_x", "delta_y")
     measured = compare(model, records(runs), NOISE_BAND)
     assert np.all(shares(found) < shares(measured) - 0.02), "feedback hides some of the noise"
-    assert "at least" in found.findings[0]
+    assert "at least" in told(found)[0]
 
 
 def test_quiet_hover_measures_the_noise(windy: tuple[Model, list[Run], list[Run]]) -> None:
@@ -216,7 +223,7 @@ def test_quiet_hover_measures_the_noise(windy: tuple[Model, list[Run], list[Run]
     assert found.noise_share_is == "measured"
     assert found.noise_from == "quiet hover"
     assert shares(found) == pytest.approx(true_noise("servo_lag", runs, found), abs=0.1)
-    assert "measured from quiet hover" in found.findings[0]
+    assert "measured from quiet hover" in told(found)[0]
     among = compare(model, [*bare, *still], NOISE_BAND)
     assert among.noise_share == found.noise_share
     assert [one.id for one in among.runs] == [one.id for one in bare]
@@ -227,7 +234,7 @@ def test_quiet_hover_agrees_with_the_logged_excitation(windy: tuple[Model, list[
     found = compare(model, records(runs), NOISE_BAND, records(calm, "quiet", maneuver="quiet"))
     assert found.quiet_ratio is not None
     assert list(found.quiet_ratio.values()) == pytest.approx([1, 1], abs=0.15)
-    assert "quiet hover agrees" in found.findings[0]
+    assert "quiet hover agrees" in told(found)[0]
 
 
 def test_play_is_neither_noise_nor_linear() -> None:
@@ -237,7 +244,7 @@ def test_play_is_neither_noise_nor_linear() -> None:
     found, alone = compare(model, records(runs), NOISE_BAND, still), compare(model, records(runs), NOISE_BAND)
     truth = true_noise("servo_backlash", runs, found)
     assert np.all(np.abs(shares(found) - truth) < 0.7 * np.abs(shares(alone) - truth))
-    assert any("a nonlinearity" in text for text in found.findings if text.startswith("pitch"))
+    assert any("a nonlinearity" in text for text in told(found) if text.startswith("pitch"))
 
 
 # ------------------------------------------------------------------------------------------------ coherence
@@ -272,7 +279,7 @@ def test_coherence_against_scipy() -> None:
 
 def test_other_controls_that_move_the_vehicle_are_named() -> None:
     found = compare(model_of("input_coupling", 5), records(flight("input_coupling", 5)), BAND)
-    assert any("delta_c explains" in text and "not in the structure" in text for text in found.findings)
+    assert any("delta_c explains" in text and "not in the structure" in text for text in told(found))
     without = compare(
         model_of("input_coupling", 5), records(flight("input_coupling", 5), without=("delta_c", "delta_r")), BAND
     )
@@ -299,7 +306,7 @@ def test_a_linear_error_is_proportional_to_the_command() -> None:
             assert one.per_doubling == pytest.approx(1, abs=0.15)
         assert not one.significant
         assert one.high == pytest.approx(2 * one.low, rel=0.1)
-    assert not any("amplitude" in text or "worse" in text for text in found.findings)
+    assert not any("amplitude" in text or "worse" in text for text in told(found))
     assert kinds(found) == set()
 
 
@@ -308,7 +315,7 @@ def test_a_linear_error_is_proportional_to_the_command() -> None:
 )
 def test_a_nonlinear_one_is_not(effect: str, way: str) -> None:
     found = at_two_amplitudes(effect)
-    assert any(f"the error {way} with amplitude" in text and "nonlinearity" in text for text in found.findings)
+    assert any(f"the error {way} with amplitude" in text and "nonlinearity" in text for text in told(found))
 
 
 def test_clean_flights_of_two_amplitudes() -> None:
@@ -333,7 +340,7 @@ def shaken(number: int, start_s: float, stop_s: float, size: float) -> list[Reco
 
 def test_a_knock_is_placed_in_time() -> None:
     found = compare(model_of(None, 1), shaken(2, 12.0, 14.0, 1.5), BAND)
-    assert any("sits at 12-14 s of f#3" in text for text in found.findings)
+    assert any("sits at 12-14 s of f#3" in text for text in told(found))
 
 
 def test_errors_at_the_start_of_the_runs() -> None:
@@ -345,13 +352,13 @@ def test_errors_at_the_start_of_the_runs() -> None:
             Record(run.id, {**run.channels, "p": run.channels["p"] + ring}, maneuver=run.maneuver, axis=run.axis)
         )
     found = compare(model_of(None, 1), late, BAND)
-    assert any("sits in the first 2 s of the runs" in text for text in found.findings)
+    assert any("sits in the first 2 s of the runs" in text for text in told(found))
 
 
 def test_a_run_that_is_worse_than_the_others() -> None:
     found = compare(model_of(None, 1), shaken(2, 0.0, 40.0, 0.5), BAND)
-    assert any(text.startswith("f#3 is worse than the others: its pitch error") for text in found.findings)
-    assert any("rougher air" in text for text in found.findings)
+    assert any(text.startswith("f#3 is worse than the others: its pitch error") for text in told(found))
+    assert any("rougher air" in text for text in told(found))
 
 
 def test_an_error_that_goes_with_the_rotor_speed() -> None:
@@ -370,7 +377,7 @@ def test_an_error_that_goes_with_the_rotor_speed() -> None:
     assert trend.significant
     made = 2 * (trend.high - trend.low) / 5
     assert 0.5 * made < np.log(trend.factor) < 1.2 * made, "noise is left where there was little"
-    assert any("grows where the rotor speed is high" in text for text in found.findings)
+    assert any("grows where the rotor speed is high" in text for text in told(found))
     shares = [one.error_share for one in found.conditions if (one.axis, one.channel) == ("pitch", "omega")]
     assert shares == sorted(shares)
 
@@ -385,9 +392,9 @@ def clip_q(channels: dict[str, Array]) -> None:
 def test_a_clipped_gyro_is_seen() -> None:
     found = compare(model_of(None, 1), records(flight(None, 1), edit=clip_q), BAND)
     (one,) = [one for one in found.suspicions if one.kind == "clipped"]
-    assert "q is clipped at 0.4 rad/s" in one.text
+    assert "q is clipped at 0.4 rad/s" in suspicion_text(one)
     assert one.runs == ("f#1", "f#2", "f#3", "f#4")
-    assert one.text == found.findings[0], "before anything is made of the numbers"
+    assert suspicion_text(one) == told(found)[0], "before anything is made of the numbers"
 
 
 def test_flat_tops() -> None:
@@ -444,7 +451,7 @@ def test_mistaken_axes_are_seen(edit: Callable[[dict[str, Array]], None], kind: 
     wrong = records(flight(None, 2), edit=edit)
     model = identify(compose("cd"), wrong).model if base == "cd" else model_of(None, 2)
     found = compare(model, wrong, BAND)
-    assert any(one.kind == kind and says in one.text for one in found.suspicions)
+    assert any(one.kind == kind and says in suspicion_text(one) for one in found.suspicions)
 
 
 def test_right_axes_are_not_suspected() -> None:
@@ -458,22 +465,22 @@ def test_right_axes_are_not_suspected() -> None:
 def test_commands_alone_tell_the_declared_axis() -> None:
     bare = records(flight(None, 1), without=EXCITATIONS, edit=exchanged(("p", "q"), ("delta_x", "delta_y")))
     found = compare(identify(compose("cd"), bare).model, bare, BAND)
-    assert any("declared pitch, but delta_x moved most" in one.text for one in found.suspicions)
+    assert any("declared pitch, but delta_x moved most" in suspicion_text(one) for one in found.suspicions)
 
 
 def test_runs_of_two_vehicles_are_told_apart() -> None:
     both = [*records(flight(None, 1))[:2], *records(flight("servo_lag", 1))[2:]]
     found = compare(identify(compose("tpp"), both).model, both, BAND)
     (one,) = [one for one in found.suspicions if one.kind == "mixed"]
-    assert "f#1 against f#3" in one.text
-    assert "f#2 against f#4" in one.text
+    assert "f#1 against f#3" in suspicion_text(one)
+    assert "f#2 against f#4" in suspicion_text(one)
     assert found.noise_share is not None
     assert found.noise_share["q"] < 0.2, "what every run's own response explains is no noise"
-    assert not any("nothing to find" in text for text in found.findings)
+    assert not any("nothing to find" in text for text in told(found))
 
 
 def test_runs_are_written_short() -> None:
-    assert listed(["a.BIN#1", "a.BIN#2", "b.BIN#1", "run.csv"]) == "a.BIN#1, #2, b.BIN#1, run.csv"
+    assert listed_runs(["a.BIN#1", "a.BIN#2", "b.BIN#1", "run.csv"]) == "a.BIN#1, #2, b.BIN#1, run.csv"
 
 
 # ------------------------------------------------------------------------------------------------ bad input
@@ -493,8 +500,8 @@ def test_two_seconds_are_too_short_to_tell_noise() -> None:
     found = compare(model_of("servo_lag", 1), short, BAND)
     assert found.noise_share is None
     assert found.explained is None
-    assert all("too short to tell noise from error" in text for text in found.findings[:2])
-    document = found.to_json()
+    assert all("too short to tell noise from error" in text for text in told(found)[:2])
+    document = comparison_document(found)
     assert document["noise_share"] == {"p": None, "q": None}
     assert sum(one["error_share"] for one in document["bands"]) == pytest.approx(2)
 
@@ -536,4 +543,4 @@ def test_single_axis_runs_say_that_they_separate_nothing() -> None:
     )
     found = compare(model_of(None, 1), [nothing], BAND)
     assert "not separable" in kinds(found)
-    assert "pitch axis not identifiable" in found.findings[-1]
+    assert "pitch axis not identifiable" in told(found)[-1]

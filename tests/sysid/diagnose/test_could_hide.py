@@ -11,6 +11,7 @@ import pytest
 from planted import fly_many
 from planted_fits import records
 
+from gcs.analysis.text.hidden import consequences, hidden_sentences, up_to
 from sysid.control.regulator import design
 from sysid.control.stability import closed_loop
 from sysid.data.dataset import dataset
@@ -99,10 +100,9 @@ def test_the_worst_comes_first_and_the_rest_is_one_sentence() -> None:
     assert found.harmful
     assert len(found.harmful) <= 5
     assert all(group[0].harm >= HARM for group in found.harmful)
-    assert len(found.sentences) == len(found.harmful) + 1
-    assert "could hide here" in found.sentences[0]
-    assert any(" ms shorter" in said for said in found.sentences)
-    assert found.to_json() == list(found.sentences)
+    assert len(hidden_sentences(found)) == len(found.harmful) + 1
+    assert "could hide here" in hidden_sentences(found)[0]
+    assert any(" ms shorter" in said for said in hidden_sentences(found))
 
 
 def test_lags_and_delays_are_told_together() -> None:
@@ -112,7 +112,7 @@ def test_lags_and_delays_are_told_together() -> None:
 
 def test_a_limit_hides_downwards_and_stays_above_what_was_commanded() -> None:
     one = hidden("servo_saturation")
-    assert one.up_to.startswith("down to limit")
+    assert up_to(one).startswith("down to limit")
     assert 0.15 < one.size["limit"] < 1.0
 
 
@@ -128,7 +128,7 @@ def test_a_calm_flight_hides_nothing_that_does_harm() -> None:
     parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
     found = could_hide(parent, *seen(parent))
     assert not found.harmful
-    (said,) = found.sentences
+    (said,) = hidden_sentences(found)
     assert said.startswith("nothing that could hide here would do harm")
 
 
@@ -148,7 +148,7 @@ def test_what_the_structure_can_do_itself_is_limited_by_plausibility_only() -> N
     assert one.size["k"] == pytest.approx(40.0)
     # one step, taken where the fit is: the whole of it would be 0.4/1.4
     assert one.relative["M_a"] == pytest.approx(0.4 / 1.4, rel=TOGETHER - 1)
-    assert "only what is plausible limits it" in one.consequences
+    assert "only what is plausible limits it" in consequences(one)
 
 
 def test_margins_agree_with_the_regulator_and_a_delay_takes_its_own_length() -> None:

@@ -12,11 +12,12 @@ import pytest
 from planted import PLANTED, TABLE_5, fly
 from planted_fits import records
 
+from gcs.analysis.quantities import amount, plausible_range, quantity
+from gcs.analysis.text.explanation import explanation_document, explanation_lines
 from sysid.data.dataset import dataset
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
 from sysid.diagnose.explain import Explanation, explain
-from sysid.diagnose.quantities import amount, plausible_range, quantity
 from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
@@ -77,53 +78,58 @@ def explained(effect: str, names: Sequence[str], alike: Sequence[str] = ()) -> E
     return explain(parent, winner, [winner, *others], alike)
 
 
+def told(explanation: Explanation) -> dict[str, list[str]]:
+    """The sentences of each part."""
+    return explanation_document(explanation)
+
+
 def test_a_lag_is_told_by_phase_and_gain() -> None:
     found = explained("servo_lag", ["servo_lag", "gyro_lag"], ["gyro_lag"])
-    (what,) = found.what
+    (what,) = told(found)["what"]
     assert what.startswith("First-order lag of the servos")
     assert "plausible: 0 to 80 ms" in what
-    assert any(said.startswith("The phase falls in proportion to frequency") for said in found.why)
-    assert any("as behind a lag: a pure delay would keep it" in said for said in found.why)
-    assert any("M_a 4" in said and "→ 7" in said for said in found.changes)
-    assert any(said.startswith("Modes: 1.") for said in found.changes)
-    assert found.resembles[0].startswith("These runs cannot tell it from gyro_lag (tau_g = ")
-    assert all(len(line) <= 78 for line in found.lines())
-    assert found.to_json()["effects"] == ["servo_lag"]
+    assert any(said.startswith("The phase falls in proportion to frequency") for said in told(found)["why"])
+    assert any("as behind a lag: a pure delay would keep it" in said for said in told(found)["why"])
+    assert any("M_a 4" in said and "→ 7" in said for said in told(found)["changes"])
+    assert any(said.startswith("Modes: 1.") for said in told(found)["changes"])
+    assert told(found)["resembles"][0].startswith("These runs cannot tell it from gyro_lag (tau_g = ")
+    assert all(len(line) <= 78 for line in explanation_lines(found))
+    assert told(found)["effects"] == ["servo_lag"]
 
 
 def test_a_delay_keeps_the_gain() -> None:
     found = explained("transport_delay", ["transport_delay"])
-    assert any("p 13 ms, q 13 ms late" in said for said in found.why)
-    assert any("as behind a delay: a first-order lag would lose" in said for said in found.why)
+    assert any("p 13 ms, q 13 ms late" in said for said in told(found)["why"])
+    assert any("as behind a delay: a first-order lag would lose" in said for said in told(found)["why"])
 
 
 def test_what_stands_in_is_named_with_its_value() -> None:
     found = explained("inertia_coupling", ["inertia_coupling", "angular_damping"])
-    (said,) = found.resembles
+    (said,) = told(found)["resembles"]
     assert said.startswith("angular_damping comes near")
     assert "M_q = +" in said
     assert said.endswith("it stands in.")
-    assert any("is in roll" in each for each in found.why)
+    assert any("is in roll" in each for each in told(found)["why"])
 
 
 def test_an_implausible_winner_is_said_to_stand_in_and_what_does_so_at_plausible_values() -> None:
     parent = flown("inertia_coupling")
     right, wrong = judged(parent, ["inertia_coupling", "angular_damping"])
     found = explain(parent, wrong, [wrong, right])
-    assert "NOT plausible" in found.what[0]
-    assert "stands in for something else" in found.resembles[0]
-    assert "inertia_coupling explains nearly as much at plausible values: c_p = " in found.resembles[0]
+    assert "NOT plausible" in told(found)["what"][0]
+    assert "stands in for something else" in told(found)["resembles"][0]
+    assert "inertia_coupling explains nearly as much at plausible values: c_p = " in told(found)["resembles"][0]
 
 
 def test_a_nonlinear_effect_is_set_beside_the_best_linear_one() -> None:
     found = explained("quadratic_damping", ["quadratic_damping", "angular_damping"])
-    assert any("constant coefficients, angular_damping, gets" in said for said in found.why)
+    assert any("constant coefficients, angular_damping, gets" in said for said in told(found)["why"])
 
 
 def test_a_command_that_the_model_does_not_read_is_named() -> None:
     found = explained("input_coupling", ["input_coupling"])
-    assert any("in step with delta_" in said for said in found.why)
-    assert "not to be told from none" in found.what[0]
+    assert any("in step with delta_" in said for said in told(found)["why"])
+    assert "not to be told from none" in told(found)["what"][0]
 
 
 def test_a_parent_that_stands_in_names_what_makes_it_plausible(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,23 +140,24 @@ def test_a_parent_that_stands_in_names_what_makes_it_plausible(monkeypatch: pyte
     parent = fitted(flight, ("angular_damping", "elevator"), held)
     assert parent.model["M_q"] > 0
     candidates = judged(parent, ["servo_lag"])
-    (said,) = [one for one in explain(parent, None, candidates).changes if one.startswith("M_q")]
+    (said,) = [one for one in told(explain(parent, None, candidates))["changes"] if one.startswith("M_q")]
     assert "is not plausible (-50 to 0 1/s): it stands in for something" in said
     assert "servo_lag would make it plausible: -" in said
     winner = candidates[0]
-    (said,) = [one for one in explain(parent, winner, candidates).changes if one.startswith("M_q")]
+    (said,) = [one for one in told(explain(parent, winner, candidates))["changes"] if one.startswith("M_q")]
     assert "With servo_lag it becomes -" in said
 
 
 def test_a_complete_model_says_so_shortly() -> None:
     found = explain(flown(None), None, complete=True)
-    (said,) = found.sentences
+    (said,) = told(found)["what"]
+    assert [part for part, said in told(found).items() if said] == ["what"]
     assert said.startswith("Nothing is missing that these runs could show")
     assert found.effects == ()
 
 
 def test_an_error_that_nothing_explains_is_not_called_noise() -> None:
-    (said,) = explain(flown("servo_lag"), None).sentences
+    (said,) = told(explain(flown("servo_lag"), None))["what"]
     assert "more than noise" in said
 
 

@@ -13,11 +13,14 @@ import pytest
 from planted import DT, PLANTED, REST_S, TABLE_4, Run, _Air, _air_of_run, _fly, fly, fly_many, respond
 from planted_fits import records
 
+from gcs.analysis.text.documents import next_maneuver_document
+from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.cards.maneuver import parse_card
 from sysid.data.dataset import dataset
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
 from sysid.diagnose.maneuver_plans import Flown, chirp, possible_plans
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
+from sysid.diagnose.proposals import MeasuredNotGuessed
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
@@ -111,7 +114,7 @@ def test_a_proposed_card_is_one_that_can_be_flown() -> None:
     card = parse_card(text, "proposed")
     assert all(one.problem() is None for one in card.maneuvers)
     assert all(one.amplitude <= 2 * 0.15 for one in card.maneuvers)
-    assert proposed.to_json()["card"] == proposed.card
+    assert next_maneuver_document(proposed)["card"] == proposed.card
 
 
 @cache
@@ -123,8 +126,8 @@ def test_what_no_input_separates_asks_for_a_signal() -> None:
     found = next_maneuver(*commuting())
     assert found is not None
     assert found.separates == ("servo_lag", "gyro_lag")
-    assert "servo's position" in found.maneuver
-    assert "whatever these inputs do" in found.why
+    assert "servo's position" in proposal_text(found.proposal)
+    assert "whatever these inputs do" in why_text(found.why)
     assert found.card is None
     assert found.toml is None
 
@@ -192,7 +195,9 @@ def test_every_maneuver_imagined_is_one_that_a_card_takes() -> None:
     flown = Flown.of(first.dataset)
     plans = possible_plans(flown, [first, second])
     tables = [replace(one, repeats=2).table() for one in plans]
-    text = NextManeuver("", (), "", None, {"name": 'a "path\\effect.py"', "maneuver": tables}).toml
+    text = NextManeuver(
+        plans[0], (), MeasuredNotGuessed("b"), None, {"name": 'a "path\\effect.py"', "maneuver": tables}
+    ).toml
     assert text is not None
     card = parse_card(text, "imagined")
     assert card.name == 'a "path\\effect.py"'

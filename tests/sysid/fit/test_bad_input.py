@@ -12,6 +12,7 @@ import pytest
 from planted import PLANTED, TABLE_4, fly
 from scipy.signal import lsim
 
+from gcs.analysis.text.checks import check_text
 from sysid.data.record import Record
 from sysid.errors import FitError
 from sysid.fit.checks import fit_checks
@@ -219,7 +220,7 @@ def test_runs_that_disagree_are_told_in_standard_errors() -> None:
     assert spread.sets == 2
     assert {"A_lat", "B_lat"} <= set(spread.moved)
     assert checks[-1].passed is False
-    assert "of 9 parameters moved more than 3 σ between runs: something is missing" in checks[-1].text
+    assert "of 9 parameters moved more than 3 σ between runs: something is missing" in check_text(checks[-1])
     checks, spread = fit_checks(identify(TPP, flown()).model, flown())
     assert spread is not None
     assert spread.moved == ()

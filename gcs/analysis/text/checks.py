@@ -1,0 +1,60 @@
+"""What the checks of a fit found, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, assert_never
+
+from sysid.fit.check_kinds import (
+    FewChirps,
+    InsideSweep,
+    ModesDiffer,
+    NothingFree,
+    OutsideSweep,
+    ParametersMoved,
+    RotorAbove,
+    RotorUnknown,
+    SetRefused,
+    SetsDiffer,
+    SweepUnknown,
+)
+from sysid.fit.checks import PAPER_DAMPING_CHANGE_PERCENT, PAPER_FREQUENCY_CHANGE_PERCENT, Check
+
+
+def checks_document(checks: Sequence[Check]) -> list[dict[str, Any]]:
+    """`name`, `passed`, `text` of each."""
+    return [{"name": check.name, "passed": check.passed, "text": check_text(check)} for check in checks]
+
+
+def check_text(check: Check) -> str:
+    """What a check found."""
+    match check.finding:
+        case SweepUnknown():
+            return "swept band not known: none of the runs is a chirp with its settings"
+        case OutsideSweep(frequencies_hz, (low, high)):
+            outside = ", ".join(f"{frequency_hz:.2f} Hz" for frequency_hz in frequencies_hz)
+            return f"{outside} outside the swept {low:g}-{high:g} Hz: extrapolated, sweep there too"
+        case InsideSweep((low, high)):
+            return f"every mode inside the swept {low:g}-{high:g} Hz"
+        case RotorUnknown():
+            return "rotor speed not logged: compare the modes with it by hand"
+        case RotorAbove(rotor_hz, times):
+            close = ": averaging over a revolution does not hold" if check.passed is False else ""
+            return f"rotor {rotor_hz:.1f} Hz, {times:.1f} times the highest mode{close}"
+        case FewChirps():
+            return "needs two chirps on each axis: fly each twice"
+        case SetRefused(refusal):
+            return f"a set of runs alone does not identify the model: {refusal}"
+        case ModesDiffer():
+            return "the sets of runs do not even agree on which modes oscillate"
+        case SetsDiffer(sets, frequency, damping):
+            paper = f"paper {PAPER_FREQUENCY_CHANGE_PERCENT} and {PAPER_DAMPING_CHANGE_PERCENT} %"
+            differ = f"differ by {frequency:.1f} % in natural frequency, {damping:.1f} % in damping"
+            return f"{sets} sets of runs {differ} ({paper})"
+        case NothingFree():
+            return "no parameter is free in every set of runs"
+        case ParametersMoved(moved, of, limit, largest):
+            each = ", ".join(f"{name} {times:.1f} σ" for name, times in largest)
+            missing = f": something is missing ({each})" if moved else f" (at most {each})"
+            return f"{moved} of {of} parameters moved more than {limit:g} σ between runs{missing}"
+    assert_never(check.finding)

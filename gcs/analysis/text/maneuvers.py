@@ -1,0 +1,82 @@
+"""What to fly or to log next, and why, in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+from gcs.analysis.quantities import quantity
+from sysid.diagnose.proposals import (
+    FurtherApart,
+    HalfAndFull,
+    LinearHalves,
+    LogChannels,
+    LogSignal,
+    MeasuredNotGuessed,
+    SignalTells,
+    Why,
+)
+
+if TYPE_CHECKING:
+    from sysid.diagnose.maneuver_plans import Plan
+    from sysid.diagnose.proposals import Proposal
+
+SIGNALS = {
+    "servo": "log the servo's position",
+    "flapping": "measure the flapping (a and b)",
+    "attitude": "log the attitude by another sensor than these gyros",
+}
+BY_HAND = {
+    "delta_c": "the collective is moved gently",
+    "r": "the pilot yaws to and fro, some 0.6 rad/s",
+    "omega": "the rotor speed is changed by 4 % to and fro",
+}
+OFTEN = ("", "", " twice", " three times", " four times")
+FAR = 100.0
+"""Standard errors, above which a number says nothing more."""
+
+
+def proposal_text(proposal: Proposal) -> str:
+    """`roll chirp 0.5-10 Hz, 30 s, amplitude 0.1 twice`."""
+    match proposal:
+        case HalfAndFull(axis, (half, _)):
+            return f"{axis} chirps at half the amplitude ({half:.3g}) and at the flown one, twice each"
+        case LogSignal(signal):
+            return f"{SIGNALS[signal]}, and fly the same again"
+        case LogChannels(channels):
+            return f"log {' and '.join(channels)}, and fly the same again"
+        case _:
+            return _plan(proposal)
+
+
+def why_text(why: Why) -> str:
+    """Why that would tell."""
+    match why:
+        case FurtherApart():
+            return _further(why)
+        case LinearHalves(share):
+            return (
+                "a linear error halves with the amplitude, a nonlinear one does not, and the repeats tell both from "
+                f"noise; {100 * share:.0f} % of what is left now looks like a linear answer to the commands"
+            )
+        case SignalTells(sigma, same_whatever):
+            alike = "whatever these inputs do, they answer alike in p and q"
+            apart = f"{sigma:.0f} standard errors apart" if sigma < FAR else f"more than {FAR:g} standard errors apart"
+            return f"{alike if same_whatever else 'no maneuver of a card does enough'}; that signal sets them {apart}"
+        case MeasuredNotGuessed(rival):
+            return f"{rival} is about it: measured, it is no longer to be guessed from the rates"
+    assert_never(why)
+
+
+def _plan(plan: Plan) -> str:
+    band = f" {plan.f_start_hz:g}-{plan.f_stop_hz:g} Hz," if plan.kind == "chirp" else f" of {plan.pulse_s:g} s pulses,"
+    larger = f" ({plan.times:g} times the flown one)" if plan.times != 1 else ""
+    also = f", while {BY_HAND[plan.channel]}" if plan.by_hand and plan.channel is not None else ""
+    size = f"amplitude {plan.amplitude:.3g}{larger}{OFTEN[plan.repeats]}{also}"
+    return f"{plan.axis} {plan.kind}{band} {plan.duration_s:g} s, {size}"
+
+
+def _further(why: FurtherApart) -> str:
+    usual = f"; taken that it acts as usual ({', '.join(quantity(*each) for each in why.usual)})" if why.usual else ""
+    rest = f"; {', '.join(why.rest)} would still look the same" if why.rest else ""
+    apart = f"it sets them {why.sigma:.1f} standard errors of the noise further apart"
+    return f"{apart}; these runs set them {why.before:.1f} apart{usual}{rest}"

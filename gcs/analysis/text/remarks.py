@@ -1,0 +1,40 @@
+"""What the runs cost the answer of a diagnosis, in sentences."""
+
+from __future__ import annotations
+
+from typing import assert_never
+
+from gcs.analysis.diagnosis import InALoop, NotAdded, NoValidation, OneRun, Remark, StoppedAsking
+from gcs.analysis.quantities import listed
+from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
+
+
+def remark_text(remark: Remark, offers: Offers = SHELL) -> str:
+    """A remark with what a face offers."""
+    return whole(remark_sentence(remark), offers)
+
+
+def remark_sentence(remark: Remark, first: str = "", rest: str = "") -> Sentence:
+    """The same, still to be broken."""
+    offer = "validate some" if isinstance(remark, NoValidation) else ""
+    return Sentence(_text(remark), first, rest, offer=offer)
+
+
+def _text(remark: Remark) -> str:
+    match remark:
+        case NoValidation():
+            return "no validation runs: whether it holds on others is open"
+        case OneRun():
+            return "one run only: what differs from run to run cannot show"
+        case NotAdded(effect, values):
+            return f"not added: with {effect} the fit goes to {listed(values)}, which physics does not allow"
+        case StoppedAsking(questions):
+            return f"stopped after {questions} questions"
+        case InALoop(effects, pole):
+            named = f" with {listed(effects)}" if effects else ""
+            return (
+                f"the model{named} is unstable (pole at {pole:+.1f} 1/s): so data look that were flown through a pilot "
+                "or controller without excitation of their own. Kind and size of what was found hold only as far as "
+                "that loop lets them: fly a chirp with noise on every axis, with the excitation logged, and ask that"
+            )
+    assert_never(remark)
