@@ -51,12 +51,12 @@ if TYPE_CHECKING:
     from sysid.errors import SysidError as SysidError
     from sysid.fit.result import Fit as Fit
     from sysid.fit.result import ResultError as ResultError
-    from sysid.model.bases import compose as compose
-    from sysid.model.bases import reduce_to_cd as reduce_to_cd
+    from sysid.model.compose import compose as compose
     from sysid.model.effect import Effect as Effect
     from sysid.model.effect import EffectError as EffectError
     from sysid.model.effect import Stage as Stage
     from sysid.model.effect import magnitude as magnitude
+    from sysid.model.paper import reduce_to_cd as reduce_to_cd
     from sysid.model.parameter import Parameter as Parameter
     from sysid.model.structure import Mode as Mode
     from sysid.model.structure import Model as Model
@@ -109,9 +109,9 @@ _HOMES = {
     "Stage": "sysid.model.effect",
     "Structure": "sysid.model.structure",
     "SysidError": "sysid.errors",
-    "compose": "sysid.model.bases",
+    "compose": "sysid.model.compose",
     "magnitude": "sysid.model.effect",
-    "reduce_to_cd": "sysid.model.bases",
+    "reduce_to_cd": "sysid.model.paper",
     **dict.fromkeys(_NOTEBOOK, "sysid.notebook"),
 }
 

@@ -24,18 +24,18 @@ from sysid.control.loop import Following, following
 from sysid.control.regulator import INPUT_COST, Gains, design
 from sysid.control.stability import ClosedLoop, closed_loop
 from sysid.data.preprocess import DEFAULT_BAND_HZ, spectra
-from sysid.data.record import FloatArray, Record
+from sysid.data.record import CYCLIC, RATES, FloatArray, Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.verdict import Diagnosis
 from sysid.errors import SysidError
 from sysid.fit.identify import identify, judge
 from sysid.fit.result import Fit
 from sysid.fit.simulate import overlay
-from sysid.model.bases import BASES, compose
+from sysid.model.base import Base, BaseError, find_base
+from sysid.model.bases import DEFAULT
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, catalogue, find
 from sysid.model.structure import Model, discretise
-
-LEVEL = ("p", "q")
 
 
 class NotebookError(SysidError):
@@ -99,17 +99,22 @@ def find_effect(word: str) -> Effect:
     return find(word)
 
 
-def make_model(base: str, values: Mapping[str, float], effects: Sequence[str | Effect] = ()) -> Model:
-    """A model with given numbers, units of its parameters: `cd` or `tpp` with effects on it.
+def make_model(
+    base: str,
+    values: Mapping[str, float],
+    effects: Sequence[str | Effect] = (),
+    outputs: Sequence[str] | None = None,
+) -> Model:
+    """A model with given numbers, units of its parameters: `cd`, `tpp` or a base of your own by its path, with effects.
 
-    Raises NotebookError for another base, EffectError for an effect that cannot act on it, and KeyError for a parameter
-    without a value.
+    `outputs` as in `fit_model`. Raises NotebookError for another word, EffectError for an effect that cannot act on it,
+    and KeyError for a parameter without a value.
 
     >>> lagging = sysid.make_model("cd", {**CD, "tau_s": 0.03}, ["servo_lag"])
     >>> lagging["tau_s"]
     0.03
     """
-    structure = compose(_known(base), effects)
+    structure = compose(_known(base), effects, outputs=outputs)
     return Model(structure, structure.vector(values))
 
 
@@ -137,15 +142,18 @@ def simulate(
 
 def fit_model(
     records: Sequence[Record],
-    base: str = "tpp",
+    base: str = DEFAULT,
     effects: Sequence[str | Effect] = (),
     *,
     validation: Sequence[Record] = (),
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     fixed: Mapping[str, float] | None = None,
+    outputs: Sequence[str] | None = None,
 ) -> Fit:
-    """Fit `cd` or `tpp` with effects to all records together; `validation` only judges.
+    """Fit `cd`, `tpp` or the path of a base of one's own, with effects, to all records; `validation` only judges.
 
+    `outputs` are the states that are measured, where more than p and q are: `("p", "q", "a", "b")` of a `tpp` whose
+    flapping is logged. A record then has a channel of that name.
     Effects are ids, paths of a user's files, or `sysid.Effect`; `fixed` parameters are held at their values. Raises
     FitError where an axis is not identifiable, EffectError where an effect cannot act on these runs.
 
@@ -153,7 +161,7 @@ def fit_model(
     >>> lagging.model.structure.effects
     ('servo_lag',)
     """
-    return identify(compose(_known(base)), records, validation, band_hz, effects=effects, fixed=fixed)
+    return identify(compose(_known(base), outputs=outputs), records, validation, band_hz, effects=effects, fixed=fixed)
 
 
 def add_effect(fit: Fit, effect: str | Effect, records: Sequence[Record], *, validation: Sequence[Record] = ()) -> Fit:
@@ -167,8 +175,7 @@ def add_effect(fit: Fit, effect: str | Effect, records: Sequence[Record], *, val
     known = dict(zip(structure.effects, structure.composed, strict=True))
     order = fit.lineage[-1].effects if fit.lineage else structure.effects
     effects = [*(known.get(name, name) for name in order), effect]
-    bare = compose(structure.base)
-    return identify(bare, records, validation, fit.band_hz, effects=effects, fixed=_held(fit), grown=fit)
+    return identify(structure.bare, records, validation, fit.band_hz, effects=effects, fixed=_held(fit), grown=fit)
 
 
 def judge_model(
@@ -201,8 +208,7 @@ def measure_responses(records: Sequence[Record], band_hz: tuple[float, float] = 
     >>> measured.H.shape == (2, 2, measured.frequency_hz.size)
     True
     """
-    commands = ("delta_x", "delta_y")
-    return measure(spectra(records, commands, LEVEL, band_hz)[0], commands, LEVEL)
+    return measure(spectra(records, CYCLIC, RATES, band_hz)[0], CYCLIC, RATES)
 
 
 def compare_fit(
@@ -259,10 +265,11 @@ def predict_answer(gains: Gains, model: Model) -> Following:
     return following(gains, model)
 
 
-def _known(base: str) -> str:
-    if base not in BASES:
-        raise NotebookError(f"no base {base!r}: there are {', '.join(BASES)}")
-    return base
+def _known(base: str) -> Base:
+    try:
+        return find_base(base)
+    except BaseError as error:
+        raise NotebookError(str(error)) from error
 
 
 def _held(fit: Fit) -> dict[str, float]:

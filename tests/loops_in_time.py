@@ -16,7 +16,7 @@ from scipy.linalg import expm, solve_continuous_are
 from scipy.signal import lsim, place_poles
 
 from sysid.data.record import Record
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.structure import Model
 
 FloatArray = np.ndarray

@@ -10,7 +10,7 @@ from planted import FORWARD, PLANTED, TABLE_4, TABLE_5, Run
 from sysid.data.record import Record
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 
 ATTITUDE = {"phi", "theta"}
 """Logged without error in planted flights, so it is left out: effects integrate it themselves."""

@@ -24,7 +24,7 @@ from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import on_runs
 from sysid.fit.noise import divide
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 
 HUB_STIFFENING = 40.0
 """1/rad^2: hub moments L_b b (1 + k b^2), M_a a (1 + k a^2)."""

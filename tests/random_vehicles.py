@@ -20,7 +20,7 @@ from sysid.data.record import Record
 from sysid.fit.estimate import estimate
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 from sysid.model.structure import FloatArray, Model
 
 DURATION_S = 20.0

@@ -89,7 +89,8 @@ def add_effect(
     say("the structure as it is")
     after = refitted(fit, [*composed, effect], fitted, judging, band, grown=before)
     say(effect.id)
-    structure = on_runs(fit.model.structure.base, composed, [*fitted.records, *judging.records], fitted.records)
+    runs = [*fitted.records, *judging.records]
+    structure = on_runs(fit.model.structure.base_, composed, runs, fitted.records, fit.model.structure.outputs)
     held = {name: fit.model[name] for name in fit.fixed}
     users = [] if effect.path is None else [effect]
     asked = diagnose(

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.analysis.ladder import Step, short_names
+from gcs.analysis.ladder import Step
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
@@ -177,8 +177,8 @@ class _Question:
 
     def ask(self, fit: Fit, composed: Sequence[Effect]) -> Diagnosis:
         """What a fit with these effects lacks."""
-        fitted, judging = self.fitted.records, self.judging.records
-        structure = on_runs(fit.model.structure.base, composed, [*fitted, *judging], fitted)
+        fitted, judging, had = self.fitted.records, self.judging.records, fit.model.structure
+        structure = on_runs(had.base_, composed, [*fitted, *judging], fitted, had.outputs)
         held = {name: fit.model[name] for name in fit.fixed}
         return diagnose(
             structure,
@@ -228,9 +228,7 @@ def _hiding(answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
 def _suggested(answer: Diagnosis, fit: Fit, runs: int) -> Suggestion | None:
     structure = fit.model.structure
     with contextlib.suppress(SuggestionError):
-        return suggest(
-            answer.simple().terms, " + ".join([structure.base.upper(), *short_names(structure.effects)]), runs
-        )
+        return suggest(answer.simple().terms, structure.title, runs)
     return None
 
 

@@ -22,8 +22,9 @@ from sysid.fit.checks import Check, Spread, eigenfrequency_checks, fit_checks
 from sysid.fit.identify import identify, judge
 from sysid.fit.implied import Implied, Vehicle, implied, rotor_speed
 from sysid.fit.result import Fit, RecordUsed
-from sysid.model.bases import CD, TPP, compose, not_testable, reduce_to_cd
+from sysid.model.compose import compose, not_testable
 from sysid.model.effect import find
+from sysid.model.paper import CD, TPP, reduce_to_cd
 from sysid.model.structure import Model, Structure
 
 Band = tuple[float, float]
@@ -39,6 +40,10 @@ PAPER_PARAMETERS = {
     "cd": (-2.056, -7.900, 10.536, -4.777, -5.361, 9.917, -67.573, 11.136),
 }
 """Table 4, in the order of our structures."""
+
+
+PAIR = TPP.base, CD.base
+"""Fitted side by side, as the paper has them: the app knows no other bases."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,7 +85,7 @@ def identify_flight(
 
 def on_cd(effects: Sequence[str]) -> list[str]:
     """Those of the effects of a TPP that act on the CD beside it."""
-    return [one for one in effects if not_testable(find(one), "cd", effects, CHANNELS) is None]
+    return [one for one in effects if not_testable(find(one), CD.base_, effects, CHANNELS) is None]
 
 
 def side_by_side(tpp: Fit, cd: Fit, records: Runs, validation: Runs) -> Identification:
@@ -100,7 +105,7 @@ def side_by_side(tpp: Fit, cd: Fit, records: Runs, validation: Runs) -> Identifi
 
 def _reduced(tpp: Model, cd: Structure) -> Model:
     """The CD of this structure that a TPP becomes when its flapping has settled; effects that both have stay."""
-    core = compose("tpp", [one for one in tpp.structure.composed if one.id == "angular_damping"])
+    core = compose(TPP.base_, [one for one in tpp.structure.composed if one.id == "angular_damping"])
     bare = reduce_to_cd(Model(core, core.vector({name: tpp[name] for name in core.names})))
     known = bare.by_name
     return Model(cd, cd.vector({name: known[name] if name in known else tpp[name] for name in cd.names}))

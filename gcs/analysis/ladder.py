@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from sysid.model.base import Base, find_base
+
 Nrmse = Mapping[str, float]
-"""Percent by output, `p` and `q`; 100 is perfect."""
+"""Percent by output, `p` and `q` of most models; 100 is perfect."""
 RungNumbers = tuple[str, Nrmse, Nrmse | None]
 """A rung's name, its NRMSE fit on fitted runs and on validation runs."""
 
@@ -60,27 +62,30 @@ def together(nrmse_percent: Mapping[str, float]) -> float:
     return 100 * (1 - math.sqrt(sum(shares) / len(shares)))
 
 
-def rung_names(base: str, effects: Sequence[Sequence[str]]) -> list[str]:
+def rung_names(base: Base, effects: Sequence[Sequence[str]]) -> list[str]:
     """`TPP`, `+ servo_lag`: the base with the effects it began with, then what each rung added."""
-    bottom = "CD" if _from_cd(effects) else base.upper()
+    bottom = _before(base, effects) or base.label
     if effects:
         bottom = " + ".join([bottom, *short_names(effects[0])])
-    return [bottom, *(f"+ {name}" for name in added(effects))]
+    return [bottom, *(f"+ {name}" for name in added(base, effects))]
 
 
-def added(effects: Sequence[Sequence[str]]) -> list[str]:
+def added(base: Base, effects: Sequence[Sequence[str]]) -> list[str]:
     """What each rung above the lowest added. `flapping` turns CD into TPP, and leaves no effect to be named by."""
-    from_cd = _from_cd(effects)
-    pairs = itertools.pairwise(effects[1:] if from_cd else effects)
+    from_smaller = _before(base, effects) is not None
+    pairs = itertools.pairwise(effects[1:] if from_smaller else effects)
     names = [", ".join(short_names([one for one in now if one not in before])) for before, now in pairs]
-    return ["flapping", *names] if from_cd else names
+    return [", ".join(base.contains), *names] if from_smaller else names
 
 
-def _from_cd(effects: Sequence[Sequence[str]]) -> bool:
-    return len(effects) > 1 and len(effects[0]) == len(effects[1])
+def _before(base: Base, effects: Sequence[Sequence[str]]) -> str | None:
+    """The label of the smaller base that the ladder began with, where it did."""
+    if base.reduces_to is None or len(effects) < 2 or len(effects[0]) != len(effects[1]):
+        return None
+    return find_base(base.reduces_to).label
 
 
-def rungs_of(base: str, rungs: Sequence[Rung]) -> list[RungNumbers]:
+def rungs_of(base: Base, rungs: Sequence[Rung]) -> list[RungNumbers]:
     """Rungs with their names, as pictures and tables want them."""
     names = rung_names(base, [one.effects for one in rungs])
     return [(name, one.nrmse_percent, one.validation_nrmse_percent) for name, one in zip(names, rungs, strict=True)]

@@ -9,7 +9,6 @@ from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.result import Fit, RecordUsed
-from sysid.model.bases import compose
 from sysid.model.effect import Effect
 from sysid.model.structure import Model
 
@@ -30,13 +29,14 @@ def refitted(
     band = band_hz or fit.band_hz
     fitted, judging = prepared(records, band), prepared(validation, band)
     held = {name: fit.model[name] for name in fit.fixed}
-    composed = on_runs(fit.model.structure.base, effects, [*fitted.records, *judging.records], fitted.records)
-    if begin is None and composed.base != fit.model.structure.base:
+    structure, runs = fit.model.structure, [*fitted.records, *judging.records]
+    composed = on_runs(structure.base_, effects, runs, fitted.records, structure.outputs)
+    if begin is None and composed.base != structure.base:
         # flapping makes another base, whose parameters have no beginning in the old one
         own = [one for one in composed.composed if one.id != "flapping"]
-        begin = identify(compose(composed.base), fitted, (), band, effects=own).model
+        begin = identify(composed.bare, fitted, (), band, effects=own).model
     return identify(
-        compose(fit.model.structure.base),
+        structure.bare,
         fitted,
         judging,
         band,

@@ -43,7 +43,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--validate", nargs="+", default=[], metavar="RUN", help="runs that only judge; they never enter the fit"
     )
-    add_effects_option(parser, "the paths of your own effect files that the fit uses already (their code runs)")
+    add_effects_option(parser, "paths of your own files that the fit uses already, base or effects (their code runs)")
     add_reading_options(parser)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the ladder: .png, .svg, or .html")
     add_output_options(parser, "FIT2.json")
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
     fit = Fit.load(args.fit, words)
-    used = {Path(one).resolve() for one in fit.model.structure.effects}
+    used = {Path(one).resolve() for one in fit.model.structure.files}
     strange = [word for word in words if Path(word).resolve() not in used]
     if strange:
         raise UsageError(f"--with {strange[0]}: {args.fit} does not use it; what to add is named without --with")
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         found = add_effect(fit, effect, records, validation, band_hz=band, say=say)
     text = addition_text(found, str(args.fit), None if args.output is None else str(args.output))
     if args.plot is not None:
-        rungs = rungs_of(found.after.model.structure.base, found.after.lineage)
+        rungs = rungs_of(found.after.model.structure.base_, found.after.lineage)
         picture = ladder_picture(rungs, found.noise_floor_percent, placebo=found.placebo_rung)
         write_picture(args.plot, picture, f"tippath add: {args.effect}", text)
         print(f"wrote {args.plot}", file=sys.stderr)

@@ -80,7 +80,8 @@ def add_parser(subparsers: Any) -> None:
         help="write the maneuver that would tell more as a test card, to fly with `tippath sweep --card`",
     )
     add_effects_option(
-        parser, "paths of your own effect files (their code runs): those that the fit uses, others are asked as well"
+        parser,
+        "paths of your own files (their code runs): those that the fit uses, base or effects; others are asked as well",
     )
     add_reading_options(parser)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
@@ -112,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("two results cannot be written to one file")
     words = parse_words(args.effects)
     fit = Fit.load(args.fit, words)
-    used = {Path(one).resolve() for one in fit.model.structure.effects}
+    used = {Path(one).resolve() for one in fit.model.structure.files}
     mine = [load(Path(word)) for word in words if Path(word).resolve() not in used]
     records, validation, quiet = flown_with_validation(fit, args.runs, args.validate, profile, window)
     print_notes([*records, *validation])

@@ -21,9 +21,11 @@ from gcs.cli.options import (
     refuse_existing,
     write_json,
 )
+from sysid.model.bases import NAMES
 
 if TYPE_CHECKING:
     from sysid.data.record import Record
+    from sysid.model.base import Base
     from sysid.model.effect import Effect
 
 _VEHICLE_HELP = """\
@@ -47,14 +49,19 @@ def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "fit",
         help="fit a model to runs",
-        description="Fit the Tip-Path-Plane (tpp) or Cylinder-Dynamics (cd) model to several runs together.",
+        description="Fit the Tip-Path-Plane (tpp), Cylinder-Dynamics (cd) or another model to several runs together.",
         epilog="RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` "
         "numbers them), or a record written by ingest. A CSV with columns t, p, q, delta_x, delta_y is one run.\n\n"
         + _VEHICLE_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("runs", nargs="+", metavar="RUN")
-    parser.add_argument("--model", choices=("cd", "tpp"), required=True, help="the structure to fit")
+    parser.add_argument(
+        "--model",
+        required=True,
+        metavar="BASE",
+        help=f"the structure to fit: {', '.join(NAMES)}, or the path of a base of your own (its code runs)",
+    )
     add_effects_option(
         parser,
         "physical effects to add, in this order: ids of `tippath effects`, or paths of your own files (their code "
@@ -91,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.logs import parse_window, resolve_runs
     from sysid.data.dataset import prepared
     from sysid.fit.identify import identify
-    from sysid.model.bases import compose
+    from sysid.model.compose import compose
 
     band = parse_band(args.band)
     window = None if args.window is None else parse_window(args.window)
@@ -99,8 +106,9 @@ def run(args: argparse.Namespace) -> int:
     refuse_existing(args.output, args.force)
     vehicle = None if args.vehicle is None else load_vehicle(Path(args.vehicle))
     words = parse_words(args.effects)
-    held = parse_fixed(args.fix, args.fix_from, [word for word in words if word.endswith(".py")])
-    effects = parse_effects(args.model, words, held)
+    held = parse_fixed(args.fix, args.fix_from, [word for word in (args.model, *words) if word.endswith(".py")])
+    base = parse_base(args.model)
+    effects = parse_effects(base, words, held)
     validation = resolve_runs(args.validate, profile, window, f_high_hz=band[1]) if args.validate else []
     judging = {(record.path, record.id) for record in validation}
     records = [
@@ -113,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
     print_notes([*records, *validation])
     fitted = prepared(records, band)
     fit = identify(
-        compose(args.model),
+        compose(base),
         fitted,
         validation,
         band,
@@ -148,14 +156,27 @@ def print_notes(records: Sequence[Record]) -> None:
         print(f"note: {note}  ({', '.join(ids)})", file=sys.stderr)
 
 
-def parse_effects(base: str, words: Sequence[str], held: Mapping[str, float]) -> list[Effect]:
+def parse_base(word: str) -> Base:
+    """A base by its name or path. Raises UsageError for a word that names none, BaseError for a file that is none."""
+    from gcs.errors import UsageError
+    from sysid.model.base import BaseError, find_base
+
+    try:
+        return find_base(word)
+    except BaseError as error:
+        if word.endswith(".py"):
+            raise
+        raise UsageError(f"--model {word}: {error}") from error
+
+
+def parse_effects(base: str | Base, words: Sequence[str], held: Mapping[str, float]) -> list[Effect]:
     """Effects by id or path, checked against base and held parameters before any log is read.
 
     Raises UsageError for words that make no sense whatever is logged, EffectError for a file that is no effect.
     """
     from gcs.errors import UsageError
     from sysid.data.record import CHANNELS
-    from sysid.model.bases import compose
+    from sysid.model.compose import compose
     from sysid.model.effect import EffectError, find
 
     found = []
@@ -169,7 +190,8 @@ def parse_effects(base: str, words: Sequence[str], held: Mapping[str, float]) ->
     try:
         structure = compose(base, found, CHANNELS, {"Omega_0": 1.0, "V_0": 1.0})
     except EffectError as error:
-        if any(one.path is not None and str(error).startswith(one.path) for one in found):
+        files = [one.path for one in (base, *found) if not isinstance(one, str) and one.path is not None]
+        if str(error).startswith(tuple(files)):
             raise
         raise UsageError(f"--with {','.join(words)}: {error}") from error
     parameters = {one.name: one for one in structure.parameters}

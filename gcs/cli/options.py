@@ -58,7 +58,7 @@ def add_effects_option(parser: argparse.ArgumentParser, help_text: str) -> None:
     parser.add_argument("--with", dest="effects", action="append", default=[], metavar="EFFECT,...", help=help_text)
 
 
-NAMED = "the paths of your own effect files that the fit uses: they are code, and run only where named"
+NAMED = "the paths of your own files that the fit uses, base or effects: they are code, and run only where named"
 
 
 def parse_words(groups: Sequence[str]) -> list[str]:

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from gcs.analysis.addition import Addition, add_effect
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
-from gcs.analysis.fits import assess, identify_flight, on_cd, side_by_side
+from gcs.analysis.fits import PAIR, assess, identify_flight, on_cd, side_by_side
 from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
@@ -31,14 +31,15 @@ from gcs.logs.words import printable
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.control.loop import following
-from sysid.control.regulator import design
+from sysid.control.regulator import design, designs_on
 from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
 from sysid.errors import SysidError
 from sysid.fit.result import Fit, RecordUsed
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError
+from sysid.model.paper import TPP
 
 Document = dict[str, Any]
 
@@ -71,7 +72,7 @@ class FittedFlight:
     @property
     def bottom(self) -> Fit:
         """The ladder's lowest rung."""
-        return self.shown.found.tpp if self.base.model == "tpp" else self.shown.found.cd
+        return self.shown.found.tpp if self.base.model == TPP.base else self.shown.found.cd
 
     def effects(self, fit: Fit) -> Sequence[str]:
         """What one of the two was fitted with."""
@@ -165,6 +166,10 @@ class Calculations:
         """The grown fit as it is kept in a folder."""
         return addition_document(addition, folder)
 
+    def designs_on(self, fit: Fit) -> bool:
+        """Whether gains are designed on a fit of this structure."""
+        return designs_on(fit.model.structure)
+
     def design(self, fit: Fit, input_cost: float) -> Designed:
         """Gains, and the answer they promise; kept nowhere yet."""
         self._step("")
@@ -207,8 +212,8 @@ class Calculations:
 
     def require_base(self, model: str, effects: Sequence[str]) -> None:
         """Raises UsageError where there is no such base model, or where the effects cannot be composed onto it."""
-        if model not in ("tpp", "cd"):
-            raise UsageError(f"{model}: there are tpp and cd")
+        if model not in PAIR:
+            raise UsageError(f"{model}: there are {' and '.join(PAIR)}")
         try:
             compose(model, effects, CHANNELS, {"Omega_0": 1.0, "V_0": 1.0})
         except EffectError as error:

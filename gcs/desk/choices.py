@@ -23,10 +23,11 @@ from gcs.logs.runs.verdicts import SAME_S, named_all_the_same
 from gcs.logs.words import printable
 from sysid.data.record import Record
 from sysid.fit.result import Fit, RecordUsed
+from sysid.model.bases import DEFAULT
 
 SAME_SIZE = 1.4
 """Factor within which two amplitudes are one."""
-FORWARD = Base("tpp", ("angular_damping", "elevator"))
+FORWARD = Base(DEFAULT, ("angular_damping", "elevator"))
 COMMAND_OF = {"roll": "x", "pitch": "y", "elevator": "e"}
 
 

@@ -167,7 +167,8 @@ class Desk:
                     said=f"fitted to {len(records)} runs",
                 )
             runs, judging = ([row.word for row in rows if row.choice is one] for one in (Choice.FIT, Choice.VALIDATE))
-            for name, fit in (("cd", fitted.shown.found.cd), ("tpp", fitted.shown.found.tpp)):
+            for fit in (fitted.shown.found.cd, fitted.shown.found.tpp):
+                name = fit.model.structure.base
                 making = runs, name, fitted.effects(fit), judging
                 self._keep_base(fit, name, fitted.judged[fit], making)
 
@@ -178,7 +179,7 @@ class Desk:
             lambda: f"{name}.json",
             lambda folder: {**fit.to_json(folder), **judged},
             lambda path: shell.fit(*making, path),
-            f"fitted {name.upper()}",
+            f"fitted {fit.model.structure.base_.label}",
         )
 
     def compare(self) -> None:
@@ -383,7 +384,7 @@ class Desk:
 
     def _to_design_on(self) -> Fit:
         fit = self._rung().fit
-        if fit.model.structure.base == "tpp":
+        if self._calculations.designs_on(fit):
             return fit
         if self._state.fitted is None:
             raise TippathError("gains are designed on a TPP: choose it as the base and fit")

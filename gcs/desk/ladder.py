@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gcs.analysis.fits import Identification
-from gcs.analysis.ladder import added, rung_names, short_names
+from gcs.analysis.ladder import added, rung_names
 from gcs.analysis.text.fit import checks_text, modes_table, nrmse_table, parameter_table
 from gcs.desk.state import Fitted, Rung
 from gcs.errors import UsageError
@@ -27,7 +27,7 @@ def effect_to_add(fit: Fit, word: str, name: str = "the fit") -> Effect:
             raise
         raise UsageError(str(error)) from error
     present = {one.id for one in fit.model.structure.composed}
-    if effect.id in present or (effect.id == "flapping" and fit.model.structure.base == "tpp"):
+    if effect.id in present or effect.id in fit.model.structure.base_.contains:
         raise UsageError(f"{name} has {word} already")
     return effect
 
@@ -52,9 +52,10 @@ def named(ladder: Sequence[Rung]) -> tuple[Rung, ...]:
     """The rungs with their names, and what each added."""
     if not ladder:
         return ()
+    base = ladder[-1].fit.model.structure.base_
     effects = [one.fit.model.structure.effects for one in ladder]
-    names = rung_names(ladder[-1].fit.model.structure.base, effects)
-    brought = [None, *added(effects)]
+    names = rung_names(base, effects)
+    brought = [None, *added(base, effects)]
     return tuple(
         replace(one, name=name, effect=one.effect or its_own)
         for one, name, its_own in zip(ladder, names, brought, strict=True)
@@ -63,5 +64,4 @@ def named(ladder: Sequence[Rung]) -> tuple[Rung, ...]:
 
 def full_name(fit: Fit) -> str:
     """`TPP + servo_lag`."""
-    structure = fit.model.structure
-    return " + ".join([structure.base.upper(), *short_names(structure.effects)])
+    return fit.model.structure.title

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gcs.analysis.fits import on_cd
+from gcs.analysis.fits import PAIR, on_cd
 from gcs.logs.words import printable
-from sysid.data.record import Record
+from sysid.data.record import RATES, Record
 from sysid.errors import SysidError
 from sysid.fit.result import FORMAT, Fit, RecordUsed
+from sysid.model.paper import CD, TPP
 
 MOST_BYTES = 4 << 20
 MOST_FILES = 500
@@ -66,6 +67,12 @@ def look(folder: Path, records: Sequence[Record]) -> SavedResults:
         except (SysidError, OSError, ValueError, ArithmeticError) as error:
             unread.append(printable(f"{path.name} was not opened: {error}"))
             continue
+        if fit.model.structure.base not in PAIR or fit.model.structure.outputs != RATES:
+            measured = ", ".join(fit.model.structure.outputs)
+            unread.append(
+                printable(f"{path.name} was not opened: it is {fit.model.structure.title} of {measured}, not TPP or CD")
+            )
+            continue
         used = [*fit.records, *fit.validation]
         if any((Path(one.path).resolve(), one.id) in known for one in used):
             if all(known.get((Path(one.path).resolve(), one.id)) == one.sha256 for one in used):
@@ -105,7 +112,7 @@ def _runs(fit: Fit) -> Any:
 
 def _bare_cd(one: Kept) -> bool:
     structure = one.fit.model.structure
-    return structure.base == "cd" and all(effect.id == "elevator" for effect in structure.composed)
+    return structure.base == CD.base and all(effect.id == "elevator" for effect in structure.composed)
 
 
 def _below(tip: Kept, group: Sequence[Kept]) -> list[Kept]:
@@ -131,7 +138,7 @@ def _pair(bottom: Kept, group: Sequence[Kept]) -> tuple[Kept | None, Kept | None
         structure = other.fit.model.structure
         if structure.base == own.base:
             continue
-        pair = (bottom, other) if own.base == "tpp" else (other, bottom)
+        pair = (bottom, other) if own.base == TPP.base else (other, bottom)
         if sorted(on_cd(pair[0].fit.model.structure.effects)) == sorted(pair[1].fit.model.structure.effects):
             return pair
     return None, None

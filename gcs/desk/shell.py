@@ -22,8 +22,8 @@ def words(texts: Sequence[object]) -> str:
 
 
 def user_files(fit: Fit) -> list[str]:
-    """Effect files of the user's own that a fit uses: their code runs only where they are named."""
-    return [one.path for one in fit.model.structure.composed if one.path is not None]
+    """Files of the user's own that a fit uses, base or effects: their code runs only where they are named."""
+    return list(fit.model.structure.files)
 
 
 def named(*fits: Fit) -> list[str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs.analysis.text.blocks import Blocks
+from sysid.model.bases import DEFAULT
 
 if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
     from gcs.analysis.addition import Addition, Sign
@@ -79,7 +80,7 @@ class TimedNote:
 class Base:
     """Where the ladder begins."""
 
-    model: str = "tpp"
+    model: str = DEFAULT
     """`tpp` or `cd`."""
     effects: tuple[str, ...] = ()
     """Catalogue ids, in order; in forward flight `angular_damping`, `elevator`."""

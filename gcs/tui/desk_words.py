@@ -327,8 +327,8 @@ def _rung(rung: Rung, name_width: int, room: int, style: Style) -> str:
 
 def _numbers(sign: str, rung: RungNumbers, name_width: int, room: int, style: Style) -> str:
     name, percent, judged = rung
-    cells = "   ".join(f"{percent[k]:5.1f} " + (f"{judged[k]:5.1f}" if judged else "    -") for k in ("p", "q"))
-    drawn = f"  {bar((percent['p'] + percent['q']) / 200, room, style)}" if room >= 6 else ""
+    cells = "   ".join(f"{percent[k]:5.1f} " + (f"{judged[k]:5.1f}" if judged else "    -") for k in percent)
+    drawn = f"  {bar(sum(percent.values()) / (100 * len(percent)), room, style)}" if room >= 6 else ""
     return f" {sign} {fitted(sanitise(name), name_width):<{name_width}}  {cells}{drawn}"
 
 

@@ -13,7 +13,7 @@ from sysid.compare.metrics import ModelResponses, mismatches
 from sysid.compare.noise import NoiseShare, window_of
 from sysid.compare.on_runs import ModelOnRuns
 from sysid.compare.values import BandError, ResponseError
-from sysid.data.record import AXIS_OF, Record
+from sysid.data.record import Record, axis_of
 from sysid.fit.noise import Division
 from sysid.model.structure import FloatArray, Model
 
@@ -78,7 +78,7 @@ def band_errors(on: ModelOnRuns, division: Division, noise: NoiseShare) -> tuple
 
             found.append(
                 BandError(
-                    axis=AXIS_OF[output],
+                    axis=axis_of(output),
                     low_hz=float(edges[number]),
                     high_hz=float(edges[number + 1]),
                     error_share=float(np.sum(here) / total),

@@ -14,7 +14,7 @@ from sysid.compare.on_runs import ModelOnRuns
 from sysid.compare.values import GROWTH_ERRORS, GROWTH_RATIO, Growth, RunError
 from sysid.data.instrument import causes
 from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.record import AXIS_OF, Record
+from sysid.data.record import Record, axis_of
 from sysid.data.stacks import stack
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import OutputError
@@ -53,9 +53,8 @@ class RunsAlone:
             chosen = [part for number in key for part in self._parts[number]]
             stacks = stack([one for one, _ in chosen])
             residuals = {id(one): residual for one, residual in chosen}
-            error = OutputError(
-                [residuals[id(one)] for group in stacks for one in group.spectra], np.ones(2), np.ones(2)
-            )
+            ones = np.ones(len(self.outputs))
+            error = OutputError([residuals[id(one)] for group in stacks for one in group.spectra], ones, ones)
             division = divide(error, stacks, causes(stacks, self.model.structure.commands))
             self._known[key] = division, Levels.of(division, stacks)
         return self._known[key]
@@ -79,7 +78,15 @@ class RunsAlone:
     def mixture(self, runs: Sequence[RunError], *, across: bool, amplitudes: bool) -> list[Suspicion]:
         """Whether these runs look like those of different vehicles; `across` kinds of maneuvers too."""
         kinds = [(one.axis, one.maneuver) for one in runs]
-        return mixed(self.ids, kinds, self.power, self.explained, across=across, amplitudes=amplitudes)
+        return mixed(
+            self.ids,
+            kinds,
+            self.power,
+            self.explained,
+            across=across,
+            amplitudes=amplitudes,
+            outputs=self.outputs,
+        )
 
     def runs(self) -> tuple[RunError, ...]:
         """What each run has of the error."""
@@ -150,7 +157,7 @@ def growth_with_amplitude(runs: Sequence[RunError], alone: RunsAlone, outputs: S
             changes = float((separate[k] - together[k]) / np.sum(alone.power[at, k]))
             found.append(
                 Growth(
-                    axis=AXIS_OF[output],
+                    axis=axis_of(output),
                     command=command,
                     at_least=bool(np.any(unseen)),
                     low=float(sizes.min()),

@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid.compare.values import LevelError, Trace, Trend, WindowError
 from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.record import AXIS_OF, Record
+from sysid.data.record import CYCLIC, RATES, Record, axis_of
 from sysid.model.structure import FloatArray
 
 WINDOW_S = 2.0
@@ -37,33 +37,41 @@ def window_errors(traces: Sequence[Trace], outputs: Sequence[str]) -> tuple[Wind
             for begin, end in itertools.pairwise(edges):
                 share = float(np.sum(one.residual[k, begin:end] ** 2) / total[k])
                 start = float(one.t[begin])
-                found.append(WindowError(AXIS_OF[output], one.run, start, start + (end - begin) * step, share))
+                found.append(WindowError(axis_of(output), one.run, start, start + (end - begin) * step, share))
     return tuple(found)
 
 
 def amplitudes(outputs: Sequence[str]) -> dict[tuple[str, str], bool]:
     """(axis, channel) -> whether its size counts, not its value."""
-    commands = {"roll": "delta_x", "pitch": "delta_y"}
-    return {(AXIS_OF[output], channel): True for output in outputs for channel in (commands[AXIS_OF[output]], output)}
+    commands = dict(zip(RATES, CYCLIC, strict=True))
+    return {
+        (axis_of(output), channel): True
+        for output in outputs
+        for channel in (commands.get(output), output)
+        if channel is not None
+    }
 
 
-def varied_conditions(records: Sequence[Record]) -> dict[tuple[str, str], bool]:
+def varied_conditions(records: Sequence[Record], outputs: Sequence[str]) -> dict[tuple[str, str], bool]:
     """Flight conditions that every run has logged and that varied."""
     found = {}
     for name, least in CONDITIONS.items():
         if all(name in record.channels for record in records):
             values = np.concatenate([record.channels[name] for record in records])
             if np.std(values) > least * abs(float(np.mean(values))) > 0:
-                found.update({(axis, name): False for axis in ("roll", "pitch")})
+                found.update({(axis, name): False for axis in map(axis_of, outputs)})
     return found
 
 
 def level_errors(
-    traces: Sequence[Trace], parts: Sequence[Spectrum], wanted: Mapping[tuple[str, str], bool]
+    traces: Sequence[Trace],
+    parts: Sequence[Spectrum],
+    wanted: Mapping[tuple[str, str], bool],
+    outputs: Sequence[str],
 ) -> tuple[LevelError, ...]:
     """The error while each channel was small, middling and large, every level holding like numbers of samples."""
     found = []
-    outputs = {"roll": 0, "pitch": 1}
+    rows = {axis_of(output): k for k, output in enumerate(outputs)}
     known: dict[str, tuple[FloatArray, FloatArray]] = {}
     for (axis, channel), size in wanted.items():
         if channel not in known:
@@ -72,7 +80,7 @@ def level_errors(
         values, edges = known[channel]
         if not edges[-1] > edges[0]:
             continue
-        power = np.concatenate([one.residual[outputs[axis]] ** 2 for one in traces])
+        power = np.concatenate([one.residual[rows[axis]] ** 2 for one in traces])
         number = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, LEVELS - 1)
         total = max(float(np.sum(power)), 1e-300)
         times, errors = np.bincount(number, minlength=LEVELS), np.bincount(number, power, LEVELS)
@@ -91,7 +99,10 @@ def level_errors(
 
 
 def trends(
-    traces: Sequence[Trace], parts: Sequence[Spectrum], wanted: Mapping[tuple[str, str], bool]
+    traces: Sequence[Trace],
+    parts: Sequence[Spectrum],
+    wanted: Mapping[tuple[str, str], bool],
+    outputs: Sequence[str],
 ) -> tuple[Trend, ...]:
     """The logarithm of the error's power in windows of repeated runs, against the difference of their conditions."""
     pairs = [
@@ -103,7 +114,7 @@ def trends(
     ]
     found = []
     for axis, channel in wanted:
-        k = {"roll": 0, "pitch": 1}[axis]
+        k = [axis_of(output) for output in outputs].index(axis)
         values = [_level(one, channel, False) for one in parts]
         x, y = [], []
         for i, j in pairs:

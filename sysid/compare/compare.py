@@ -72,6 +72,7 @@ def _compared(model: Model, on_all: Dataset, quiet: Sequence[Record], own_runs: 
         trace_of(model.structure.commands, one, residual)
         for one, residual in zip(on.spectra, on.error.residuals, strict=True)
     )
+    conditions = varied_conditions(flown, on.outputs)
     result = Comparison(
         outputs=on.outputs,
         commands=model.structure.commands,
@@ -88,9 +89,9 @@ def _compared(model: Model, on_all: Dataset, quiet: Sequence[Record], own_runs: 
         explained=noise.explained,
         bands=band_errors(on, division, noise),
         windows=window_errors(traces, on.outputs),
-        levels=level_errors(traces, on.spectra, amplitudes(on.outputs)),
-        conditions=level_errors(traces, on.spectra, varied_conditions(flown)),
-        trends=trends(traces, on.spectra, varied_conditions(flown)),
+        levels=level_errors(traces, on.spectra, amplitudes(on.outputs), on.outputs),
+        conditions=level_errors(traces, on.spectra, conditions, on.outputs),
+        trends=trends(traces, on.spectra, conditions, on.outputs),
         runs=runs,
         growth=growth,
         controls=controls,

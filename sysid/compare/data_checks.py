@@ -25,7 +25,7 @@ from sysid.compare.finding_kinds import (
 )
 from sysid.compare.spectrum import Responses
 from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.record import Record
+from sysid.data.record import CYCLIC, RATES, Record, axis_of
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels
 from sysid.model.structure import FloatArray, Structure
@@ -62,7 +62,7 @@ def clipped(records: Sequence[Record]) -> list[Suspicion]:
     """Rates that stand at their largest or smallest value again and again, reached in full motion."""
     found: dict[str, list[tuple[str, float, float]]] = {}
     for record in records:
-        for name in ("p", "q"):
+        for name in RATES:
             share, limit = flat_tops(record.channels[name])
             if share > 0:
                 found.setdefault(name, []).append((record.id, share, limit))
@@ -148,9 +148,10 @@ def mistaken_signs(measured: Responses) -> list[Suspicion]:
 
     A positive roll (pitch) command gives a positive slow roll (pitch) rate, whatever the vehicle.
     """
-    if not {"delta_x", "delta_y"} <= set(measured.commands) or measured.outputs != ("p", "q"):
+    if not set(CYCLIC) <= set(measured.commands) or not set(RATES) <= set(measured.outputs):
         return []
-    H = measured.H[:, [measured.commands.index(name) for name in ("delta_x", "delta_y")]]
+    at = np.ix_([measured.outputs.index(name) for name in RATES], [measured.commands.index(name) for name in CYCLIC])
+    H = measured.H[at]
     known = np.all(np.isfinite(H), axis=(0, 1)) & (measured.frequency_hz <= SLOWEST_HZ)
     if np.count_nonzero(known) < FEWEST_POINTS:
         return []
@@ -195,11 +196,13 @@ def mixed(
     *,
     across: bool,
     amplitudes: bool,
+    outputs: Sequence[str] = RATES,
 ) -> list[Suspicion]:
     """Runs whose residuals want a linear response each: other vehicles, gains or flight conditions among them.
 
     power: (runs, k) of the residual. kinds: what was flown, of every run; without `across` runs are compared with those
-    of their kind only. Nonlinear vehicles do this too where the `amplitudes` differ, and the text says so.
+    of their kind only. Nonlinear vehicles do this too where the `amplitudes` differ, and the text says so. `outputs`
+    names the k.
     """
     groups = [[i for i, kind in enumerate(kinds) if kind == one] for one in dict.fromkeys(kinds)]
     together = [group for group in ([list(range(len(ids)))] if across else groups) if len(group) > 1]
@@ -219,7 +222,7 @@ def mixed(
     return [
         Mixed(
             runs=tuple(ids),
-            axis=("roll", "pitch")[worst],
+            axis=axis_of(outputs[worst]),
             share=float(beyond[worst]),
             apart=tuple(apart),
             amplitudes=amplitudes,

@@ -24,7 +24,7 @@ from sysid.compare.finding_kinds import (
     WorseRun,
 )
 from sysid.compare.values import GROWTH_RATIO, BandError, Comparison, RunError
-from sysid.data.record import AXIS_OF
+from sysid.data.record import axis_of
 
 NEARLY_ALL = 0.9
 QUIET_AGREES = 2.0
@@ -73,7 +73,7 @@ def _noise_known(compared: Comparison) -> NoiseKnown:
 
 
 def _axis_finding(compared: Comparison, output: str, own_runs: bool) -> Finding:
-    axis = AXIS_OF[output]
+    axis = axis_of(output)
     bands = [one for one in compared.bands if one.axis == axis]
     if compared.noise_share is None:
         worst = max(bands, key=lambda band: band.error_share)
@@ -142,17 +142,17 @@ def _control_findings(compared: Comparison) -> Iterator[Finding]:
     for name, shares in compared.controls.items():
         output, share = max(shares.items(), key=lambda item: item[1])
         if name in compared.bands[0].coherence:
-            yield FollowsControl(AXIS_OF[output], name, share)
+            yield FollowsControl(axis_of(output), name, share)
 
 
 def _time_findings(compared: Comparison) -> Iterator[Finding]:
     """Errors that sit at the ends of the runs, or in one place of one run."""
     total = sum(float(one.t[-1] - one.t[0]) for one in compared.traces)
     for k, output in enumerate(compared.outputs):
-        at_ends = list(_end_findings(compared, k, AXIS_OF[output], total))
+        at_ends = list(_end_findings(compared, k, axis_of(output), total))
         yield from at_ends
         if not at_ends and len(compared.runs) > 1:
-            yield from _burst_findings(compared, AXIS_OF[output], total)
+            yield from _burst_findings(compared, axis_of(output), total)
 
 
 def _end_findings(compared: Comparison, k: int, axis: str, total: float) -> Iterator[Finding]:
@@ -202,7 +202,7 @@ def _run_findings(compared: Comparison) -> Iterator[Finding]:
             if like and own > WORSE * float(np.median(like)) and own > WORSE * min(like):
                 yield WorseRun(
                     run=one.id,
-                    axis=AXIS_OF[output],
+                    axis=axis_of(output),
                     times=own / max(float(np.median(like)), 1e-300),
                     mostly_noise=one.noise_share is not None and one.noise_share[output] > MOSTLY_NOISE,
                 )

@@ -208,7 +208,7 @@ def other_controls(on: ModelOnRuns) -> tuple[dict[str, dict[str, float]], Divisi
     other = [
         name
         for name in CONTROLS
-        if name not in structure.inputs
+        if name not in (*structure.inputs, *structure.outputs)
         and all(name in one.channels and np.ptp(one.channels[name]) for one in on.records)
     ]
     if not other:

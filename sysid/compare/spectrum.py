@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray, Spectrum, excitation_of, gusts_kept_out
+from sysid.data.record import RATES
 from sysid.data.stacks import Stack, stack
 from sysid.model.structure import FloatArray
 
@@ -168,7 +169,7 @@ def _grid(stacks: Sequence[Stack], frequency_hz: FloatArray, points: int) -> Flo
 
 
 def measure(
-    spectra: Sequence[Spectrum], commands: Sequence[str], outputs: Sequence[str] = ("p", "q"), points: int = POINTS
+    spectra: Sequence[Spectrum], commands: Sequence[str], outputs: Sequence[str] = RATES, points: int = POINTS
 ) -> Responses:
     """Responses of the outputs to the commands, from the bins of all runs together."""
     stacks = stack(spectra)

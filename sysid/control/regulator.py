@@ -16,8 +16,8 @@ import numpy as np
 from sysid.control.stability import ClosedLoop, Margins, closed_loop
 from sysid.errors import SysidError
 from sysid.fit.result import finite
-from sysid.model.bases import TPP
-from sysid.model.structure import AnyArray, FloatArray, Model
+from sysid.model.paper import TPP
+from sysid.model.structure import AnyArray, FloatArray, Model, Structure
 
 FORMAT = "tippath.gains/1"
 RATE_COST = 1.0
@@ -149,12 +149,17 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
     return replace(gains, loop=closed_loop(gains, whole))
 
 
+def designs_on(structure: Structure) -> bool:
+    """Whether gains are designed on models of this structure: the controller on board has the TPP's states."""
+    return structure.base == TPP.base
+
+
 def _flown_by(model: Model) -> Model:
     """The part of a model that the controller on board knows: states p, q, a, b."""
     structure = model.structure
-    if structure.states == TPP.states and structure.names == TPP.names:
+    if (structure.states, structure.names, structure.outputs) == (TPP.states, TPP.names, TPP.outputs):
         return model
-    if structure.base != TPP.base or not set(TPP.names) <= set(structure.names):
+    if not designs_on(structure) or not set(TPP.names) <= set(structure.names):
         raise DesignError(
             f"gains are designed on a TPP model with states p, q, a, b; this is {structure.base} "
             f"with {', '.join(structure.states)}: fit with --model tpp"

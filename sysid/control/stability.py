@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
+from sysid.data.record import RATES
 from sysid.model.response import behind_commands
 from sysid.model.structure import DRIFT_RAD_S, AnyArray, FloatArray, Matrices, Model
 
@@ -173,7 +174,8 @@ def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
     for i, (_, rate) in enumerate(logged):
         rows[i, structure.states.index(rate)] = 1
     A, B = np.vstack([np.hstack([A, B[:, columns]]), rows]), np.vstack([B[:, :2], np.zeros((k, 2))])
-    C, D = np.hstack([C[:2], D[:2][:, columns]]), D[:2, :2]
+    at = [structure.outputs.index(name) for name in RATES]  # what the controller on board measures
+    C, D = np.hstack([C[at], D[at][:, columns]]), D[at, :2]
     seen = np.any(C != 0, axis=0)
     for _ in range(len(A)):
         seen |= np.any(A[seen] != 0, axis=0)

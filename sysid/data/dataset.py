@@ -13,11 +13,10 @@ import numpy as np
 
 from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes, instruments
 from sysid.data.preprocess import ComplexArray, Piece, Spectrum, pieces
-from sysid.data.record import COMMANDS, Record
+from sysid.data.record import COMMANDS, CYCLIC, RATES, Record
 from sysid.data.stacks import Stack, stack
 from sysid.errors import FitError
 
-CYCLIC = ("delta_x", "delta_y")
 CHANNELS_READ = ("omega", "airspeed", "alpha", "beta", "r", "phi", "theta")
 """Beside commands, what effects of the catalogue read."""
 LEAST_MOTION = {"omega": 0.002, "airspeed": 0.01}
@@ -59,6 +58,8 @@ class Dataset:
     band_hz: tuple[float, float]
     like: Dataset | None = None
     """The fitted runs, where these only judge: then channels and flight condition are theirs."""
+    outputs: tuple[str, ...] = RATES
+    """What is measured, where nobody says otherwise."""
     _pieces: dict[Record, tuple[list[Piece], list[str]]] = field(default_factory=dict)
     _viewed: dict[tuple[tuple[str, ...], tuple[str, ...]], Bins] = field(default_factory=dict)
     _some: dict[tuple[Record, ...], Dataset] = field(default_factory=dict)
@@ -69,12 +70,18 @@ class Dataset:
         if some == self.records:
             return self
         if some not in self._some:
-            self._some[some] = Dataset(records=some, band_hz=self.band_hz, like=self.like, _pieces=self._pieces)
+            self._some[some] = Dataset(
+                records=some, band_hz=self.band_hz, like=self.like, outputs=self.outputs, _pieces=self._pieces
+            )
         return self._some[some]
 
     def beside(self, fitted: Dataset) -> Dataset:
         """These runs as those that judge what was fitted to others."""
         return replace(self, like=fitted, _some={})
+
+    def measured_in(self, outputs: tuple[str, ...]) -> Dataset:
+        """These runs with these outputs; what was prepared of them is shared."""
+        return self if outputs == self.outputs else replace(self, outputs=outputs, _some={})
 
     def _of(self, record: Record) -> tuple[list[Piece], list[str]]:
         if record not in self._pieces:
@@ -91,8 +98,9 @@ class Dataset:
         """What was dropped."""
         return [remark for record in self.records for remark in self._of(record)[1]]
 
-    def viewed(self, inputs: tuple[str, ...], outputs: tuple[str, ...] = ("p", "q")) -> Bins:
+    def viewed(self, inputs: tuple[str, ...], outputs: tuple[str, ...] | None = None) -> Bins:
         """The bins with a structure's own inputs and outputs, without pieces too short for a frequency in the band."""
+        outputs = outputs or self.outputs
         if (inputs, outputs) not in self._viewed:
             found = (piece.spectrum(inputs, outputs) for piece in self.pieces)
             self._viewed[inputs, outputs] = Bins(tuple(one for one in found if one.frequency_hz.size))
@@ -114,7 +122,7 @@ class Dataset:
     @property
     def available(self) -> frozenset[str]:
         """Channels that all runs have and that move."""
-        return self._moving | (self.common & {"t", "p", "q"})
+        return self._moving | (self.common & {"t", *RATES})
 
     @cached_property
     def still(self) -> frozenset[str]:
@@ -173,12 +181,14 @@ def prepared(runs: Runs, band_hz: tuple[float, float]) -> Dataset:
     return Dataset(records=tuple(runs), band_hz=band_hz)
 
 
-def dataset(runs: Runs, band_hz: tuple[float, float], like: Dataset | None = None) -> Dataset:
-    """Runs to diagnose on; `like` gives validation runs the channels of the fitted ones.
+def dataset(
+    runs: Runs, band_hz: tuple[float, float], like: Dataset | None = None, outputs: tuple[str, ...] = RATES
+) -> Dataset:
+    """Runs to diagnose on, measured in `outputs`; `like` gives validation runs the channels of the fitted ones.
 
     Raises FitError where no run has 2 s without a gap.
     """
-    found = prepared(runs, band_hz)
+    found = prepared(runs, band_hz).measured_in(outputs)
     if like is not None:
         found = found.beside(like)
     if not found.pieces:

@@ -193,6 +193,10 @@ class Record:
         )
 
 
+RATES = ("p", "q")
+"""Measured in every run, and outputs of every model whose base says no other."""
+CYCLIC = ("delta_x", "delta_y")
+"""Roll and pitch command: in every run, and read by every model whose base says no other."""
 COMMANDS = ("delta_x", "delta_y", "delta_e", "delta_c", "delta_r", "delta_a")
 AXIS_OF = {
     "delta_x": "roll",
@@ -200,4 +204,15 @@ AXIS_OF = {
     "delta_e": "elevator",
     "p": "roll",
     "q": "pitch",
+    "r": "yaw",
+    "a": "longitudinal flapping",
+    "b": "lateral flapping",
+    "phi": "roll angle",
+    "theta": "pitch angle",
 }
+"""The axis of a command or an output in words; its unit is that of `CHANNELS`."""
+
+
+def axis_of(name: str) -> str:
+    """The axis of a command or an output in words, or the channel's own name."""
+    return AXIS_OF.get(name, name)

@@ -21,7 +21,7 @@ from sysid.diagnose.terms import CONDITIONS, Entry, Expression, entries, express
 from sysid.diagnose.whitening import Whitening
 from sysid.fit.rows import rows
 from sysid.model.acting import divided, in_time
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.predict import respond
 from sysid.model.relaxation import RELAXATION_HZ
@@ -215,7 +215,7 @@ def _opened(parent: Candidate, probes: Sequence[Effect]) -> Structure:
     had = parent.model.structure
     available = {*parent.dataset.available, *(name for one in probes for name in one.channels)}
     composed = [replace(one, adapt=None) for one in had.composed]  # declared for these runs already
-    return compose(had.base, [*composed, *probes], available, dict(had.constants))
+    return compose(had.base_, [*composed, *probes], available, dict(had.constants), outputs=had.outputs)
 
 
 def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[str, FloatArray]:
@@ -265,7 +265,7 @@ def _plain(parent: Candidate) -> Whitening:
     """Every output by its own residual power, as a fit weighs them."""
     stacks, model = parent.dataset.stacks, parent.model
     weight = np.diag(1 / np.sqrt(np.maximum(parent.estimate.error.residual_power, 1e-300))).astype(complex)
-    whitener = [np.broadcast_to(weight, (group.z.size, 2, 2)) for group in stacks]
+    whitener = [np.broadcast_to(weight, (group.z.size, *weight.shape)) for group in stacks]
     ends = []
     for group, white in zip(stacks, whitener, strict=True):
         E = np.einsum("fij,cjf->cif", white, group.scale * respond(model.structure, model.values, group, False).E)

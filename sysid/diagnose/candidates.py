@@ -19,7 +19,7 @@ from sysid.errors import FitError
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
-from sysid.model.bases import adapted, compose, not_testable
+from sysid.model.compose import adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
@@ -143,7 +143,8 @@ class Reference:
 
 
 def composed_with(parent: Structure, effect: Effect, on: Dataset) -> Structure:
-    return compose(parent.base, [*parent.composed, effect], on.available, {**on.constants, **dict(parent.constants)})
+    constants = {**on.constants, **dict(parent.constants)}
+    return compose(parent.base_, [*parent.composed, effect], on.available, constants, outputs=parent.outputs)
 
 
 def score_effects(
@@ -155,7 +156,7 @@ def score_effects(
     found = []
     for effect in (*catalogue().values(), *users):
         name = effect.path or effect.id
-        if name in structure.effects or effect.id in present or (effect.id == "flapping" and structure.base == "tpp"):
+        if name in structure.effects or effect.id in present or effect.id in structure.base_.contains:
             continue
         reason = _reason(effect, parent)
         if reason is not None:
@@ -179,12 +180,12 @@ def score_effects(
 def _reason(effect: Effect, parent: Candidate) -> str | None:
     structure, on = parent.model.structure, parent.dataset
     ids = [one.id for one in structure.composed]
-    reason = not_testable(effect, structure.base, [*ids, effect.id], on.available)
+    reason = not_testable(effect, structure.base_, [*ids, effect.id], on.available)
     if reason is None:
         return None
-    without = not_testable(effect, structure.base, [*ids, effect.id], on.available | on.still)
+    without = not_testable(effect, structure.base_, [*ids, effect.id], on.available | on.still)
     if without is None:
-        read = adapted(effect, structure.base, [*ids, effect.id], on.available | on.still).channels
+        read = adapted(effect, structure.base_, [*ids, effect.id], on.available | on.still).channels
         still = sorted({name for said in read for name in said.split("|")} & on.still)
         return f"{', '.join(still)} hardly moves on these runs, so it is not testable on these"
     return reason

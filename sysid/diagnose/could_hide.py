@@ -32,14 +32,13 @@ from sysid.diagnose.score import INDEPENDENT
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.identifiable import size as whole
 from sysid.fit.noise import Division
-from sysid.model.bases import compose, not_testable
+from sysid.model.compose import compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import Parameter
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Mode, Model, Structure, modes
 
-WATCHED = {"tpp": ("L_b", "M_a", "tau_f"), "cd": ("L_p", "M_q", "L_lat", "M_lon")}
 UPPER = 1.645
 """Standard errors to the upper 95 % limit."""
 POWER = 0.842
@@ -85,10 +84,12 @@ def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, 
             continue
         if effect.group == "forward" and not forward:
             continue
-        if not_testable(effect, structure.base, [*present, effect.id], available) is not None:
+        if not_testable(effect, structure.base_, [*present, effect.id], available) is not None:
             continue
         try:
-            composed = compose(structure.base, [*linear, effect], available, dict(structure.constants))
+            composed = compose(
+                structure.base_, [*linear, effect], available, dict(structure.constants), outputs=structure.outputs
+            )
         except EffectError:
             continue  # it stands for a part that the structure has
         found.append((effect, composed))
@@ -182,7 +183,7 @@ class _Asking:
         )
 
     def _watched(self, shift: Mapping[str, float]) -> list[str]:
-        return [name for name in WATCHED[self.parent.model.structure.base] if name in shift]
+        return [name for name in self.parent.model.structure.base_.watched if name in shift]
 
     def _largest(self, point: _Point) -> tuple[FloatArray, list[ComplexArray], bool] | None:
         """The largest size that could hide, on the scale where null is 0 and typical 1; the change of the outputs."""
@@ -289,7 +290,9 @@ def _by_linear_part(parent: Candidate) -> list[ComplexArray]:
     if structure.linear:
         return parent.Y_imposed
     linear = [one for one in structure.composed if one.linear]
-    core = compose(structure.base, linear, parent.dataset.available, dict(structure.constants))
+    core = compose(
+        structure.base_, linear, parent.dataset.available, dict(structure.constants), outputs=structure.outputs
+    )
     values = np.array([parent.model[name] for name in core.names])
     return [respond(core, values, group, False).Y for group in parent.dataset.imposed]
 

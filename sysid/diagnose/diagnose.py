@@ -58,9 +58,9 @@ def diagnose(
     `begin` is where the structure was fitted to, if it was. Raises FitError where the runs do not identify the
     structure itself.
     """
-    on = dataset(records, band_hz)
+    on = dataset(records, band_hz, outputs=structure.outputs)
     judging = prepared(validation, band_hz)
-    validated_on = dataset(judging, band_hz, on) if judging.records else None
+    validated_on = dataset(judging, band_hz, on, structure.outputs) if judging.records else None
     parent = _parent(structure, on, fixed or {}, begin)
     whitening = noise_whitening(parent.model, on.stacks, parent.division)
     stepped = instrumental_step(parent, whitening)

@@ -22,7 +22,7 @@ from sysid.fit.identifiable import structural
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import OutputError
 from sysid.model.acting import jumping
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.predict import respond
 from sysid.model.structure import FloatArray, Model, Structure
 
@@ -110,7 +110,7 @@ def imposed_answers(
         found = [respond(structure, values, group, J is not None) for group in on.imposed]
         return [one.Y for one in found], [] if J is None else [one.slopes for one in found]
     steady = [one for one in structure.composed if one.linear and one.samples is None]
-    smooth = compose(structure.base, steady, on.available, dict(structure.constants))
+    smooth = compose(structure.base_, steady, on.available, dict(structure.constants), outputs=structure.outputs)
     inner = np.array([values[structure.names.index(name)] for name in smooth.names])
     rows = [structure.names.index(name) for name in smooth.names]
     Ys, Js = [], []

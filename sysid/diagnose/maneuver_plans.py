@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import Spectrum
+from sysid.data.record import RATES
 from sysid.diagnose.evidence import Candidate
 from sysid.model.structure import FloatArray
 
@@ -109,7 +110,7 @@ def _headroom(found: Sequence[Spectrum]) -> float:
     rate = attitude = command = 1e-9
     for one in found:
         channels = one.segment.channels
-        rate = max(rate, *(float(np.max(np.abs(channels[name]))) for name in ("p", "q")))
+        rate = max(rate, *(float(np.max(np.abs(channels[name]))) for name in RATES))
         command = max(command, *(float(np.max(np.abs(channels[name]))) for name in ("delta_x", "delta_y")))
         slow = np.where(one.frequency_hz >= SLOWEST_HZ, one.Y / (2j * np.pi * one.frequency_hz), 0)
         attitude = max(attitude, float(np.max(np.abs(one.in_time(slow)))))

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.data.record import CHANNELS
+from sysid.data.record import CHANNELS, axis_of
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.maneuver_plans import Flown, Plan, plans_by_hand, possible_plans
 from sysid.diagnose.proposals import (
@@ -126,7 +126,7 @@ def linear_or_not(parent: Candidate, division: Division) -> NextManeuver | None:
     share = np.sum(np.maximum(np.sum(division.explained, axis=0), 0)) / max(float(np.sum(division.power)), 1e-300)
     beyond = max(division.chi_squared - division.degrees, 0.0) / max(len(parent.dataset.spectra), 1)
     worst = int(np.argmax(parent.estimate.error.residual_power / parent.estimate.error.measured_power))
-    wanted = {"p": "roll", "q": "pitch"}[parent.model.structure.outputs[worst]]
+    wanted = axis_of(parent.model.structure.outputs[worst])
     axis = wanted if wanted in flown.amplitude else axis
     plans = [flown.chirp(axis, part) for part in (0.5, 1)]
     sigma = 0.25 * math.sqrt(beyond)

@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.compare.metrics import Mismatch, Mismatches, mismatch
 from sysid.data.instrument import causes
-from sysid.data.record import AXIS_OF, COMMANDS
+from sysid.data.record import COMMANDS, CYCLIC, RATES, axis_of
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.reasons import (
@@ -36,7 +36,7 @@ from sysid.fit.noise import divide
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model
 
-DIRECT = {"p": "delta_x", "q": "delta_y"}
+DIRECT = dict(zip(RATES, CYCLIC, strict=True))
 STRAIGHT = 0.9
 """Share of a phase's square that a line through zero explains, from which on it falls in proportion to frequency."""
 LEAST_PHASE_DEG = 8.0
@@ -184,7 +184,7 @@ class RemovedError:
         """In which axis and band the removed error lies."""
         share = np.maximum(self.relative, 0) / max(float(np.sum(np.maximum(self.relative, 0))), 1e-300)
         worst = int(np.argmax(share))
-        axis = AXIS_OF[self.outputs[worst]]
+        axis = axis_of(self.outputs[worst])
         band = self._narrowest(self.power[worst])
         shown: list[Shown] = [OnOneAxis(axis, float(share[worst]))] if share[worst] >= ONE_AXIS else []
         return shown if band is None else [*shown, InOneBand(axis, MOST_OF_IT, band)]
@@ -275,7 +275,7 @@ def _by_command(parent: Candidate, name: str, removed: RemovedError) -> list[Sho
     worst = int(np.argmax(share * removed.relative))
     if share[worst] < SHARE_OF_COMMAND:
         return []
-    return [InStepWithCommand(AXIS_OF[removed.outputs[worst]], min(float(share[worst]), 1.0), name)]
+    return [InStepWithCommand(axis_of(removed.outputs[worst]), min(float(share[worst]), 1.0), name)]
 
 
 def _windowed(wave: FloatArray, channel: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:

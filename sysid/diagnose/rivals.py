@@ -14,13 +14,13 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import spectra
-from sysid.data.record import Record
+from sysid.data.record import RATES, Record
 from sysid.data.stacks import Stack, stack
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.maneuver_plans import LETTERS, Flown, Plan, moved_by_hand
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.noise import Division
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
@@ -106,9 +106,9 @@ def _with(model: Model, plan: Plan, dataset: Dataset) -> Model:
     effect: Effect | None = None if plan.effect is None else catalogue()[plan.effect]
     if effect is None or effect.id in {one.id for one in structure.composed}:
         return model
-    available = {"t", "p", "q", *structure.inputs, plan.channel or ""}
+    available = {"t", *RATES, *structure.inputs, plan.channel or ""}
     constants = {"Omega_0": 172.8, **dict(dataset.constants), **dict(structure.constants)}
-    composed = compose(structure.base, [*structure.composed, effect], available, constants)
+    composed = compose(structure.base_, [*structure.composed, effect], available, constants, outputs=structure.outputs)
     known = structure.by_name(model.values)
     return Model(composed, composed.vector({**{one.name: one.typical for one in composed.parameters}, **known}))
 
@@ -118,7 +118,8 @@ def _synthesised(plan: Plan, flown: Flown, structures: Sequence[Structure], trut
     excitation = plan.excitation(flown.dt)
     n = excitation.shape[1]
     names = list(dict.fromkeys(("delta_x", "delta_y", *(name for one in structures for name in one.inputs))))
-    channels: dict[str, FloatArray] = {"t": np.asarray(flown.dt * np.arange(n)), "p": np.zeros(n), "q": np.zeros(n)}
+    channels: dict[str, FloatArray] = {"t": np.asarray(flown.dt * np.arange(n))}
+    channels |= {name: np.zeros(n) for name in (*RATES, *truth.structure.outputs)}
     for name in names:
         letter = name.removeprefix("delta_")
         if letter in LETTERS.values():
@@ -128,7 +129,7 @@ def _synthesised(plan: Plan, flown: Flown, structures: Sequence[Structure], trut
         else:
             channels[name] = flown.channel(name, n)
     top = max(float(one.frequency_hz[-1]) for one in flown.dataset.spectra)
-    found, _ = spectra([Record("imagined", channels)], names, ("p", "q"), (0.0, top))
+    found, _ = spectra([Record("imagined", channels)], names, truth.structure.outputs, (0.0, top))
     # the free motion of a nonlinear answer is taken from the measured rates: they must be like the answer
     H = transfer(truth.structure, truth.values, found[0].frequency_hz)
     rows = [found[0].inputs.index(name) for name in truth.structure.inputs]

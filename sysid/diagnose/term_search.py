@@ -330,12 +330,12 @@ def _left(parent: Candidate, known: CandidateTerms, numbers: Sequence[int]) -> O
     if numbers:
         J = plain(_together([parent.J, *(known.answers(number) for number in numbers)]))
         e = e - (instrumental_inverse(J, J) @ (J @ e)) @ J
-    residuals, power, begin = [], np.zeros(2), 0
+    residuals, power, begin = [], np.zeros(len(parent.model.structure.outputs)), 0
     for group, whitener in zip(stacks, plain.whitener, strict=True):
         weight = np.diag(whitener[0]).real
         for part in group.slices:
-            size = 4 * (part.stop - part.start)  # real and imaginary parts of p and q
-            bins = e[begin : begin + size].view(complex).reshape(2, -1) / weight[:, None]
+            size = 2 * power.size * (part.stop - part.start)  # real and imaginary parts of every output
+            bins = e[begin : begin + size].view(complex).reshape(power.size, -1) / weight[:, None]
             power += np.sum(np.abs(bins) ** 2, axis=1)
             residuals.append(bins / group.scale[part])
             begin += size

@@ -1,11 +1,11 @@
 """First-order flapping of the rotor: what turns Cylinder Dynamics into the Tip-Path-Plane model.
 
-Its equations are the base `tpp` itself; `sysid.model.bases.compose` takes that base in place of `cd`.
+Its equations are the base `tpp` itself; `sysid.model.compose` takes that base in place of `cd`.
 """
 
 from __future__ import annotations
 
-from sysid.model.bases import CD_BASE, TPP_BASE
+from sysid.model.bases import cd, tpp
 from sysid.model.effect import Effect, Stage
 
 EFFECT = Effect(
@@ -16,9 +16,9 @@ EFFECT = Effect(
     "theta_c)/tau_f; theta_s = A_lat delta_x + A_lon delta_y, theta_c = B_lat delta_x + B_lon delta_y",
     source="the paper, eq. 5-7; Mettler 2003, section 2.3",
     signature="CD follows the slow mode only: above 2 Hz the error is a second resonance near 5 Hz, mostly in pitch",
-    parameters=TPP_BASE.parameters,
+    parameters=tpp.BASE.parameters,
     stage=Stage.DYNAMICS,
     absorbed_by=("tpp",),
-    replaces=tuple(parameter.name for parameter in CD_BASE.parameters),
+    replaces=tuple(parameter.name for parameter in cd.BASE.parameters),
     slot="rotor",
 )

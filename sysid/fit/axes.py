@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.data.preprocess import Spectrum
-from sysid.data.record import AXIS_OF
+from sysid.data.record import AXIS_OF, CYCLIC, RATES
 from sysid.errors import FitError
 from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Model, Structure, stepped
 
@@ -37,7 +37,9 @@ def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> 
     for row, name in enumerate(structure.outputs):
         if not any(np.any(one.Y[row]) for one in spectra):
             raise FitError(
-                f"{AXIS_OF[name]} axis not identifiable: {name} does not move at all; check the gyro's channel"
+                f"{AXIS_OF.get(name, name)} axis not identifiable: {name} does not move at all; check its channel"
+                if name not in RATES
+                else f"{AXIS_OF[name]} axis not identifiable: {name} does not move at all; check the gyro's channel"
             )
     own = independent_share(spectra, m)
     for name, share in zip(structure.commands, own, strict=True):
@@ -49,7 +51,7 @@ def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> 
             )
 
 
-def independent_share(spectra: Sequence[Spectrum], commands: int = 2) -> FloatArray:
+def independent_share(spectra: Sequence[Spectrum], commands: int = len(CYCLIC)) -> FloatArray:
     """Share of each command's power, (m,), that the other commands do not explain linearly, pooled over all runs.
 
     With one noise-free sweep and a controller on, the other axis's command follows the swept one and this is near 0.
@@ -72,7 +74,7 @@ def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
     """An axis whose control effectiveness is not known to a quarter of itself is not identified."""
     structure = model.structure
     for column, name in enumerate(structure.commands):
-        if name not in ("delta_x", "delta_y") and "elevator" not in structure.effects:
+        if name not in structure.base_.commands and "elevator" not in structure.effects:
             continue  # an effect of its own says how well it is known
         values, slopes = _effectiveness(structure, model.values, column)
         spread = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", slopes, covariance, slopes), 0))
@@ -87,7 +89,7 @@ def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
 
 
 def _effectiveness(structure: Structure, values: FloatArray, column: int) -> tuple[FloatArray, FloatArray]:
-    """What one command does to the base's states: entries (states,) and their slopes (states, parameters).
+    """What one command does to the measured states: entries (k,) and their slopes (k, parameters).
 
     Servo states stand between command and base, so the response at 1 Hz is taken instead of B where there are any.
     """
@@ -103,5 +105,6 @@ def _effectiveness(structure: Structure, values: FloatArray, column: int) -> tup
     R = np.linalg.inv(s * np.eye(n) - A0)
     dA, dB = matrices.A.imag / COMPLEX_STEP, matrices.B.imag / COMPLEX_STEP
     slopes = (R @ (dA @ base[:, None] + dB[..., column : column + 1]))[..., 0]
-    k = 2
-    return np.abs(base[:k]), np.real(slopes[:, :k] * base[:k].conj() / np.maximum(np.abs(base[:k]), 1e-300)).T
+    at = [structure.states.index(name) for name in structure.outputs]
+    size = np.abs(base[at])
+    return size, np.real(slopes[:, at] * base[at].conj() / np.maximum(size, 1e-300)).T

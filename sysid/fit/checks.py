@@ -33,9 +33,12 @@ from sysid.fit.check_kinds import (
     SweepUnknown,
 )
 from sysid.fit.estimate import Estimate, estimate
+from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
 from sysid.fit.stable import held_stable
 from sysid.fit.start import START_THINNING, start
+from sysid.model.base import bases
+from sysid.model.polynomial import closed_form
 from sysid.model.structure import FloatArray, Model, Structure
 
 POOR_PERCENT = 70.0
@@ -196,13 +199,13 @@ def explain_instability(model: Model, bins: Bins) -> list[str]:
         "a pilot or controller in the loop, without independent excitation, makes data look so"
     ]
     try:
-        p, q = held_stable(model, bins.stacks)[1].nrmse_percent
+        outputs = model.structure.outputs
+        held = held_stable(model, bins.stacks)[1].nrmse_percent
         said.append(
-            f"with the poles held stable it reaches only p {p:.0f} / q {q:.0f} %, "
-            f"free p {free[0]:.0f} / q {free[1]:.0f} %"
+            f"with the poles held stable it reaches only {_percent(outputs, held)}, free {_percent(outputs, free)}"
         )
         if LATE_ALREADY.isdisjoint(one.id for one in model.structure.composed):
-            late = lateness(Structure(base_=model.structure.base_), bins)
+            late = lateness(model.structure.bare, bins)
             if late is not None:
                 said.append(late)
     except FitError as error:
@@ -216,14 +219,19 @@ LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 
 def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
-    """What to tell of a TPP fit that leaves much unexplained: often something is late, and then its numbers lie."""
-    if model.structure.composed or model.structure.base != "tpp" or np.min(nrmse) >= POOR_PERCENT:
+    """What to tell of a fit that leaves much unexplained: often something is late, and then its numbers lie.
+
+    Not of a base that a larger one stands above: what that one has besides is what it leaves.
+    """
+    structure = model.structure
+    simple = any(larger.reduces_to == structure.base for larger in bases().values())
+    if structure.composed or simple or np.min(nrmse) >= POOR_PERCENT:
         return []
     said = [
-        f"the model leaves much unexplained (p {nrmse[0]:.0f} / q {nrmse[1]:.0f} %): its standard errors do not hold"
+        f"the model leaves much unexplained ({_percent(structure.outputs, nrmse)}): its standard errors do not hold"
     ]
     try:
-        late = lateness(model.structure, bins)
+        late = lateness(structure, bins, model)
     except FitError:
         late = None
     if late is not None:
@@ -231,16 +239,20 @@ def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
     return said
 
 
-def lateness(structure: Structure, bins: Bins) -> str | None:
-    """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not."""
-    base = _cost(structure, bins)
+def lateness(structure: Structure, bins: Bins, fitted: Model | None = None) -> str | None:
+    """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not.
+
+    Without a closed form, which begins at the data, every fit begins at the one that is known, if any.
+    """
+    begin = fitted if closed_form(structure) is None else None
+    base = _cost(structure, bins, begin)
     parts, least = [], {}
     for kind in ("lag", "delay"):
-        costs = [_cost(structure, _late(bins, kind, late_s)) for late_s in LATENESS_S]
+        costs = [_cost(structure, _late(bins, kind, late_s), begin) for late_s in LATENESS_S]
         late_s = LATENESS_S[int(np.argmin(costs))]
         least[kind] = min(costs)
-        p, q = estimate(structure, _late(bins, kind, late_s)).error.nrmse_percent
-        parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to p {p:.0f} / q {q:.0f} %")
+        lifted = estimate(structure, _late(bins, kind, late_s), begin).error.nrmse_percent
+        parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to {_percent(structure.outputs, lifted)}")
     if min(least.values()) > base + np.log(0.7):
         return None
     if abs(least["lag"] - least["delay"]) < np.log(SEPARATE):
@@ -250,9 +262,16 @@ def lateness(structure: Structure, bins: Bins) -> str | None:
     return f"something is late between command and rate: {', '.join(parts)}; {verdict}"
 
 
-def _cost(structure: Structure, bins: Bins) -> float:
+def _percent(outputs: Sequence[str], nrmse: FloatArray) -> str:
+    """`p 92 / q 88 %`."""
+    return " / ".join(f"{name} {value:.0f}" for name, value in zip(outputs, nrmse, strict=True)) + " %"
+
+
+def _cost(structure: Structure, bins: Bins, begin: Model | None) -> float:
     """The least cost of a bare base, judged on some of the bins: it is compared with others of these bins only."""
     stacks = [group.thinned(START_THINNING) for group in bins.stacks]
+    if begin is not None:
+        return float(np.sum(np.log(minimise(begin, stacks, output_error(begin, stacks).residual_power)[1])))
     best = start(structure, stacks, thorough=False)
     return float(np.sum(np.log(output_error(best, stacks).residual_power)))
 

@@ -72,8 +72,7 @@ def _least_squares(
 ) -> Model:
     """The optimum, from the parent or from the data alone."""
     if parent is None:
-        bare = Structure(base_=structure.base_) if structure.composed else structure
-        parent = start(bare, [group.thinned(START_THINNING) for group in stacks])
+        parent = start(structure.bare, [group.thinned(START_THINNING) for group in stacks])
     model = _hold(parent, fixed)
     if parent.structure != structure:
         return grow(model, structure, stacks, fixed)

@@ -45,7 +45,7 @@ def normal_equations(
 ) -> NormalEquations:
     """Curvature J J^T, gradient J r and what is left, with weights (k, bins), end states projected out."""
     count = values.size if full else 0
-    curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(2)
+    curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(len(structure.outputs))
     found: list[FloatArray] = []
     for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
         response = respond(
@@ -62,7 +62,8 @@ def normal_equations(
         moved = np.zeros(products.shape[0] - 1)
         for part, block, difference in zip(group.slices, blocks, found[-1], strict=True):
             rest = block[n] - difference @ block[:n]  # inner products alone would leave rounding where little is left
-            power += np.sum(rest.reshape(2, -1) ** 2, axis=1) * (group.scale[part.start] / weight[:, part.start]) ** 2
+            unweighted = (group.scale[part.start] / weight[:, part.start]) ** 2
+            power += np.sum(rest.reshape(power.size, -1) ** 2, axis=1) * unweighted
             moved += block[n + 1 :] @ rest
         if full:
             inner, to = products[1:, 1:], response.to

@@ -115,8 +115,10 @@ class _Valleys:
 
     def _idle(self, groups: Sequence[Stack]) -> bool:
         """Whether no sample is touched: there is no derivative then either, and nothing to begin at."""
+        commands = len(self.structure.base_.commands)
         return bool(self.without) and all(
-            np.array_equal(here.U[:2], before.U[:2]) for here, before in zip(groups, self.without, strict=True)
+            np.array_equal(here.U[:commands], before.U[:commands])
+            for here, before in zip(groups, self.without, strict=True)
         )
 
     def promised(self, begin: Mapping[str, float]) -> float:

@@ -9,14 +9,15 @@ import numpy as np
 
 from sysid.data.dataset import Bins, Dataset, Runs, means, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
-from sysid.data.record import AXIS_OF, Record
+from sysid.data.record import AXIS_OF, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural, vague
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.result import Fit, RecordUsed, Rung
-from sysid.model.bases import compose
+from sysid.model.base import Base
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError
 from sysid.model.structure import Model, Structure
 
@@ -50,6 +51,7 @@ def identify(
         raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
     if not fitted.records:
         raise FitError("no run to fit")
+    refuse_unlogged(structure, [*fitted.records, *judging.records])
     if not fitted.pieces:
         raise FitError("no run has 2 s of gap-free samples: nothing to fit")
     rungs: list[Rung] = [] if grown is None else [*grown.lineage]
@@ -57,7 +59,8 @@ def identify(
     for count in range(0 if grown is None else len(effects), len(effects) + 1):
         last = count == len(effects)
         try:
-            composed = on_runs(structure.base, effects[:count], [*fitted.records, *judging.records], fitted.records)
+            everyone = [*fitted.records, *judging.records]
+            composed = on_runs(structure.base_, effects[:count], everyone, fitted.records, structure.outputs)
         except EffectError:
             if last:
                 raise
@@ -132,16 +135,21 @@ class _Step:
 
 
 def on_runs(
-    base: str, effects: Sequence[str | Effect], records: Sequence[Record], fitted: Sequence[Record]
+    base: str | Base,
+    effects: Sequence[str | Effect],
+    records: Sequence[Record],
+    fitted: Sequence[Record],
+    outputs: Sequence[str] | None = None,
 ) -> Structure:
     """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
     available = set.intersection(*(set(record.channels) for record in records))
-    return compose(base, effects, available, means(fitted))
+    return compose(base, effects, available, means(fitted), outputs=outputs)
 
 
 def judge(model: Model, runs: Runs, band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:
     """NRMSE by output of a model on runs; only trims and end states are estimated."""
     on = prepared(runs, band_hz)
+    refuse_unlogged(model.structure, on.records)
     if not on.pieces:
         raise FitError("no run has 2 s of gap-free samples: nothing to judge by")
     return by_output(
@@ -151,6 +159,17 @@ def judge(model: Model, runs: Runs, band_hz: tuple[float, float] = DEFAULT_BAND_
 
 def by_output(structure: Structure, error: OutputError) -> dict[str, float]:
     return {name: float(x) for name, x in zip(structure.outputs, error.nrmse_percent, strict=True)}
+
+
+def refuse_unlogged(structure: Structure, records: Sequence[Record]) -> None:
+    """Raises FitError where a run lacks what the base is measured or driven by."""
+    for record in records:
+        lacking = [name for name in (*structure.outputs, *structure.base_.commands) if name not in record.channels]
+        if lacking:
+            raise FitError(
+                f"{record.id}: {', '.join(lacking)} is not logged, which {structure.base_.label} with the outputs "
+                f"{', '.join(structure.outputs)} needs; fit runs that have it, or measure less"
+            )
 
 
 def refuse_mixed_sources(records: Sequence[Record]) -> None:
@@ -205,8 +224,9 @@ def _suspicious_signs(model: Model) -> list[str]:
     if model.stable and not model.structure.attitude_states:
         A, B, C, D = model.matrices
         steady = D - C @ np.linalg.solve(A, B)
-        for index, (command, rate) in enumerate(zip(("delta_x", "delta_y"), ("p", "q"), strict=True)):
-            if steady[index, index] < 0:
+        for command, rate in zip(CYCLIC, RATES, strict=True):
+            known = command in model.structure.inputs and rate in model.structure.outputs
+            if known and steady[model.structure.outputs.index(rate), model.structure.inputs.index(command)] < 0:
                 said.append(
                     f"the steady {rate} answers {command} with the opposite sign: "
                     f"check the sign of {command} or of {rate} ({AXIS_OF[command]} axis)"

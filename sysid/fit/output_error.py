@@ -34,7 +34,7 @@ class OutputError:
 def output_error(model: Model, stacks: Sequence[Stack]) -> OutputError:
     """What the model leaves of each segment after its own trim and end states."""
     residuals = []
-    measured, left = np.zeros(2), np.zeros(2)
+    measured, left = np.zeros((2, len(model.structure.outputs)))
     for group in stacks:
         response = respond(model.structure, model.values, group, False)
         e = group.Y - response.Y

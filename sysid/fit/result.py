@@ -19,7 +19,8 @@ from sysid.data.preprocess import gaps, rate_hz
 from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.fit.identifiable import undetermined
-from sysid.model.bases import compose
+from sysid.model.base import Base, load_base
+from sysid.model.compose import compose
 from sysid.model.effect import EffectError, load
 from sysid.model.structure import FloatArray, Model
 
@@ -154,11 +155,13 @@ class Fit:
         return {
             "format": FORMAT,
             "structure": {
-                "base": structure.base,
+                "base": _relative(structure.base, relative_to) if structure.base_.path else structure.base,
                 "effects": _effect_names(structure.effects, relative_to),
                 "user_effects": {
                     _relative(one.path, relative_to): one.sha256 for one in structure.composed if one.path is not None
                 },
+                **_own_base_json(structure.base_, relative_to),
+                **({} if structure.outputs == structure.base_.outputs else {"outputs": list(structure.outputs)}),
                 "channels": list(structure.inputs),
                 "constants": dict(structure.constants),
             },
@@ -215,17 +218,18 @@ class Fit:
     def from_json(cls, document: Any, directory: Path, named: Sequence[str] = ()) -> Fit:
         """Read what `to_json` wrote; record paths become usable from here. Raises ResultError.
 
-        A user's effect is code: it runs only where its path is among `named`, and only unchanged.
+        A user's base or effect is code: it runs only where its path is among `named`, and only unchanged.
         """
         try:
             if document["format"] != FORMAT:
                 raise ResultError(f"not a {FORMAT} document but {document['format']}")
             said = document["structure"]
             structure = compose(
-                said["base"],
+                _base(said, directory, named),
                 _effects(said, directory, named),
                 [*said.get("channels", ())],
                 said.get("constants", {}),
+                outputs=said.get("outputs"),
             )
             values = structure.vector({name: one["value"] for name, one in document["parameters"].items()})
             covariance = np.array(
@@ -270,22 +274,43 @@ class Fit:
             raise ResultError(f"{path}: {error}") from error
 
 
+def _base(said: Any, directory: Path, named: Sequence[str]) -> str | Base:
+    """The base of a saved structure; a user's file only where it is named and unchanged."""
+    word: str = said["base"]
+    if word not in said.get("user_base", {}):
+        return word
+    path = _named_file(directory / word, "base", named)
+    base = load_base(path)
+    if base.sha256 != said["user_base"][word]:
+        raise ResultError(f"the base file {path} has changed since this fit was made")
+    return base
+
+
 def _effects(said: Any, directory: Path, named: Sequence[str]) -> list[Any]:
     """The effects of a saved structure; users' files only where they are named and unchanged."""
-    allowed = {Path(word).resolve() for word in named}
     found: list[Any] = []
     for word in said["effects"]:
         if word not in said.get("user_effects", {}):
             found.append(word)
             continue
-        path = directory / word
-        if path.resolve() not in allowed:
-            raise ResultError(f"it uses the effect file {path}, which is code: name it with --with {path} to run it")
+        path = _named_file(directory / word, "effect", named)
         effect = load(path)
         if effect.sha256 != said["user_effects"][word]:
             raise ResultError(f"the effect file {path} has changed since this fit was made")
         found.append(effect)
     return found
+
+
+def _named_file(path: Path, kind: str, named: Sequence[str]) -> Path:
+    """The path, where it is among those that may run. Raises ResultError."""
+    if path.resolve() not in {Path(word).resolve() for word in named}:
+        raise ResultError(f"it uses the {kind} file {path}, which is code: name it with --with {path} to run it")
+    return path
+
+
+def _own_base_json(base: Base, directory: Path) -> dict[str, Any]:
+    """A user's base by its path, with its file's hash; nothing for one of the folder."""
+    return {} if base.path is None else {"user_base": {_relative(base.path, directory): base.sha256}}
 
 
 def finite(x: float) -> float | None:

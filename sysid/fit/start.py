@@ -6,17 +6,19 @@ Koerner), gives a start from which the output error is minimised."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
+from sysid.data.record import RATES
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.gauss_newton import minimise, normal_equations
 from sysid.fit.output_error import axis_weights, output_error
 from sysid.fit.rows import less_ends, rows
-from sysid.model.polynomial import FORMS, Form, Regressors, inverse, regressors, through
+from sysid.model.form import Form
+from sysid.model.polynomial import Regressors, closed_form, inverse, regressors, through
 from sysid.model.structure import FloatArray, Model, Structure
 
 REWEIGHTINGS = 3
@@ -41,10 +43,11 @@ def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) 
     search is `thorough`, at others as well. A base without a matrix polynomial begins at its stable point without
     coupling. Raises FitError where the commands hardly move, or move together.
     """
-    if structure.base not in FORMS:
-        begin = Model(structure, np.array(structure.base_.uncoupled, dtype=float))
+    form = closed_form(structure)
+    if form is None:
+        begin = _without_form(structure, stacks, thorough)
         return minimise(begin, stacks, output_error(begin, stacks).residual_power)[0]
-    equations = _Equations.of(structure, stacks)
+    equations = _Equations.of(form, structure, stacks)
     found = equations.first()
     first = min(found, key=lambda one: one.cost)
     best, left = minimise(first.model, stacks, first.power, tolerance=ROUGH)
@@ -58,6 +61,15 @@ def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) 
         if np.sum(np.log(rest)) < np.sum(np.log(left)):
             best, left = other, rest
     return best
+
+
+def _without_form(structure: Structure, stacks: Sequence[Stack], thorough: bool) -> Model:
+    """Where p and q alone begin, which may have a form; else the base's stable point without coupling."""
+    rates = replace(structure, outputs=RATES)
+    if structure.outputs == RATES or not set(RATES) <= set(structure.outputs) or closed_form(rates) is None:
+        return Model(structure, np.array(structure.base_.uncoupled, dtype=float))
+    at = [structure.outputs.index(name) for name in RATES]
+    return Model(structure, start(rates, [replace(group, Y=group.Y[at]) for group in stacks], thorough).values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +101,7 @@ class _Equations:
     """s (bins,), what the coefficients multiply, the target first, and the weight of each output (k, 1)."""
 
     @classmethod
-    def of(cls, structure: Structure, stacks: Sequence[Stack]) -> _Equations:
-        form = FORMS[structure.base]
+    def of(cls, form: Form, structure: Structure, stacks: Sequence[Stack]) -> _Equations:
         power = np.sum([np.sum(np.abs(group.scale * group.Y) ** 2, axis=1) for group in stacks], axis=0)
         size = np.sqrt(np.sum([np.sum(np.abs(group.Y) ** 2, axis=1) for group in stacks], axis=0))
         segments = []
@@ -155,7 +166,7 @@ class _Equations:
             values = self.form.to_parameters(coefficients)
         if not np.all(np.isfinite(values)):
             return None
-        weights = axis_weights(self.stacks, np.ones(2))
+        weights = axis_weights(self.stacks, np.ones(len(self.structure.outputs)))
         power = normal_equations(self.structure, values, self.stacks, weights, False).power
         model = Model(self.structure, values)
         return _Solution(coefficients, model, power) if np.all(np.isfinite(np.log(power))) else None

@@ -12,9 +12,7 @@ the parameter of that name for all that comes after.
 from __future__ import annotations
 
 import enum
-import hashlib
 import importlib
-import importlib.util
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -26,6 +24,7 @@ import numpy as np
 
 from sysid.data.record import FloatArray
 from sysid.errors import SysidError
+from sysid.model.declaration import declared_in
 from sysid.model.parameter import Parameter
 
 
@@ -81,7 +80,7 @@ class Surroundings:
     """What an effect is composed into."""
 
     base: str
-    """`cd` or `tpp`."""
+    """Its name: `cd`, `tpp`, or one of a user's own."""
     effects: tuple[str, ...]
     """Ids of all effects composed, its own too, sorted."""
     available: frozenset[str]
@@ -113,7 +112,7 @@ class Effect:
     needs: tuple[str, ...] = ()
     """Effects that must be there too; a tuple's member may name alternatives as `a|b`."""
     absorbed_by: tuple[str, ...] = ()
-    """Bases that contain it already."""
+    """Bases that contain it already, beside those that say so themselves."""
     replaces: tuple[str, ...] = ()
     """Parameters of the base that it does away with."""
     slot: str | None = None
@@ -188,22 +187,8 @@ def find(word: str) -> Effect:
 
 def load(path: Path) -> Effect:
     """A user's effect: a Python file that defines EFFECT. Raises EffectError for a file that does not."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise EffectError(f"{path}: cannot be read ({error.strerror or error})") from error
-    spec = importlib.util.spec_from_file_location(f"user_effect_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-        effect = module.EFFECT
-    except (Exception, SystemExit) as error:  # a user's file may fail in any way; it must not take the tool down
-        raise EffectError(f"{path}: not an effect file ({type(error).__name__}: {error})") from error
-    if not isinstance(effect, Effect):
-        raise EffectError(f"{path}: EFFECT is not an Effect but {type(effect).__name__}")
-    return replace(effect, path=str(path), sha256=hashlib.sha256(content).hexdigest())
+    effect, sha256 = declared_in(path, Effect, EffectError)
+    return replace(effect, path=str(path), sha256=sha256)
 
 
 def named_effect(name: str, users: Sequence[Effect]) -> Effect:

@@ -46,7 +46,7 @@ def respond(
         U = stack.U
     if stack.inputs != structure.inputs:
         U = U[[stack.inputs.index(name) for name in structure.inputs]]
-    if structure.base in polynomial.FORMS and not structure.composed and polynomial.exact_enough(stack):
+    if polynomial.closed_form(structure) is not None and polynomial.exact_enough(stack):
         return polynomial.respond(structure, values, stack, sensitivities=sensitivities, U=U, ends=ends)
     acting, changes = acting_commands(structure, front, values, stack=stack, logged=U, sensitivities=sensitivities)
     inner = np.array([values[structure.names.index(name)] for name in rest.names])

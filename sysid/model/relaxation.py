@@ -91,6 +91,7 @@ class _Run:
         from scipy.fft import next_fast_len, rfft
 
         self.structure, self.one = structure, one
+        self.measured = [structure.states.index(name) for name in structure.outputs]
         samples, dt = one.segment.samples, one.segment.dt
         wide = max(RELAXATION_HZ, float(one.frequency_hz[-1]))
         self.bins = 1 + min(int(wide * samples * dt), (samples - 1) // 2)
@@ -177,14 +178,15 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
     n, m = len(structure.states), len(structure.commands)
     A, B = structure.matrices(structure.vector(named))[:2]
     B = B[:, :m]
-    C = np.eye(2, n)
+    rows = run.measured
+    C = np.eye(n)[rows]
     u, driven = run.on_grid(U), B @ (U * run.hold)
     transfer = run.resolvent(A)
     X = _through(transfer, driven[None])[0]
-    outputs, last = X[:2], np.inf
+    outputs, last = X[rows], np.inf
     for count in range(RELAXATIONS):
         # the free motion from the run's end states, as the measured rates show it
-        E = transfer[:2, :, inside].transpose(1, 0, 2)
+        E = transfer[rows][:, :, inside].transpose(1, 0, 2)
         rest = (run.one.Y - outputs[:, inside]).reshape(-1).view(float)
         ends, *_ = np.linalg.lstsq(np.ascontiguousarray(E).reshape(n, -1).view(float).T, rest, rcond=1e-8)
         free = np.einsum("ijf,j->if", transfer, ends if ended else 0 * ends)
@@ -218,7 +220,7 @@ def _settle_beside(
     """
     driving, u = settled.B @ (np.stack(U) * run.hold), run.on_grid(np.stack(U))
     X = np.broadcast_to(settled.X, (len(batch), *settled.X.shape))
-    C, outputs = np.eye(2, X.shape[1]), X[:, :2]
+    C, outputs = np.eye(X.shape[1])[run.measured], X[:, run.measured]
     for _ in range(RELAXATIONS):
         x, rates, y = run.evaluate(batch, X + settled.free, u)
         other = run.transform(rates - settled.A @ x - settled.B @ u)

@@ -7,14 +7,16 @@ numbers. Commands are held between samples, so discretisation by the matrix expo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.model.base import Base
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
@@ -49,29 +51,15 @@ class Mode:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Base:
-    """One of the paper's two structures, before any effect."""
-
-    name: str
-    """`cd` or `tpp`."""
-    states: tuple[str, ...]
-    parameters: tuple[Parameter, ...]
-    equations: Callable[[Signals], Mapping[str, Any]]
-    """Rates by `<state>_dot`; may define signals that effects read (theta_s, theta_c)."""
-    slots: tuple[tuple[str, Callable[[Signals], Mapping[str, Any]]], ...]
-    """Parts, by name, that one effect each may stand in for: evaluated after `equations` where none does."""
-    uncoupled: tuple[float, ...]
-    """A stable point without coupling or control, to begin from where the poles are to be held stable."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Structure:
-    """Equations without numbers: a base with effects. Made by `sysid.model.bases.compose`."""
+    """Equations without numbers: a base with effects. Made by `sysid.model.compose.compose`."""
 
     base_: Base
     composed: tuple[Effect, ...] = ()
     """In the order in which they act."""
-    commands: tuple[str, ...] = ("delta_x", "delta_y")
+    outputs: tuple[str, ...]
+    """States of the base that are measured: what is predicted, fitted and judged, in this order."""
+    commands: tuple[str, ...]
     channels: tuple[str, ...] = ()
     """Logged signals other than commands that the equations read."""
     attitude_states: tuple[str, ...] = ()
@@ -81,7 +69,6 @@ class Structure:
 
     states: tuple[str, ...] = field(init=False)
     parameters: tuple[Parameter, ...] = field(init=False)
-    outputs: tuple[str, ...] = field(init=False, default=("p", "q"))
 
     def __post_init__(self) -> None:
         states = [*self.base_.states, *self.attitude_states]
@@ -98,7 +85,24 @@ class Structure:
 
     @property
     def base(self) -> str:
-        return self.base_.name
+        """The name of the base, or the path of a user's."""
+        return self.base_.word
+
+    @property
+    def title(self) -> str:
+        """`TPP + servo_lag`; users' files without their folder."""
+        return " + ".join((self.base_.label, *(Path(one).name for one in self.effects)))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Paths of a user's own base and effects, which are code."""
+        paths = (self.base_.path, *(one.path for one in self.composed))
+        return tuple(path for path in paths if path is not None)
+
+    @property
+    def bare(self) -> Structure:
+        """The base alone, with the same outputs."""
+        return Structure(base_=self.base_, outputs=self.outputs, commands=self.base_.commands)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -165,7 +169,7 @@ class Structure:
     def evaluate(
         self, parameters: Mapping[str, Any], signals: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Rates by `<state>_dot` and outputs p, q (a, b) by name, all effects applied in order.
+        """Rates by `<state>_dot` and outputs by name, all effects applied in order.
 
         Parameters and signals are whatever broadcasts: scalars, unit vectors, time histories.
         """
@@ -184,7 +188,7 @@ class Structure:
         for axis, rate in (("phi", "p"), ("theta", "q")):
             if axis in self.attitude_states:
                 rates[f"{axis}_dot"] = known[rate]
-        return rates, {"p": known.get("p_m", known["p"]), "q": known.get("q_m", known["q"])}
+        return rates, {name: known.get(f"{name}_m", known[name]) for name in self.outputs}
 
     def _apply(self, effect: Effect, evaluation: _Evaluation) -> None:
         if effect.equations is None:
@@ -194,8 +198,8 @@ class Structure:
                 evaluation.take_per_command(effect, command)
             return
         if effect.stage is Stage.MEASUREMENT:
-            evaluation.known.setdefault("p_m", evaluation.known["p"])
-            evaluation.known.setdefault("q_m", evaluation.known["q"])
+            for name in self.base_.states:
+                evaluation.known.setdefault(f"{name}_m", evaluation.known[name])
         evaluation.take(effect.equations(evaluation.signals), effect.stage is Stage.INERTIA)
 
 

@@ -14,8 +14,9 @@ from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.noise import divide
-from sysid.model.bases import TPP, compose
+from sysid.model.compose import compose
 from sysid.model.effect import EffectError, catalogue
+from sysid.model.paper import TPP
 
 
 def bench_diagnosis() -> None:

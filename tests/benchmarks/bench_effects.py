@@ -18,8 +18,9 @@ from sysid.data.record import Record
 from sysid.errors import FitError
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, on_runs
-from sysid.model.bases import TPP, compose
+from sysid.model.compose import compose
 from sysid.model.effect import EffectError, catalogue
+from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
 

@@ -16,7 +16,7 @@ from timing import best_of
 
 from sysid.data.record import Record
 from sysid.fit.identify import identify
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
 TRUTH = np.array([147.548, 713.378, 0.091, -1.338, 1.448, -0.282, 0.296, 0.524, -0.050])

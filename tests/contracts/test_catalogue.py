@@ -15,8 +15,9 @@ import pytest
 import sysid.model.effect
 from gcs.analysis.fits import PAPER_PARAMETERS
 from sysid.data.record import CHANNELS
-from sysid.model.bases import CD, TPP, compose, not_testable
+from sysid.model.compose import compose, not_testable
 from sysid.model.effect import FOLDER, Effect, EffectError, Stage, catalogue, find, load
+from sysid.model.paper import CD, TPP
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Matrices, Model, Structure, stepped
 
 IDS = [

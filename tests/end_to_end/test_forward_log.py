@@ -19,7 +19,7 @@ from sitl.plants.forward import AIRSPEED, ROTOR_RPM, ForwardPlant
 from sitl.plants.hover import Gusts
 from sitl.plants.table5 import TABLE_5, TABLE_5_FUSELAGE
 from sysid.fit.identify import identify
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 
 CHIRPS = [(10, 0.10, "roll"), (11, 0.15, "pitch"), (20, 0.30, "elevator")]
 TRUTH = {**TABLE_5._asdict(), **TABLE_5_FUSELAGE._asdict()}

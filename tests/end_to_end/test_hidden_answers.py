@@ -12,8 +12,8 @@ from gcs.analysis.text.checks import check_text
 from gcs.logs import resolve_runs
 from sysid.fit.checks import eigenfrequency_checks
 from sysid.fit.identify import identify
-from sysid.model.bases import TPP
 from sysid.model.effect import find
+from sysid.model.paper import TPP
 
 STRANGERS = {"L_b": 3588.6, "M_a": 617.5, "tau_f": 0.068232}
 """Of ArduPilot's own helicopter simulator, which is a tip-path plane behind servos that are 50 ms late."""

@@ -7,7 +7,8 @@ import pytest
 
 from gcs.analysis.fits import PAPER_PARAMETERS
 from sysid.control.regulator import DesignError, design
-from sysid.model.bases import CD, TPP, compose, reduce_to_cd
+from sysid.model.compose import compose
+from sysid.model.paper import CD, TPP, reduce_to_cd
 from sysid.model.structure import Model
 
 TABLE_4_TPP = Model(TPP, np.array(PAPER_PARAMETERS["tpp"]))

@@ -19,7 +19,7 @@ from sysid.control.regulator import Gains, NotHeldError, design
 from sysid.errors import FitError
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 
 VEHICLES = 600
 FITTED = 20

@@ -10,7 +10,7 @@ from planted import PLANTED, TABLE_4, TABLE_5, fly_many
 from planted_fits import FORWARD_FLIGHT, in_standard_errors, records
 
 from sysid.fit.identify import identify
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 
 FLIGHTS = 100
 AT_ONCE = 20

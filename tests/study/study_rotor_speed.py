@@ -18,7 +18,7 @@ from planted_fits import in_standard_errors, records
 from sysid.compare.metrics import response_difference
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 from sysid.model.structure import FloatArray, Model
 
 RPM = (1500.0, 1650.0)

@@ -11,7 +11,7 @@ from planted import TABLE_4, fly_many
 from planted_fits import in_standard_errors, records
 
 from sysid.fit.identify import identify
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 
 FLIGHTS = 200
 AT_ONCE = 50

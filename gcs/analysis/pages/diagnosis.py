@@ -14,7 +14,7 @@ from gcs.analysis.pages.page import BLACK, BLUE, ORANGE
 from gcs.analysis.pages.pictures import BESIDE, SKY, logarithmic, noise_area, plain, sheet
 from sysid.compare.compare import compare
 from sysid.compare.values import Densities
-from sysid.data.record import AXIS_OF
+from sysid.data.record import RATES, axis_of
 from sysid.diagnose.candidates import Ranked
 
 DRAWN = 12
@@ -40,6 +40,7 @@ def drawn(found: FitDiagnosis) -> Any:
         found.comparison.densities,
         None if best is None or last.verdict == "complete" else best.densities,
         f"with {label}",
+        outputs=last.parent.model.structure.outputs,
         title=f"{head}{'; candidates, the answer first' if shares else ''}",
     )
 
@@ -54,7 +55,7 @@ def diagnosis_picture(
     parent: Densities,
     best: Densities | None = None,
     best_label: str = "best candidate",
-    outputs: Sequence[str] = ("p", "q"),
+    outputs: Sequence[str] = RATES,
     title: str = "",
 ) -> Any:
     """Bars of what each candidate explains of what can be explained, and the residuals against the noise.
@@ -73,7 +74,7 @@ def diagnosis_picture(
         panel = figure.add_subplot(grid[1, k])
         plain(panel)
         _draw_residual(panel, parent, best, best_label, k)
-        panel.set_title(f"{AXIS_OF[output]}: residual", fontsize=11, loc="left", fontweight="bold")
+        panel.set_title(f"{axis_of(output)}: residual", fontsize=11, loc="left", fontweight="bold")
     return figure
 
 

@@ -10,13 +10,13 @@ import numpy as np
 from gcs.analysis.ladder import Nrmse, RungNumbers
 from gcs.analysis.pages.page import BLACK, BLUE, ORANGE
 from gcs.analysis.pages.pictures import BESIDE, GREY, panels
-from sysid.data.record import AXIS_OF
+from sysid.data.record import RATES, axis_of
 
 
 def ladder_picture(
     rungs: Sequence[RungNumbers],
     floor: Nrmse | None,
-    outputs: Sequence[str] = ("p", "q"),
+    outputs: Sequence[str] = RATES,
     placebo: RungNumbers | None = None,
 ) -> Any:
     """Error that is left, 100 less the NRMSE fit in percent, rung by rung: fitted, validation, and noise's part.
@@ -63,7 +63,7 @@ def ladder_picture(
         turned = len(rungs) > 4
         axis.set_xticks(place, names, rotation=25 if turned else 0, ha="right" if turned else "center")
         axis.set_title(
-            f"{AXIS_OF[output]}: the error left; numbers: NRMSE fit", fontsize=11, loc="left", fontweight="bold"
+            f"{axis_of(output)}: the error left; numbers: NRMSE fit", fontsize=11, loc="left", fontweight="bold"
         )
         axis.set_ylabel("error left: 100 less NRMSE fit, %", fontsize=10)
         axis.legend(loc="upper right", fontsize=9, frameon=False)

@@ -18,7 +18,7 @@ from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, page, svg
 from gcs.errors import UsageError
 from gcs.files import write_whole
 from sysid.compare.values import BandError, Comparison, Densities, ResponseError, Trace
-from sysid.data.record import AXIS_OF
+from sysid.data.record import CHANNELS, axis_of
 from sysid.model.structure import FloatArray
 
 SKY, YELLOW, PURPLE, GREY = "#56B4E9", "#E69F00", "#CC79A7", "#BBBBBB"
@@ -66,11 +66,11 @@ def compare_picture(found: Comparison) -> Any:
         each = [one for one in found.responses if one.mismatch.output == output]
         _mismatch(column[2], column[3], each, found.band_hz)
         _spectra(column[4], found.densities, k, found.band_hz)
-        _bars(column[5], [one for one in found.bands if one.axis == AXIS_OF[output]])
+        _bars(column[5], [one for one in found.bands if one.axis == axis_of(output)])
         nrmse = f"NRMSE fit {found.nrmse_percent[output]:.1f} %"
         if found.noise_floor_percent is not None:
             nrmse += f", with noise alone {found.noise_floor_percent[output]:.1f} %"
-        column[0].set_title(f"{AXIS_OF[output]}: {nrmse}", fontsize=12, loc="left", fontweight="bold")
+        column[0].set_title(f"{axis_of(output)}: {nrmse}", fontsize=12, loc="left", fontweight="bold")
     return figure
 
 
@@ -107,7 +107,7 @@ def _overlay(above: Any, below: Any, trace: Trace, k: int, output: str) -> None:
     t = trace.t - trace.t[0]
     above.plot(t, trace.measured[k], color=BLACK, linewidth=0.9, label="measured")
     above.plot(t, trace.modelled[k], color=ORANGE, linewidth=0.8, linestyle=(0, (4, 1.5)), label="model")
-    above.set_ylabel(f"{output}, rad/s", fontsize=10)
+    above.set_ylabel(f"{output}, {CHANNELS[output]}", fontsize=10)
     above.legend(loc="upper left", ncols=2, fontsize=9, frameon=False, borderaxespad=0.0)
     above.tick_params(labelbottom=False)
     below.sharex(above)

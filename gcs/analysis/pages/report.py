@@ -16,7 +16,7 @@ import numpy as np
 from gcs.analysis.comparison import flown, flown_with_validation
 from gcs.analysis.diagnosis import diagnose_fit
 from gcs.analysis.fits import assess, runs_of
-from gcs.analysis.ladder import Nrmse, rungs_of, short_names
+from gcs.analysis.ladder import Nrmse, rungs_of
 from gcs.analysis.pages.diagnosis import drawn
 from gcs.analysis.pages.ladder import ladder_picture
 from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, page, svg
@@ -36,7 +36,7 @@ from sysid.compare.compare import compare
 from sysid.control.loop import Following, following
 from sysid.control.regulator import Gains, lqr, not_held
 from sysid.data.dataset import Dataset, prepared
-from sysid.data.record import Record
+from sysid.data.record import CHANNELS, RATES, Record
 from sysid.errors import SysidError
 from sysid.fit.result import Fit
 from sysid.fit.simulate import overlay
@@ -52,17 +52,17 @@ SAME = 1e-9
 
 
 def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tuple[float, float]) -> str:
-    """SVG of one run: commands, then p and q measured against each model, as the fit saw them (inside the band)."""
-    figure, axes = _figure(3, (10, 6.2))
+    """SVG of one run: commands, then each output measured against each model, as the fit saw them (inside the band)."""
+    inputs, outputs = models[0][1].structure.inputs, models[0][1].structure.outputs
+    figure, axes = _figure(1 + len(outputs), (10, 2.2 + 2.0 * len(outputs)))
     top = axes[0]
-    inputs = models[0][1].structure.inputs
     for name, colour in zip(inputs, (BLACK, ORANGE, GREEN), strict=False):
         top.plot(record.t - record.t[0], record.channels[name], color=colour, linewidth=0.6, label=name)
     top.set_ylabel("command")
     top.legend(loc="upper left", fontsize=8, ncols=3)
-    for index, output in enumerate(("p", "q")):
+    for index, output in enumerate(outputs):
         axis = axes[1 + index]
-        for one in prepared([record], band_hz).viewed(inputs).spectra:
+        for one in prepared([record], band_hz).viewed(inputs, outputs).spectra:
             for number, ((label, model), colour) in enumerate(zip(models, (BLUE, ORANGE, GREEN), strict=False)):
                 t, measured, modelled = overlay(model, one)
                 t = t - record.t[0]
@@ -71,7 +71,7 @@ def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tu
                 axis.plot(
                     t, modelled[:, index], color=colour, linewidth=0.9, linestyle="--" if number else "-", label=label
                 )
-        axis.set_ylabel(f"{output}, rad/s")
+        axis.set_ylabel(f"{output}, {CHANNELS[output]}")
         axis.legend(loc="upper left", fontsize=8, ncols=4)
     axes[-1].set_xlabel("time in the record, s")
     axes[0].set_title(f"{record.id}   {record.axis or ''} {record.maneuver}", fontsize=10, loc="left")
@@ -139,7 +139,7 @@ def flight_report(
 
 
 def _label(fit: Fit) -> str:
-    return " + ".join([fit.model.structure.base.upper(), *short_names(fit.model.structure.effects)])
+    return fit.model.structure.title
 
 
 def _head(paths: Sequence[Path], log: str) -> tuple[str, str]:
@@ -164,7 +164,7 @@ def _ladder_section(path: Path, fit: Fit, floor: Nrmse | None) -> list[Section]:
     """Rung by rung, with the signs that the last addition left in its file."""
     if len(fit.lineage) < 2:
         return []
-    rungs = rungs_of(fit.model.structure.base, fit.lineage)
+    rungs = rungs_of(fit.model.structure.base_, fit.lineage)
     document = json.loads(path.read_text(encoding="utf-8"))
     floor = document.get("noise_floor_percent") or floor
     lines = ladder_text(rungs, floor)
@@ -227,7 +227,7 @@ def following_picture(found: Following) -> str:
     """SVG of the rates asked for and predicted, on each axis."""
     figure, axes = _figure(2, (10, 4.6))
     for axis, one in zip(axes, (found.roll, found.pitch), strict=True):
-        own, other = ("p", "q") if one.axis == "roll" else ("q", "p")
+        own, other = RATES if one.axis == "roll" else RATES[::-1]
         axis.plot(found.t, one.asked, color=BLACK, linewidth=1.0, label=f"{own} asked for")
         axis.plot(found.t, one.own, color=BLUE, linewidth=1.2, label=f"{own} predicted")
         axis.plot(found.t, one.other, color=ORANGE, linewidth=0.9, linestyle="--", label=f"{other} predicted")

@@ -28,7 +28,7 @@ def addition_blocks(found: Addition, fit: str = "FIT.json", written: str | None 
     fit, written: where the fit before lies, and where that with the effect does, if anywhere.
     """
     good, answer = outcome(found)
-    rungs = rungs_of(found.after.model.structure.base, found.after.lineage)
+    rungs = rungs_of(found.after.model.structure.base_, found.after.lineage)
     wrong = found.placebo_rung
     if wrong is not None:
         rungs.append(("placebo", *wrong[1:]))
@@ -64,7 +64,8 @@ def outcome(found: Addition) -> tuple[bool, Sentence]:
     """Whether to keep it, and that in a sentence."""
     name = Path(found.named).name
     before, after = found.before.nrmse_percent, found.after.nrmse_percent
-    fall = f"{name}: the error falls, p {before['p']:.1f} → {after['p']:.1f}, q {before['q']:.1f} → {after['q']:.1f} %"
+    each = ", ".join(f"{output} {before[output]:.1f} → {value:.1f}" for output, value in after.items())
+    fall = f"{name}: the error falls, {each} %"
     signs = {one.key: one.seen for one in found.signs}
     if together(after) - together(before) < NO_CHANGE:
         return False, Sentence(f"{name} changes next to nothing here: the error stays as it was")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterable
 
 from gcs.analysis.text.blocks import Blocks, block, text_of, wrapped
 from gcs.analysis.text.findings import finding_text, listed_runs
 from sysid.compare.values import Comparison
-from sysid.data.record import AXIS_OF
+from sysid.data.record import axis_of
 from sysid.fit.result import Fit
+
+LONGEST_AXIS = 5
+"""Characters of an axis that stand beside its output over a column."""
 
 
 def compare_text(found: Comparison, fit: Fit) -> str:
@@ -21,11 +23,12 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     """`title`, `figures`, `findings`, then the tables `bands`, `responses`, `runs`, and `remarks`."""
     structure = fit.model.structure
     runs = [one.id for one in found.runs]
-    title = " + ".join([structure.base.upper(), *(Path(one).name for one in structure.effects)])
+    title = structure.title
     head = f"{title} against {listed_runs(runs)}, {found.band_hz[0]:g}-{found.band_hz[1]:g} Hz"
-    figures = ["                    roll p   pitch q", _row("NRMSE fit, %", [*found.nrmse_percent.values()])]
+    names = [_short(output) for output in found.outputs]
+    figures = [f"{'':16}{''.join(f'{name:>10}' for name in names)}", _row("NRMSE fit, %", found.nrmse_percent.values())]
     if found.noise_floor_percent is not None:
-        figures.append(_row("with noise alone", [*found.noise_floor_percent.values()]))
+        figures.append(_row("with noise alone", found.noise_floor_percent.values()))
     return (
         block("title", wrapped(head, rest="  ")),
         block("figures", figures),
@@ -37,13 +40,18 @@ def compare_blocks(found: Comparison, fit: Fit) -> Blocks:
     )
 
 
-def _row(name: str, values: Sequence[float]) -> str:
+def _short(output: str) -> str:
+    """`roll p`; of others their name."""
+    return f"{axis_of(output)} {output}" if len(axis_of(output)) <= LONGEST_AXIS else output
+
+
+def _row(name: str, values: Iterable[float]) -> str:
     return f"  {name:16}" + "".join(f"{value:8.1f}  " for value in values).rstrip()
 
 
 def _band_lines(found: Comparison) -> list[str]:
     """Shares of the error by band; of each band's error what is noise and what follows the commands."""
-    axes = [AXIS_OF[output] for output in found.outputs]
+    axes = [axis_of(output) for output in found.outputs]
     lines = [
         "error by band, %    " + "".join(f"{axis:28}" for axis in axes).rstrip(),
         "                    " + ("share noise  coherent          " * len(axes)).rstrip(),
@@ -76,9 +84,11 @@ def _response_lines(found: Comparison) -> list[str]:
 
 def _run_lines(found: Comparison) -> list[str]:
     """What each run has of the error, under the name of its log."""
+    outputs, k = found.outputs, len(found.outputs)
+    shares = "".join(f"{name:>3}  " for name in outputs)
     lines = [
-        "runs                      NRMSE, %        error, %     noise in it, %",
-        "                          p      q        p    q        p    q",
+        f"{'runs':26}{'NRMSE, %':{7 * k + 2}}{'error, %':{5 * k + 3}}noise in it, %",
+        f"{'':24}{''.join(f'{name:>3}    ' for name in outputs)}  {shares}    {shares}".rstrip(),
     ]
     last = ""
     for one in found.runs:

@@ -21,6 +21,7 @@ from gcs.analysis.text.ladder import cut, ladder_text
 from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.analysis.text.remarks import remark_sentence
 from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
+from sysid.control.regulator import designs_on
 from sysid.diagnose.verdict import Diagnosis
 
 SHOWN = 6
@@ -48,7 +49,7 @@ def diagnosis_blocks(
     last = found.last
     trace = a_trace(last)
     nameless = not trace and last.verdict != "complete" and not last.chain
-    rungs = rungs_of(found.fit.model.structure.base, found.rungs) if len(found.rungs) > 1 else []
+    rungs = rungs_of(found.fit.model.structure.base_, found.rungs) if len(found.rungs) > 1 else []
     suspicions = [Sentence(suspicion_text(one), " suspicion: ", "   ") for one in found.comparison.suspicions]
     findings = [finding_sentence(one, " ", "   ") for one in found.comparison.findings] if nameless else []
     reasons = [f" {line}" for line in explanation_lines(found.explanation, WIDTH - 1)] if full else []
@@ -73,16 +74,17 @@ def candidates_text(last: Diagnosis, most: int) -> list[str]:
     asked = [one for one in ranked(last, None) if shows(one, last)][:most]
     if not asked:
         return []
-    lines = ["  explains  p: fitted valid.  q: fitted valid.  candidates, the answer first"]
+    outputs = last.parent.model.structure.outputs
+    lines = [f"  explains  {'  '.join(f'{name}: fitted valid.' for name in outputs)}  candidates, the answer first"]
     for one in asked:
         assert one.fit is not None
         fitted, valid = one.fit.nrmse_percent, one.validation_nrmse_percent
         numbers = [
-            f"{fitted[axis]:8.1f} " + (f"{'-':>6}" if valid is None else f"{valid[axis]:6.1f}") for axis in ("p", "q")
+            f"{fitted[axis]:8.1f} " + (f"{'-':>6}" if valid is None else f"{valid[axis]:6.1f}") for axis in outputs
         ]
         mark = "✗" if one.implausible else " "
         share = f"{100 * (one.explained_share or 0.0):4.0f} %"
-        lines.append(f" {mark}{share}   {numbers[0]}  {numbers[1]}    {cut(named_effects(one), 34)}")
+        lines.append(f" {mark}{share}   {'  '.join(numbers)}    {cut(named_effects(one), 34)}")
     if any(one.implausible for one in asked):
         lines.append("  ✗ only at values that physics does not allow")
     return lines
@@ -139,7 +141,7 @@ def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) ->
     last = found.last
     again = f" {rest}" if rest else ""
     if last.verdict == "complete" or a_trace(last):
-        return command(f"tippath design {written or fit}") if found.fit.model.structure.base == "tpp" else []
+        return command(f"tippath design {written or fit}") if designs_on(found.fit.model.structure) else []
     if written is not None:
         return command(f"tippath compare {written}")
     if last.verdict == "missing" and last.effect is not None:

@@ -29,6 +29,7 @@ from sysid.compare.finding_kinds import (
     WorseRun,
     WrongSigns,
 )
+from sysid.data.record import CYCLIC, RATES
 
 CONDITIONS = {"omega": "the rotor speed", "airspeed": "the airspeed"}
 NONLINEAR = "a nonlinearity"
@@ -107,7 +108,7 @@ def suspicion_text(suspicion: Suspicion) -> str:
             )
         case WrongSigns(answers, logged):
             gusts = "" if logged else " (or gusts through the feedback look so: the excitation is not logged)"
-            moves = _moves(answers, ("delta_x", "delta_y"), ("p", "q"))
+            moves = _moves(answers, CYCLIC, RATES)
             return (
                 f"the slow answers have the wrong signs ({moves}): as if {_looks(answers)}; "
                 f"check the profile first{gusts}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ def nrmse_table(found: Identification) -> str:
             )
         )
     for maneuver, tpp, cd, reduced in rows:
-        for index, axis in enumerate(("p", "q")):
+        for index, axis in enumerate(found.tpp.model.structure.outputs):
             name = f"{maneuver if index == 0 else ''}"
             paper = ""
             if as_paper and ("tpp", maneuver) in PAPER_NRMSE:
@@ -90,7 +90,7 @@ def parameter_table(found: Identification) -> str:
         for parameter, value, error, theirs in zip(
             structure.parameters, fit.model.values, fit.standard_errors, beside, strict=True
         ):
-            label = f"{structure.base.upper():3} {parameter.name:6}"
+            label = f"{structure.base_.label:3} {parameter.name:6}"
             line = f"  {label:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8}{theirs}"
             lines.append(line.rstrip())
     return "\n".join(lines)
@@ -127,14 +127,12 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
     """One fit for people; 78 columns."""
     structure = fit.model.structure
     count = f"{len(fit.records)} run{'s' if len(fit.records) != 1 else ''}"
-    title = f"{' + '.join([structure.base.upper(), *structure.effects])} fitted to {count}"
+    title = f"{' + '.join([structure.base_.label, *structure.effects])} fitted to {count}"
     lines = [*wrapped(f"{title}, {fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz", rest="  "), ""]
-    lines.append("NRMSE fit, %        p         q")
-    lines.append(f"  fitted       {fit.nrmse_percent['p']:6.1f}    {fit.nrmse_percent['q']:6.1f}")
+    lines.append(f"NRMSE fit, %  {''.join(f'{name:>7}   ' for name in structure.outputs)}".rstrip())
+    lines.append(f"  fitted      {_by_output(fit.nrmse_percent)}")
     if fit.validation_nrmse_percent is not None:
-        lines.append(
-            f"  validation   {fit.validation_nrmse_percent['p']:6.1f}    {fit.validation_nrmse_percent['q']:6.1f}"
-        )
+        lines.append(f"  validation  {_by_output(fit.validation_nrmse_percent)}")
     lines += ["", "natural modes       frequency, Hz   damping ratio"]
     lines += [f"  {mode.frequency_hz:26.3f}        {mode.damping_ratio:8.3f}" for mode in fit.model.modes]
     if structure.outside_matrices:
@@ -144,10 +142,10 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
         lines.append("  unstable: see the warnings")
     lines += ["", *_parameters(fit)]
     if len(fit.lineage) > 1:
-        lines += ["", "ladder                              p         q"]
+        lines += ["", f"{'ladder':28}{''.join(f'{name:>9} ' for name in structure.outputs)}".rstrip()]
         for rung in fit.lineage:
-            name = structure.base.upper() if not rung.effects else f"+ {Path(rung.effects[-1]).name}"
-            lines.append(f"  {name:26} {rung.nrmse_percent['p']:8.1f}  {rung.nrmse_percent['q']:8.1f}")
+            name = structure.base_.label if not rung.effects else f"+ {Path(rung.effects[-1]).name}"
+            lines.append(f"  {name:26} {'  '.join(f'{value:8.1f}' for value in rung.nrmse_percent.values())}")
     if responses is not None:
         lines += ["", responses_text(responses)]
     if checks:
@@ -155,6 +153,10 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
     for text in fit.warnings:
         lines += ["", *wrapped(f"warning: {text}", rest="  ")]
     return "\n".join(lines)
+
+
+def _by_output(nrmse_percent: Mapping[str, float]) -> str:
+    return "   ".join(f"{value:7.1f}" for value in nrmse_percent.values())
 
 
 def _parameters(fit: Fit) -> list[str]:

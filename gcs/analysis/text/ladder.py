@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from gcs.analysis.ladder import Nrmse, RungNumbers
 from gcs.analysis.quantities import amount
+from sysid.data.record import RATES
 from sysid.fit.result import Fit
 
 LEFT = 40
@@ -13,16 +14,18 @@ LEFT = 40
 
 
 def ladder_text(rungs: Sequence[RungNumbers], floor: Nrmse | None) -> list[str]:
-    """(name, fitted NRMSE, validation NRMSE or None) by output, with bars of their mean; at most 78 columns."""
-    beside = "" if floor is None else f"noise {floor['p']:.1f} / {floor['q']:.1f}"
-    lines = [f"{'ladder':25}p: fitted valid.  q: fitted valid.  {beside}".rstrip()]
+    """(name, fitted NRMSE, validation NRMSE or None) by output, with bars of their mean; two fit into 78 columns."""
+    outputs = tuple(rungs[0][1]) if rungs else RATES
+    beside = "" if floor is None else f"noise {' / '.join(f'{floor[name]:.1f}' for name in outputs)}"
+    heads = "  ".join(f"{name}: fitted valid." for name in outputs)
+    lines = [f"{'ladder':25}{heads}  {beside}".rstrip()]
     for name, fitted, validated in rungs:
-        numbers = [
+        numbers = "  ".join(
             f"{fitted[axis]:9.1f} " + (f"{'-':>6}" if validated is None else f"{validated[axis]:6.1f}")
-            for axis in ("p", "q")
-        ]
-        mean = 0.5 * (fitted["p"] + fitted["q"])
-        lines.append(f"{cut(name, 24):25}{numbers[0]}  {numbers[1]}  {bar(mean / 100, 18)}".rstrip())
+            for axis in outputs
+        )
+        mean = sum(fitted.values()) / len(fitted)
+        lines.append(f"{cut(name, 24):25}{numbers}  {bar(mean / 100, 18)}".rstrip())
     return lines
 
 
@@ -57,7 +60,7 @@ def nrmse_row(name: str, before: Nrmse | None, now: Nrmse) -> str:
     """NRMSE fit of both outputs, from and to where there is a from."""
     cells = [
         f"{axis} " + (f"{'':8}{now[axis]:5.1f}" if before is None else f"{before[axis]:5.1f} → {now[axis]:5.1f}")
-        for axis in ("p", "q")
+        for axis in now
     ]
     return f"  {cut(name, LEFT - 1):{LEFT}}{'   '.join(cells)} %"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gcs.analysis.diagnosis import FitDiagnosis, rival
-from gcs.analysis.ladder import NO_CHANGE, short_names, together
+from gcs.analysis.ladder import NO_CHANGE, Nrmse, short_names, together
 from gcs.analysis.quantities import listed, plausible_range, quantity
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
@@ -32,11 +32,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     winner = last.winner
     before, floor = last.parent.nrmse_percent, last.noise_floor_percent
     if winner is None or winner.fit is None or last.verdict == "complete":
-        return [
-            f"  {'the fit':{LEFT}}p {before['p']:5.1f}   q {before['q']:5.1f} %",
-            f"  {'noise alone would allow':{LEFT}}p {floor['p']:5.1f}   q {floor['q']:5.1f} %",
-            *_before(found),
-        ]
+        return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_before(found)]
     share = f"explains {100 * (last.explained_share or 0.0):.0f} % of what can be explained"
     lines: list[Line] = [*_which(winner), nrmse_row(share, before, winner.fit.nrmse_percent)]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
@@ -44,6 +40,10 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     lines.append(nrmse_row("noise alone would allow", None, floor))
     lines += [*_sizes(winner), *_sizes_that_differ(last), *_others(last)]
     return [*lines, *(_why(found) if reasons else []), *_before(found)]
+
+
+def _numbers(name: str, percent: Nrmse) -> str:
+    return f"  {name:{LEFT}}{'   '.join(f'{output} {value:5.1f}' for output, value in percent.items())} %"
 
 
 def answer(last: Diagnosis) -> str:

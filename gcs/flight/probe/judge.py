@@ -8,7 +8,7 @@ from gcs.flight.probe.answers import answer_findings, axis_answers
 from gcs.flight.probe.axes import axes_findings
 from gcs.flight.probe.fit import fit_steps
 from gcs.flight.probe.log_findings import flown_findings, hover_noise, log_findings, log_rate_hz, noise_findings
-from gcs.flight.probe.values import AxisAnswer, ProbeFinding, ProbeResult, ProbeStep, Samples
+from gcs.flight.probe.values import MEASURED, AxisAnswer, ProbeFinding, ProbeResult, ProbeStep, Samples
 
 
 def judge_probe(
@@ -31,7 +31,7 @@ def judge_probe(
         if not any(finding.kind in ("no samples", "no excitation") for finding in trouble):
             usable.append(step)
     frozen = {finding.axis for finding in findings if finding.kind == "frozen"}
-    answers, wrong, turn_deg = _answered(quiet, usable, tuple(name for name in ("p", "q") if name not in frozen))
+    answers, wrong, turn_deg = _answered(quiet, usable, tuple(name for name in MEASURED if name not in frozen))
     findings += wrong
     flown = [step.maneuver.axis for step in steps if step.maneuver.axis in answers]
     in_order = tuple(answers[axis] for axis in dict.fromkeys(flown))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from gcs.flight.probe.values import LETTERS, FloatArray, ProbeFinding, ProbeStep, Samples
+from gcs.flight.probe.values import LETTERS, MEASURED, FloatArray, ProbeFinding, ProbeStep, Samples
 
 FEW_LOST = 0.01
 SLOWEST_HZ = 40.0
@@ -67,7 +67,7 @@ def noise_findings(
 ) -> Iterator[ProbeFinding]:
     """Whether p and q are there, alive, in rad/s and as quiet as `usual`, their deviations of an earlier probe."""
     noise = hover_noise(quiet)
-    for name in ("p", "q"):
+    for name in MEASURED:
         pieces = [_known(samples, name) for samples in (quiet, *(step.samples for step in steps))]
         pieces = [values for values in pieces if values.size > 10]
         if not pieces:

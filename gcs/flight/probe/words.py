@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from gcs.flight.probe.fit import LATE_S
-from gcs.flight.probe.values import LETTERS, RATES, AxisAnswer, ProbeFinding, ProbeResult
+from gcs.flight.probe.values import LETTERS, MEASURED, RATES, AxisAnswer, ProbeFinding, ProbeResult
 
 
 def result_words(result: ProbeResult) -> tuple[str, ...]:
     """A few short lines: what is wrong first."""
     serious = [finding_words(finding) for finding in result.findings if finding.serious]
     rest = [finding_words(finding) for finding in result.findings if not finding.serious and finding.kind != "unseen"]
-    rates = [f"{name} {result.noise[name]:.3f}" for name in ("p", "q") if name in result.noise]
+    rates = [f"{name} {result.noise[name]:.3f}" for name in MEASURED if name in result.noise]
     noise = [f"noise in hover: {', '.join(rates)} rad/s"] if rates else []
     return (*serious, *(answer_words(answer) for answer in result.answers), *noise, *rest)
 

@@ -9,7 +9,7 @@ from gcs.logs.formats.tables import Log
 from gcs.logs.profile.profiles import ChannelSource, Profile, bundled_profiles
 from gcs.logs.profile.sources import keys_of
 from gcs.logs.profile.units import factor_or_ask
-from sysid.data.record import CHANNELS
+from sysid.data.record import CHANNELS, RATES
 
 
 def choose(log: Log, candidates: Sequence[Profile]) -> Profile | None:
@@ -58,7 +58,7 @@ def contract_profile(header: Sequence[str], units: Mapping[str, str] | None = No
 def taking_one_of(kinds: Collection[str]) -> str:
     """`--profile NAME` of the bundled profile that takes the rates from one of these kinds of message alone."""
     for profile in reversed(bundled_profiles()):  # the plainest last
-        sources = {source.split(".")[0] for name in ("p", "q") for source in profile.channels[name].sources}
+        sources = {source.split(".")[0] for name in RATES for source in profile.channels[name].sources}
         if len(sources) == 1 and sources <= set(kinds):
             return f"--profile {profile.name}"
     return "--profile FILE.toml"

@@ -20,6 +20,7 @@ from gcs.logs.profile.profiles import Profile
 from gcs.logs.profile.sources import keys_of
 from gcs.logs.runs.health import F_HIGH_HZ, Quiet, too_slow
 from gcs.logs.runs.spectra import COMMAND_RMS
+from sysid.data.record import RATES
 
 KNOWN_LATE_S = 5.0
 """A state of arming that is told so soon after the first sample was that of the start."""
@@ -125,7 +126,7 @@ def _longest_quiet(channels: Mapping[str, FloatArray], most: float) -> tuple[flo
     samples = np.bincount(second, minlength=count)
     usual = float(np.median(samples[samples > 0]))
     good = samples >= 0.5 * usual
-    for name in ("p", "q"):
+    for name in RATES:
         values = channels[name] - float(np.median(channels[name]))
         mean_square = np.bincount(second, values**2, minlength=count) / np.maximum(samples, 1)
         good &= mean_square <= most**2
@@ -168,7 +169,7 @@ def no_actuators(log: Log, profile: Profile) -> str | None:
 
 
 def _rates(log: Log, profile: Profile) -> list[str]:
-    return [key for channel in ("p", "q") for key in _had(log, profile, channel)]
+    return [key for channel in RATES for key in _had(log, profile, channel)]
 
 
 def _had(log: Log, profile: Profile, channel: str) -> list[str]:

@@ -19,7 +19,7 @@ from gcs.logs.formats.tables import FloatArray, stretches
 from gcs.logs.runs.latency import Latency
 from gcs.logs.runs.spectra import COMMAND_RMS, Coherent, Spectra, spectra, strength
 from sysid.data.preprocess import DEFAULT_BAND_HZ, MINIMUM_SEGMENT_S, gap_places, rate_hz
-from sysid.data.record import CHANNELS, Record
+from sysid.data.record import CHANNELS, RATES, Record
 
 F_HIGH_HZ = DEFAULT_BAND_HZ[1]
 SHORTEST_PIECE_S = MINIMUM_SEGMENT_S
@@ -192,7 +192,7 @@ def check(
         excitation=excitation,
         commands=commands,
         saturated={name: share for name, share in saturated.items() if share > 0},
-        clipped={name: times for name in ("p", "q") if (times := _clipped(record.channels[name])) > 0},
+        clipped={name: times for name in RATES if (times := _clipped(record.channels[name])) > 0},
         spectra=spectra(record, excitation, edges, f_high_hz),
         planned_s=planned_s,
         maneuver_s=maneuver_s,
@@ -239,7 +239,7 @@ def _slow_commands(run: _Measured) -> Iterator[_Finding]:
 
 
 def _gyros(run: _Measured) -> Iterator[_Finding]:
-    for name in ("p", "q"):
+    for name in RATES:
         values = run.record.channels[name]
         largest = float(np.abs(values).max())
         if values.min() == values.max():

@@ -21,6 +21,7 @@ from gcs.logs.profile.expression import Expression
 from gcs.logs.profile.mapping import ABSURD
 from gcs.logs.profile.profiles import Profile, bundled_profiles
 from gcs.logs.profile.sources import keys_of
+from sysid.data.record import CYCLIC, RATES
 
 SLOWEST_S = 1 / 25
 """A field that comes more seldom tells nothing about milliseconds."""
@@ -67,7 +68,7 @@ def measure(
     """
     start_s, stop_s = at[0], min(at[1], at[0] + LONGEST_RUN_S)
     measured = []
-    for channels, place in ((("p", "q"), 1), (("delta_x", "delta_y"), 0)):
+    for channels, place in ((RATES, 1), (CYCLIC, 0)):
         moved = {"roll": channels[0], "pitch": channels[1]}
         strength = {axis: excitation[axis][place] for axis in moved if axis in excitation}
         if not strength or max(strength.values()) < LEAST[place]:

@@ -19,7 +19,7 @@ from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
 from sysid.fit.identify import identify
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from planted import TABLE_4
 
 from sysid.control.regulator import design
 from sysid.fit.identify import identify
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
 Tippath = Callable[..., tuple[int, str, str]]

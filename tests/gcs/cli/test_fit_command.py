@@ -13,6 +13,7 @@ from contract_schemas import FIT, JUDGED
 from planted import PLANTED, fly
 
 from sysid.data.record import Record
+from sysid.model.bases import NAMES
 
 Tippath = Callable[..., tuple[int, str, str]]
 FIVE = ("t", "p", "q", "delta_x", "delta_y")
@@ -419,3 +420,18 @@ def test_an_effect_file_that_is_not_there(flights: dict[str, list[Path]], tippat
         status, _, err = tippath("fit", *flights["bare"], "--model", "tpp", "--with", path)
         assert status in (1, 2)
         assert path.name in err
+
+
+def test_a_word_that_names_no_base_is_wrong_usage(tippath: Tippath) -> None:
+    status, _, err = tippath("fit", "x.csv", "--model", "ttp")
+    assert (status, "did you mean tpp?" in err) == (2, True)
+    status, out, _ = tippath("fit", "--help")
+    assert status == 0
+    assert all(name in out for name in NAMES)
+
+
+def test_a_file_that_is_no_base_is_said_before_any_log_is_read(tippath: Tippath, tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    path.write_text("x = 1\n", encoding="utf-8")
+    status, _, err = tippath("fit", tmp_path / "none.csv", "--model", path)
+    assert (status, "mine.py: not a base file" in err) == (1, True)

@@ -347,7 +347,7 @@ def test_rate_doublets_need_the_lqr_and_tell_how_they_were_followed(tmp_path: Pa
     """A gentle set is pushed on the ground; with the switch off the card is refused, with it on it is measured."""
     from gcs.flight.gains import gains_of, push
     from sysid.control.regulator import design
-    from sysid.model.bases import compose
+    from sysid.model.compose import compose
     from sysid.model.structure import Model
 
     card = tmp_path / "rates.toml"

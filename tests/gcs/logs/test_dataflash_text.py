@@ -20,7 +20,7 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.dataflash_text import TextLog, parse
 from sysid.data.record import Record
 from sysid.fit.identify import identify
-from sysid.model.bases import CD
+from sysid.model.paper import CD
 
 SWEEPS = ["heli_roll_sweep.BIN", "heli_pitch_sweep.BIN"]
 LOGS = [*SWEEPS, "log171.bin"]

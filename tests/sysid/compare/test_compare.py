@@ -22,7 +22,7 @@ from sysid.compare.on_runs import CompareError
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
 from sysid.fit.identify import identify
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.structure import Model
 
 BAND = (0.0, 15.0)

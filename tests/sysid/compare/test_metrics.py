@@ -13,7 +13,8 @@ from sysid.compare.metrics import integrated_cost, mismatch, response_difference
 from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
-from sysid.model.bases import CD, TPP, compose, reduce_to_cd
+from sysid.model.compose import compose
+from sysid.model.paper import CD, TPP, reduce_to_cd
 from sysid.model.response import slopes, transfer
 from sysid.model.structure import Model
 

@@ -9,7 +9,8 @@ from scipy.linalg import expm
 from gcs.analysis.fits import PAPER_PARAMETERS
 from sysid.control.loop import RATE, STEP_S, following
 from sysid.control.regulator import DesignError, Gains, design
-from sysid.model.bases import TPP, compose
+from sysid.model.compose import compose
+from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
 PAPER = dict(zip(TPP.names, PAPER_PARAMETERS["tpp"], strict=True))

@@ -16,8 +16,9 @@ from planted import TABLE_4
 from sysid.control.loop import following
 from sysid.control.regulator import COSTS, DesignError, Gains, NotHeldError, design, lqr
 from sysid.control.stability import closed_loop, loop_of, rates_per_command, roots_to_the_right
-from sysid.model.bases import TPP, compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, Stage
+from sysid.model.paper import TPP
 from sysid.model.parameter import Parameter
 from sysid.model.structure import DRIFT_RAD_S, Model
 

@@ -17,7 +17,7 @@ from sysid.data.preprocess import DEFAULT_BAND_HZ, spectra
 from sysid.data.record import Record
 from sysid.errors import FitError
 from sysid.fit.identify import identify, judge
-from sysid.model.bases import TPP
+from sysid.model.paper import TPP
 
 Card = tuple[list[Record], list[Record]]
 INPUTS = ("delta_x", "delta_y")

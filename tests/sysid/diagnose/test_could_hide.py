@@ -22,7 +22,7 @@ from sysid.diagnose.score import score
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter
 from sysid.model.structure import Model

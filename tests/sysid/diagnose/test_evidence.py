@@ -13,8 +13,9 @@ from sysid.diagnose.score import score
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
-from sysid.model.bases import TPP, compose
+from sysid.model.compose import compose
 from sysid.model.effect import catalogue
+from sysid.model.paper import TPP
 
 BAND = (0.0, 15.0)
 LINEAR = ("hub_gyroscopics", "angular_damping", "inertia_coupling", "servo_lag", "transport_delay", "gyro_misalignment")

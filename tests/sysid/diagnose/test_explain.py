@@ -21,7 +21,7 @@ from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import find
 from sysid.model.parameter import Parameter
 

@@ -12,7 +12,7 @@ from sysid.data.record import Record
 from sysid.diagnose.initial_states import begun, validation_error
 from sysid.fit.estimate import estimate
 from sysid.fit.output_error import output_error
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 
 WIDTH = 0.04
 """As wide as a third of the commands: where it stands is remembered for long."""

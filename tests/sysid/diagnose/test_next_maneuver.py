@@ -25,7 +25,7 @@ from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import output_error
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.structure import Model
 
 SEEDS = (3, 4, 5)

@@ -10,7 +10,7 @@ from planted import FORWARD, PLANTED, TABLE_4, fly
 from planted_fits import fitted, in_standard_errors, records
 
 from sysid.fit.identify import identify
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 
 
 @pytest.mark.parametrize("effect", sorted(PLANTED))

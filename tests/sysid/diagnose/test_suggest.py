@@ -14,7 +14,7 @@ from sysid.diagnose.term_search import Term
 from sysid.diagnose.terms import Entry, Factor
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Stage, load
 
 PLANTED = tuple(term for term in TERMS if term != "none")

@@ -20,7 +20,7 @@ from sysid.diagnose.term_search import Term, search, select
 from sysid.diagnose.terms import Entry, Factor, code, entries, expressions, text, value
 from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.noise import divide
-from sysid.model.bases import compose
+from sysid.model.compose import compose
 from sysid.model.effect import Signals, find, magnitude
 
 FOUND = {

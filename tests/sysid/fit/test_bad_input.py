@@ -18,8 +18,8 @@ from sysid.errors import FitError
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
-from sysid.model.bases import CD, TPP
 from sysid.model.effect import EffectError
+from sysid.model.paper import CD, TPP
 from sysid.model.structure import Model
 
 AXES = ("roll", "pitch", "roll", "pitch")

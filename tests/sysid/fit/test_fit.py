@@ -20,7 +20,7 @@ from sysid.fit.checks import eigenfrequency_checks
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, judge
 from sysid.fit.output_error import output_error
-from sysid.model.bases import CD, TPP
+from sysid.model.paper import CD, TPP
 from sysid.model.structure import Model, discretise
 
 Card = tuple[list[Record], list[Record]]

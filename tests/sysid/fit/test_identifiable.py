@@ -14,8 +14,9 @@ from sysid.data.record import CHANNELS, Record
 from sysid.errors import FitError
 from sysid.fit.identifiable import structural, undetermined, vague
 from sysid.fit.identify import identify
-from sysid.model.bases import TPP, compose
+from sysid.model.compose import compose
 from sysid.model.effect import EffectError, catalogue, find
+from sysid.model.paper import TPP
 from sysid.model.response import transfer
 from sysid.model.structure import Structure
 

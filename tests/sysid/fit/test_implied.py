@@ -12,7 +12,8 @@ from planted import NOMINAL_OMEGA, TABLE_4
 from sysid.data.record import Record
 from sysid.fit.implied import Implied, Vehicle, implied, rotor_speed
 from sysid.fit.result import Fit
-from sysid.model.bases import CD, TPP, compose
+from sysid.model.compose import compose
+from sysid.model.paper import CD, TPP
 from sysid.model.structure import Model, Structure
 
 PAPER = Vehicle(k_beta=88.0, mass=4.5, arm=0.15)

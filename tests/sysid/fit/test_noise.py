@@ -12,7 +12,8 @@ from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
 from sysid.fit.output_error import output_error
-from sysid.model.bases import TPP, compose
+from sysid.model.compose import compose
+from sysid.model.paper import TPP
 
 COMMANDS = ("delta_x", "delta_y")
 SEEDS = (71, 72, 73, 74)

@@ -13,7 +13,7 @@ from jsonschema import validate
 from sysid.data.record import Record
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit, ResultError
-from sysid.model.bases import CD, TPP
+from sysid.model.paper import CD, TPP
 
 Card = tuple[list[Record], list[Record]]
 

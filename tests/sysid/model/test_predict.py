@@ -13,8 +13,9 @@ from sysid.data.record import Record
 from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
 from sysid.model.acting import divided, in_time, jumping
-from sysid.model.bases import CD, TPP, compose
+from sysid.model.compose import compose
 from sysid.model.effect import find
+from sysid.model.paper import CD, TPP
 from sysid.model.polynomial import exact_enough
 from sysid.model.predict import respond
 from sysid.model.structure import Model, discretise

@@ -1,0 +1,155 @@
+"""Bases and effects put together: what can be composed, on which runs, and why something cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.data.record import CHANNELS, COMMANDS
+from sysid.model.base import Base, bases, find_base
+from sysid.model.effect import Effect, EffectError, Surroundings, find
+from sysid.model.structure import Structure
+
+
+def compose(
+    base: str | Base,
+    effects: Sequence[str | Effect] = (),
+    available: Collection[str] = (),
+    constants: Mapping[str, float] | None = None,
+    *,
+    outputs: Sequence[str] | None = None,
+) -> Structure:
+    """A base with effects, in the order of physics whatever the order they are named in.
+
+    `available` are the channels that every run has; `outputs` are states of the base that are measured, its own choice
+    where none are named. `cd` with `flapping` is `tpp`. Raises EffectError where an effect cannot act: twice, on a base
+    that contains it, without what it needs, or without its channel; BaseError where there is no such base.
+    """
+    declared = [one if isinstance(one, Effect) else find(one) for one in effects]
+    base, declared = _grown(as_base(base), declared)
+    found = _declared(declared, base, available)
+    _refuse_clashes(base, found)
+    ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
+    needed = [name for one in ordered for name in one.channels]
+    wanted = ("phi", "theta") if any(one.attitude for one in ordered) else ()
+    attitude = tuple(name for name in wanted if name not in base.states)
+    if set(attitude) <= set(available):  # logged, else states of their own
+        needed, attitude = [*needed, *attitude], ()
+    structure = Structure(
+        base_=base,
+        composed=tuple(ordered),
+        outputs=base.outputs if outputs is None else _measurable(base, outputs),
+        commands=tuple(name for name in COMMANDS if name in (*base.commands, *needed)),
+        channels=tuple(dict.fromkeys(name for name in needed if name not in (*COMMANDS, *base.states))),
+        attitude_states=attitude,
+        constants=tuple(sorted((constants or {}).items())),
+    )
+    if structure.files:
+        _refuse_broken(structure)
+    return structure
+
+
+def as_base(base: str | Base) -> Base:
+    """A base as it is, or by its name or path. Raises BaseError."""
+    return base if isinstance(base, Base) else find_base(base)
+
+
+def _grown(base: Base, effects: list[Effect]) -> tuple[Base, list[Effect]]:
+    """The base that this one becomes with an effect that only that one contains, and the effects that are left."""
+    for larger in bases().values():
+        if larger.reduces_to == base.name and any(one.id in larger.contains for one in effects):
+            return larger, [one for one in effects if one.id not in larger.contains]
+    return base, effects
+
+
+def _measurable(base: Base, outputs: Sequence[str]) -> tuple[str, ...]:
+    """The outputs, each once and a channel of its own. Raises EffectError for what is no state of the base."""
+    unknown = [name for name in outputs if name not in base.states or name not in CHANNELS]
+    if unknown or not outputs or len(set(outputs)) != len(outputs):
+        measurable = ", ".join(name for name in base.states if name in CHANNELS)
+        named = ", ".join(outputs) or "none"
+        raise EffectError(f"{base.name} can be measured in {measurable}, each once: its outputs cannot be {named}")
+    return tuple(outputs)
+
+
+def _declared(effects: Sequence[Effect], base: Base, available: Collection[str]) -> list[Effect]:
+    """The effects as they are declared for each other, this base and these runs. Raises EffectError where one cannot
+    act."""
+    ids = [one.id for one in effects]
+    for one in effects:
+        if ids.count(one.id) > 1:
+            raise EffectError(f"{one.id} is named twice")
+        reason = not_testable(one, base, ids, available)
+        if reason is not None:
+            raise EffectError(f"{one.id} cannot act here: {reason}")
+    return [adapted(one, base, ids, available) for one in effects]
+
+
+def _refuse_clashes(base: Base, effects: Sequence[Effect]) -> None:
+    """Raises EffectError for effects that stand in each other's way: a slot, a parameter's name or a state twice."""
+    slots = [one.slot for one in effects if one.slot is not None]
+    if len(slots) != len(set(slots)):
+        raise EffectError(f"two effects for the same slot: {', '.join(one.id for one in effects if one.slot)}")
+    taken = {one.name for one in base.parameters}
+    for one in effects:
+        clash = taken & set(one.names)
+        if clash:
+            raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base.name}")
+        taken |= set(one.names)
+    owners: dict[tuple[str, bool], str] = {}
+    for one in effects:
+        for state in one.states:
+            other = owners.setdefault((state, one.per_command), one.id)
+            if other != one.id:
+                raise EffectError(f"{other} and {one.id} stand for the same part (state {state}): name one of them")
+
+
+def _refuse_broken(structure: Structure) -> None:
+    """Evaluate a composition with a user's base or effects once, so that their slips are said before a fit begins."""
+    users = ", ".join(structure.files)
+    typical = np.array([one.typical for one in structure.parameters])
+    named = structure.by_name(typical)
+    try:
+        with np.errstate(all="ignore"):
+            matrices = structure.matrices(typical)
+            for one in structure.composed:
+                if one.path is None:
+                    continue
+                own = {name: named[name] for name in one.names}
+                if one.samples is not None:
+                    rows = np.zeros((len(structure.commands), 8))
+                    if np.shape(one.samples(rows, 0.002, own)) != rows.shape:
+                        raise ValueError("samples must return as many samples as it is given")
+                if one.response is not None and np.shape(one.response(np.array([1j, 2j]), own)) not in ((2,), ()):
+                    raise ValueError("response must return one factor for each frequency")
+    except Exception as error:  # a user's code may fail in any way
+        raise EffectError(f"{users}: its equations fail ({type(error).__name__}: {error})") from error
+    if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
+        raise EffectError(f"{users}: its equations give no finite numbers at their typical parameters")
+
+
+def adapted(effect: Effect, base: str | Base, others: Collection[str], available: Collection[str]) -> Effect:
+    """The effect as it is declared for this base, with these effects, on runs with these channels."""
+    if effect.adapt is None:
+        return effect
+    made = effect.adapt(Surroundings(as_base(base).name, tuple(sorted({effect.id, *others})), frozenset(available)))
+    return made if effect.path is None else replace(made, path=effect.path, sha256=effect.sha256)
+
+
+def not_testable(effect: Effect, base: str | Base, others: Collection[str], available: Collection[str]) -> str | None:
+    """Why an effect cannot act on this base, with these effects, on runs with these channels; None where it can."""
+    base = as_base(base)
+    effect = adapted(effect, base, others, available)
+    if base.name in effect.absorbed_by or effect.id in (*base.contains, *base.absorbs):
+        return f"not testable on {base.name}: its parameters are the base's own there"
+    for need in effect.needs:
+        names = need.split("|")
+        if not any(name in others or name in base.contains for name in names):
+            return f"it needs {' or '.join(names)}"
+    logged = {*base.states, *base.commands, *available}
+    missing = [name.replace("|", " or ") for name in effect.channels if logged.isdisjoint(name.split("|"))]
+    if missing:
+        return f"channel {', '.join(missing)} is not logged on every run, so it is not testable on these"
+    return None
