@@ -41,13 +41,14 @@ contracts: $(STAMP)
 	$(BIN)/lint-imports
 
 tests: $(STAMP)  # what flies in real time comes last, with the machine to itself
-	$(BIN)/python -m pytest -m 'not realtime' --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m 'not realtime and not thorough' --numprocesses auto --dist loadfile
 	$(BIN)/python -m pytest -m realtime
 
 bench: $(STAMP)  ## speed, as ratios against peers in the same run
 	$(BIN)/python -m pytest tests/benchmarks --override-ini 'python_files=bench_*.py' --override-ini 'python_functions=bench_*' -s -q
 
 study: $(STAMP)  ## what only many flights show: optimum, honest errors, every effect planted; an hour
+	$(BIN)/python -m pytest -m thorough --numprocesses auto --dist loadfile
 	$(BIN)/python -m pytest tests/study --override-ini 'python_files=study_*.py' --override-ini 'python_functions=study_*' -s -q
 
 blind: $(STAMP)  ## the whole blind study on both plants: some 250 flights with something hidden or nothing, an hour

@@ -20,6 +20,7 @@ STRANGERS = {"L_b": 3588.6, "M_a": 617.5, "tau_f": 0.068232}
 
 
 @pytest.mark.data
+@pytest.mark.usefixtures("few_effects")
 def test_the_strangers_delay_is_named_and_added(shared_data: Path) -> None:
     records = resolve_runs([str(shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN") for axis in ("roll", "pitch")])
     fit = identify(TPP, records)

@@ -84,7 +84,8 @@ def candidates_text(last: Diagnosis, most: int) -> list[str]:
         ]
         mark = "✗" if one.implausible else " "
         share = f"{100 * (one.explained_share or 0.0):4.0f} %"
-        lines.append(f" {mark}{share}   {'  '.join(numbers)}    {cut(named_effects(one), 34)}")
+        row = f" {mark}{share}   {'  '.join(numbers)}    "
+        lines.append(row + cut(named_effects(one), max(20, WIDTH - len(row))))
     if any(one.implausible for one in asked):
         lines.append("  ✗ only at values that physics does not allow")
     return lines

@@ -34,13 +34,13 @@ def asked(runs: list[Run], *effects: str, base: str = "tpp", validation: list[Re
     ("effect", "also"),
     [
         ("servo_lag", "gyro_lag"),
-        ("transport_delay", None),
+        pytest.param("transport_delay", None, marks=pytest.mark.thorough),
         ("inertia_coupling", "gyro_misalignment"),
-        ("hub_gyroscopics", None),
-        ("dynamic_inflow", None),
-        ("servo_backlash", None),
+        pytest.param("hub_gyroscopics", None, marks=pytest.mark.thorough),
+        pytest.param("dynamic_inflow", None, marks=pytest.mark.thorough),
+        pytest.param("servo_backlash", None, marks=pytest.mark.thorough),
         ("quadratic_damping", None),
-        ("rotor_speed", None),
+        pytest.param("rotor_speed", None, marks=pytest.mark.thorough),
     ],
 )
 def test_a_planted_effect_is_named(effect: str, also: str | None) -> None:
@@ -58,7 +58,7 @@ def test_a_planted_effect_is_named(effect: str, also: str | None) -> None:
     assert min(found.noise_floor_percent.values()) > min(found.parent.nrmse_percent.values())
 
 
-@pytest.mark.parametrize("seed", [41, 42, 43])
+@pytest.mark.parametrize("seed", [41, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (42, 43))])
 def test_where_nothing_is_missing_the_model_is_complete(seed: int) -> None:
     found = asked(flown(None, seed))
     assert found.verdict == "complete"
@@ -138,6 +138,7 @@ def test_forward_flight_is_complete_with_its_own_structure() -> None:
     assert asked(flown(None, 61, forward=True), *FORWARD_FLIGHT).verdict == "complete"
 
 
+@pytest.mark.thorough
 def test_a_limit_is_found_beside_a_turned_gyro_and_what_could_stand_in_its_place_is_told() -> None:
     runs = fly_many("servo_saturation", {"limit": LIMIT}, seeds=[71], duration_s=SECONDS)[0]
     turned = [{**run, "p": run["p"] + TURNED * run["q"], "q": run["q"] - TURNED * run["p"]} for run in runs]

@@ -13,7 +13,19 @@ from sysid.fit.identify import identify
 from sysid.model.compose import compose
 
 
-@pytest.mark.parametrize("effect", sorted(PLANTED))
+OF_EACH_KIND = {
+    *("second_order_flapping", "hub_gyroscopics", "quadratic_damping", "angle_of_attack"),
+    *("servo_lag", "servo_backlash", "transport_delay", "gyro_lag"),
+}
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        pytest.param(effect, marks=() if effect in OF_EACH_KIND else pytest.mark.thorough, id=effect)
+        for effect in sorted(PLANTED)
+    ],
+)
 def test_a_planted_effect_comes_back(effect: str) -> None:
     fit = fitted(effect, fly(effect, PLANTED[effect], seed=7, forward=effect in FORWARD))
     off = in_standard_errors(fit, PLANTED[effect])
