@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.record import RATES
 from sysid.model.response import behind_commands
 from sysid.model.structure import DRIFT_RAD_S, AnyArray, FloatArray, Matrices, Model
-
-if TYPE_CHECKING:
-    from sysid.control.regulator import Gains
 
 ATTITUDE = (("phi", "p"), ("theta", "q"))
 ON_THE_AXIS = 1e-9
@@ -51,6 +48,21 @@ WIDTHS = np.tan(np.linspace(-1.5, 1.5, 41))
 """Of a resonance, on either side of it: where its locus is looked at."""
 REAL = 1e-9
 """Imaginary over absolute value, at rest."""
+
+
+class Feedback(Protocol):
+    """What a loop is closed with: commands -K x_hat of an observer that runs on a model of its own."""
+
+    @property
+    def model(self) -> Model: ...
+
+    @property
+    def K(self) -> FloatArray:
+        """(commands, states)"""
+
+    @property
+    def observer_gain(self) -> FloatArray:
+        """(states, outputs)"""
 
 
 @dataclass(frozen=True)
@@ -124,7 +136,7 @@ class Loop(NamedTuple):
         return behind_commands(self.vehicle.structure, self.vehicle.values, s)
 
 
-def closed_loop(gains: Gains, vehicle: Model) -> ClosedLoop:
+def closed_loop(gains: Feedback, vehicle: Model) -> ClosedLoop:
     """A vehicle, whatever its states and its delay, under gains designed on another model."""
     loop = loop_of(gains, vehicle)
     inside, outside = _in_the_loop(vehicle)
@@ -147,7 +159,7 @@ def _in_the_loop(vehicle: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return inside, tuple(name for name in names if name not in inside)
 
 
-def loop_of(gains: Gains, vehicle: Model) -> Loop:
+def loop_of(gains: Feedback, vehicle: Model) -> Loop:
     """The equations of vehicle and controller together."""
     plant, unseen, attitude = _plant(vehicle)
     A, B, C, D = plant
@@ -283,7 +295,7 @@ def _slope(loop: Loop, t: FloatArray, half: FloatArray) -> FloatArray:
 # ------------------------------------------------------------------------------------------------ margins
 
 
-def _margins(gains: Gains, loop: Loop) -> Margins:
+def _margins(gains: Feedback, loop: Loop) -> Margins:
     """Where the loci of the loop's transfer matrix, broken at the commands, meet -1 with more gain, phase or delay.
 
     A common gain, phase or delay in both commands moves every eigenvalue alike, so the first to meet it is the edge.
@@ -307,7 +319,7 @@ def _margins(gains: Gains, loop: Loop) -> Margins:
     return Margins(float(gain), phase, delay)
 
 
-def _frequencies(gains: Gains, loop: Loop) -> FloatArray:
+def _frequencies(gains: Feedback, loop: Loop) -> FloatArray:
     """rad/s: close together, and closest about every resonance of vehicle and controller."""
     end = _end(loop)
     poles = np.concatenate([np.linalg.eigvals(x) for x in (loop.plant.A, _inner(gains))])
@@ -317,7 +329,7 @@ def _frequencies(gains: Gains, loop: Loop) -> FloatArray:
     return np.asarray(np.unique(w[(w >= lowest) & (w <= end)]))
 
 
-def _inner(gains: Gains) -> FloatArray:
+def _inner(gains: Feedback) -> FloatArray:
     """The controller's own matrix, from measured rates to its states."""
     A, B, C, _ = gains.model.matrices
     return np.asarray(A - gains.observer_gain @ C - B[:, :2] @ gains.K)
@@ -330,14 +342,14 @@ def rates_per_command(vehicle: Model, s: AnyArray) -> ComplexArray:
     return np.asarray((C @ inside + D) * behind_commands(vehicle.structure, vehicle.values, s)[:, None, None])
 
 
-def _transfer(gains: Gains, loop: Loop, s: AnyArray) -> ComplexArray:
+def _transfer(gains: Feedback, loop: Loop, s: AnyArray) -> ComplexArray:
     """(f, 2, 2), from the commands round the loop to what the controller takes from them."""
     inner = _inner(gains)
     turned = gains.observer_gain @ rates_per_command(loop.vehicle, s)
     return np.asarray(gains.K @ np.linalg.solve(s[:, None, None] * np.eye(len(inner)) - inner, turned))
 
 
-def _loci(gains: Gains, loop: Loop, w: FloatArray) -> ComplexArray:
+def _loci(gains: Feedback, loop: Loop, w: FloatArray) -> ComplexArray:
     """Eigenvalues (f, 2), each column one branch: neighbours change places as often as they did."""
     values = _eigenvalues(_transfer(gains, loop, 1j * w))
     straight = np.abs(np.diff(values, axis=0)).sum(axis=1)
@@ -362,7 +374,7 @@ def _real(loci: ComplexArray) -> AnyArray:
     return np.diff(loci.imag > 0, axis=0) & (loci.real[:-1] < 0)
 
 
-def _at_rest(gains: Gains, loop: Loop) -> float:
+def _at_rest(gains: Feedback, loop: Loop) -> float:
     """dB until a root passes through the origin, which no crossing of the axis shows."""
     if loop.drift:
         return math.inf
