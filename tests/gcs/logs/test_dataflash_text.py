@@ -23,7 +23,7 @@ from sysid.fit.identify import identify
 from sysid.model.paper import CD
 
 SWEEPS = ["heli_roll_sweep.BIN", "heli_pitch_sweep.BIN"]
-LOGS = [*SWEEPS, "log171.bin"]
+LOGS = [*SWEEPS[:1], *(pytest.param(name, marks=pytest.mark.thorough) for name in SWEEPS[1:]), "log171.bin"]
 WHOLE_NUMBERS = [(b"SIDS", 1), (b"SIDS", 2), (b"SIDY", 1), (b"SIDY", 2), (b"RPM", 2)]
 """Message and cell that hold one."""
 Values = dict[tuple[str, str], list[Any]]

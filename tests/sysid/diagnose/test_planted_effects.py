@@ -12,7 +12,6 @@ from planted_fits import fitted, in_standard_errors, records
 from sysid.fit.identify import identify
 from sysid.model.compose import compose
 
-
 OF_EACH_KIND = {
     *("second_order_flapping", "hub_gyroscopics", "quadratic_damping", "angle_of_attack"),
     *("servo_lag", "servo_backlash", "transport_delay", "gyro_lag"),
