@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell starts the suite in the background
 os.environ["TIPPATH_CACHE"] = "off"  # tests read logs anew, and write nothing beside those they do not own
 
 
