@@ -586,6 +586,11 @@ MUTATIONS = tuple(
             "stop_recording(meanwhile=lambda: None)",
         ),
         (
+            "a vehicle heard again after it was given up is left excited",
+            "        if excited and self._ours and flown.state.phase is Phase.ENDED",
+            "        if False and flown.state.phase is Phase.ENDED",
+        ),
+        (
             "Ctrl-C ends the way back",
             "if not flown.out_of_hand or interrupted >= 3:",
             "if True:",
@@ -639,7 +644,7 @@ SEEN_IN = {
     "an old heartbeat with the excitation interrupts nothing": ("random", 1031913),
     "the last look does not know of its own orders": ("random", 1057125),
     "contradictions are not looked at": ("hard", 10),
-    "shown again after it left, and left alone": ("hard", 157),
+    "shown again after it left, and left alone": ("hard", 338),
     "old heartbeats are believed after a silence": ("hard", 67),
     "after a silence the word from before it counts": ("hard", 18),
     "after a silence the accepted start still counts": ("hard", 382),
@@ -662,7 +667,6 @@ SEEN_IN = {
     "an ordinary end does not wait": ("random", 1),
     "the way back is asked for on the start's word again and again": ("hard", 2764),
     "the way back is one mode for all": ("random", 9),
-    "an abort believes what was heard before a silence": ("random", 1057125),
     "axis and magnitude in any order": ("random", 2),
     "an unanswered write counts as not done": ("random", 1081),
     "a dangerous magnitude is put back": ("random", 1),
@@ -688,17 +692,19 @@ MADE_FOR = {
         tick_s=0.4,
         attitude_s=1.0,
     ),
-    "an abort believes what was heard before a silence": History(
-        seed=448,
-        down=Way(delays=((0.69, 9.42), (0.82, 4.08)), outages=((1.72, 83.8),)),
-        stop_s=15.0,
-    ),
     "a silence between two ticks does not end a run": History(
         seed=85210,
         down=Way(delays=((0.62, 2.896),)),
         acts=(Act(3.5, "stall", 2.0), Act(5.915, "stall", 2.0)),
         runs=(3,),
         attitude_s=1.0,
+    ),
+    "a vehicle heard again after it was given up is left excited": History(
+        seed=2094615,
+        down=Way(delay_s=0.1, delays=((0.0, 6.761),), outages=((7.215, 32.04),)),
+        acts=(Act(5.899, "abort"),),
+        attitude_s=0.5,
+        stop_s=15.0,
     ),
     "started with an unknown lag": History(
         seed=866286,
@@ -1315,6 +1321,8 @@ class _Judge:
         """When the link was last heard again after a break."""
         self._silence_s = -math.inf
         """When the last silence of the link, or of ourselves, ended."""
+        self._stood_s = -math.inf
+        """When we last stood still for what is a silence together with the pace of our looks."""
         self._block_s = 0.0
         self._fresh_down_s = 0.0
         self._fresh_up_s = 0.0
@@ -1405,6 +1413,8 @@ class _Judge:
     # what the ground hears and sends
 
     def stall(self, seconds: float) -> None:
+        if seconds + 2 * self._world.history.tick_s > 1.5:
+            self._stood_s = self._world.now + seconds
         if seconds > 1.5 and self._flown is not None:
             self._silence_s = self._world.now + seconds
         self._break_s = self._world.now + seconds
@@ -1480,7 +1490,7 @@ class _Judge:
         elif self._confirmed or not (before and starting):
             self._others += 1
             known = self._confirmed or self._world._clock.known_s >= self._last_ask_s
-            self._settled_others += known and now > self._silence_s + 1.5
+            self._settled_others += known and now > max(self._silence_s, self._stood_s) + 1.5
             if self._settled_others > 2:
                 self._gone_s = min(self._gone_s, now)
 

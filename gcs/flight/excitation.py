@@ -7,7 +7,7 @@ an excitation that somebody else started.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
@@ -113,6 +113,11 @@ class Excitation:
     def out_of_hand(self) -> bool:
         """The vehicle may be in the excitation mode, and something can still be done about it."""
         return self.state.phase not in (Phase.WATCHING, Phase.ENDED)
+
+    def resume(self) -> None:
+        """The vehicle was given up, and is heard again: the way back goes on, by the same rules."""
+        now = self._clock.now()
+        self.state = replace(self.state, phase=Phase.RETURNING, returning_since=now, settled_at=now + SETTLE_S)
 
     def watch(self, *, given_up: bool = False) -> bool:
         """As `tick`, after the vehicle has left the mode; false once nothing of ours can bring it back any more."""

@@ -92,6 +92,8 @@ class Handback:
         """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
         with contextlib.suppress(TippathError):
             self._end_way_back()
+            if self.unrestored is not None and self.flown is not None and self.flown.state.phase is Phase.WATCHING:
+                self._wait_until_out()
             snapshot, flown = self.session.snapshot(), self.flown
             if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
                 if flown is not None and self._ours and flown.state.ending is not Ending.STUCK:
@@ -105,10 +107,18 @@ class Handback:
             self.tell("the maneuver's parameters stay in the vehicle: it could not be told otherwise")
 
     def watch_on(self) -> None:
-        """A watch that Ctrl-C cut short goes on while the rest of the log arrives."""
-        if self.flown is not None and self.flown.state.phase in (Phase.WATCHING, Phase.RETURNING):
+        """A watch that Ctrl-C cut short goes on while the rest of the log arrives, and one that was given up where the
+        vehicle is heard again, and still excited."""
+        flown, snapshot = self.flown, self.session.snapshot()
+        if flown is None:
+            return
+        excited = not snapshot.lost and snapshot.mode == self.profile.excitation_mode
+        if excited and self._ours and flown.state.phase is Phase.ENDED and flown.state.ending is not Ending.STUCK:
+            self.tell("it is heard again, and still excited: the mode before the run is asked for")
+            flown.resume()
+        if flown.state.phase in (Phase.WATCHING, Phase.RETURNING):
             with contextlib.suppress(TippathError):
-                self.flown.watch()
+                flown.watch()
 
     def _end_way_back(self) -> None:
         """What `watch_on` has begun is brought to its end, by the same rules."""

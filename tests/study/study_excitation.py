@@ -65,6 +65,7 @@ NOT_SHOWN = frozenset(
         "a heartbeat beside the acceptance is not heard",
         "a heartbeat ages only on its way",
         "an abort after a silence does not settle",
+        "an abort believes what was heard before a silence",
         "the clock does not know what was written",
         "started on a dead log",
         "no room for swaps at the vehicle",

@@ -874,7 +874,7 @@ def test_a_vehicle_left_excited_by_a_lost_link_is_looked_at_once_more_before_the
     result = fly(session, folder, CHIRP, on_progress=lambda p: notes.append(p.words) if isinstance(p, Note) else None)
     assert result.runs[0].mode_after == "unknown"
     assert modes(vehicle) == [SYSTEMID, STABILIZE]
-    assert any("it was still excited: brought back to Stabilize" in note for note in notes)
+    assert any("still excited: the mode before the run is asked for" in note for note in notes)
     assert as_found(vehicle)
 
 
