@@ -675,7 +675,6 @@ SEEN_IN = {
     "not read back before the start": ("random", 1),
     "given back before it is cleared": ("random", 25),
     "no last look": ("hard", 1346),
-    "no watch while the rest of the log arrives": ("hard", 1346),
     "the last look believes contradicting heartbeats": ("hard", 1346),
     "the last look does not wait for proof": ("random", 1057125),
     "the way back is never late": ("random", 1078),
@@ -700,6 +699,13 @@ MADE_FOR = {
         attitude_s=1.0,
     ),
     "a vehicle heard again after it was given up is left excited": History(
+        seed=2094615,
+        down=Way(delay_s=0.1, delays=((0.0, 6.761),), outages=((7.215, 32.04),)),
+        acts=(Act(5.899, "abort"),),
+        attitude_s=0.5,
+        stop_s=15.0,
+    ),
+    "no watch while the rest of the log arrives": History(
         seed=2094615,
         down=Way(delay_s=0.1, delays=((0.0, 6.761),), outages=((7.215, 32.04),)),
         acts=(Act(5.899, "abort"),),
