@@ -587,8 +587,8 @@ MUTATIONS = tuple(
         ),
         (
             "a vehicle heard again after it was given up is left excited",
-            "        if excited and self._ours and flown.state.phase is Phase.ENDED",
-            "        if False and flown.state.phase is Phase.ENDED",
+            "        if ended and self._ours and self._shows_excitation:",
+            "        if False:",
         ),
         (
             "Ctrl-C ends the way back",

@@ -88,19 +88,25 @@ class Handback:
         """A start that this program asked for may excite the vehicle still."""
         return self.flown is not None and self.flown.state.asks > 0 and not self.flown.state.cleared
 
+    @property
+    def _shows_excitation(self) -> bool:
+        """The vehicle is heard, and its last heartbeat shows the excitation mode."""
+        snapshot = self.session.snapshot()
+        return not snapshot.lost and snapshot.mode == self.profile.excitation_mode
+
     def last_look(self) -> None:
         """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
         with contextlib.suppress(TippathError):
             self._end_way_back()
             if self.unrestored is not None and self.flown is not None and self.flown.state.phase is Phase.WATCHING:
                 self._wait_until_out()
-            snapshot, flown = self.session.snapshot(), self.flown
-            if not snapshot.lost and snapshot.mode == self.profile.excitation_mode:
+            flown = self.flown
+            if self._shows_excitation:
                 if flown is not None and self._ours and flown.state.ending is not Ending.STUCK:
                     self._bring_back(flown)
                     self._wait_until_out()
                 else:
-                    self.tell(f"the mode is {snapshot.mode_name} again: `tippath abort` ends it")
+                    self.tell(f"the mode is {self.session.snapshot().mode_name} again: `tippath abort` ends it")
             if self.unrestored is not None and self._out:
                 self._give_back(self.unrestored)
         if self.unrestored is not None:
@@ -109,11 +115,11 @@ class Handback:
     def watch_on(self) -> None:
         """A watch that Ctrl-C cut short goes on while the rest of the log arrives, and one that was given up where the
         vehicle is heard again, and still excited."""
-        flown, snapshot = self.flown, self.session.snapshot()
+        flown = self.flown
         if flown is None:
             return
-        excited = not snapshot.lost and snapshot.mode == self.profile.excitation_mode
-        if excited and self._ours and flown.state.phase is Phase.ENDED and flown.state.ending is not Ending.STUCK:
+        ended = flown.state.phase is Phase.ENDED and flown.state.ending is not Ending.STUCK
+        if ended and self._ours and self._shows_excitation:
             self.tell("it is heard again, and still excited: the mode before the run is asked for")
             flown.resume()
         if flown.state.phase in (Phase.WATCHING, Phase.RETURNING):

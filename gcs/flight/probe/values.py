@@ -16,8 +16,9 @@ Samples = Mapping[str, FloatArray]
 LETTERS = {"roll": "x", "pitch": "y", "elevator": "e"}
 """An axis' command and excitation: delta_x, excitation_x."""
 RATES = {"roll": "p", "pitch": "q", "elevator": "q"}
-MEASURED = tuple(dict.fromkeys(RATES.values()))
 """The rate that should answer it."""
+MEASURED = tuple(dict.fromkeys(RATES.values()))
+"""Each of them once."""
 
 
 @dataclass(frozen=True, slots=True)
