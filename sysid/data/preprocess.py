@@ -183,17 +183,6 @@ def pieces(record: Record, band_hz: tuple[float, float]) -> tuple[list[Piece], l
     return found, remarks
 
 
-def segments(
-    record: Record, names: Sequence[str], high_hz: float = DEFAULT_BAND_HZ[1]
-) -> tuple[list[Segment], list[str]]:
-    """Split at gaps and put each part on a uniform clock.
-
-    Returns the segments of at least 2 s and sentences about what was dropped.
-    """
-    parts, remarks = pieces(record, (0.0, high_hz))
-    return [part.segment(names) for part in parts], remarks
-
-
 def _is_held(name: str) -> bool:
     return name.startswith(("delta", "excitation"))
 

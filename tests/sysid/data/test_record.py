@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sysid.data.preprocess import gaps, rate_hz, segments
+from sysid.data.preprocess import DEFAULT_BAND_HZ, gaps, pieces, rate_hz
 from sysid.data.record import Record, RecordError
 
 T = np.arange(0, 10, 0.002)
@@ -104,7 +104,8 @@ def test_irregular_time_is_put_on_a_clock_and_counted() -> None:
     wave = np.sin(2 * np.pi * 3 * jitter)
     step = (jitter >= 5.0).astype(float)
     one = Record("x", channels(t=jitter, p=wave, delta_x=step))
-    (part,), _ = segments(one, ("p", "delta_x"))
+    (piece,), _ = pieces(one, DEFAULT_BAND_HZ)
+    part = piece.segment(("p", "delta_x"))
     assert part.resampled > 100
     np.testing.assert_allclose(part.channels["p"], np.sin(2 * np.pi * 3 * part.t), atol=5e-3)
     held = part.channels["delta_x"]
