@@ -6,7 +6,8 @@ a model here, in fake time, and the rules are judged from what happened, not fro
 
 - **write**: no parameter that we wrote reaches a vehicle that one of our starts excites; none is written by us that
   makes axis and magnitude a dangerous pair; what is in the vehicle when our start excites it is what was shown.
-- **clear**: `cleared` is never true while the vehicle is excited by us, or a start of ours is under way.
+- **clear**: `cleared` is never true while the vehicle is excited by us, or a start of ours is under way; nor in a
+  silence, nor after one without a look of some seconds, nor while the vehicle's last word is that it starts.
 - **end**: at the end the vehicle is not excited by us, and no start of ours is under way, or the words say that it is
   not known; three heartbeats that show the excitation after its run was to end are answered with an order at least;
   where nothing was said to the contrary the vehicle has its own settings again.
@@ -76,9 +77,12 @@ STABILIZE, ACRO, ALT_HOLD, RTL, EXCITED = 0, 1, 2, 6, 25
 POLL_S = 0.05
 CLOSE_S = 0.4
 """A link on which something is heard at least so often is heard without a break."""
+TWIN_AHEAD_S = 40.0
 LATE_S = 1.2
 """Truly later than this is beyond the limit, whatever the two clocks' offset was mistaken by."""
 LONGEST_S = 900.0
+LOOKED_S = 3.5
+"""So long at least a vehicle is looked at after a silence before it is taken for cleared."""
 FIRST_START_S = 4.5
 """About when the first start is due."""
 NOT_KNOWN = ("not known", "does not tell", "must take it", "tippath abort", "could not be told")
@@ -198,6 +202,17 @@ def hard_history(seed: int) -> History:
         value = {"stall": chance.choice((2.0, 5.0)), "mode": chance.choice((STABILIZE, RTL, EXCITED))}.get(what, 0.0)
         acts.append(Act(chance.uniform(0, 15), what, value))
     return replace(history, down=down, acts=(*history.acts, *acts), never_leaves=chance.random() < 0.2)
+
+
+def twin_history(seed: int) -> History:
+    """A random history with a second vehicle of the same id, which says when it says something."""
+    chance = random.Random(f"twin {seed}")
+    history = random_history(seed)
+    acts = [
+        Act(chance.uniform(-1, 20), "twin", chance.choice((history.mode_before, RTL, EXCITED)), chance.choice((2, 8)))
+        for _ in range(chance.choice((1, 1, 2)))
+    ]
+    return replace(history, acts=(*history.acts, *acts))
 
 
 def _wild(chance: random.Random) -> Way:
@@ -375,9 +390,9 @@ MUTATIONS = tuple(
             "return state if beat.mode == plan.mode else replace(state",
         ),
         (
-            "the last look does not know of its own orders",
-            "max(flown.state.ordered_at, self._ordered_at)",
-            "flown.state.ordered_at",
+            "the last look does not see the last order's proof",
+            "beat.known_s >= flown.state.ordered_at for beat",
+            "True for beat",
         ),
         (
             "a proof outlives a silence",
@@ -411,13 +426,16 @@ MUTATIONS = tuple(
             "look_s = 0.0 if not state.asks or (ours and seen.log_mode is not None) else LOOK_S",
             "look_s = 0.0",
         ),
-        ("shown again after it left, and left alone", "if state.excited_number > state.left_after:", "if False:"),
         (
-            "shown again between two ticks is not seen",
-            "if state.excited_number > state.left_after:",
-            "if state.excited:",
+            "shown again after it left, and left alone",
+            "    if state.excited:\n        again",
+            "    if False:\n        again",
         ),
-        ("what was written need not have landed", " or not seen.landed:", ":"),
+        (
+            "started right after a write",
+            "RunState(mode_before=mode_before, settled_at=clock.now() + SETTLE_S)",
+            "RunState(mode_before=mode_before)",
+        ),
         (
             "old heartbeats are believed after a silence",
             "if now >= state.settled_at or (age_s is not None and age_s <= FRESH_S):",
@@ -474,8 +492,8 @@ MUTATIONS = tuple(
         ),
         (
             "started right after a silence",
-            "if seen.now < state.settled_at or not seen.landed:",
-            "if not seen.landed:",
+            "    if seen.now < state.settled_at:\n        return",
+            "    if False:\n        return",
         ),
         (
             "started from the pilot's other mode",
@@ -522,12 +540,6 @@ MUTATIONS = tuple(
         ),
         ("no end where nothing is known", "    if waited > UNKNOWN_S:", "    if False:"),
         (
-            "an abort believes what was heard before a silence",
-            "excited=new,",
-            "excited=True,",
-        ),
-        ("an abort after a silence does not settle", "settled_at=UNKNOWN if new else now + SETTLE_S,", ""),
-        (
             "axis and magnitude in any order",
             "    if not profile.dangerous(after.axis, before.magnitude):",
             "    if True:",
@@ -570,11 +582,6 @@ MUTATIONS = tuple(
             "`give_back` looks at the mode before each write",
         ),
         (
-            "the clock does not know what was written",
-            "mode_before=mode_before, written_at=self.written_at",
-            "mode_before=mode_before",
-        ),
-        (
             "started on a dead log",
             "self.stopped = self._changed(plan) or self._log_dead()",
             "self.stopped = self._changed(plan)",
@@ -587,13 +594,14 @@ MUTATIONS = tuple(
         ),
         (
             "a vehicle heard again after it was given up is left excited",
-            "        if ended and self._ours and self._shows_excitation:",
+            "        if self._ours and self._shows_excitation:",
             "        if False:",
         ),
         (
             "Ctrl-C ends the way back",
             "if not flown.out_of_hand or interrupted >= 3:",
             "if True:",
+            "the watch while the log arrives goes on with it, and so does the last look",
         ),
         (
             "the last look believes contradicting heartbeats",
@@ -642,13 +650,20 @@ SEEN_IN = {
     "cleared without proof": ("random", 53),
     "an old heartbeat with another mode stops nothing": ("random", 18948),
     "an old heartbeat with the excitation interrupts nothing": ("random", 1031913),
-    "the last look does not know of its own orders": ("random", 1057125),
+    "a proof outlives a silence": ("twin", 201),
+    "cleared at once after a silence": ("hard", 6000566),
+    "cleared against the vehicle's own log": ("hard", 5000081),
+    "cleared at once without a word of the log": ("hard", 5035734),
+    "cleared with the start's proof alone": ("hard", 5001859),
     "contradictions are not looked at": ("hard", 10),
     "shown again after it left, and left alone": ("hard", 338),
     "old heartbeats are believed after a silence": ("hard", 67),
+    "started right after a write": ("twin", 242),
     "after a silence the word from before it counts": ("hard", 18),
     "after a silence the accepted start still counts": ("hard", 382),
     "an acceptance heard after a silence counts": ("hard", 135),
+    "a heartbeat beside the acceptance is not heard": ("hard", 5003428),
+    "a heartbeat ages only on its way": ("hard", 5010658),
     "a silence between two ticks is not seen": ("random", 27672),
     "our own silence is none": ("random", 308),
     "asked again after a silence": ("random", 75),
@@ -674,12 +689,22 @@ SEEN_IN = {
     "given back while the excitation shows": ("random", 153),
     "not read back before the start": ("random", 1),
     "given back before it is cleared": ("random", 25),
+    "started on a dead log": ("random", 5003214),
+    "the last look does not see the last order's proof": ("hard", 6001795),
     "no last look": ("hard", 1346),
     "the last look believes contradicting heartbeats": ("hard", 1346),
     "the last look does not wait for proof": ("random", 1057125),
+    "a stamp from the future is believed": ("twin", 2113),
     "the way back is never late": ("random", 1078),
 }
 """A history that shows a guard to be gone: its kind and its seed; the guards that are not here are for the study."""
+
+SEEN_TOGETHER = {
+    ("an acceptance that changed nothing is believed", "cleared at once without a word of the log"): ("hard", 5003098),
+    ("no room for swaps at the vehicle", "no room for swaps on the way there"): ("hard", 5023824),
+}
+"""Guards that stand behind each other: a history that breaks a rule where all of them are gone, and holds all of them
+where any one stands."""
 
 MADE_FOR = {
     "asked again where it started and left": History(
@@ -690,6 +715,19 @@ MADE_FOR = {
         mode_before=1,
         tick_s=0.4,
         attitude_s=1.0,
+    ),
+    "a late start's own word does not undo the proof": History(
+        seed=74,
+        acts=(Act(2.72, "log", math.inf), Act(10.183, "mode", EXCITED)),
+        tick_s=0.1,
+        shows_at_once=False,
+    ),
+    "a heartbeat's age is the likely one": History(
+        seed=0,
+        down=Way(delays=((3.074, 2.261),)),
+        acts=(Act(3.533, "reboot"), Act(3.959, "mode", EXCITED), Act(5.214, "stall", 5.0)),
+        runs=(3,),
+        tick_s=0.25,
     ),
     "a silence between two ticks does not end a run": History(
         seed=85210,
@@ -724,12 +762,6 @@ MADE_FOR = {
         seed=54124,
         up=Way(outages=((3.368, 7.152),)),
         acts=(Act(1.12, "abort"),),
-    ),
-    "Ctrl-C ends the way back": History(
-        seed=65684,
-        up=Way(delays=((-0.001, 5.645),)),
-        acts=(Act(8.4436, "interrupt"), Act(10.1207, "interrupt"), Act(-0.845, "mode", RTL)),
-        attitude_s=1.0,
     ),
     "an answer need not be later than the question": History(
         seed=514858,
@@ -1078,6 +1110,9 @@ class World:
                 vehicle.log_silent_until = self.now + act.value
             case "lean":
                 vehicle.stop_by_lean()
+            case "twin":
+                for number in range(int(act.more)):
+                    self.at(self.now + 1.0 * number, self._twin, int(act.value))
             case "reboot":
                 vehicle.reboot()
             case "tilt":
@@ -1100,6 +1135,13 @@ class World:
                 Heartbeat(1, 1, vehicle_type=4, autopilot=3, armed=True, mode=mode, status=4), self.now, own=False
             ),
         )
+
+    def _twin(self, mode: int) -> None:
+        """A second vehicle with the same id, whose clock is ahead: what it says is stamped."""
+        boot_s = self.now + TWIN_AHEAD_S - self.vehicle.booted_s
+        attitude = Attitude(1, 1, boot_s=boot_s, roll=0.0, pitch=0.0, yaw=0.0, p=0.0, q=0.0, r=0.0)
+        self.at(self.now + 0.05, self._arrives, _Message(attitude, self.now, own=False))
+        self._stranger(mode)
 
     # the ground's ears and mouth
 
@@ -1363,6 +1405,10 @@ class _Judge:
         self._tilted_s = math.inf
         self._shown_s = -math.inf
         """When the vehicle was last heard to show a mode, by its own heartbeat."""
+        self._left_s = math.inf
+        """When the ground last took the vehicle for having left the excitation."""
+        self._last_word_is_start = False
+        """It said that it starts, and no heartbeat was heard since."""
 
     def broken(self, rule: str, words: str) -> None:
         world = self._world
@@ -1443,6 +1489,7 @@ class _Judge:
             self._block_s = now
         if isinstance(event, StatusText) and event.text.startswith("SystemID Starting") and self._asked:
             self._started_heard = True
+            self._last_word_is_start = True
             self._said_to_start()
         if isinstance(event, CommandAck) and event.result == 0:
             asked = self._asked_for()
@@ -1464,6 +1511,7 @@ class _Judge:
     def _heard_beat(self, message: _Message, mode: int) -> None:
         flown = self._flown
         self._mode_heard, self._beats = mode, self._beats + 1
+        self._last_word_is_start = False
         self._beat_s, self._beat_age_s = self._world.now, self._world.now - message.made_s
         self._strangers += not message.own
         if message.own:
@@ -1532,7 +1580,7 @@ class _Judge:
             self.broken("order", f"mode {mode} although nothing was heard for {now - self._heard_s:.1f} s")
         if self._beat_s < self._silence_s:
             self.broken("order", f"mode {mode} on a heartbeat from before a silence")
-        if now < self._silence_s + 0.9 and self._beat_age_s > 2.2:
+        if now < self._silence_s + 0.9 and self._beat_age_s > 1.6:
             self.broken("order", f"mode {mode} right after a silence, on a heartbeat {self._beat_age_s:.1f} s old")
         if self._held:
             self.broken("order", f"mode {mode} although the vehicle had accepted it and shown nothing since")
@@ -1598,10 +1646,12 @@ class _Judge:
         phase = state.phase.value
         if phase == "watching" and self._phase != "watching" and self._others < 2:
             self.broken("order", "one heartbeat with another mode was taken for the end of the excitation")
+        if phase == "watching" and self._phase != "watching":
+            self._left_s = now
         self._phase = phase
         if state.cleared and self._cleared is not flown:
             self._cleared = flown
-            self._cleared_now()
+            self._cleared_now(now, state)
         if phase == "flying":
             self._runs_on(now, state.flying_since)
 
@@ -1610,9 +1660,15 @@ class _Judge:
         if now - heard_since < 25.0:
             self.broken("end", f"given up as stuck after {now - heard_since:.1f} s of hearing it")
 
-    def _cleared_now(self) -> None:
+    def _cleared_now(self, now: float, state: Any) -> None:
         world = self._world
         world.tell("ground", "takes the vehicle for cleared")
+        if state.asks and now - self._heard_s > LOST_AFTER_S:
+            self.broken("clear", f"nothing was heard for {now - self._heard_s:.1f} s")
+        if state.asks and self._left_s < self._silence_s <= now < self._silence_s + LOOKED_S:
+            self.broken("clear", f"after a silence, looked at for {now - self._silence_s:.1f} s only")
+        if state.asks and self._last_word_is_start:
+            self.broken("clear", "the vehicle's last word is that it starts")
         if world.vehicle.excited_by == "us":
             self._unless_deceived("clear", "the vehicle is excited by us")
         if world.starts_under_way:
@@ -1795,24 +1851,37 @@ def _count(world: World, ended: str) -> None:
 
 
 def history_of(kind: str, seed: int) -> History:
-    """`random`, `hard`, or `whole` (a random one through fly_card)."""
-    return hard_history(seed) if kind == "hard" else random_history(seed, whole=kind == "whole")
+    """`random`, `hard`, `twin`, or `whole` (a random one through fly_card)."""
+    made = {"hard": hard_history, "twin": twin_history}.get(kind)
+    return random_history(seed, whole=kind == "whole") if made is None else made(seed)
 
 
-def shown_by(name: str) -> History | None:
-    """The history that is known to show that the guard of this name is gone; None where none is known."""
-    return MADE_FOR.get(name) or (history_of(*SEEN_IN[name]) if name in SEEN_IN else None)
-
-
-def found_by(mutation: Mutation, most: int) -> tuple[str, int, Breach] | None:
-    """The first history that breaks a rule without the guard: its kind, its seed, and what it breaks."""
-    code = mutated(mutation)
-    for seed in range(most):
-        for kind in ("random", "hard"):
-            breaches = play(history_of(kind, seed), code).breaches
-            if breaches:
-                return kind, seed, breaches[0]
+def shown_by(name: str) -> tuple[History, tuple[str, ...]] | None:
+    """The history that is known to show that the guard of this name is gone, and what is removed in it: the guard, and
+    those that stand behind it. None where none is known."""
+    if name in MADE_FOR:
+        return MADE_FOR[name], (name,)
+    if name in SEEN_IN:
+        return history_of(*SEEN_IN[name]), (name,)
+    for names, (kind, seed) in SEEN_TOGETHER.items():
+        if name in names:
+            return history_of(kind, seed), names
     return None
+
+
+def needed_in(history: History, mutations: Sequence[Mutation]) -> tuple[tuple[str, ...], Breach | None]:
+    """Of guards that are removed together, those without which the history breaks a rule: none can be put back without
+    the rule holding again. Empty where it breaks none."""
+    breaches = play(history, mutated(*mutations)).breaches
+    if not breaches:
+        return (), None
+    needed = list(mutations)
+    for mutation in mutations:
+        fewer = [other for other in needed if other is not mutation]
+        broken = play(history, mutated(*fewer)).breaches
+        if broken:
+            needed, breaches = fewer, broken
+    return tuple(mutation.name for mutation in needed), breaches[0]
 
 
 SHORT_S = 1.5
@@ -1897,6 +1966,7 @@ def _simpler(history: History) -> Iterator[History]:
 
 
 __all__ = [
-    "MADE_FOR", "MUTATIONS", "SEEN_IN", "Act", "Breach", "History", "Mutation", "Outcome", "Way", "World", "found_by",
-    "history_of", "in_words", "mutated", "play", "random_history", "short_histories", "shown_by", "shrunk", "told",
+    "MADE_FOR", "MUTATIONS", "SEEN_IN", "SEEN_TOGETHER", "Act", "Breach", "History", "Mutation", "Outcome", "Way",
+    "World", "history_of", "in_words", "mutated", "needed_in", "play", "random_history", "short_histories", "shown_by",
+    "shrunk", "told",
 ]  # fmt: skip

@@ -27,7 +27,7 @@ from gcs.flight.rules import (
 )
 from gcs.flight.run_state import Answer, Ending, Order, Phase, RunState, Seen
 from gcs.flight.settings import flown_otherwise
-from gcs.link.clock import SWAP_S, UNKNOWN
+from gcs.link.clock import UNKNOWN
 from gcs.link.procedures import NoAnswerError, ProcedureError, RefusedError, SetMode
 from gcs.vehicle.autopilots import STABILIZE, SYSTEMID
 from gcs.vehicle.profile import Plan
@@ -54,10 +54,10 @@ class Excitation:
         clock: Clock,
         *,
         mode_before: int,
-        written_at: float = UNKNOWN,
     ) -> None:
-        """`clock` is the session's; `written_at` is when something was written to the vehicle last."""
-        # Who stood still a moment ago may have heard nothing new yet.
+        """`clock` is the session's."""
+        # Who stood still a moment ago may have heard nothing new yet; and what was written a moment ago has landed by
+        # then, or is behind the start in the queue: a link swaps only what is closer (`gcs.link.clock.SWAP_S`).
         self.state = RunState(mode_before=mode_before, settled_at=clock.now() + SETTLE_S)
         self.peaks = Peaks()
         self.log_start_s: float | None = None
@@ -69,7 +69,6 @@ class Excitation:
         self.plan = plan
         self.limits = limits
         self._clock = clock
-        self._written_at = written_at
         self._answer: Answer | None = None
         self._cursor, _ = session.texts_since(0)
         self._beats = self.snapshot.heartbeats
@@ -115,9 +114,8 @@ class Excitation:
         return self.state.phase not in (Phase.WATCHING, Phase.ENDED)
 
     def resume(self) -> None:
-        """The vehicle was given up, and is heard again: the way back goes on, by the same rules."""
-        now = self._clock.now()
-        self.state = replace(self.state, phase=Phase.RETURNING, returning_since=now, settled_at=now + SETTLE_S)
+        """The vehicle was given up, and is heard again: the way back goes on, by the same rules (5 and 6)."""
+        self.state = replace(self.state, phase=Phase.RETURNING, returning_since=self._clock.now())
 
     def watch(self, *, given_up: bool = False) -> bool:
         """As `tick`, after the vehicle has left the mode; false once nothing of ours can bring it back any more."""
@@ -142,7 +140,6 @@ class Excitation:
             link_age_s=snapshot.link_age_s,
             lag_s=snapshot.lag_s,
             answer_age_s=snapshot.answer_age_s,
-            landed=now - self._written_at >= snapshot.answer_age_s + SWAP_S,
             log_age_s=None if log is None else log.silent_s,
             log_stopped="" if log is None else log.reported,
             log_mode=None if log is None or (log.silent_s or 0.0) > LOG_SILENCE_S else self._log_mode,

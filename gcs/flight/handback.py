@@ -13,11 +13,10 @@ from dataclasses import dataclass, field
 
 from gcs.errors import TippathError
 from gcs.flight.connection import Clock, Connection
-from gcs.flight.excitation import Excitation, abort
+from gcs.flight.excitation import Excitation
 from gcs.flight.rules import TICK_S
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.settings import give_back
-from gcs.link.clock import UNKNOWN
 from gcs.vehicle.profile import VehicleProfile
 
 TELL_AFTER_S = 2.0
@@ -42,8 +41,8 @@ class Handback:
     """The last run, which is watched until it is cleared before anything is written."""
     unrestored: Mapping[str, float] | None = None
     """The vehicle's own settings, where they could not be put back."""
-    _ordered_at: float = UNKNOWN
-    """No mode was asked for after this."""
+    _resumed: bool = field(default=False, init=False)
+    """A way back that was given up has gone on again."""
 
     def clear(self, interruptions: Callable[[], int] = lambda: 0) -> bool:
         """Watch the last run until nothing of ours can excite the vehicle any more; false where that is not known.
@@ -97,16 +96,10 @@ class Handback:
     def last_look(self) -> None:
         """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
         with contextlib.suppress(TippathError):
-            self._end_way_back()
-            if self.unrestored is not None and self.flown is not None and self.flown.state.phase is Phase.WATCHING:
-                self._wait_until_out()
-            flown = self.flown
+            self._go_on_with_way_back()
+            self._see_it_out()
             if self._shows_excitation:
-                if flown is not None and self._ours and flown.state.ending is not Ending.STUCK:
-                    self._bring_back(flown)
-                    self._wait_until_out()
-                else:
-                    self.tell(f"the mode is {self.session.snapshot().mode_name} again: `tippath abort` ends it")
+                self.tell(f"the mode is {self.session.snapshot().mode_name} again: `tippath abort` ends it")
             if self.unrestored is not None and self._out:
                 self._give_back(self.unrestored)
         if self.unrestored is not None:
@@ -115,41 +108,42 @@ class Handback:
     def watch_on(self) -> None:
         """A watch that Ctrl-C cut short goes on while the rest of the log arrives, and one that was given up where the
         vehicle is heard again, and still excited."""
+        self._go_on_with_way_back()
+        if self.flown is not None and self.flown.state.phase in (Phase.WATCHING, Phase.RETURNING):
+            with contextlib.suppress(TippathError):
+                self.flown.watch()
+
+    def _go_on_with_way_back(self) -> None:
+        """Of a vehicle that was given up, is heard again, and a start of ours still excites."""
+        flown = self.flown
+        if flown is None or flown.state.phase is not Phase.ENDED or flown.state.ending is Ending.STUCK:
+            return
+        if self._ours and self._shows_excitation:
+            self.tell("it is heard again, and still excited: the mode before the run is asked for")
+            flown.resume()
+            self._resumed = True
+
+    def _see_it_out(self) -> None:
+        """A way back that goes on is brought to its end, by the same rules, and a heartbeat that knows of the last
+        order is waited for; in words what came of it."""
         flown = self.flown
         if flown is None:
             return
-        ended = flown.state.phase is Phase.ENDED and flown.state.ending is not Ending.STUCK
-        if ended and self._ours and self._shows_excitation:
-            self.tell("it is heard again, and still excited: the mode before the run is asked for")
-            flown.resume()
-        if flown.state.phase in (Phase.WATCHING, Phase.RETURNING):
-            with contextlib.suppress(TippathError):
-                flown.watch()
-
-    def _end_way_back(self) -> None:
-        """What `watch_on` has begun is brought to its end, by the same rules."""
-        while self.flown is not None and self.flown.out_of_hand:
-            self.flown.watch()
-            self.clock.sleep(TICK_S)
-
-    def _wait_until_out(self) -> None:
-        """A heartbeat that knows of the last order takes its time."""
         end = self.clock.now() + PROOF_S
-        while self.clock.now() < end and not self._out:
-            self.clock.sleep(TICK_S)
-
-    def _bring_back(self, flown: Excitation) -> None:
-        """A vehicle that a start of ours still excites after its run was given up; in words what came of it."""
         try:
-            ended = abort(self.session, flown.state.mode_before, excitation_mode=flown.plan.mode, clock=self.clock)
+            while flown.out_of_hand or (
+                flown.state.phase is Phase.WATCHING and self.clock.now() < end and not self._out
+            ):
+                flown.watch()
+                if flown.out_of_hand:
+                    end = self.clock.now() + PROOF_S
+                self.clock.sleep(TICK_S)
         except KeyboardInterrupt:
-            self.tell("it was still excited, and bringing it back was interrupted: the pilot must take it")
+            if flown.out_of_hand:
+                self.tell("bringing it back was interrupted: the pilot must take it")
             raise
-        self._ordered_at = self.clock.now()
-        words = ended.reason or f"brought back to {ended.mode_after}"
-        if flown.state.contradictions:
-            words += ", as far as heartbeats of two vehicles with one id show: which of them is not known"
-        self.tell(f"it was still excited: {words}")
+        if self._resumed:
+            self.tell(f"it shows {self.session.snapshot().mode_name} now" if self._out else self.uncleared)
 
     @property
     def _out(self) -> bool:
@@ -166,5 +160,6 @@ class Handback:
         if flown.state.contradictions or back_again:
             return False
         last = snapshot.beats[-2:]
-        ordered_at = max(flown.state.ordered_at, self._ordered_at)
-        return len(last) == 2 and all(beat.mode != flown.plan.mode and beat.known_s >= ordered_at for beat in last)
+        return len(last) == 2 and all(
+            beat.mode != flown.plan.mode and beat.known_s >= flown.state.ordered_at for beat in last
+        )

@@ -4,7 +4,8 @@ The rules that `step` keeps, whatever the link does (late by any time, deaf one 
 `gcs.link.clock` for what is taken for granted). `tests/excitation_rules.py` checks them over histories of messages.
 
 1. The excitation mode is asked for only from the mode the pilot left the vehicle in, on a link whose lag is known and
-   short, after everything written before has landed, and not again once the vehicle said that it starts.
+   short, so long after the last write that it has landed or is lost, and not again once the vehicle said that it
+   starts.
 2. The only other mode ever asked for is the one before the run, and only while the vehicle's last word is that it is in
    the excitation mode. One heartbeat with another mode stops every order at once; a second in a row says that the
    vehicle has left, by the pilot's hand, a failsafe's, or ours, and no mode is asked for after it.
@@ -194,7 +195,7 @@ def _not_asked_yet(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, O
     if wanted is not None:
         state = replace(state, phase=Phase.ENDED, ending=wanted[0], reason=wanted[1], mode_after=seen.mode_name)
         return replace(state, cleared=seen.mode != plan.mode), None
-    if seen.now < state.settled_at or not seen.landed:
+    if seen.now < state.settled_at:
         return state, None
     return _ask(state, seen, plan)
 
@@ -265,7 +266,7 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
 
 def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     """Out of the excitation mode: until nothing of ours can bring it back, and nobody contradicts."""
-    if state.excited_number > state.left_after:
+    if state.excited:
         again = replace(state, reason=joined(state.reason, "the excitation mode showed again and was ended"))
         assert again.ending is not None
         return _returning(_end(again, seen, again.ending, again.reason, at_once=True), seen, plan)
@@ -333,7 +334,7 @@ def _end(state: RunState, seen: Seen, ending: Ending, reason: str, *, at_once: b
 
 
 def _leave(state: RunState, seen: Seen) -> tuple[RunState, Order | None]:
-    left = replace(state, phase=Phase.WATCHING, left_at=seen.now, left_after=seen.heartbeats)
+    left = replace(state, phase=Phase.WATCHING, left_at=seen.now)
     return replace(left, mode_after=state.mode_shown), None
 
 

@@ -65,8 +65,6 @@ class Seen:
     """None: not known."""
     answer_age_s: float = 0.0
     """Since the newest question was sent that the vehicle answered."""
-    landed: bool = True
-    """Everything written before the start has reached the vehicle, or was lost."""
     log_age_s: float | None = None
     """Since the last new block of the log; None where none is recorded."""
     log_stopped: str = ""
@@ -154,8 +152,6 @@ class RunState:
     returned_at: float = UNKNOWN
     """When the way back was last asked for."""
     left_at: float = 0.0
-    left_after: int = -1
-    """Heartbeats heard until then."""
     cleared: bool = False
     """The vehicle is known to be out of the excitation mode, and no start of ours is under way any more."""
     mode_after: str = ""

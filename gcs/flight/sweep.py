@@ -48,7 +48,6 @@ from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, fly_run
 from gcs.flight.run_state import Ending
 from gcs.flight.settings import ask_all, changed_since, read_settings, recognise, write_plan
 from gcs.flight.verdict import cut
-from gcs.link.clock import UNKNOWN
 from gcs.link.procedures import ProcedureError
 from gcs.vehicle.autopilots import LOOP_RATE, SWITCH, LinkLoss, link_loss
 from gcs.vehicle.profile import Plan, VehicleProfile
@@ -196,7 +195,6 @@ class _Flight:
     stopped: str = ""
     ending: Ending | None = None
     started: str = ""
-    written_at: float = UNKNOWN
     quiet: Samples | None = None
     """Hover before the first probe."""
     steps: list[ProbeStep] = field(default_factory=list)
@@ -225,11 +223,20 @@ class _Flight:
         except TippathError as problem:
             self.stopped = self.stopped or str(problem)
         self.handback.last_look()
+        self._note_what_came_after()
         if error is None:
             self.write()
         else:
             with contextlib.suppress(TippathError):  # the first error is the one to tell
                 self.write()
+
+    def _note_what_came_after(self) -> None:
+        """A vehicle that was given up in its last run may have been heard again while the rest of the log arrived."""
+        flown = self.handback.flown
+        if flown is not None and self.runs and self.runs[-1].plan is flown.plan:
+            state, last = flown.state, self.runs[-1]
+            reason = joined(last.reason, state.reason)
+            self.runs[-1] = replace(last, mode_after=state.mode_after or last.mode_after, reason=reason)
 
     def look(
         self, disk_free: Callable[[Path], int | None], before_it: Sequence[Check] = (), loop_hz: float | None = None
@@ -309,9 +316,7 @@ class _Flight:
     ) -> RunResult | None:
         """Write, wait until somebody starts it, read back, fly; None where it was not started."""
         try:
-            self.written_at = self.clock.now()
             write_plan(self.session, plan, self.profile, self.handback.settings)
-            self.written_at = self.clock.now()
         except TippathError as error:
             # Between two runs nothing is excited; what was flown stays.
             self.stopped, self.ending = str(error), Ending.REFUSED
@@ -322,9 +327,7 @@ class _Flight:
             if self.stopped:
                 return None
             self._audit(f"starting {run.label}: {run.maneuver.numbers}, {plan.words}")
-        flown = self.handback.flown = Excitation(
-            self.session, plan, self.limits, self.clock, mode_before=mode_before, written_at=self.written_at
-        )
+        flown = self.handback.flown = Excitation(self.session, plan, self.limits, self.clock, mode_before=mode_before)
         result = fly_run(
             self.session,
             run,

@@ -215,12 +215,6 @@ def test_what_forbids_a_start_ends_the_run_before_anything_is_asked(
     assert run.state.cleared
 
 
-def test_what_was_written_must_have_landed_before_a_start(plan: Plan) -> None:
-    run = Run(plan)
-    assert run.tick(0.0, landed=False) is None
-    assert run.tick(0.1) == SYSTEMID
-
-
 def test_a_heartbeat_that_was_under_way_at_the_start_is_no_pilot(plan: Plan) -> None:
     run = Run.flying(plan, confirmed=False)
     for now, known_s in ((4.0, -0.9), (4.1, -0.8), (4.2, -0.1)):

@@ -644,6 +644,29 @@ def test_abort_ends_an_excitation_that_somebody_else_started(vehicle: FakeVehicl
     assert modes(vehicle) == [STABILIZE]
 
 
+def test_abort_believes_no_heartbeat_from_before_a_silence(vehicle: FakeVehicle, session: FakeSession) -> None:
+    vehicle._beat()
+    vehicle.pilot(SYSTEMID)
+    session.deaf_from, session.deaf_until = vehicle.now + 0.01, vehicle.now + 2.5
+    vehicle.at(vehicle.now + 1.0, lambda: vehicle.pilot(RTL))
+    session.sleep(2.0)
+    result = abort(session, clock=session)
+    assert (result.was_excited, result.ended, result.mode_after) == (True, True, "RTL")
+    assert modes(vehicle) == []
+
+
+def test_abort_waits_where_what_is_heard_is_late(vehicle: FakeVehicle, session: FakeSession) -> None:
+    vehicle._beat()
+    vehicle.pilot(SYSTEMID)
+    session.lag_s = 5.0
+    began = vehicle.now
+    vehicle.at(began + 0.2, vehicle._beat)
+    result = abort(session, clock=session)
+    assert (result.ended, modes(vehicle)) == (True, [STABILIZE])
+    first_order_s = vehicle.asked[0][0]
+    assert first_order_s > began + 1.0, "the heartbeat after 0.2 s may be older than the silence"
+
+
 def test_abort_sends_nothing_in_any_other_mode(vehicle: FakeVehicle, session: FakeSession) -> None:
     vehicle.pilot(RTL)
     result = abort(session, clock=session)
@@ -872,7 +895,7 @@ def test_a_vehicle_left_excited_by_a_lost_link_is_looked_at_once_more_before_the
     vehicle.in_sweep(4.0, lose)
     notes: list[str] = []
     result = fly(session, folder, CHIRP, on_progress=lambda p: notes.append(p.words) if isinstance(p, Note) else None)
-    assert result.runs[0].mode_after == "unknown"
+    assert result.runs[0].mode_after == "Stabilize", "heard again before flight.json was written for the last time"
     assert modes(vehicle) == [SYSTEMID, STABILIZE]
     assert any("still excited: the mode before the run is asked for" in note for note in notes)
     assert as_found(vehicle)
