@@ -57,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.ladder import ladder_picture
     from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.text.addition import addition_document, addition_text
+    from gcs.cli.counting import Counting
     from gcs.cli.fit import print_notes
-    from gcs.cli.progress import Counting
     from gcs.desk.ladder import effect_to_add
     from gcs.errors import UsageError
     from sysid.fit.result import Fit

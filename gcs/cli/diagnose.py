@@ -95,8 +95,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.pictures import picture_kind
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
+    from gcs.cli.counting import Counting
     from gcs.cli.fit import print_notes
-    from gcs.cli.progress import Counting
     from gcs.errors import UsageError
     from sysid.fit.result import Fit
     from sysid.model.effect import load

@@ -56,8 +56,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
+    from gcs.cli.counting import ReadingBar
     from gcs.cli.listing import document, explanation, table, write_records
-    from gcs.cli.progress import ReadingBar
     from gcs.logs import Ingest, UnreadableError, ingest, parse_window
     from gcs.logs.words import printable
 

@@ -35,7 +35,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.report import flight_report
-    from gcs.cli.progress import Counting
+    from gcs.cli.counting import Counting
 
     refuse_existing(args.output, args.force)
     with Counting("report") as say:

@@ -1,0 +1,62 @@
+"""How far a long calculation, or the reading of many logs, has come, on a terminal's standard error."""
+
+from __future__ import annotations
+
+import sys
+from typing import TextIO
+
+from gcs.logs.reading import Progress
+from gcs.logs.words import printable
+
+
+class Counting:
+    """A line on a terminal's standard error that says what is being worked on; nothing elsewhere."""
+
+    def __init__(self, word: str, stream: TextIO | None = None) -> None:
+        self._word = word
+        self._stream = stream or sys.stderr
+        self._count = 0
+
+    def __enter__(self) -> Counting:
+        return self
+
+    def __call__(self, what: str) -> None:
+        self._count += 1
+        if self._stream.isatty():
+            self._stream.write(f"\r\x1b[K {self._word} {self._count}: {printable(what)[:60]}")
+            self._stream.flush()
+
+    def __exit__(self, *_: object) -> None:
+        if self._stream.isatty():
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+
+
+class ReadingBar:
+    """A bar on a terminal's standard error while many logs are read; nothing elsewhere, nor for one log."""
+
+    WIDTH = 24
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._drawn = False
+
+    def __enter__(self) -> ReadingBar:
+        return self
+
+    def __call__(self, progress: Progress) -> None:
+        if progress.total < 2 or not self._stream.isatty():
+            return
+        share = progress.done_bytes / progress.total_bytes if progress.total_bytes else progress.done / progress.total
+        bar = ("▓" * round(share * self.WIDTH)).ljust(self.WIDTH, "░")
+        self._stream.write(
+            f"\r\x1b[K {bar} {progress.done} of {progress.total} logs, {progress.done_bytes / 1e6:,.0f} of "
+            f"{progress.total_bytes / 1e6:,.0f} MB   {printable(progress.path.name)[:30]}"
+        )
+        self._stream.flush()
+        self._drawn = True
+
+    def __exit__(self, *_: object) -> None:
+        if self._drawn:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
