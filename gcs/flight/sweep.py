@@ -44,7 +44,7 @@ from gcs.flight.probe import (
 )
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.rules import LOG_SILENCE_S, TICK_S, joined
-from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, fly_run
+from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, contradiction, fly_run
 from gcs.flight.run_state import Ending
 from gcs.flight.settings import ask_all, changed_since, read_settings, recognise, write_plan
 from gcs.flight.verdict import cut
@@ -234,9 +234,8 @@ class _Flight:
         """A vehicle that was given up in its last run may have been heard again while the rest of the log arrived."""
         flown = self.handback.flown
         if flown is not None and self.runs and self.runs[-1].plan is flown.plan:
-            state, last = flown.state, self.runs[-1]
-            reason = joined(last.reason, state.reason)
-            self.runs[-1] = replace(last, mode_after=state.mode_after or last.mode_after, reason=reason)
+            reason = joined(flown.state.reason, contradiction(flown))
+            self.runs[-1] = replace(self.runs[-1], mode_after=flown.state.mode_after, reason=reason)
 
     def look(
         self, disk_free: Callable[[Path], int | None], before_it: Sequence[Check] = (), loop_hz: float | None = None
