@@ -1433,7 +1433,7 @@ class _Judge:
             self._run_s = self._world.now
             self._run, self._asked, self._started_heard, self._confirmed = flown, 0, False, False
             self._start_arrived_s, self._unanswered, self._telling, self._held = math.inf, 0, EXCITED, False
-            self._others = 0
+            self._others, self._left_s = 0, math.inf
             self._said_to_start()
 
     def _said_to_start(self) -> None:
