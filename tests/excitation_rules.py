@@ -37,11 +37,11 @@ import random
 import struct
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -318,25 +318,40 @@ def mutated(*mutations: Mutation) -> Code:
     """The code with these rules removed. Raises ValueError where a text is not in the modules exactly once."""
     kept = {name: sys.modules[name] for name in MODULES}
     parents = {name: name.rpartition(".")[0] for name in MODULES}
-    sources = {name: Path(str(kept[name].__file__)).read_text("utf-8") for name in MODULES}
-    for mutation in mutations:
-        times = sum(source.count(mutation.text) for source in sources.values())
-        if times != 1:
-            raise ValueError(f"{mutation.name}: its text is there {times} times")
-        sources = {name: source.replace(mutation.text, mutation.instead) for name, source in sources.items()}
+    sources = _sources(mutations)
     made = []
     try:
         for name in MODULES:
             module = ModuleType(name)
             module.__file__ = kept[name].__file__
             sys.modules[name] = module
-            exec(compile(sources[name], f"{name}, mutated", "exec"), module.__dict__)
+            exec(_compiled(name, sources[name]), module.__dict__)
             made.append(module)
     finally:
         for name, module in kept.items():
             sys.modules[name] = module
             setattr(sys.modules[parents[name]], name.rpartition(".")[2], module)
     return Code(made[0], made[-1])
+
+
+def _sources(mutations: Sequence[Mutation]) -> dict[str, str]:
+    sources = {name: Path(str(sys.modules[name].__file__)).read_text("utf-8") for name in MODULES}
+    for mutation in mutations:
+        times = guards(mutation, sources)
+        if times != 1:
+            raise ValueError(f"{mutation.name}: its text is there {times} times")
+        sources = {name: source.replace(mutation.text, mutation.instead) for name, source in sources.items()}
+    return sources
+
+
+def guards(mutation: Mutation, sources: Mapping[str, str] | None = None) -> int:
+    """How often a mutation's text is in the modules: once, or it is no mutation any more."""
+    return sum(source.count(mutation.text) for source in (sources or _sources(())).values())
+
+
+@cache
+def _compiled(name: str, source: str) -> CodeType:
+    return compile(source, f"{name}, mutated", "exec")
 
 
 MUTATIONS = tuple(
@@ -1967,6 +1982,6 @@ def _simpler(history: History) -> Iterator[History]:
 
 __all__ = [
     "MADE_FOR", "MUTATIONS", "SEEN_IN", "SEEN_TOGETHER", "Act", "Breach", "History", "Mutation", "Outcome", "Way",
-    "World", "history_of", "in_words", "mutated", "needed_in", "play", "random_history", "short_histories", "shown_by",
-    "shrunk", "told",
+    "World", "guards", "history_of", "in_words", "mutated", "needed_in", "play", "random_history", "short_histories",
+    "shown_by", "shrunk", "told",
 ]  # fmt: skip

@@ -894,7 +894,7 @@ def test_a_vehicle_left_excited_by_a_lost_link_is_looked_at_once_more_before_the
     monkeypatch.setattr(session, "stop_recording", waited_for)
     vehicle.in_sweep(4.0, lose)
     notes: list[str] = []
-    result = fly(session, folder, CHIRP, on_progress=lambda p: notes.append(p.words) if isinstance(p, Note) else None)
+    fly(session, folder, CHIRP, on_progress=lambda p: notes.append(p.words) if isinstance(p, Note) else None)
     (run,) = json.loads(folder.about.read_text())["runs"]
     assert (run["mode_after"], run["reason"].count("what the vehicle does is not known")) == ("Stabilize", 1)
     assert modes(vehicle) == [SYSTEMID, STABILIZE]
