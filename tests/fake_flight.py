@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -226,12 +228,15 @@ class FakeSession:
     def _deaf(self) -> bool:
         return self.deaf_from <= self.vehicle.now < self.deaf_until
 
-    def _heard(self, when: float) -> bool:
-        return not self.deaf_from <= when < self.deaf_until
+    def _unheard(self, timed: Sequence[tuple[float, ...]]) -> tuple[int, int]:
+        """Which of what the vehicle said, in order of time, was lost: from and until."""
+        silent, back = (bisect_left(timed, when, key=itemgetter(0)) for when in (self.deaf_from, self.deaf_until))
+        return silent, max(silent, back)
 
     def snapshot(self) -> VehicleSnapshot:
         vehicle = self.vehicle
-        heard = [beat for beat in vehicle.heartbeats if self._heard(beat[0])]
+        silent, back = self._unheard(vehicle.heartbeats)
+        heard = [*vehicle.heartbeats[:silent], *vehicle.heartbeats[back:]]
         _, mode, armed, status = heard[-1]
         beats = tuple(
             Beat(
@@ -244,7 +249,7 @@ class FakeSession:
                 known_s=self._known(at),
                 late_s=self.lag_s,
             )
-            for number, (at, shown, is_armed, state) in enumerate(heard, start=1)
+            for number, (at, shown, is_armed, state) in list(enumerate(heard, start=1))[-20:]
         )
         newest = vehicle.now if not self._deaf else self.deaf_from
         age = max(0.0, vehicle.now - newest)
@@ -261,7 +266,7 @@ class FakeSession:
             autopilot=3,
             status=status,
             heartbeats=len(heard),
-            beats=beats[-20:],
+            beats=beats,
             lag_s=self.lag_s,
             answer_age_s=math.inf if self.one_way else vehicle.now - min(newest, vehicle.now - 0.1),
             roll=vehicle.lean,
@@ -282,15 +287,17 @@ class FakeSession:
         )
 
     def log_health(self) -> LogHealth | None:
-        rows = [row for row in self.vehicle.samples if self._heard(row[0])] if self.recordings else []
-        if not rows:
+        rows = self.vehicle.samples if self.recordings else []
+        silent, back = self._unheard(rows)
+        heard = len(rows) - (back - silent)
+        if not heard:
             return None
-        now, last = self.vehicle.now, rows[-1][0]
-        rate = 4000.0
-        seconds = min(5.0, now - rows[0][0])
+        first, last = rows[0 if silent else back][0], rows[-1 if back < len(rows) else silent - 1][0]
+        now, rate = self.vehicle.now, 4000.0
+        seconds = min(5.0, now - first)
         return LogHealth(
             file=0,
-            blocks=len(rows) // 5,
+            blocks=heard // 5,
             open=0,
             silent_s=now - last,
             log_s=last,
@@ -315,10 +322,10 @@ class FakeSession:
     def samples(self, last_s: float) -> LiveWindow:
         rows = self.vehicle.samples if self.recordings else []
         if self._deaf:
-            rows = [row for row in rows if row[0] < self.deaf_from]
+            rows = rows[: self._unheard(rows)[0]]
         if rows:
             rows = rows[-int((last_s + 5) * RATE_HZ) :]
-            rows = [row for row in rows if row[0] >= rows[-1][0] - last_s]
+            rows = rows[bisect_left(rows, rows[-1][0] - last_s, key=itemgetter(0)) :]
         table = np.array(rows).reshape(-1, 7)
         entered = self.vehicle.entered
         sweep = None if entered is None or not rows else float(table[-1, 0] - entered)
