@@ -60,11 +60,27 @@ def few_effects(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
         yield folder
 
 
+@pytest.fixture
+def only_effects(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A catalogue of those that a test names by `parametrize(..., indirect=True)`, and of no others."""
+    with catalogue_of(request.param, tmp_path_factory.mktemp("effects")) as folder:
+        yield folder
+
+
 @pytest.fixture(scope="module")
 def few_effects_in_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The same for a whole module, from where it is first asked for."""
     with catalogue_of(FEW, tmp_path_factory.mktemp("effects")) as folder:
         yield folder
+
+
+@pytest.fixture(scope="module")
+def answers_kept() -> Iterator[None]:
+    """In this module a question is worked out once, and a log read once; see `asked_once`."""
+    from asked_once import answers_kept
+
+    with answers_kept():
+        yield
 
 
 @pytest.fixture

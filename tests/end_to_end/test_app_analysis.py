@@ -20,7 +20,7 @@ from gcs.tui.state import Stage
 from gcs.tui.widgets.lines import Lines
 
 CARD = (
-    *((CHIRP, axis, size, 10.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
+    *((CHIRP, axis, size, 8.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
     *((DOUBLET, axis, size, 4.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
 )
 
@@ -32,6 +32,7 @@ async def until(condition: Callable[[], object], within_s: float = 30.0) -> None
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("few_effects")
 async def test_a_lag_is_found_added_and_its_gains_are_pushed(tmp_path: Path) -> None:
     flight = fly_folder(tmp_path / "flight-0001", "servo_lag", CARD).path
     engine = Reconnecting(folder=tmp_path)

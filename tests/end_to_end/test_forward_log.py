@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from flying import CHIRP, fly_maneuver, log_of
 
-from gcs.demo.pilot import SimulatedVehicle
 from gcs.logs import ingest, resolve_runs
 from gcs.logs.runs.run import Run
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
@@ -87,22 +83,3 @@ def test_another_pitch_damping_is_found_in_its_place(tmp_path: Path) -> None:
     fit = identify(TPP, resolve_runs([str(path)]), effects=("angular_damping", "elevator"))
     assert fit.model["M_q"] == pytest.approx(-2.0, abs=0.4)
     assert fit.model["M_elev"] == pytest.approx(37.752, rel=0.02)
-
-
-@pytest.mark.realtime
-def test_a_sweep_of_the_elevator_is_one_command(tmp_path: Path) -> None:
-    with SimulatedVehicle("forward", tmp_path / "vehicle", seed=3) as vehicle:
-        words = ["sweep", "--connect", vehicle.ground_link, "--axis", "elevator", "--amplitude", "0.3"]
-        done = subprocess.run(
-            [sys.executable, "-m", "gcs.cli", *words, "--duration", "8", "--json", "-o", str(tmp_path / "flight")],
-            capture_output=True,
-            timeout=60,
-        )
-    assert done.returncode == 0, done.stderr
-    about = json.loads(done.stdout)
-    (run,) = about["runs"]
-    assert (run["maneuver"]["axis"], run["parameters"]["SID_AXIS"], run["flew"]) == ("elevator", 20, "Table 1")
-    assert run["verdict"]["keep"], run["verdict"]["reasons"]
-    (flown,) = ingest([tmp_path / "flight"]).runs
-    assert (flown.axis, flown.usable) == ("elevator", True)
-    assert {"airspeed", "omega", "delta_e", "excitation_e"} <= set(flown.sources)

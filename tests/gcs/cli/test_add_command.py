@@ -15,7 +15,7 @@ import pytest
 from contract_schemas import ADDED, FIT, JUDGED
 from planted import PLANTED, axes, fly
 
-pytestmark = pytest.mark.usefixtures("few_effects")
+pytestmark = pytest.mark.usefixtures("few_effects", "answers_kept")
 Tippath = Callable[..., tuple[int, str, str]]
 CHANNELS = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y", "omega")
 
@@ -43,7 +43,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
 
 
 @pytest.fixture(scope="module")
-def fits(flown: dict[str, list[Path]], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def fits(flown: dict[str, list[Path]], answers_kept: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """TPP on each with the second flight to judge, TPP without anything to judge, and CD."""
     from gcs.cli import main
 
@@ -235,6 +235,7 @@ def test_what_cannot_act_and_runs_that_do_not_serve(
         assert says in err
 
 
+@pytest.mark.thorough
 def test_a_closed_pipe_is_no_error(fits: dict[str, Path], few_effects: Path) -> None:
     code = f"import pathlib, sysid.model.effect as e; e.FOLDER = pathlib.Path({str(few_effects)!r})"
     words = f"{code}; from gcs.cli import main; raise SystemExit(main())"

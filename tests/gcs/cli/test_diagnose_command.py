@@ -14,7 +14,7 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.hidden import plant_one
 from sitl.hidden.seal import seal_answer
 
+pytestmark = pytest.mark.usefixtures("answers_kept")
 Tippath = Callable[..., tuple[int, str, str]]
 MANEUVERS = (
     *((0, axis, size, 15.0) for axis, size in ((10, 0.10), (10, 0.10), (11, 0.15), (11, 0.15))),
@@ -53,8 +54,8 @@ EFFECT = Effect(
 '''
 
 
-def fly(vehicle: Vehicle, folder: Path) -> Path:
-    for maneuver in MANEUVERS:
+def fly(vehicle: Vehicle, folder: Path, maneuvers: Sequence[tuple[int, int, float, float]] = MANEUVERS) -> Path:
+    for maneuver in maneuvers:
         fly_maneuver(vehicle, *maneuver)
     return log_of(vehicle, folder)
 
@@ -83,7 +84,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture(scope="module")
-def fits(logs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def fits(logs: dict[str, Path], answers_kept: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder, found = tmp_path_factory.mktemp("fits"), {}
     for name, log, model in (("lag", "lag", "tpp"), ("clean", "clean", "tpp"), ("cd", "lag", "cd")):
         found[name] = folder / f"{name}.json"
@@ -127,7 +128,6 @@ def sentences(text: str) -> list[str]:
 # ------------------------------------------------------------------------------------------------ words
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_the_answer_comes_first_on_one_screen(fits: dict[str, Path], tippath: Tippath) -> None:
     status, out, err = tippath("diagnose", fits["lag"])
     assert status == 0, err
@@ -160,7 +160,6 @@ def test_nothing_missing_is_short(fits: dict[str, Path], tippath: Tippath) -> No
     assert "candidates" not in out
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_explain_says_all_of_it(fits: dict[str, Path], tippath: Tippath) -> None:
     status, out, _ = tippath("diagnose", fits["lag"], "--explain")
     assert status == 0
@@ -171,7 +170,8 @@ def test_explain_says_all_of_it(fits: dict[str, Path], tippath: Tippath) -> None
     assert "--explain" not in out
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
 def test_no_validation_and_other_runs_are_said(logs: dict[str, Path], fits: dict[str, Path], tippath: Tippath) -> None:
     runs = [f"{logs['lag']}#{number}" for number in (1, 3)]
     status, out, err = tippath("diagnose", fits["lag"], *runs)
@@ -182,7 +182,8 @@ def test_no_validation_and_other_runs_are_said(logs: dict[str, Path], fits: dict
     assert f"servo_lag {runs[0]} {runs[1]} -o" in again, "the next command names the same runs"
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("dynamic_inflow", "gyro_lag")], indirect=True)
 def test_runs_of_two_vehicles_have_no_one_answer(
     logs: dict[str, Path], fits: dict[str, Path], tippath: Tippath
 ) -> None:
@@ -269,7 +270,8 @@ def test_the_secret_is_found_named_and_revealed(
     assert "right" in tippath("reveal", logs["lag"].parent, written["diagnosis"])[1]
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
 def test_repeat_climbs_from_cd_until_it_is_complete(fits: dict[str, Path], tippath: Tippath, tmp_path: Path) -> None:
     target = tmp_path / "whole.json"
     status, out, err = tippath("diagnose", fits["cd"], "--repeat", "-o", target)
@@ -287,7 +289,8 @@ def test_repeat_climbs_from_cd_until_it_is_complete(fits: dict[str, Path], tippa
     assert document["explained_share"] is None
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
 def test_a_user_s_own_effect_is_asked_where_it_is_named(
     fits: dict[str, Path], tippath: Tippath, tmp_path: Path
 ) -> None:
@@ -375,12 +378,12 @@ def test_a_log_that_changed_or_went(tippath: Tippath, tmp_path: Path) -> None:
     assert (status, "not there any more" in err) == (1, True)
 
 
-@pytest.mark.usefixtures("few_effects")
 def test_ctrl_c_leaves_nothing_behind(
     fits: dict[str, Path], tippath: Tippath, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("gcs.analysis.diagnosis.explain", lambda *_, **__: os.kill(os.getpid(), signal.SIGINT))
+    text = "gcs.analysis.text.diagnosis.diagnosis_text"  # the last thing before the first file
+    monkeypatch.setattr(text, lambda *_, **__: os.kill(os.getpid(), signal.SIGINT))
     words = ["-o", "fit.json", "--plot", "x.png", "--suggest", "x.py", "--card", "x.toml"]
     status, out, err = tippath("diagnose", fits["lag"], *words)
     assert (status, out) == (130, "")
@@ -388,8 +391,9 @@ def test_ctrl_c_leaves_nothing_behind(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_closed_pipe_is_no_error(fits: dict[str, Path], few_effects: Path) -> None:
-    code = f"import pathlib, sysid.model.effect as e; e.FOLDER = pathlib.Path({str(few_effects)!r})"
+@pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
+def test_a_closed_pipe_is_no_error(fits: dict[str, Path], only_effects: Path) -> None:
+    code = f"import pathlib, sysid.model.effect as e; e.FOLDER = pathlib.Path({str(only_effects)!r})"
     words = f"{code}; from gcs.cli import main; raise SystemExit(main())"
     command = f"{sys.executable} -c {shlex.quote(words)} diagnose {fits['clean']} --json | head -c 1"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
@@ -405,13 +409,15 @@ def test_the_help_documents_the_format(tippath: Tippath) -> None:
     assert "80 %" in out
 
 
-@pytest.mark.usefixtures("few_effects")
-@pytest.mark.parametrize("few_effects", [("servo_deadband",)], indirect=True)
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("dynamic_inflow", "flapping", "servo_deadband", "servo_lag")], indirect=True)
 def test_what_could_hide_behind_a_dead_band_is_told_too(tippath: Tippath, tmp_path: Path) -> None:
     vehicle = make_vehicle("hover-ideal", seed=5, directory=tmp_path, hidden=plant_one("servo_deadband", 3))
-    log = fly(vehicle, tmp_path)
+    log = fly(
+        vehicle, tmp_path, [*((kind, axis, size, 10.0) for kind, axis, size, _ in MANEUVERS[1:5:2]), *MANEUVERS[4:]]
+    )
     fit = tmp_path / "fit.json"
-    assert tippath("fit", log, "--model", "tpp", "--validate", f"{log}#5", f"{log}#6", "-o", fit)[0] == 0
+    assert tippath("fit", log, "--model", "tpp", "--validate", f"{log}#3", f"{log}#4", "-o", fit)[0] == 0
     status, out, _ = tippath("diagnose", fit)
     assert status == 0
     assert out.startswith("missing: servo_deadband")

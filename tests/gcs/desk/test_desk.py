@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_folder import fly_folder
-from flying import CHIRP, ELEVATOR, PITCH, QUIET, ROLL
+from flying import CHIRP, DOUBLET, ELEVATOR, PITCH, QUIET, ROLL
 from matplotlib.figure import Figure
 
 import gcs.desk.keeping
@@ -27,7 +27,14 @@ from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
 from sysid.fit.result import Fit
 
+pytestmark = pytest.mark.usefixtures("answers_kept")
 WHEN = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
+CARD = (
+    *((CHIRP, axis, size, 8.0) for axis, size in ((ROLL, 0.10), (ROLL, 0.10), (PITCH, 0.15), (PITCH, 0.15))),
+    (CHIRP, ROLL, 0.05, 6.0),
+    *((DOUBLET, axis, size, 5.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
+)
+"""Four chirps to fit; half the amplitude and doublets to validate."""
 SHORT = ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
 
 
@@ -76,14 +83,14 @@ def ask(desk: Desk) -> None:
 
 
 @pytest.fixture(scope="module")
-def raw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def raw(answers_kept: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flight folder that nobody has opened; its second run is to be flown again."""
-    return fly_folder(tmp_path_factory.mktemp("raw") / "flight-0001", again=2).path
+    return fly_folder(tmp_path_factory.mktemp("raw") / "flight-0001", card=CARD, again=2).path
 
 
 @pytest.fixture(scope="module")
 def worked(
-    raw: Path, few_effects_in_module: Path, tmp_path_factory: pytest.TempPathFactory
+    raw: Path, answers_kept: None, few_effects_in_module: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[tuple[Desk, Path]]:
     """The whole way to the gains, in a folder of its own; the commands name paths from there."""
     home = tmp_path_factory.mktemp("worked")
@@ -96,10 +103,16 @@ def worked(
         yield desk, home
 
 
+@pytest.fixture(scope="module")
+def two_chirps(answers_kept: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two chirps, no validation; nobody touches it."""
+    return fly_folder(tmp_path_factory.mktemp("short") / "flight-0002", None, SHORT).path
+
+
 @pytest.fixture
-def short(tmp_path: Path) -> Path:
-    """Two chirps, no validation."""
-    return fly_folder(tmp_path / "flight-0002", None, SHORT).path
+def short(two_chirps: Path, tmp_path: Path) -> Path:
+    """Two chirps, no validation, in a folder of the test's own."""
+    return shutil.copytree(two_chirps, tmp_path / two_chirps.name)
 
 
 # ------------------------------------------------------------------------------------------------ runs

@@ -381,17 +381,23 @@ def made_up(
     profile = STOCK if stock else TABLE_1
     late = round(delay_s / DT)
 
+    (g_xx, g_xy), (g_yx, g_yy) = gains.tolist()
+    pole_x, pole_y = poles
+
     def fly(added: FloatArray) -> Samples:
-        y, attitude, gust = np.zeros((3, 2))
-        sent = [np.zeros(2)] * late
+        p = q = phi = theta = gust_p = gust_q = 0.0
+        sent = [(0.0, 0.0)] * late
         rows = []
-        for e in added:
-            u = e - 0.02 * y - 0.05 * attitude
-            rows.append((*(y + rng.normal(0, noise, 2)), *u, *e, *attitude))
-            sent.append(u)
-            gust = 0.99 * gust + rng.normal(0, 0.001, 2)
-            y = y + DT * (np.array(poles) * y + gains @ sent.pop(0) + gust)
-            attitude = attitude + DT * y
+        drawn = rng.standard_normal((len(added), 4)) * (noise, noise, 0.001, 0.001)
+        for (e_x, e_y), (n_p, n_q, more_p, more_q) in zip(added.tolist(), drawn.tolist(), strict=True):
+            u_x, u_y = e_x - 0.02 * p - 0.05 * phi, e_y - 0.02 * q - 0.05 * theta
+            rows.append((p + n_p, q + n_q, u_x, u_y, e_x, e_y, phi, theta))
+            sent.append((u_x, u_y))
+            x, y = sent.pop(0)
+            gust_p, gust_q = 0.99 * gust_p + more_p, 0.99 * gust_q + more_q
+            p += DT * (pole_x * p + g_xx * x + g_xy * y + gust_p)
+            q += DT * (pole_y * q + g_yx * x + g_yy * y + gust_q)
+            phi, theta = phi + DT * p, theta + DT * q
         names = ("p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y", "phi", "theta")
         samples = dict(zip(names, np.array(rows).T, strict=True))
         if stock:

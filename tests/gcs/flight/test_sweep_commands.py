@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -9,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -30,9 +32,11 @@ from gcs.demo.demo import DemoError, require_same_bytes
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.errors import LinkError, UsageError
 from gcs.flight.folder import create
+from gcs.flight.preflight import IN_THE_AIR
 from gcs.flight.run import Note
 from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
+from gcs.logs import ingest
 
 
 @pytest.mark.parametrize(
@@ -291,29 +295,55 @@ def test_sim_says_how_to_connect_passes_its_pilots_lines_and_ends(tmp_path: Path
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_sim_ends_by_a_signal_and_leaves_no_vehicle_behind(tmp_path: Path, number: signal.Signals) -> None:
-    command = [sys.executable, "-m", "gcs.cli", "sim", "--listen", "udpout:127.0.0.1:0", "-o", str(tmp_path / "v")]
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as sim:
-        assert sim.stdout is not None
-        assert b"vehicle on udpout:127.0.0.1:" in sim.stdout.readline()
+def test_sim_ends_by_a_signal_and_leaves_no_vehicle_behind(tmp_path: Path) -> None:
+    """One ended by Ctrl-C, one by the system; they start side by side."""
+    command = [sys.executable, "-m", "gcs.cli", "sim", "--listen", "udpout:127.0.0.1:0", "-o"]
+    with contextlib.ExitStack() as stack:
+        sims = {
+            number: stack.enter_context(
+                subprocess.Popen(
+                    [*command, str(tmp_path / number.name)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.PIPE,
+                    stderr=subprocess.PIPE,
+                )
+            )
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        for number, sim in sims.items():
+            assert sim.stdout is not None
+            assert b"vehicle on udpout:127.0.0.1:" in sim.stdout.readline(), number
         started = time.monotonic()
-        sim.send_signal(number)
-        assert sim.stderr is not None
-        out, err = sim.stdout.read(), sim.stderr.read()
-        assert sim.wait(5) in (0, -number)
-        assert time.monotonic() - started < 8
-        assert b"Traceback" not in err
-        assert b"tippath fly --connect" in out
+        for number, sim in sims.items():
+            sim.send_signal(number)
+        for number, sim in sims.items():
+            assert sim.stdout is not None
+            assert sim.stderr is not None
+            out, err = sim.stdout.read(), sim.stderr.read()
+            assert sim.wait(5) in (0, -number)
+            assert time.monotonic() - started < 8
+            assert b"Traceback" not in err, number
+            assert b"tippath fly --connect" in out, number
+
+
+def sweep_of(link: str, folder: Path, *words: str) -> subprocess.Popen[bytes]:
+    """`tippath sweep` as a process of its own."""
+    command = [sys.executable, "-m", "gcs.cli", "sweep", "--connect", link, *words, "-o", str(folder), "--json"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 @pytest.mark.realtime
-def test_a_real_sweep_is_ended_by_ctrl_c_and_the_vehicle_is_back_in_its_mode(tmp_path: Path) -> None:
-    with SimulatedVehicle("hover-ideal", tmp_path / "vehicle", seed=3) as vehicle:
-        command = [sys.executable, "-m", "gcs.cli", "sweep", "--connect", vehicle.ground_link, "--axis", "roll"]
-        with subprocess.Popen(
-            [*command, "-o", str(tmp_path / "flight"), "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-        ) as sweep:
+def test_a_real_sweep_is_ended_by_ctrl_c_and_one_beside_it_flies_to_its_end(tmp_path: Path) -> None:
+    """Ctrl-C brings the vehicle back into its mode; the elevator of another one is swept by one command meanwhile."""
+    with (
+        SimulatedVehicle("forward", tmp_path / "other vehicle", seed=3) as other,
+        SimulatedVehicle("hover-ideal", tmp_path / "vehicle", seed=3) as vehicle,
+    ):
+        elevator = ("--axis", "elevator", "--amplitude", "0.3", "--duration", "8")
+        with (
+            sweep_of(other.ground_link, tmp_path / "other", *elevator) as beside,
+            sweep_of(vehicle.ground_link, tmp_path / "flight", "--axis", "roll") as sweep,
+        ):
             assert sweep.stderr is not None
             for raw in sweep.stderr:
                 if raw.startswith(b" ready"):
@@ -321,7 +351,9 @@ def test_a_real_sweep_is_ended_by_ctrl_c_and_the_vehicle_is_back_in_its_mode(tmp
             time.sleep(1.5)
             sweep.send_signal(signal.SIGINT)
             out, err = sweep.communicate(timeout=15)
+            flown = beside.communicate(timeout=60)
         assert sweep.returncode == 130, err
+        assert beside.returncode == 0, flown[1]
         about = json.loads(out)
         assert (about["format"], about["complete"], about["ending"]) == ("tippath.sweep/1", False, "aborted")
         assert about["missing_blocks"] == 0
@@ -329,6 +361,12 @@ def test_a_real_sweep_is_ended_by_ctrl_c_and_the_vehicle_is_back_in_its_mode(tmp
             assert session.snapshot().mode_name == "Stabilize"
     log = (tmp_path / "flight" / "flight.BIN").read_bytes()
     assert any(path.read_bytes() == log for path in (tmp_path / "vehicle").glob("*.BIN"))
+    (run,) = json.loads(flown[0])["runs"]
+    assert (run["maneuver"]["axis"], run["parameters"]["SID_AXIS"], run["flew"]) == ("elevator", 20, "Table 1")
+    assert run["verdict"]["keep"], run["verdict"]["reasons"]
+    (swept,) = ingest([tmp_path / "other"]).runs
+    assert (swept.axis, swept.usable) == ("elevator", True)
+    assert {"airspeed", "omega", "delta_e", "excitation_e"} <= set(swept.sources)
 
 
 def test_the_log_must_be_a_file_of_the_vehicle_byte_for_byte(tmp_path: Path) -> None:
@@ -343,7 +381,9 @@ def test_the_log_must_be_a_file_of_the_vehicle_byte_for_byte(tmp_path: Path) -> 
 
 
 @pytest.mark.realtime
-def test_rate_doublets_need_the_lqr_and_tell_how_they_were_followed(tmp_path: Path) -> None:
+def test_rate_doublets_need_the_lqr_and_tell_how_they_were_followed(
+    tmp_path: Path, tippath: Callable[..., tuple[int, str, str]], until: Callable[..., Any]
+) -> None:
     """A gentle set is pushed on the ground; with the switch off the card is refused, with it on it is measured."""
     from gcs.flight.gains import gains_of, push
     from sysid.control.regulator import design
@@ -356,25 +396,22 @@ def test_rate_doublets_need_the_lqr_and_tell_how_they_were_followed(tmp_path: Pa
         "pulse_s = 0.5\n"
     )
 
-    def sweep(link: str, name: str) -> subprocess.CompletedProcess[bytes]:
-        command = [sys.executable, "-m", "gcs.cli", "sweep", "--connect", link, "--card", str(card)]
-        return subprocess.run(
-            [*command, "-o", str(tmp_path / name), "--json"], capture_output=True, timeout=60, check=False
-        )
+    def sweep(link: str, name: str) -> tuple[int, str, str]:
+        return tippath("sweep", "--connect", link, "--card", card, "-o", tmp_path / name, "--json")
 
     with SimulatedVehicle("hover-ideal", tmp_path / "vehicle", seed=3, on_ground=True) as vehicle:
         tpp = compose("tpp")
         model = Model(tpp, np.array([TABLE_4[name] for name in tpp.names]))
         with Session.open(vehicle.ground_link) as session:
             push(session, gains_of(design(model).to_json()))
-        vehicle.say("takeoff")
-        time.sleep(5.0)
-        refused = sweep(vehicle.ground_link, "refused")
-        assert refused.returncode == 1
-        assert b"the LQR is not selected (LQR_SW is 0)" in refused.stderr
+            vehicle.say("takeoff")
+            until(lambda: session.snapshot().status == IN_THE_AIR)
+        status, _, err = sweep(vehicle.ground_link, "refused")
+        assert status == 1
+        assert "the LQR is not selected (LQR_SW is 0)" in err
         assert not (tmp_path / "refused").exists()
         vehicle.say("lqr on")
-        flown = sweep(vehicle.ground_link, "flown")
-    assert flown.returncode == 0, flown.stderr
-    (found,) = json.loads(flown.stdout)["following"]
+        status, out, err = sweep(vehicle.ground_link, "flown")
+    assert status == 0, err
+    (found,) = json.loads(out)["following"]
     assert (found["axis"], found["follows"]) == ("roll", True)

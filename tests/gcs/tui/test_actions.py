@@ -28,63 +28,70 @@ async def done(app, pilot) -> None:
     await pilot.pause()
 
 
-@pytest.mark.parametrize(
-    ("moment", "keys", "asked"),
-    [
-        ("open", "3x", ["desk use flight-0007/flight.BIN#1 OUT"]),
-        ("open", "3 down v", ["desk use flight-0007/flight.BIN#2 VALIDATE"]),
-        ("open", "3 down down f", ["desk use flight-0007/flight.BIN#3 FIT"]),
-        ("open", "4f", ["fit", "desk compare"]),
-        ("fitted", "5c", ["desk compare"]),
-        ("compared", "5c", []),
-        ("compared", "6d", ["desk diagnose"]),
-        ("asked", "6d", []),
-        ("asked", "6a", ["desk add servo_lag", "desk compare"]),
-        ("complete", "6a", []),
-        ("asked", "7a", ["desk add servo_lag", "desk compare"]),
-        ("added", "7u", ["desk undo"]),
-        ("asked", "6w", ["desk next_card"]),
-        ("complete", "8d", ["design"]),
-        ("designed", "9w", ["desk report"]),
-        ("asking", "6k", ["desk cancel"]),
-        ("asking", "7 escape", ["desk cancel"]),
-    ],
-)
-async def test_a_key_asks_the_desk(moment, keys, asked):
-    app, engine = app_on(joined(replace(IDLE, vehicle=None), DESKS[moment]))
+KEYS = [
+    ("open", "3x", ["desk use flight-0007/flight.BIN#1 OUT"]),
+    ("open", "3 down v", ["desk use flight-0007/flight.BIN#2 VALIDATE"]),
+    ("open", "3 down down f", ["desk use flight-0007/flight.BIN#3 FIT"]),
+    ("open", "4f", ["fit", "desk compare"]),
+    ("fitted", "5c", ["desk compare"]),
+    ("compared", "5c", []),
+    ("compared", "6d", ["desk diagnose"]),
+    ("asked", "6d", []),
+    ("asked", "6a", ["desk add servo_lag", "desk compare"]),
+    ("complete", "6a", []),
+    ("asked", "7a", ["desk add servo_lag", "desk compare"]),
+    ("added", "7u", ["desk undo"]),
+    ("asked", "6w", ["desk next_card"]),
+    ("complete", "8d", ["design"]),
+    ("designed", "9w", ["desk report"]),
+    ("asking", "6k", ["desk cancel"]),
+    ("asking", "7 escape", ["desk cancel"]),
+]
+"""Moment, keys, what they ask."""
+
+
+async def test_a_key_asks_the_desk():
+    app, engine = app_on(NOWHERE)
     async with app.run_test() as pilot:
-        for key in keys.split() if " " in keys else keys:
-            await pilot.press(key)
-            await pilot.pause()
-        await done(app, pilot)
-        assert engine.asked == asked
+        for moment, keys, asked in KEYS:
+            engine.now = joined(replace(IDLE, vehicle=None), DESKS[moment])
+            await pilot.press("2")
+            await settle(app)
+            engine.asked.clear()
+            for key in keys.split() if " " in keys else keys:
+                await pilot.press(key)
+                await pilot.pause()
+            await done(app, pilot)
+            assert engine.asked == asked, f"{keys} at {moment}"
 
 
-@pytest.mark.parametrize(
-    ("keys", "typed", "asked"),
-    [
-        ("3n", "gusty", "desk note gusty"),
-        ("3m", "day 2", "desk rename day 2"),
-        ("3o", "flight-0009", "flight flight-0009"),
-        ("4m", "cd", "desk choose_base cd []"),
-        ("4m", "TPP + elevator, angular_damping", "desk choose_base tpp ['elevator', 'angular_damping']"),
-        ("6i", "mine.py", "desk add mine.py"),
-        ("8w", "12.5", "desk design 12.5"),
-        ("9d", "elsewhere", "desk keep_in elsewhere"),
-        ("2c", "lqr-doublet", "card lqr-doublet"),
-    ],
-)
-async def test_a_question_is_asked_and_f12_aborts_in_it(keys, typed, asked):
+QUESTIONS = [
+    ("3n", "gusty", "desk note gusty"),
+    ("3m", "day 2", "desk rename day 2"),
+    ("3o", "flight-0009", "flight flight-0009"),
+    ("4m", "cd", "desk choose_base cd []"),
+    ("4m", "TPP + elevator, angular_damping", "desk choose_base tpp ['elevator', 'angular_damping']"),
+    ("6i", "mine.py", "desk add mine.py"),
+    ("8w", "12.5", "desk design 12.5"),
+    ("9d", "elsewhere", "desk keep_in elsewhere"),
+    ("2c", "lqr-doublet", "card lqr-doublet"),
+]
+"""Keys, what is typed, what it asks."""
+
+
+async def test_a_question_is_asked_and_f12_aborts_in_it():
     app, engine = app_on(ANALYSED["asked"])
     async with app.run_test() as pilot:
-        await pilot.press(*keys)
-        assert isinstance(app.screen, Dialog)
-        await pilot.press("f12")
-        assert engine.asked == ["abort"]
-        app.screen.query_one(Input).value = typed
-        await pilot.press("enter")
-        await done(app, pilot)
-        assert engine.asked[1] == asked
+        for keys, typed, asked in QUESTIONS:
+            engine.asked.clear()
+            await pilot.press(*keys)
+            assert isinstance(app.screen, Dialog), keys
+            await pilot.press("f12")
+            assert engine.asked == ["abort"], keys
+            app.screen.query_one(Input).value = typed
+            await pilot.press("enter")
+            await done(app, pilot)
+            assert engine.asked[1] == asked
 
 
 async def test_a_weight_that_is_no_number_is_told():

@@ -88,7 +88,7 @@ async def test_every_screen_at_every_moment_of_a_flight_fits_and_says_what_is_ne
                 fits(app, f"{name} on screen {key}", size)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [*SIZES[:2], pytest.param(SIZES[2], marks=pytest.mark.thorough)])
 async def test_every_screen_at_every_moment_of_the_analysis_fits_and_says_what_is_next(size):
     app, engine = app_on(IDLE)
     async with app.run_test(size=size) as pilot:

@@ -1,0 +1,98 @@
+"""A question that was answered is not worked out again: the same model, runs and effects give the answer they gave.
+
+For tests of what is done with an answer: its words, its documents, its pictures, the next command. The product works
+out every question that is new, from the words of the command to the answer; only of a second one the answer is taken
+from the first. What the commands read of a log is kept beside it, as it is for users.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gcs.analysis.addition
+import gcs.analysis.diagnosis
+import gcs.analysis.pages.diagnosis
+import gcs.analysis.pages.report
+import gcs.desk.calculations
+import sysid.compare.compare
+from sysid.data.dataset import Dataset
+from sysid.data.record import Record
+from sysid.fit.result import Fit
+from sysid.model.effect import Effect, catalogue
+from sysid.model.structure import Model
+
+ASKING = {
+    "diagnose_fit": (gcs.analysis.diagnosis, gcs.analysis.pages.report, gcs.desk.calculations),
+    "add_effect": (gcs.analysis.addition, gcs.desk.calculations),
+    "compare": (
+        *(sysid.compare.compare, gcs.analysis.diagnosis, gcs.analysis.pages.diagnosis, gcs.analysis.pages.report),
+        gcs.desk.calculations,
+    ),
+}
+"""Function -> the modules that call it by that name."""
+
+
+def asked(what: Any) -> Any:
+    """All that an answer depends on, as something to look it up by."""
+    match what:
+        case Fit():
+            rest = [repr(getattr(what, one.name)) for one in fields(what) if one.name not in ("model", "covariance")]
+            return asked(what.model), what.covariance.tobytes(), *rest
+        case Model():
+            structure = what.structure
+            return structure.base, asked(structure.composed), structure.inputs, structure.outputs, what.values.tobytes()
+        case Dataset():
+            return asked(what.records), what.band_hz, what.outputs, asked(what.like)
+        case Record():
+            samples = hashlib.sha256()
+            for name in sorted(what.channels):
+                samples.update(name.encode() + np.ascontiguousarray(what.channels[name]).tobytes())
+            return what.id, what.path, what.sha256, what.maneuver, what.axis, what.notes, samples.digest()
+        case Effect():
+            return what.id, what.path, what.sha256
+        case list() | tuple():
+            return tuple(map(asked, what))
+    return what
+
+
+def once(work_out: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, called once for every question."""
+    answers: dict[Any, Any] = {}
+
+    def answer(*about: Any, **how: Any) -> Any:
+        depends = tuple((name, asked(how[name])) for name in sorted(how) if name != "say")
+        key = (tuple(catalogue()), asked(about), depends)
+        if key not in answers:
+            answers[key] = work_out(*about, **how)
+        return answers[key]
+
+    return answer
+
+
+def with_suggestion(diagnose_fit: Callable[..., Any]) -> Callable[..., Any]:
+    """Diagnoses of which a suggestion is a part, so that one serves with it and without."""
+
+    def diagnosed(*about: Any, suggesting: bool = False, **how: Any) -> Any:
+        answer = diagnose_fit(*about, suggesting=True, **how)
+        return answer if suggesting else replace(answer, suggestion=None)
+
+    return diagnosed
+
+
+@contextlib.contextmanager
+def answers_kept(functions: Sequence[str] = tuple(ASKING)) -> Iterator[None]:
+    """While this lasts, these functions work out a question once, and logs are read once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TIPPATH_CACHE", "on")
+        for name in functions:
+            kept = once(getattr(ASKING[name][0], name))
+            for module in ASKING[name]:
+                patch.setattr(module, name, with_suggestion(kept) if name == "diagnose_fit" else kept)
+        yield
