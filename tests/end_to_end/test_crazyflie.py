@@ -15,6 +15,8 @@ from typing import Any
 
 import pytest
 
+from gcs.cli import main
+
 Tippath = Callable[..., tuple[int, str, str]]
 LATE = {"servo_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag"}
 
@@ -29,12 +31,11 @@ def late_s(candidate: dict[str, Any]) -> float:
     return float(lag + sum(values.get(name, 0.0) for name in ("tau_s", "tau_g", "T_d")))
 
 
-@pytest.fixture
-def fit(shared_data: Path, tmp_path: Path, tippath: Tippath) -> Path:
+@pytest.fixture(scope="module")
+def fit(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     log = shared_data / "crazyflie" / "roll_pitch_pilot_mapped.csv"
-    path = tmp_path / "cd.json"
-    status, _, _ = tippath("fit", log, "--model", "cd", "--band", "0.3:15", "-o", path)
-    assert status == 0
+    path = tmp_path_factory.mktemp("fit") / "cd.json"
+    assert main(["fit", str(log), "--model", "cd", "--band", "0.3:15", "-o", str(path)]) == 0
     return path
 
 

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from gcs.analysis.addition import add_effect
 from gcs.analysis.diagnosis import diagnose_fit
 from gcs.analysis.text.checks import check_text
 from gcs.logs import resolve_runs
 from sysid.fit.checks import eigenfrequency_checks
 from sysid.fit.identify import identify
-from sysid.model.effect import find
 from sysid.model.paper import TPP
 
 STRANGERS = {"L_b": 3588.6, "M_a": 617.5, "tau_f": 0.068232}
@@ -20,7 +18,8 @@ STRANGERS = {"L_b": 3588.6, "M_a": 617.5, "tau_f": 0.068232}
 
 
 @pytest.mark.data
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("flapping", "gyro_lag", "servo_lag", "transport_delay")], indirect=True)
 def test_the_strangers_delay_is_named_and_added(shared_data: Path) -> None:
     records = resolve_runs([str(shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN") for axis in ("roll", "pitch")])
     fit = identify(TPP, records)
@@ -29,7 +28,8 @@ def test_the_strangers_delay_is_named_and_added(shared_data: Path) -> None:
     found = diagnose_fit(fit, records)
     assert (found.last.verdict, found.last.effect) == ("missing", "transport_delay")
     assert found.last.confidence > 0.95
-    after = add_effect(fit, find("transport_delay"), records).after
+    after = found.added
+    assert after is not None
     assert after.model["T_d"] == pytest.approx(0.050, abs=0.005)
     for name, value in STRANGERS.items():
         assert after.model[name] == pytest.approx(value, rel=0.05)

@@ -30,8 +30,8 @@ async def done(app, pilot) -> None:
 
 KEYS = [
     ("open", "3x", ["desk use flight-0007/flight.BIN#1 OUT"]),
-    ("open", "3 down v", ["desk use flight-0007/flight.BIN#2 VALIDATE"]),
-    ("open", "3 down down f", ["desk use flight-0007/flight.BIN#3 FIT"]),
+    ("open", "3 up up down v", ["desk use flight-0007/flight.BIN#2 VALIDATE"]),
+    ("open", "3 up up down down f", ["desk use flight-0007/flight.BIN#3 FIT"]),
     ("open", "4f", ["fit", "desk compare"]),
     ("fitted", "5c", ["desk compare"]),
     ("compared", "5c", []),

