@@ -44,7 +44,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the repository; pages are carried out in it one after the other."""
     folder = tmp_path_factory.mktemp("clone")
     for name in ("gcs", "sysid", "sitl", "tests", "docs"):
-        shutil.copytree(ROOT / name, folder / name)  # with what Python compiled of it
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(ROOT / name, folder / name)
     return folder
