@@ -405,11 +405,6 @@ MUTATIONS = tuple(
             "return state if beat.mode == plan.mode else replace(state",
         ),
         (
-            "the last look does not see the last order's proof",
-            "beat.known_s >= flown.state.ordered_at for beat",
-            "True for beat",
-        ),
-        (
             "a proof outlives a silence",
             "state = _unproved(replace(state, settled_at=seen.now + SETTLE_S, excited=False, accepted_after=None))",
             "state = replace(state, settled_at=seen.now + SETTLE_S, excited=False, accepted_after=None)",
@@ -620,13 +615,13 @@ MUTATIONS = tuple(
         ),
         (
             "the last look believes contradicting heartbeats",
-            "        if flown.state.contradictions or back_again:\n            return False\n",
-            "",
+            "        return not (flown.state.contradictions or back_again)\n",
+            "        return True\n",
         ),
         (
             "the last look does not wait for proof",
-            "        if flown is None or not self._ours:\n            return True\n",
-            "        return True\n",
+            "if snapshot.lost or self._ours:",
+            "if snapshot.lost:",
         ),
         (
             "no room for swaps at the vehicle",
@@ -705,7 +700,6 @@ SEEN_IN = {
     "not read back before the start": ("random", 1),
     "given back before it is cleared": ("random", 25),
     "started on a dead log": ("random", 5003214),
-    "the last look does not see the last order's proof": ("hard", 6001795),
     "no last look": ("hard", 1346),
     "the last look believes contradicting heartbeats": ("hard", 1346),
     "the last look does not wait for proof": ("random", 1057125),

@@ -21,8 +21,8 @@ from gcs.vehicle.profile import VehicleProfile
 
 TELL_AFTER_S = 2.0
 """A run that takes longer to clear is told of."""
-PROOF_S = 6.0
-"""How long two heartbeats that know of the last order are waited for before the program ends."""
+PROOF_S = 10.0
+"""How long it is waited for that the rules take a vehicle for cleared, before the program ends."""
 
 
 @dataclass(kw_only=True)
@@ -96,11 +96,12 @@ class Handback:
     def last_look(self) -> None:
         """The rest of the log took its time: a vehicle that was not heard may be heard again, and still be excited."""
         with contextlib.suppress(TippathError):
+            told_by_log = not self._ours
             self._go_on_with_way_back()
             self._see_it_out()
             if self._shows_excitation:
                 self.tell(f"the mode is {self.session.snapshot().mode_name} again: `tippath abort` ends it")
-            if self.unrestored is not None and self._out:
+            elif self.unrestored is not None and self._out(told_by_log):
                 self._give_back(self.unrestored)
         if self.unrestored is not None:
             self.tell("the maneuver's parameters stay in the vehicle: it could not be told otherwise")
@@ -124,16 +125,14 @@ class Handback:
             self._resumed = True
 
     def _see_it_out(self) -> None:
-        """A way back that goes on is brought to its end, by the same rules, and a heartbeat that knows of the last
-        order is waited for; in words what came of it."""
+        """A way back that goes on is brought to its end, by the same rules, and the vehicle watched until it is
+        cleared; in words what came of it."""
         flown = self.flown
         if flown is None:
             return
         end = self.clock.now() + PROOF_S
         try:
-            while flown.out_of_hand or (
-                flown.state.phase is Phase.WATCHING and self.clock.now() < end and not self._out
-            ):
+            while flown.out_of_hand or (flown.state.phase is Phase.WATCHING and self.clock.now() < end):
                 flown.watch()
                 if flown.out_of_hand:
                     end = self.clock.now() + PROOF_S
@@ -143,23 +142,17 @@ class Handback:
                 self.tell("bringing it back was interrupted: the pilot must take it")
             raise
         if self._resumed:
-            self.tell(f"it shows {self.session.snapshot().mode_name} now" if self._out else self.uncleared)
+            self.tell(self.uncleared if self._ours else f"it shows {self.session.snapshot().mode_name} now")
 
-    @property
-    def _out(self) -> bool:
-        """Whether the vehicle shows another mode, and where a start may be ours, said so knowing of it, twice, and was
-        never contradicted: its log, which would tell it from a stranger, has ended."""
+    def _out(self, told_by_log: bool) -> bool:
+        """Whether the vehicle shows another mode, and no start of ours is under way: cleared while its log arrived, or
+        never contradicted, because nothing tells it from a stranger once the log has ended."""
         snapshot, flown = self.session.snapshot(), self.flown
-        if snapshot.lost or snapshot.mode == self.profile.excitation_mode:
+        if snapshot.lost or self._ours:
             return False
-        if flown is None or not self._ours:
+        if flown is None or not flown.state.asks or told_by_log:
             return True
         excited = [b.mode == flown.plan.mode for b in snapshot.beats if b.at_s >= flown.state.asked_at]
         first = excited.index(True) if True in excited else len(excited)
         back_again = any(now and not before for before, now in itertools.pairwise(excited[first:]))
-        if flown.state.contradictions or back_again:
-            return False
-        last = snapshot.beats[-2:]
-        return len(last) == 2 and all(
-            beat.mode != flown.plan.mode and beat.known_s >= flown.state.ordered_at for beat in last
-        )
+        return not (flown.state.contradictions or back_again)
