@@ -664,7 +664,6 @@ SEEN_IN = {
     "cleared at once after a silence": ("hard", 6000566),
     "cleared against the vehicle's own log": ("hard", 5000081),
     "cleared at once without a word of the log": ("hard", 5035734),
-    "cleared with the start's proof alone": ("hard", 5001859),
     "contradictions are not looked at": ("hard", 10),
     "shown again after it left, and left alone": ("hard", 338),
     "old heartbeats are believed after a silence": ("hard", 67),
@@ -701,8 +700,7 @@ SEEN_IN = {
     "given back before it is cleared": ("random", 25),
     "started on a dead log": ("random", 5003214),
     "no last look": ("hard", 1346),
-    "the last look believes contradicting heartbeats": ("hard", 1346),
-    "the last look does not wait for proof": ("random", 1057125),
+    "the last look does not wait for proof": ("hard", 5001859),
     "a stamp from the future is believed": ("twin", 2113),
     "the way back is never late": ("random", 1078),
 }
@@ -710,7 +708,9 @@ SEEN_IN = {
 
 SEEN_TOGETHER = {
     ("an acceptance that changed nothing is believed", "cleared at once without a word of the log"): ("hard", 5003098),
+    ("cleared at once without a word of the log", "cleared with the start's proof alone"): ("hard", 5002088),
     ("no room for swaps at the vehicle", "no room for swaps on the way there"): ("hard", 5023824),
+    ("the last look believes contradicting heartbeats", "the last look does not wait for proof"): ("hard", 3260),
 }
 """Guards that stand behind each other: a history that breaks a rule where all of them are gone, and holds all of them
 where any one stands."""

@@ -63,6 +63,13 @@ def test_no_rule_is_broken_in_any_short_history(rest: int) -> None:
         hold(history)
 
 
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("hard", 7000261)], ids=["two heartbeats of a stranger after the log has ended"]
+)
+def test_no_rule_is_broken_where_one_was_once(kind: str, seed: int) -> None:
+    hold(history_of(kind, seed))
+
+
 def test_a_history_happens_the_same_way_again() -> None:
     history = random_history(7)
     assert play(history, story=True).story == play(history, story=True).story
