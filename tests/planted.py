@@ -413,6 +413,9 @@ def _second_order_flapping(E: _Equations, size: Mapping[str, float], N: Mapping[
 # ------------------------------------------------------------------------------------------ actuators that no row says
 
 
+ACTUATOR_EFFECTS = ("servo_saturation", "servo_deadband", "servo_backlash", "transport_delay", "servo_rate_limit")
+
+
 class _Actuators:
     """From command samples (3, runs) to what acts, for the effects that are about single commands."""
 
@@ -421,6 +424,11 @@ class _Actuators:
         self._size = size
         self._held = start
         self._recent = [start] * (2 + int(size["T_d"] / DT)) if effect == "transport_delay" else []
+
+    @property
+    def pass_on(self) -> bool:
+        """Whether commands act as they are."""
+        return self._effect not in ACTUATOR_EFFECTS
 
     def pieces(self, command: Array, steps: int) -> list[tuple[float, Array]]:
         """(length in s, acting command), adding up to one sample."""
@@ -476,13 +484,182 @@ def _mean(values: Array, flights: int) -> Array:
     return np.repeat(per_flight, runs // flights)
 
 
-def _runge_kutta(A: Array, h: float) -> tuple[Array, Array]:
-    """Two steps of h/2 where rates are A x + c with both constant: x becomes the first times x plus the second times c.
-    What the evaluations of a step sum to, multiplied out."""
-    unit, hA = np.eye(A.shape[0]), 0.5 * h * A
+def _runge_kutta(A: Array, h: float, times: int = 1) -> tuple[Array, Array]:
+    """Two steps of h/2, so many times, where rates are A x + c with both constant: x becomes the first times x plus the
+    second times c. What the evaluations of a step sum to, multiplied out; A of shape (..., states, states)."""
+    unit, hA = np.eye(A.shape[-1]), 0.5 * h * A
     held = 0.5 * h * (unit + hA @ (unit / 2 + hA @ (unit / 6 + hA / 24)))
     step = unit + held @ A
-    return step @ step, step @ held + held
+    steps, helds = step, held
+    for _ in range(2 * times - 1):
+        steps, helds = step @ steps, step @ helds + held
+    return steps, helds
+
+
+@dataclass
+class _Flight:
+    """The vehicle in numbers, and what happens to it."""
+
+    E: _Equations
+    A: Array
+    """(states, states)"""
+    B: Array
+    """(states, SIGNALS)"""
+    feedback: Array
+    """(2, states): what the controller makes of them, less the gyro's noise."""
+    command: Array
+    """(n, 3, runs), without the feedback of the states."""
+    outside: Array
+    """(n, SIGNALS without x, y, e, runs)"""
+    mean: Mapping[str, Array]
+    trim: Array
+    """(3, runs)"""
+    steps: int
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return tuple(self.E.rows)
+
+    def added(self, at: int | slice) -> Mapping[tuple[str, str], Array]:
+        """To the coefficients, in one sample (runs,) or several (samples, runs)."""
+        outside = {name: self.outside[at, i] for i, name in enumerate(SIGNALS[3:])}
+        return {} if self.E.varying is None else self.E.varying(outside, self.mean)
+
+
+BLOCKS = 64
+"""Of samples, integrated side by side."""
+PART = 4096
+"""Samples whose matrices are in memory together."""
+
+
+def _in_blocks(values: Array, length: int) -> Array:
+    """(n, ...) as (length, BLOCKS, ...), with zeros behind the end."""
+    filled = np.zeros((BLOCKS * length, *values.shape[1:]))
+    filled[: len(values)] = values
+    return filled.reshape(BLOCKS, length, *values.shape[1:]).swapaxes(0, 1)
+
+
+def _march(F: Array, g: Array, start: Array) -> Array:
+    """x[0] = start, x[k + 1] = F[k] x[k] + g[k], to x[n]: (n + 1, m, states, columns).
+
+    F (n, m, states, states), g (n, m, states, columns), start (m, states, columns). Blocks of samples are integrated
+    side by side from rest, and what each hands on to the next is added afterwards.
+    """
+    n = len(g)
+    length = -(-(n + 1) // BLOCKS)
+    F, g = _in_blocks(F, length), _in_blocks(g, length)
+    x, grown = np.zeros_like(g), np.zeros_like(F)
+    grown[0] = np.eye(F.shape[-1])
+    for k in range(1, length):
+        x[k] = F[k - 1] @ x[k - 1] + g[k - 1]
+        grown[k] = F[k - 1] @ grown[k - 1]
+    begin = np.empty_like(x[0])
+    for block, (whole, passed) in enumerate(zip(F[-1] @ grown[-1], F[-1] @ x[-1] + g[-1], strict=True)):
+        begin[block] = start
+        start = whole @ start + passed
+    x += grown @ begin
+    return x.swapaxes(0, 1).reshape(BLOCKS * length, *x.shape[2:])[: n + 1]
+
+
+def _matrices(flight: _Flight, part: slice) -> tuple[Array, Array]:
+    """A and B of these samples: (1, 1, ...), or (samples, runs, ...) where they vary."""
+    added = flight.added(part)
+    if not added:
+        return flight.A[None, None], flight.B[None, None]
+    index = {name: i for i, name in enumerate(flight.states)}
+    shape = flight.outside[part, 0].shape
+    A, B = (np.tile(matrix, (*shape, 1, 1)) for matrix in (flight.A, flight.B))
+    for (row, name), value in added.items():
+        if name in index:
+            A[..., index[row], index[name]] += value
+        else:
+            B[..., index[row], SIGNALS.index(name)] += value
+    return A, B
+
+
+def _linear(flight: _Flight) -> tuple[Array, Array]:
+    """Commands (n, 3, runs) and states (n, states, runs) where the loop of vehicle and controller is linear."""
+    n, _, runs = flight.command.shape
+    seen = np.empty((n, len(flight.states), runs))
+    apart = flight.E.varying is not None  # every run has its own matrices
+    signals = np.concatenate([flight.command - flight.trim, flight.outside], axis=1)
+    x = np.zeros((runs, len(flight.states), 1) if apart else (1, len(flight.states), runs))
+    for begin in range(0, n, PART):
+        part = slice(begin, min(begin + PART, n))
+        A, B = _matrices(flight, part)
+        step, held = _runge_kutta(A, DT / flight.steps, flight.steps)
+        g = held @ (B @ (signals[part].swapaxes(1, 2)[..., None] if apart else signals[part, None]))
+        F = step - held @ B[..., :2] @ flight.feedback
+        every = _march(np.broadcast_to(F, (len(g), *F.shape[1:])), g, x)
+        seen[part] = every[:-1, ..., 0].swapaxes(1, 2) if apart else every[:-1, 0]
+        x = every[-1]
+    commands = flight.command.copy()
+    commands[:, :2] -= flight.feedback @ seen
+    return commands, seen
+
+
+def _sample_by_sample(flight: _Flight, actuators: _Actuators) -> tuple[Array, Array]:
+    """The same where it is not: actuators do something to single commands, they end at their stops, or equations are
+    not linear."""
+    E, B, trim = flight.E, flight.B, flight.trim
+    n, _, runs = flight.command.shape
+    commands, seen = np.empty_like(flight.command), np.empty((n, len(flight.states), runs))
+    X = np.zeros((len(flight.states), runs))
+    beside = B[:, 3:] @ flight.outside
+    from_commands = B[:, :3].copy()
+    known: dict[tuple[float, int], tuple[Array, Array, Array]] = {}
+
+    def of_steps(h: float, times: int) -> tuple[Array, Array, Array]:
+        step, held = _runge_kutta(flight.A, h, times)
+        return step, held @ from_commands, held @ beside
+
+    for k in range(n):  # `dot`: for small matrices it takes half as long as @
+        command = flight.command[k].copy()
+        command[:2] -= flight.feedback.dot(X)
+        command = np.minimum(np.maximum(command, -1.0), 1.0)
+        commands[k], seen[k] = command, X
+        pieces = actuators.pieces(command, flight.steps)
+        times = len(pieces) if pieces[0] is pieces[-1] else 1
+        for h, acting in pieces[::times]:
+            moved = acting - trim
+            if E.varying is not None:
+                X = _varied(flight, k, X, moved, h, times)
+            elif E.nonlinear is not None:
+                X = _bent(flight, X, from_commands.dot(moved) + beside[k], h, times)
+            else:
+                step, driven, blown = known.get((h, times)) or known.setdefault((h, times), of_steps(h, times))
+                X = step.dot(X) + driven.dot(moved) + blown[k]
+    return commands, seen
+
+
+def _varied(flight: _Flight, k: int, X: Array, moved: Array, h: float, times: int) -> Array:
+    """X after steps of h in a sample in which every run has its own matrices."""
+    A, B = _matrices(flight, slice(k, k + 1))
+    step, held = _runge_kutta(A[0], h, times)
+    signals = np.concatenate([moved, flight.outside[k]]).T[..., None]
+    return np.asarray((step @ X.T[..., None] + held @ (B[0] @ signals))[..., 0].T)
+
+
+def _bent(flight: _Flight, X: Array, constant: Array, h: float, times: int) -> Array:
+    """X after steps of h of Runge and Kutta where rates are not linear."""
+    assert flight.E.nonlinear is not None
+    A, nonlinear = flight.A, flight.E.nonlinear
+    index = {name: i for i, name in enumerate(flight.states)}
+
+    def rate(state: Array) -> Array:
+        out = A.dot(state)
+        out += constant
+        for name, value in nonlinear(dict(zip(index, state, strict=True))).items():
+            out[index[name]] += value
+        return np.asarray(out)
+
+    for _ in range(times):
+        k1 = rate(X)
+        k2 = rate(X + (0.5 * h) * k1)
+        k3 = rate(X + (0.5 * h) * k2)
+        k4 = rate(X + h * k3)
+        X = X + (h / 6) * (k1 + 2 * (k2 + k3) + k4)
+    return X
 
 
 def _fly(
@@ -498,19 +675,17 @@ def _fly(
 ) -> dict[str, Array]:
     """Arrays (n, runs) of everything that happens, for runs of several flights; `closed` False: no controller."""
     E = equations(effect, size, forward)
-    states = tuple(E.rows)
-    index = {name: i for i, name in enumerate(states)}
+    index = {name: i for i, name in enumerate(E.rows)}
     columns = {name: i for i, name in enumerate(SIGNALS)}
-    n, _, runs = air.excitation.shape
-    A, B = np.zeros((len(states), len(states))), np.zeros((len(states), len(SIGNALS)))
+    runs = air.excitation.shape[2]
+    A, B = np.zeros((len(index), len(index))), np.zeros((len(index), len(SIGNALS)))
     for state, row in E.rows.items():
         for name, value in row.items():
             (A if name in index else B)[index[state], index.get(name, columns.get(name, -1))] = value
-    C = np.zeros((2, len(states)))
+    C = np.zeros((2, len(index)))
     for i, row in enumerate(E.measured.values()):
         for name, value in row.items():
             C[i, index[name]] = value
-    attitude = [index["phi"], index["theta"]]
 
     trim = np.repeat(np.array(TRIM)[:, None], runs, axis=1)
     omega = air.omega
@@ -521,55 +696,24 @@ def _fly(
     mean = {"omega": _mean(omega, flights), "airspeed": _mean(air.airspeed, flights)}
     if rpm is not None:
         mean["omega"] = np.full(runs, NOMINAL_OMEGA)  # the tables' own speed
-    actuators = _Actuators(effect, size, trim)
-    X = np.zeros((len(states), runs))
-    signals = np.zeros((len(SIGNALS), runs))
-    measured, commands, seen = np.empty((n, 2, runs)), np.empty((n, 3, runs)), np.empty((n, len(states), runs))
     outside = np.stack(
         [
             air.delta_c - 0.2, air.delta_r, air.gust[:, 0], air.gust[:, 1], air.gust_alpha, air.r, omega, air.airspeed,
         ],
         axis=1,
     )  # fmt: skip
-    heard = {name: signals[i] for name, i in columns.items()}  # views: they follow the signals
-    changing: list[tuple[int, int, Array]] = []
-
-    def rate(state: Array, constant: Array) -> Array:
-        out = A @ state + constant
-        for row, column, coefficient in changing:
-            out[row] += coefficient * state[column]
-        if E.nonlinear is not None:
-            for name, value in E.nonlinear({name: state[i] for name, i in index.items()}).items():
-                out[index[name]] += value
-        return np.asarray(out)
-
-    fixed = E.nonlinear is None and E.varying is None
-    one_step: dict[float, tuple[Array, Array]] = {}
-    for k in range(n):
-        shown = C @ X + air.noise[k]
-        command = trim + air.excitation[k]
-        if closed:
-            command[:2] -= RATE_GAIN @ shown + ATTITUDE_GAIN @ X[attitude]
-        command = np.clip(command, -1.0, 1.0)
-        measured[k], commands[k], seen[k] = shown, command, X
-        signals[3:] = outside[k]
-        now = {} if E.varying is None else E.varying(heard, mean)
-        changing[:] = [(index[row], index[name], value) for (row, name), value in now.items() if name in index]
-        for h, acting in actuators.pieces(command, steps):
-            signals[:3] = acting - trim
-            constant = B @ signals
-            if fixed:
-                step, held = one_step.get(h) or one_step.setdefault(h, _runge_kutta(A, h))
-                X = step @ X + held @ constant
-                continue
-            for (row, name), value in now.items():
-                if name in columns:
-                    constant[index[row]] += value * heard[name]
-            k1 = rate(X, constant)
-            k2 = rate(X + (0.5 * h) * k1, constant)
-            k3 = rate(X + (0.5 * h) * k2, constant)
-            k4 = rate(X + h * k3, constant)
-            X = X + (h / 6) * (k1 + 2 * (k2 + k3) + k4)
+    feedback, command = np.zeros_like(C), trim + air.excitation
+    if closed:
+        feedback = RATE_GAIN @ C
+        feedback[:, [index["phi"], index["theta"]]] += ATTITUDE_GAIN
+        command[:, :2] -= RATE_GAIN @ air.noise
+    flight = _Flight(E, A, B, feedback, command, outside, mean, trim, steps)
+    actuators = _Actuators(effect, size, trim)
+    if E.nonlinear is None and actuators.pass_on:
+        commands, seen = _linear(flight)
+    if E.nonlinear is not None or not actuators.pass_on or np.any(np.abs(commands) > 1.0):
+        commands, seen = _sample_by_sample(flight, actuators)
+    measured = C @ seen + air.noise
     found = {
         "p": measured[:, 0],
         "q": measured[:, 1],

@@ -244,6 +244,31 @@ def test_actuators_do_to_a_command_what_their_sentence_says() -> None:
     assert value[:, 0] == pytest.approx([0.06, 0.08, 0.1])
 
 
+@pytest.mark.parametrize("effect", [None, "rotor_speed", "airspeed_scaling"])
+def test_blocks_of_samples_are_those_integrated_one_by_one(effect: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is nonlinear here; blocks end within the flight, and so do the parts that are in memory together."""
+    monkeypatch.setattr(planted, "PART", 700)
+    size, forward = PLANTED.get(effect or "", {}), effect in FORWARD
+    together = fly(effect, size, seed=9, duration_s=1.0, forward=forward)
+    monkeypatch.setattr(planted._Actuators, "pass_on", False)
+    for one, other in zip(together, fly(effect, size, seed=9, duration_s=1.0, forward=forward), strict=True):
+        for name, values in one.items():
+            np.testing.assert_allclose(values, other[name], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("effect", [None, "yaw_coupling"])
+def test_commands_end_at_their_stops(effect: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the loop, too: the bare vehicle answers what was logged as the flight did."""
+    monkeypatch.setattr(planted, "SIZES", dict.fromkeys(planted.SIZES, 1.2))
+    size = PLANTED.get(effect or "", {})
+    for run in fly(effect, size, seed=6, gusts=0.0, noise=0.0, duration_s=2.0)[:2]:
+        commands = np.stack([run[f"delta_{letter}"] for letter in "xye"], axis=1)
+        assert np.abs(commands).max() == 1.0
+        alone = respond(effect, size, commands - TRIM, r=run["r"])
+        for name in "pq":
+            np.testing.assert_allclose(run[name], alone[name], rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("forward", [False, True])
 def test_a_flight_holds_the_contract_s_channels_and_table_1_s_chirps(forward: bool) -> None:
     runs = fly(None, {}, seed=5, duration_s=6.0, forward=forward)
