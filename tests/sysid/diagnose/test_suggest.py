@@ -20,8 +20,8 @@ from sysid.model.effect import Stage, load
 PLANTED = tuple(term for term in TERMS if term != "none")
 
 
-def suggested(term: str, most: int = 1) -> Suggestion:
-    return suggest(searched(term)[2].terms[:most], "tpp", 4)
+def suggested(term: str) -> Suggestion:
+    return suggest(searched(term)[2].terms[:1], "tpp", 4)
 
 
 def with_file(written: Suggestion, term: str, path: Path) -> Fit:
@@ -63,7 +63,7 @@ def test_the_effect_in_memory_is_the_one_in_the_file(tmp_path: Path) -> None:
 
 
 def test_several_terms_go_into_one_file(tmp_path: Path) -> None:
-    written = suggested("quadratic_damping", 2)
+    written = suggest([searched(term)[2].terms[0] for term in ("quadratic_damping", "cubic_hub")], "tpp", 4)
     assert len(written.terms) == 2
     effect = load(_written(written, tmp_path / "both.py"))
     assert len(effect.parameters) == sum(term.degrees for term in written.terms)
