@@ -45,18 +45,26 @@ def fly(plant: Plant, settings: ExcitationSettings, seed: int, label: str) -> Re
     )
 
 
-def card(name: str, seed: int, duration_s: float = 30.0) -> tuple[list[Record], list[Record]]:
-    """Two roll and two pitch chirps with Table 1's settings, and a doublet on each axis."""
-    plant = make_plant(name, seed)
-    chirps = [
+CHIRPS = (("roll", 0.10), ("pitch", 0.15), ("roll", 0.10), ("pitch", 0.15))
+
+
+def chirps_of(plant: Plant, seed: int, duration_s: float = 30.0, count: int = len(CHIRPS)) -> list[Record]:
+    """The first so many of a card."""
+    return [
         fly(
             plant,
             ExcitationSettings(kind="chirp", law="tischler", axis=axis, magnitude=size, duration_s=duration_s),
             50 * seed + 7 * i,
             f"#{i}",
         )
-        for i, (axis, size) in enumerate([("roll", 0.10), ("pitch", 0.15), ("roll", 0.10), ("pitch", 0.15)])
+        for i, (axis, size) in enumerate(CHIRPS[:count])
     ]
+
+
+def card(name: str, seed: int) -> tuple[list[Record], list[Record]]:
+    """Two roll and two pitch chirps with Table 1's settings, and a doublet on each axis."""
+    plant = make_plant(name, seed)
+    chirps = chirps_of(plant, seed)
     doublets = [
         fly(
             plant,
@@ -70,8 +78,9 @@ def card(name: str, seed: int, duration_s: float = 30.0) -> tuple[list[Record], 
 
 
 @pytest.fixture(scope="session")
-def fly_card() -> Callable[..., tuple[list[Record], list[Record]]]:
-    return card
+def fly_chirps() -> Callable[..., list[Record]]:
+    """(plant's name, seed, duration in s, how many): the chirps of a card alone."""
+    return lambda name, seed, duration_s, count: chirps_of(make_plant(name, seed), seed, duration_s, count)
 
 
 @pytest.fixture(scope="session")

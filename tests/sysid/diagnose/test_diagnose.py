@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.effect import load
 
-SECONDS = 20.0
+SECONDS = 14.0
 LIMIT, TURNED = 0.065, 0.2
 
 
+@cache
 def flown(effect: str | None, seed: int = 31, *, forward: bool = False, noise: float = 0.004) -> list[Run]:
     size = {} if effect is None else PLANTED[effect]
     return fly_many(effect, size, seeds=[seed], duration_s=SECONDS, forward=forward, noise=noise)[0]
@@ -85,6 +87,7 @@ def test_what_physics_does_not_allow_stands_in() -> None:
     assert found.effect == "attitude_stiffness"
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_validation_runs_judge() -> None:
     runs = flown("servo_lag", 51)
     other = records(flown("servo_lag", 52))
@@ -99,12 +102,15 @@ def test_validation_runs_judge() -> None:
         assert winner.validation_nrmse_percent[axis] > found.validation_nrmse_percent[axis]
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_a_gain_that_other_runs_do_not_share_is_demoted() -> None:
     """Validation runs of a vehicle without the lag: what helps on the fitted runs makes these worse."""
     found = asked(flown("servo_lag", 53), validation=records(flown(None, 54)))
     assert found.verdict == "unexplained"
 
 
+@pytest.mark.usefixtures("few_effects")
+@pytest.mark.parametrize("few_effects", [("yaw_coupling", "rotor_speed")], indirect=True)
 def test_what_cannot_be_asked_says_why() -> None:
     runs = [{name: values for name, values in run.items() if name not in ("r", "omega")} for run in flown(None)]
     reasons = {one.effect: one.not_testable for one in asked(runs).candidates}
@@ -116,6 +122,8 @@ def test_what_cannot_be_asked_says_why() -> None:
     assert "hardly moves" in str(reasons["yaw_coupling"])
 
 
+@pytest.mark.usefixtures("few_effects")
+@pytest.mark.parametrize("few_effects", [("quadratic_damping",)], indirect=True)
 def test_a_user_s_effect_is_asked_beside_the_catalogue(tmp_path: Path) -> None:
     path = tmp_path / "bent_shaft.py"
     path.write_text(

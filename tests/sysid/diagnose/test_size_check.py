@@ -34,6 +34,7 @@ def asked(other: float) -> Diagnosis:
     return diagnose(on_runs("tpp", (), flight, flight), flight, lagging(other, 72), chains=False)
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_one_size_holds() -> None:
     found = asked(TAU_S)
     assert found.verdict == "missing"
@@ -43,6 +44,7 @@ def test_one_size_holds() -> None:
     assert not found.sizes_that_differ
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_an_effect_whose_size_differs_elsewhere_only_resembles_what_is_there() -> None:
     """It explains most of the error there, too: that alone would not show it."""
     found = asked(LESS * TAU_S)
@@ -56,6 +58,8 @@ def test_an_effect_whose_size_differs_elsewhere_only_resembles_what_is_there() -
     assert found.to_json()["sizes"][0]["validation"] == pytest.approx(LESS * TAU_S, rel=0.1)
 
 
+@pytest.mark.usefixtures("few_effects")
+@pytest.mark.parametrize("few_effects", [("servo_saturation",)], indirect=True)
 def test_runs_that_do_not_determine_a_size_say_nothing() -> None:
     """A limit that no command reaches is not contradicted."""
     flight = records(fly_many("servo_saturation", {"limit": 0.12}, seeds=[73], duration_s=SECONDS)[0])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +26,16 @@ def suggested(term: str) -> Suggestion:
     return suggest(searched(term)[2].terms[:1], "tpp", 4)
 
 
-def with_file(written: Suggestion, term: str, path: Path) -> Fit:
-    path.write_text(written.text, encoding="utf-8")
-    return identify(compose("tpp"), flights()[term], effects=[str(path)])
+@pytest.fixture(scope="module")
+def with_file(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Fit, Path]]:
+    """The fit with the file that is suggested for a planted term, and the file."""
+
+    @cache
+    def fitted(term: str) -> tuple[Fit, Path]:
+        path = _written(suggested(term), tmp_path_factory.mktemp(term) / "mine.py")
+        return identify(compose("tpp"), flights()[term], effects=[str(path)]), path
+
+    return fitted
 
 
 def error_share(fit: Fit) -> float:
@@ -40,10 +49,10 @@ def noise_share(term: str) -> float:
 
 
 @pytest.mark.parametrize("term", PLANTED)
-def test_the_written_file_explains_what_was_planted(term: str, tmp_path: Path) -> None:
+def test_the_written_file_explains_what_was_planted(term: str, with_file: Callable[[str], tuple[Fit, Path]]) -> None:
     parent, _, selection = searched(term)
     written = suggested(term)
-    fit = with_file(written, term, tmp_path / "mine.py")
+    fit, _ = with_file(term)
     left = error_share(fit)
     assert (parent.error_share - left) / (parent.error_share - noise_share(term)) > 0.9
     assert left < 1.02 * selection.terms[0].error_share
@@ -52,10 +61,9 @@ def test_the_written_file_explains_what_was_planted(term: str, tmp_path: Path) -
     assert max(map(len, written.text.splitlines())) <= 120
 
 
-def test_the_effect_in_memory_is_the_one_in_the_file(tmp_path: Path) -> None:
+def test_the_effect_in_memory_is_the_one_in_the_file(with_file: Callable[[str], tuple[Fit, Path]]) -> None:
     written = suggested("asymmetric_control")
-    path = tmp_path / "mine.py"
-    from_file = with_file(written, "asymmetric_control", path)
+    from_file, path = with_file("asymmetric_control")
     from_memory = identify(compose("tpp"), flights()["asymmetric_control"], effects=[written.effect])
     np.testing.assert_allclose(from_memory.model.values, from_file.model.values, rtol=1e-9)
     loaded = dataclasses.replace(load(path), path=None, sha256=None, equations=None)

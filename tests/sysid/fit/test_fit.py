@@ -110,9 +110,9 @@ def test_hold_and_end_states_are_exact(dt: float) -> None:
     np.testing.assert_allclose(estimate(TPP, Bins(tuple(found))).model.values, TRUTH, rtol=1e-6)
 
 
-def test_standard_errors_match_the_spread_over_flights(fly_card: Callable[..., Card]) -> None:
+def test_standard_errors_match_the_spread_over_flights(fly_chirps: Callable[..., list[Record]]) -> None:
     """Estimates of ten flights in different gusts scatter as their standard errors say."""
-    fits = [identify(TPP, fly_card("hover-ideal", 100 + seed, 12.0)[0][:2]) for seed in range(10)]
+    fits = [identify(TPP, fly_chirps("hover-ideal", 100 + seed, 12.0, 2)) for seed in range(10)]
     z = np.array([(fit.model.values - TRUTH) / fit.standard_errors for fit in fits])
     assert 0.6 < z.std(axis=0).mean() < 1.5
 
