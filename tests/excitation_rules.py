@@ -571,6 +571,11 @@ MUTATIONS = tuple(
             "        if False:\n            words",
         ),
         (
+            "given back right after a write",
+            "        self.clock.sleep(SWAP_S)  # a copy",
+            "        # a copy",
+        ),
+        (
             "given back although one was not taken",
             "held:g}'} with it\")\n            break",
             "held:g}'} with it\")\n            continue",
@@ -697,7 +702,8 @@ SEEN_IN = {
     "written while the excitation shows": ("random", 65),
     "given back while the excitation shows": ("random", 153),
     "not read back before the start": ("random", 1),
-    "given back before it is cleared": ("random", 25),
+    "given back before it is cleared": ("random", 71),
+    "given back right after a write": ("random", 8020353),
     "started on a dead log": ("random", 5003214),
     "no last look": ("hard", 1346),
     "the last look does not wait for proof": ("hard", 5001859),
@@ -710,7 +716,7 @@ SEEN_TOGETHER = {
     ("an acceptance that changed nothing is believed", "cleared at once without a word of the log"): ("hard", 5003098),
     ("cleared at once without a word of the log", "cleared with the start's proof alone"): ("hard", 5002088),
     ("no room for swaps at the vehicle", "no room for swaps on the way there"): ("hard", 5023824),
-    ("the last look believes contradicting heartbeats", "the last look does not wait for proof"): ("hard", 3260),
+    ("the last look believes contradicting heartbeats", "the last look does not wait for proof"): ("hard", 5009977),
 }
 """Guards that stand behind each other: a history that breaks a rule where all of them are gone, and holds all of them
 where any one stands."""

@@ -17,6 +17,7 @@ from gcs.flight.excitation import Excitation
 from gcs.flight.rules import TICK_S
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.settings import give_back
+from gcs.link.clock import SWAP_S
 from gcs.vehicle.profile import VehicleProfile
 
 TELL_AFTER_S = 2.0
@@ -78,6 +79,7 @@ class Handback:
             self._give_back(self.own)
 
     def _give_back(self, parameters: Mapping[str, float]) -> None:
+        self.clock.sleep(SWAP_S)  # a copy of what was written a moment ago may still come, and would undo this
         for words in give_back(self.session, self.profile, self.settings, parameters):
             self.tell(words)
         self.unrestored = None
