@@ -360,10 +360,12 @@ class SendCommand(_Conversation[CommandAck]):
         return [Command(self.command, self.parameters, attempt)]
 
     def _hear(self, event: Event, now: float) -> list[Send]:
-        if not isinstance(event, CommandAck) or event.command != self.command or self._refusal is not None:
+        if not isinstance(event, CommandAck) or event.command != self.command:
             return []
         if event.result == 0:
-            self.outcome = Done(event)
+            self.outcome = Done(event)  # also behind a refusal, which was an earlier order's then
+        elif self._refusal is not None:
+            return []
         elif event.result == 5:
             self._tries_left = max(self._tries_left, 1)
             self._next = now + 2.0

@@ -64,7 +64,12 @@ def test_no_rule_is_broken_in_any_short_history(rest: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("hard", 7000261)], ids=["two heartbeats of a stranger after the log has ended"]
+    ("kind", "seed"),
+    [("hard", 7000261), ("random", 9036066)],
+    ids=[
+        "a stranger's heartbeats after the log has ended",
+        "an acceptance behind an earlier order's refusal",
+    ],
 )
 def test_no_rule_is_broken_where_one_was_once(kind: str, seed: int) -> None:
     hold(history_of(kind, seed))

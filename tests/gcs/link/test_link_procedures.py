@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from gcs.link.encode import (
+    DO_SET_MODE,
     START_BLOCKS,
     STOP_BLOCKS,
     BlockStatus,
@@ -112,6 +113,20 @@ def test_one_bit_off_is_a_refusal_with_the_vehicles_own_words() -> None:
     assert isinstance(outcome, Failed)
     assert outcome.answered
     assert outcome.reason.endswith("it says: A is read only")
+
+
+def test_an_acceptance_right_behind_a_refusal_is_the_answer() -> None:
+    """The refusal was an earlier order's: answers to two modes that were asked for are not told apart."""
+
+    def acknowledged(result: int) -> CommandAck:
+        return CommandAck(1, 1, command=DO_SET_MODE, result=result, target_system=0, target_component=0)
+
+    back = SetMode(0, tries=1)
+    back.start(0.0)
+    back.on_event(acknowledged(4), 0.10)
+    assert back.outcome is None, "the vehicle's own words about it are waited for"
+    back.on_event(acknowledged(0), 0.12)
+    assert isinstance(back.outcome, Done)
 
 
 def test_a_late_answer_to_an_earlier_read_is_no_refusal() -> None:
