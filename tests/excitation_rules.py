@@ -522,6 +522,11 @@ MUTATIONS = tuple(
             "if False:",
         ),
         ("a late link does not end a run", "if state.late_since is not None and seen", "if False and seen"),
+        (
+            "a lag that is not known is none",
+            "late = state.late_since is not None if seen.lag_s is None else seen.lag_s > LAG_LIMIT_S",
+            "late = seen.lag_s is not None and seen.lag_s > LAG_LIMIT_S",
+        ),
         ("a dead log does not end a run", "if state.log_silent_since is not None and seen", "if False and seen"),
         ("no answers do not end a run", "if seen.answer_age_s > LOST_AFTER_S:", "if False:"),
         (
@@ -661,7 +666,7 @@ SEEN_IN = {
     "one other heartbeat does not suspend the orders": ("random", 7),
     "two in a row need not be in a row": ("hard", 1),
     "time without a link counts against stuck": ("hard", 18),
-    "our own silence counts against stuck": ("hard", 1262),
+    "our own silence counts against stuck": ("hard", 2199),
     "cleared without proof": ("random", 53),
     "an old heartbeat with another mode stops nothing": ("random", 18948),
     "an old heartbeat with the excitation interrupts nothing": ("random", 1031913),
@@ -688,6 +693,7 @@ SEEN_IN = {
     "started from the pilot's other mode": ("random", 146),
     "asked again in the pilot's other mode": ("random", 45646),
     "a late link does not end a run": ("random", 1078),
+    "a lag that is not known is none": ("twin", 9005235),
     "a dead log does not end a run": ("random", 45),
     "no answers do not end a run": ("random", 528),
     "nobody's wish ends a run": ("random", 29),

@@ -110,7 +110,8 @@ def _look_at_link(state: RunState, seen: Seen) -> RunState:
     if state.heard_since == UNKNOWN or silent:
         state = replace(state, heard_since=seen.now)
     silent_log = seen.log_age_s is not None and seen.log_age_s > LAG_LIMIT_S and seen.link_age_s < LAG_LIMIT_S
-    late = seen.lag_s is not None and seen.lag_s > LAG_LIMIT_S
+    # A lag that is not known, because the vehicle's clock jumped, is as late as it was.
+    late = state.late_since is not None if seen.lag_s is None else seen.lag_s > LAG_LIMIT_S
     return replace(
         state,
         ticked_at=seen.now,

@@ -65,10 +65,11 @@ def test_no_rule_is_broken_in_any_short_history(rest: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    [("hard", 7000261), ("random", 9036066)],
+    [("hard", 7000261), ("random", 9036066), ("twin", 9005235)],
     ids=[
         "a stranger's heartbeats after the log has ended",
         "an acceptance behind an earlier order's refusal",
+        "a late link while a twin talks",
     ],
 )
 def test_no_rule_is_broken_where_one_was_once(kind: str, seed: int) -> None:
