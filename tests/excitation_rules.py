@@ -716,7 +716,7 @@ SEEN_IN = {
     "a stamp from the future is believed": ("twin", 2113),
     "the way back is never late": ("random", 1078),
 }
-"""A history that shows a guard to be gone: its kind and its seed; the guards that are not here are for the study."""
+"""A history that shows a guard to be gone: its kind and its seed."""
 
 SEEN_TOGETHER = {
     ("an acceptance that changed nothing is believed", "cleared at once without a word of the log"): ("hard", 5003098),
@@ -726,6 +726,15 @@ SEEN_TOGETHER = {
 }
 """Guards that stand behind each other: a history that breaks a rule where all of them are gone, and holds all of them
 where any one stands."""
+
+HEARD_AGAIN = History(
+    seed=2094615,
+    down=Way(delay_s=0.1, delays=((0.0, 6.761),), outages=((7.215, 32.04),)),
+    acts=(Act(5.899, "abort"),),
+    attitude_s=0.5,
+    stop_s=15.0,
+)
+"""Given up while nothing was heard, and heard again, still excited, while the rest of the log arrives."""
 
 MADE_FOR = {
     "asked again where it started and left": History(
@@ -757,20 +766,8 @@ MADE_FOR = {
         runs=(3,),
         attitude_s=1.0,
     ),
-    "a vehicle heard again after it was given up is left excited": History(
-        seed=2094615,
-        down=Way(delay_s=0.1, delays=((0.0, 6.761),), outages=((7.215, 32.04),)),
-        acts=(Act(5.899, "abort"),),
-        attitude_s=0.5,
-        stop_s=15.0,
-    ),
-    "no watch while the rest of the log arrives": History(
-        seed=2094615,
-        down=Way(delay_s=0.1, delays=((0.0, 6.761),), outages=((7.215, 32.04),)),
-        acts=(Act(5.899, "abort"),),
-        attitude_s=0.5,
-        stop_s=15.0,
-    ),
+    "a vehicle heard again after it was given up is left excited": HEARD_AGAIN,
+    "no watch while the rest of the log arrives": HEARD_AGAIN,
     "started with an unknown lag": History(
         seed=866286,
         origin="begin",

@@ -335,8 +335,7 @@ def _end(state: RunState, seen: Seen, ending: Ending, reason: str, *, at_once: b
 
 
 def _leave(state: RunState, seen: Seen) -> tuple[RunState, Order | None]:
-    left = replace(state, phase=Phase.WATCHING, left_at=seen.now)
-    return replace(left, mode_after=state.mode_shown), None
+    return replace(state, phase=Phase.WATCHING, left_at=seen.now, mode_after=state.mode_shown), None
 
 
 def _taken(state: RunState) -> tuple[Ending, str]:
