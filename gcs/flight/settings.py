@@ -28,6 +28,8 @@ T = TypeVar("T")
 
 SILENCES = 4
 """So many unanswered questions, each with a later one answered, until a vehicle is believed to lack a parameter."""
+SILENCES_OF_NEEDED = 8
+"""So many where the vehicle was recognised by having such parameters: a poor link is likelier than a lack."""
 MOST_QUESTIONS = 12
 """So many questions without an answer to anything, and the vehicle counts as one that does not answer."""
 
@@ -61,7 +63,7 @@ def recognise(session: Asking, clock: Clock, profiles: Sequence[VehicleProfile] 
     return choose_profile(held, session.snapshot().autopilot, profiles)
 
 
-def ask(session: Asking, clock: Clock, name: str) -> float | None:
+def ask(session: Asking, clock: Clock, name: str, most_silences: int = SILENCES) -> float | None:
     """A parameter's value; None where the vehicle certainly has none of that name.
 
     Raises NoAnswerError where it answers nothing at all, LinkError where the link is lost meanwhile.
@@ -78,12 +80,19 @@ def ask(session: Asking, clock: Clock, name: str) -> float | None:
         except NoAnswerError:
             # A later question that was answered came to a vehicle that had this one, or lost it.
             silences += clock.now() - session.snapshot().answer_age_s > began
-        if silences >= SILENCES:
+        if silences >= most_silences:
             return None
     raise NoAnswerError(
         f"the vehicle is heard, but answers nothing (asked {MOST_QUESTIONS} times for {name}): a link that carries one "
         "way only, or a vehicle that accepts signed messages only; nothing was flown"
     )
+
+
+def _needed(session: Asking, clock: Clock, name: str) -> float:
+    value = ask(session, clock, name, SILENCES_OF_NEEDED)
+    if value is None:
+        raise NoAnswerError(f"the vehicle answers, but not for {name}, which a maneuver writes; nothing was flown")
+    return value
 
 
 def ask_all(session: Asking, clock: Clock, names: Sequence[str]) -> dict[str, float]:
@@ -95,9 +104,10 @@ def ask_all(session: Asking, clock: Clock, names: Sequence[str]) -> dict[str, fl
 def read_settings(session: Asking, clock: Clock, profile: VehicleProfile) -> dict[str, float]:
     """The present values of all that a maneuver writes, and of what decides about a lost link and a steep lean.
 
-    Raises ProcedureError where a maneuver's parameter is not answered: what is not known cannot be put back.
+    Raises ProcedureError where a maneuver's parameter is not answered: what is not known cannot be put back. Otherwise
+    as `ask`.
     """
-    settings = {name: session.call(ReadParameter(name)).value for name in profile.settings}
+    settings = {name: _needed(session, clock, name) for name in profile.settings}
     settings |= ask_all(session, clock, AROUND_A_MANEUVER)
     for pair in RENAMED:
         settings |= ask_all(session, clock, pair[:1]) or ask_all(session, clock, pair[1:])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import TypeVar
 
 import pytest
 from fake_flight import FakeSession, FakeVehicle
@@ -11,9 +12,20 @@ from fake_flight import FakeSession, FakeVehicle
 from gcs.cards.maneuver import Maneuver
 from gcs.errors import LinkError
 from gcs.flight.live import SweepSettings
-from gcs.flight.settings import ask, changed_since, flown_otherwise, give_back, ordered, recognise, write_plan
-from gcs.link.procedures import NoAnswerError
+from gcs.flight.settings import (
+    ask,
+    changed_since,
+    flown_otherwise,
+    give_back,
+    ordered,
+    read_settings,
+    recognise,
+    write_plan,
+)
+from gcs.link.procedures import NoAnswerError, Procedure, ReadParameter
 from gcs.vehicle.profile import CannotFlyError, Plan, VehicleProfile, bundled_profiles
+
+T = TypeVar("T")
 
 AXIS, MAGNITUDE = "SID_AXIS", "SID_MAGNITUDE"
 
@@ -79,6 +91,37 @@ def test_a_link_lost_meanwhile_is_said(vehicle: FakeVehicle, session: FakeSessio
     session.sleep(5.0)
     with pytest.raises(LinkError, match="the link was lost"):
         ask(session, session, "NO_SUCH")
+
+
+class LosesReads(FakeSession):
+    """The first reads of one parameter get no answer, while everything else does."""
+
+    lost = 0
+
+    def call(self, procedure: Procedure[T], timeout_s: float | None = None) -> T:
+        if self.lost and isinstance(procedure, ReadParameter) and procedure.name == "SID_T_FADE_IN":
+            self.lost -= 1
+            self.sleep(0.6)
+            raise NoAnswerError("no answer")
+        return super().call(procedure, timeout_s)
+
+
+def test_a_setting_that_a_poor_link_lost_several_times_is_asked_for_again(
+    vehicle: FakeVehicle, profile: VehicleProfile
+) -> None:
+    session = LosesReads(vehicle)
+    session.lost = 6
+    assert read_settings(session, session, profile)["SID_T_FADE_IN"] == vehicle.parameters["SID_T_FADE_IN"]
+    assert session.lost == 0
+
+
+def test_without_a_setting_that_a_maneuver_writes_nothing_is_flown(
+    vehicle: FakeVehicle, profile: VehicleProfile
+) -> None:
+    session = LosesReads(vehicle)
+    session.lost = 1000
+    with pytest.raises(NoAnswerError, match=r"answers, but not for SID_T_FADE_IN.*nothing was flown"):
+        read_settings(session, session, profile)
 
 
 # ------------------------------------------------------------------------------------------------ the order of writes
