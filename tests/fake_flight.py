@@ -17,9 +17,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from gcs.flight.connection import LogWay
 from gcs.flight.live import LiveWindow, SweepSettings
 from gcs.flight.log_health import Capacity, LogHealth
-from gcs.flight.recorder import RecordedLog, RecordingSummary
+from gcs.flight.recorder import ON_CARD, RecordedLog, RecordingSummary
 from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
 from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
 from gcs.link.log_end import Cause, EndState, LogEnd
@@ -209,6 +210,10 @@ class FakeSession:
         """Of the vehicle's own record of the maneuver; None where it keeps none."""
         self.shed = 0
         """Times the log was shed."""
+        self.log: LogWay = "stream"
+        """Of the recording that goes on, or of the last one."""
+        self.log_fails = ""
+        """What the vehicle says about a log on its card that it does not write."""
         self._texts: list[Text] = []
 
     # the clock
@@ -294,6 +299,19 @@ class FakeSession:
             return None
         first, last = rows[0 if silent else back][0], rows[-1 if back < len(rows) else silent - 1][0]
         now, rate = self.vehicle.now, 4000.0
+        if self.log == "card":
+            return LogHealth(
+                file=0,
+                blocks=heard // 4,
+                open=0,
+                silent_s=now - last,
+                log_s=last,
+                clock_s=now,
+                capacity=None,
+                reported=self.log_fails,
+                problem=None,
+                on_card=True,
+            )
         seconds = min(5.0, now - first)
         return LogHealth(
             file=0,
@@ -327,6 +345,12 @@ class FakeSession:
             rows = rows[-int((last_s + 5) * RATE_HZ) :]
             rows = rows[bisect_left(rows, rows[-1][0] - last_s, key=itemgetter(0)) :]
         table = np.array(rows).reshape(-1, 7)
+        if self.log == "card":
+            table = table[::4]  # attitudes, 25 a second
+            unknown = np.full(len(table), np.nan)
+            known = dict(zip(COLUMNS[:3], table.T, strict=False))
+            others = dict.fromkeys(COLUMNS[3:], unknown)
+            return LiveWindow(**known, **others, log_s=float(table[-1, 0]) if rows else None)
         entered = self.vehicle.entered
         sweep = None if entered is None or not rows else float(table[-1, 0] - entered)
         return LiveWindow(
@@ -428,7 +452,8 @@ class FakeSession:
             1, 1, name=name, bits=bits_of_float(self.vehicle.parameters[name]), kind=9, count=100, index=65535
         )
 
-    def start_recording(self, directory: Path) -> None:
+    def start_recording(self, directory: Path, log: LogWay = "stream") -> None:
+        self.log = log
         self.recordings.append(directory)
         self.vehicle.samples.clear()  # a new log
 
@@ -436,6 +461,9 @@ class FakeSession:
         meanwhile()
         self.ended_recordings += 1
         directory = self.recordings[-1]
+        if self.log == "card":
+            tlog = directory / "flight.tlog"
+            return RecordingSummary(directory=directory, logs=(), tlog=tlog, tlog_frames=10, how=ON_CARD, problems=())
         end = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=self.now(), clock_s=self.now())
         log = RecordedLog(path=directory / "flight.BIN", blocks=100, expected=100, missing=(), duplicates=0, end=end)
         return RecordingSummary(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Literal, Protocol, TypeVar
 
 from gcs.flight.live import LiveWindow
 from gcs.flight.log_health import LogHealth
@@ -14,6 +14,9 @@ from gcs.link.procedures import Procedure
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 T = TypeVar("T")
+
+LogWay = Literal["stream", "card"]
+"""How the vehicle's log comes to the ground: block by block while it is flown, or off the vehicle's card later."""
 
 
 class Connection(Protocol):
@@ -32,7 +35,7 @@ class Connection(Protocol):
     def texts_since(self, cursor: int) -> tuple[int, list[Text]]: ...
     def samples(self, last_s: float) -> LiveWindow: ...
     def log_health(self) -> LogHealth | None: ...
-    def start_recording(self, directory: Path) -> None: ...
+    def start_recording(self, directory: Path, log: LogWay = "stream") -> None: ...
     def shed_log(self) -> None: ...
     def stop_recording(self, *, meanwhile: Callable[[], None]) -> RecordingSummary: ...
 

@@ -61,6 +61,9 @@ class Excitation:
         self.state = RunState(mode_before=mode_before, settled_at=clock.now() + SETTLE_S)
         self.peaks = Peaks()
         self.log_start_s: float | None = None
+        self.log_start_within_s = 0.0
+        """How far off that may be, where the log is not read and the link's clock told it."""
+        self._first_asked_s: float | None = None
         self.frequency_hz: float | None = None
         self.elapsed_s = 0.0
         self.orders = 0
@@ -141,6 +144,7 @@ class Excitation:
             lag_s=snapshot.lag_s,
             answer_age_s=snapshot.answer_age_s,
             log_age_s=None if log is None else log.silent_s,
+            log_on_card=log is not None and log.on_card,
             log_stopped="" if log is None else log.reported,
             log_mode=None if log is None or (log.silent_s or 0.0) > LOG_SILENCE_S else self._log_mode,
             texts=tuple(text.text for text in texts),
@@ -154,6 +158,8 @@ class Excitation:
         self._answer, self._beats = None, snapshot.heartbeats
         if self.state.flying_since is not None and self.state.phase is Phase.FLYING:
             self.elapsed_s = seen.now - self.state.flying_since
+            if log is not None and log.on_card and self.log_start_s is None:
+                self._enter_by_clock(now, log.clock_s)
         self.state, order = step(self.state, seen, self.plan)
         if self.state.ending is Ending.LATE and not self._shed:
             self._shed = True
@@ -163,8 +169,16 @@ class Excitation:
             self._answer = self._ask(order)
         return self.out_of_hand
 
+    def _enter_by_clock(self, now: float, vehicle_s: float | None) -> None:
+        """It entered the mode after the first start was sent, and before it was heard to: half way, give or take."""
+        if vehicle_s is not None and self._first_asked_s is not None:
+            self.log_start_within_s = 0.5 * (now - self._first_asked_s)
+            self.log_start_s = vehicle_s - self.log_start_within_s
+
     def _ask(self, order: Order) -> Answer:
         # One send each: repeating is the step's business, which looks at the mode in between.
+        if order.mode == self.plan.mode and self._first_asked_s is None:
+            self._first_asked_s = self._clock.now()
         patience_s = None if order.mode == self.plan.mode else ASK_EVERY_S
         try:
             self._session.call(SetMode(order.mode, tries=1), patience_s)

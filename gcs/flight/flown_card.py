@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import CardRun, TestCard
+from gcs.flight.connection import LogWay
 from gcs.flight.folder import FlightFolder
+from gcs.flight.log_health import LogHealth
 from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.run import RunResult
@@ -46,12 +49,23 @@ class SweepResult:
     """Of the run that stopped the card."""
     link_loss: LinkLoss | None = None
     """What the vehicle does when it no longer hears this station."""
+    log: LogWay = "stream"
+
+    @property
+    def flown(self) -> bool:
+        """Every run was flown to its end, wherever the log is."""
+        return not self.stopped and len(self.runs) == self.planned
+
+    @property
+    def done(self) -> bool:
+        """All that was asked for: flown, and recorded whole unless the log was to stay on the card."""
+        return self.complete or (self.flown and self.log == "card")
 
     @property
     def complete(self) -> bool:
         """Every run was flown to its end, and all of it is on disk, as far as the log's own stamps show."""
         recorded = self.recording is not None and self.recording.complete
-        return not self.stopped and len(self.runs) == self.planned and recorded
+        return self.flown and recorded
 
     @property
     def missing_blocks(self) -> int:
@@ -61,6 +75,8 @@ class SweepResult:
     def missing_words(self) -> str:
         """`0 samples missing`, or what is: blocks of the log, samples that were to be flown and did not come, an end
         of the log that is not there."""
+        if self.log == "card":
+            return "log on the vehicle's card"
         verdicts = [run.verdict for run in self.runs if run.verdict is not None]
         samples, planned = sum(v.missing for v in verdicts), sum(v.expected for v in verdicts)
         parts = [f"{self.missing_blocks} blocks of the log missing"] if self.missing_blocks else []
@@ -83,6 +99,14 @@ def vehicle_document(snapshot: VehicleSnapshot, profile: VehicleProfile) -> dict
         "version": snapshot.version,
         "profile": profile.name,
     }
+
+
+def boot_document(snapshot: VehicleSnapshot, health: LogHealth | None, utc: datetime) -> dict[str, Any]:
+    """Which boot of the vehicle it was: its clock's zero in UTC, as far as this computer's clock is right, and how
+    often it went back while this station listened."""
+    clock_s = None if health is None else health.clock_s
+    booted = None if clock_s is None else (utc - timedelta(seconds=clock_s)).isoformat(timespec="milliseconds")
+    return {"booted": booted, "reboots": snapshot.reboots}
 
 
 def limits_document(limits: Limits) -> dict[str, Any]:

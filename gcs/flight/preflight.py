@@ -139,14 +139,15 @@ def recording(
         )
     else:
         checks.append(Check("log", f"arrives: {now.blocks_received} blocks, {now.blocks_open} open"))
-    needed = round(LOG_RATE * duration_s) + SPARE_BYTES
-    if disk_free is None:
-        checks.append(Check("disk", "the system does not tell how much is free"))
-    else:
-        enough = disk_free > needed
-        words = f"{_size(disk_free)} free"
-        checks.append(Check("disk", words if enough else f"{words}, {_size(needed)} needed: make room", enough))
-    return tuple(checks)
+    return (*checks, disk(disk_free, round(LOG_RATE * duration_s) + SPARE_BYTES))
+
+
+def disk(free: int | None, needed: int) -> Check:
+    """Whether so many bytes are free; None where the system does not tell."""
+    if free is None:
+        return Check("disk", "the system does not tell how much is free")
+    words = f"{_size(free)} free"
+    return Check("disk", words if free > needed else f"{words}, {_size(needed)} needed: make room", free > needed)
 
 
 def carried(health: LogHealth | None, loop_hz: float | None) -> tuple[Check, ...]:
@@ -165,21 +166,29 @@ def carried(health: LogHealth | None, loop_hz: float | None) -> tuple[Check, ...
     return (Check("log rate", words, False),)
 
 
-def hover(snapshot: VehicleSnapshot, window: LiveWindow, plans: Sequence[Plan], limits: Limits) -> tuple[Check, ...]:
-    """Whether it hovers quietly, with room for the amplitudes planned. `window` holds the last seconds of the log."""
+def hover(
+    snapshot: VehicleSnapshot, window: LiveWindow, plans: Sequence[Plan], limits: Limits, *, telemetry: bool = False
+) -> tuple[Check, ...]:
+    """Whether it hovers quietly, with room for the amplitudes planned. `window` holds the last seconds of the log, or
+    of telemetry, which tells no commands and so no trim."""
     checks = []
     if snapshot.roll is not None and snapshot.pitch is not None:
         lean = max(abs(snapshot.roll), abs(snapshot.pitch))
         steep = lean > LEVEL
         words = f"{math.degrees(lean):.0f}° lean"
         checks.append(Check("attitude", words + (": hover level first" if steep else ""), not steep))
-    if window.t.size < 100:
+    if window.t.size < (10 if telemetry else 100):
         checks.append(Check("trim", "not known: no samples of the log yet"))
         return tuple(checks)
     spread = float(max(window.p.std(), window.q.std()))
     checks.append(
         Check("rates", f"vary by {spread:.2f} rad/s" + (": not a quiet hover" if spread > CALM else ""), spread <= CALM)
     )
+    if telemetry:
+        return (
+            *checks,
+            Check("trim", "not known by telemetry: the pilot trims the swashplate, with room for the card"),
+        )
     amplitude = max((plan.maneuver.amplitude for plan in plans if plan.maneuver.target == "command"), default=0.0)
     trims = (float(window.delta_x.mean()), float(window.delta_y.mean()))
     trim = max(map(abs, trims))

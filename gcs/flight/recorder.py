@@ -27,6 +27,7 @@ from gcs.link.log_end import NOT_JUDGED, EndState, LogEnd
 from gcs.vehicle.autopilots import NO_LOG
 
 HOW = "log blocks streamed by the vehicle (REMOTE_LOG_DATA_BLOCK), acknowledged one by one"
+ON_CARD = "telemetry only: the log is on the vehicle's card"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,8 +195,9 @@ class Recorder:
         self._tlog_size += len(stamped)
         self._tlog_frames += 1
 
-    def finish(self, streams: tuple[StreamResult, ...]) -> RecordingSummary:
-        """Close the files; `streams` is what the receiver of blocks knows about each."""
+    def finish(self, streams: tuple[StreamResult, ...], *, on_card: bool = False) -> RecordingSummary:
+        """Close the files; `streams` is what the receiver of blocks knows about each. With `on_card` none was asked
+        for: the log stays on the vehicle."""
         logs = []
         known = {stream.file: stream for stream in streams}
         for file, (path, _) in sorted(self._logs.items()):
@@ -218,7 +220,7 @@ class Recorder:
             with contextlib.suppress(OSError):
                 opened.close()
         problems = list(self._problems)
-        if not logs:
+        if not logs and not on_card:
             problems.append(f"no block of the log came: {NO_LOG}")
         problems += [problem for log in logs for problem in log.problems]
         if len(logs) > 1:
@@ -229,7 +231,7 @@ class Recorder:
             logs=tuple(logs),
             tlog=tlog,
             tlog_frames=self._tlog_frames,
-            how=HOW,
+            how=ON_CARD if on_card else HOW,
             problems=tuple(problems),
         )
 

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from gcs.flight.live import LiveLog
+from gcs.flight.live import LiveLog, LiveWindow
 from gcs.flight.log_health import LogHealth, Tally, capacity
 from gcs.flight.recorder import Recorder, RecordingSummary
 from gcs.link.encode import Send
@@ -67,6 +67,10 @@ class Recording:
             "duplicates": self.blocks.duplicates,
             "recording_problem": self.recorder.problem,
         }
+
+    def window(self, last_s: float) -> LiveWindow:
+        """The last seconds of the log."""
+        return self._live.window(last_s)
 
     def finish(self) -> RecordingSummary:
         """Close the files."""

@@ -21,8 +21,8 @@ The rules that `step` keeps, whatever the link does (late by any time, deaf one 
 6. After silence, the link's or our own, nothing starts again. The first heartbeat that is not older than the silence
    decides: the excitation mode is answered with the way back, any other is left alone. Time without a link does not
    count against a vehicle that does not leave.
-7. A run ends where its log has stopped, the link is late for a second, the vehicle no longer answers, a limit is
-   broken, or it flies other settings than planned.
+7. A run ends where its log has stopped (or, where that stays on the vehicle's card, telemetry), the link is late for a
+   second, the vehicle no longer answers, a limit is broken, or it flies other settings than planned.
 8. Every run ends with the mode that the vehicle showed after it, or with the words that it is not known.
 
 After an ordinary end the way back waits for a heartbeat later than the end: it costs a second, and does not talk over a
@@ -312,12 +312,18 @@ def _wants_end(state: RunState, seen: Seen) -> tuple[Ending, str] | None:
     if seen.log_stopped:
         return Ending.LOG, f"the vehicle says {seen.log_stopped!r}"
     if state.log_silent_since is not None and seen.now - state.log_silent_since > LOG_SILENCE_S - LAG_LIMIT_S:
-        return Ending.LOG, f"no new block of the vehicle's log for {seen.log_age_s:.1f} s"
+        return _silence(seen)
     if seen.answer_age_s > LOST_AFTER_S:
         return Ending.LINK, f"the vehicle is heard, but has answered nothing for {seen.answer_age_s:.1f} s"
     if state.late_since is not None and seen.now - state.late_since > LAG_PATIENCE_S:
         return Ending.LATE, f"the link is {seen.lag_s or 0.0:.1f} s late"
     return None
+
+
+def _silence(seen: Seen) -> tuple[Ending, str]:
+    if seen.log_on_card:
+        return Ending.TELEMETRY, f"no attitude by telemetry for {seen.log_age_s:.1f} s"
+    return Ending.LOG, f"no new block of the vehicle's log for {seen.log_age_s:.1f} s"
 
 
 def _end(state: RunState, seen: Seen, ending: Ending, reason: str, *, at_once: bool = False) -> RunState:

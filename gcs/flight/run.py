@@ -15,7 +15,7 @@ from gcs.flight.excitation import Excitation
 from gcs.flight.probe import ProbeResult
 from gcs.flight.rules import TICK_S, joined
 from gcs.flight.run_state import Ending, Phase
-from gcs.flight.verdict import Verdict, cut, judge
+from gcs.flight.verdict import Verdict, cut, judge, judge_by_telemetry
 from gcs.vehicle.profile import Plan
 from gcs.vehicle.snapshot import VehicleSnapshot
 
@@ -61,14 +61,17 @@ class RunResult:
     duration_s: float
     """From entering the excitation mode to its end."""
     log_start_s: float | None
-    """The log's own time of entering the mode; None where no samples came."""
+    """The log's own time of entering the mode; None where no samples came. Where the log stays on the card, by the
+    link's clock."""
+    log_start_within_s: float = 0.0
+    """How far off that may be."""
     peaks: Peaks
     verdict: Verdict | None
     """None where nothing was flown."""
 
     @property
     def clean(self) -> bool:
-        return self.ending is Ending.FINISHED and self.verdict is not None and self.verdict.keep
+        return self.ending is Ending.FINISHED and self.verdict is not None and self.verdict.clean
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -85,6 +88,7 @@ class RunResult:
             "started": self.started,
             "duration_s": round(self.duration_s, 3),
             "log_start_s": None if self.log_start_s is None else round(self.log_start_s, 6),
+            "log_start_within_s": round(self.log_start_within_s, 3),
             "peaks": {
                 name: None if value is None else round(value, 5)
                 for name, value in (
@@ -160,6 +164,7 @@ def fly_run(
         started=started,
         duration_s=flown.elapsed_s,
         log_start_s=flown.log_start_s,
+        log_start_within_s=flown.log_start_within_s,
         peaks=flown.peaks,
         verdict=verdict,
     )
@@ -182,10 +187,14 @@ def _progress(run: CardRun, flown: Excitation) -> RunProgress:
 
 def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> Verdict:
     state, plan, start = flown.state, flown.plan, flown.log_start_s
+    health = session.log_health()
     window = session.samples(flown.elapsed_s + 5.0)
     first = math.inf if start is None else start + plan.lead_s
     finished = state.ending is None or state.ending is Ending.FINISHED
     interruption = None if finished or state.ending is None else f"{state.ending.value}: {state.reason}"
+    if health is not None and health.on_card:
+        came = window.t.size if start is None else int((window.t >= start).sum())
+        return judge_by_telemetry(flown.limits, flown.peaks, came, flown.elapsed_s, interruption=interruption)
     samples = cut(window, first, first + plan.maneuver.duration_s)
     return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption=interruption, start_s=first)
 

@@ -32,6 +32,7 @@ class Ending(Enum):
     LINK = "link lost"
     LATE = "link too late"
     LOG = "log stopped"
+    TELEMETRY = "telemetry stopped"
     SETTINGS = "other settings"
     PROBE = "the probe says no"
     ABORTED = "aborted"
@@ -66,7 +67,9 @@ class Seen:
     answer_age_s: float = 0.0
     """Since the newest question was sent that the vehicle answered."""
     log_age_s: float | None = None
-    """Since the last new block of the log; None where none is recorded."""
+    """Since the last new block of the log, or attitude where the log stays on the card; None where none came."""
+    log_on_card: bool = False
+    """The log stays on the vehicle's card: telemetry stands for it."""
     log_stopped: str = ""
     """The vehicle's own words about having stopped its log."""
     log_mode: int | None = None

@@ -22,6 +22,8 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from gcs.errors import LinkError, TippathError
+from gcs.flight.card_recording import CardRecording
+from gcs.flight.connection import LogWay
 from gcs.flight.live import LiveLog, LiveWindow
 from gcs.flight.log_health import LogHealth
 from gcs.flight.pace import BEAT_S, Pace, RealTime
@@ -31,6 +33,7 @@ from gcs.flight.telemetry import TelemetryRequests
 from gcs.link.clock import LOST_AFTER_S, LinkClock
 from gcs.link.decode import TextAssembly, decode
 from gcs.link.encode import (
+    CARD_TELEMETRY,
     STATION_COMPONENT,
     STOP_BLOCKS,
     BlockStatus,
@@ -116,8 +119,10 @@ class Session:
         self._texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
         self._others: dict[tuple[bool, int, int], float] = {}
         self._sent: deque[bytes] = deque(maxlen=10_000)
-        self._recording: Recording | None = None
+        self._recording: Recording | CardRecording | None = None
         self._live = LiveLog()
+        self._window = self._live.window
+        """Of what is being recorded, or was last."""
         self._telemetry = TelemetryRequests()
         self._pace.begin(self._turn, self._beat)
 
@@ -250,8 +255,8 @@ class Session:
         return (texts[-1].number if texts else cursor), texts
 
     def samples(self, last_s: float) -> LiveWindow:
-        """The last seconds of the log being recorded; empty arrays while there is none."""
-        return self._live.window(last_s)
+        """The last seconds of the log being recorded, or of telemetry instead; empty arrays while there is none."""
+        return self._window(last_s)
 
     def log_health(self) -> LogHealth | None:
         """How the log being recorded arrives, at this moment; None while nothing is recorded. Cheap: ask every tick."""
@@ -265,21 +270,27 @@ class Session:
 
     # Recording.
 
-    def start_recording(self, directory: Path) -> None:
-        """Ask for the vehicle's log and write it, and the telemetry, into `directory`, as it comes.
+    def start_recording(self, directory: Path, log: LogWay = "stream") -> None:
+        """Ask for the vehicle's log and write it, and the telemetry, into `directory`, as it comes. With `card` the log
+        is not asked for, and telemetry is, at a rate that serves instead.
 
         Returns at once; the snapshot's `blocks_received` shows that it works. Raises TippathError where the folder
         cannot be written, or something is being recorded already.
         """
         with self._lock:
             self._refuse_second()
-            self._record(Recorder(directory, self._wall_clock))
+            self._record(Recorder(directory, self._wall_clock), log)
 
-    def _record(self, recorder: Recorder) -> None:
+    def _record(self, recorder: Recorder, log: LogWay = "stream") -> None:
         with self._lock:
             self._refuse_second()
             self._sent.clear()
-            self._recording = Recording(recorder, self._live, self._clock)
+            if log == "card":
+                self._recording = CardRecording(recorder, self._clock, self._link_clock.vehicle_s)
+                self._say(self._telemetry.want(CARD_TELEMETRY, self._clock()))
+            else:
+                self._recording = Recording(recorder, self._live, self._clock)
+            self._window = self._recording.window
             self._say(self._recording.blocks.start(self._clock()))
 
     def _refuse_second(self) -> None:
@@ -291,6 +302,7 @@ class Session:
         with self._lock:
             if self._recording is not None:
                 self._say(self._recording.blocks.stop(self._clock()))
+                self._say(self._telemetry.want({}, self._clock()))
 
     def stop_recording(
         self, within_s: float = STOP_WITHIN_S, *, meanwhile: Callable[[], None] = lambda: None
@@ -310,6 +322,7 @@ class Session:
                 break
             meanwhile()
         with self._lock:
+            self._say(self._telemetry.want({}, self._clock()))
             self._log_sent()
             self._recording = None
             self._update(recording=None)

@@ -4,7 +4,8 @@ The vehicle is left as it was found: in the mode before the run (see `gcs.flight
 in every parameter that a maneuver wrote (see `gcs.flight.handback`). Nothing is written while it may be excited,
 because the vehicle reads some parameters in every loop: only after the last run is cleared, and a run is started only
 after all that was written has landed and was read back. Recording goes on during the whole card, and `flight.json` is
-replaced after each run; a run is not started, and does not go on, without fresh blocks of the log.
+replaced after each run; a run is not started, and does not go on, without fresh blocks of the log, or, where that stays
+on the vehicle's card, without fresh telemetry (see `gcs.flight.log_way`).
 """
 
 from __future__ import annotations
@@ -23,10 +24,17 @@ from typing import Any, Self
 from gcs.cards.envelope import Limits, use
 from gcs.cards.maneuver import CardRun, TestCard, preceded
 from gcs.errors import TippathError
-from gcs.flight import preflight
-from gcs.flight.connection import Clock, Connection, WallClock
+from gcs.flight import log_way, preflight
+from gcs.flight.connection import Clock, Connection, LogWay, WallClock
 from gcs.flight.excitation import Excitation
-from gcs.flight.flown_card import Briefing, SweepResult, limits_document, recording_document, vehicle_document
+from gcs.flight.flown_card import (
+    Briefing,
+    SweepResult,
+    boot_document,
+    limits_document,
+    recording_document,
+    vehicle_document,
+)
 from gcs.flight.folder import FlightFolder
 from gcs.flight.handback import Handback
 from gcs.flight.preflight import Check
@@ -37,13 +45,13 @@ from gcs.flight.probe import (
     Samples,
     finding_words,
     judge_probe,
-    largest_amplitude,
     probe_card,
     result_document,
     result_words,
+    too_large_words,
 )
 from gcs.flight.recorder import RecordingSummary
-from gcs.flight.rules import LOG_SILENCE_S, TICK_S, joined
+from gcs.flight.rules import TICK_S, joined
 from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, contradiction, fly_run
 from gcs.flight.run_state import Ending
 from gcs.flight.settings import ask_all, changed_since, read_settings, recognise, write_plan
@@ -116,12 +124,14 @@ def fly_card(
     clock: Clock | None = None,
     disk_free: Callable[[Path], int | None] | None = None,
     probe: bool = False,
+    log: LogWay = "stream",
 ) -> SweepResult:
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
     `aborted` gives a reason once somebody wants the end; `interruptions` as in `fly_run`. `about` goes into
     flight.json. With `probe` a small step on each axis comes first, and the card only where the vehicle answers as it
-    should. Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
+    should; it needs a log that is streamed. With `log` "card" nothing of the log is sent: see `gcs.flight.log_way`.
+    Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
     CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens later is in the
     result. flight.json is written in every case where recording began.
     """
@@ -131,12 +141,16 @@ def fly_card(
     _wait_for_lag(session, clock)
     _require(preflight.lag(session.snapshot()))
     profile = profile or recognise(session, clock)
-    probes = probe_card(card, profile).runs() if probe else ()
+    probes = probe_card(card, profile).runs() if probe and log == "stream" else ()
     planned = tuple((run, profile.plan(run.maneuver)) for run in preceded(card.runs(), probes))
     controller = _controller(session, clock, card)
     _require((*preflight.flying(session.snapshot(), profile), *controller))
     parameters = read_settings(session, clock, profile)
     controller = (*controller, preflight.lean_stop(parameters))
+    if log == "card":
+        kept = log_way.card_log(session, clock)
+        _require(kept)
+        controller = (*controller, *kept)
     loss = link_loss(parameters, session.station)
     flight = _Flight(
         session=session,
@@ -149,6 +163,7 @@ def fly_card(
         about=dict(about or {}),
         clock=clock,
         on_progress=on_progress,
+        log=log,
     )
     folder.write_card(card.text)
     with flight:
@@ -189,6 +204,7 @@ class _Flight:
     about: dict[str, Any]
     clock: Clock
     on_progress: Callable[[Progress], None]
+    log: LogWay = "stream"
     runs: list[RunResult] = field(default_factory=list)
     checks: tuple[Check, ...] = ()
     recording: RecordingSummary | None = None
@@ -210,7 +226,7 @@ class _Flight:
 
     def __enter__(self) -> Self:
         self.started = datetime.now(UTC).isoformat(timespec="milliseconds")
-        self.session.start_recording(self.folder.path)
+        self.session.start_recording(self.folder.path, self.log)
         return self
 
     def __exit__(
@@ -240,17 +256,16 @@ class _Flight:
     def look(
         self, disk_free: Callable[[Path], int | None], before_it: Sequence[Check] = (), loop_hz: float | None = None
     ) -> tuple[Check, ...]:
-        """Wait for the log to arrive and for some seconds of hover, and check both; with what was looked at before."""
+        """Wait for the log, or telemetry, to arrive and for some seconds of hover, and check both; with what was looked
+        at before."""
+        began = self.clock.now()
         self.clock.sleep(4 * TICK_S)  # until the count of blocks is this recording's
         before = self.session.snapshot()
         deadline = self.clock.now() + LOG_WAIT_S
         lags = []
         while self.clock.now() < deadline:
             lags.append(self.session.snapshot().lag_s)
-            window, health = self.session.samples(HOVER_LOOK_S), self.session.log_health()
-            counted = None if health is None else health.capacity
-            hovered = window.t.size and float(window.t[-1] - window.t[0]) > 0.9 * HOVER_LOOK_S
-            if hovered and counted is not None and counted.enough:
+            if log_way.hovered(self.session, self.log, HOVER_LOOK_S):
                 break
             self.clock.sleep(TICK_S)
         snapshot = self.session.snapshot()
@@ -259,13 +274,13 @@ class _Flight:
             snapshot = replace(snapshot, lag_s=median(known))
         window = self.session.samples(HOVER_LOOK_S)
         plans = [plan for _, plan in self.planned]
+        look = log_way.Look(before, snapshot, self.session.log_health(), self.clock.now() - began)
         self.checks = (
             *preflight.lag(snapshot),
             *preflight.flying(snapshot, self.profile),
             *before_it,
-            *preflight.recording(before, snapshot, disk_free(self.folder.path), self.card.duration_s),
-            *preflight.carried(self.session.log_health(), loop_hz),
-            *preflight.hover(snapshot, window, plans, self.limits),
+            *log_way.arriving(self.log, look, disk_free(self.folder.path), self.card.duration_s, loop_hz),
+            *preflight.hover(snapshot, window, plans, self.limits, telemetry=self.log == "card"),
         )
         return self.checks
 
@@ -375,18 +390,12 @@ class _Flight:
 
     def _capped(self, run: CardRun) -> str:
         """Why a run's amplitude is too large for what the probe saw, empty where it is not, or not known."""
-        if self.probed is None or run.maneuver.kind == "quiet" or run.maneuver.target != "command":
-            return ""
         abort_s = ABORT_S + 2 * (self.session.snapshot().lag_s or 0.0)
-        largest = largest_amplitude(self.probed, self.limits, abort_s, run.maneuver)
-        if largest is None or run.maneuver.amplitude <= largest:
+        too_large = too_large_words(self.probed, self.limits, abort_s, run.maneuver)
+        if not too_large:
             return ""
         self.ending = Ending.LIMIT
-        return (
-            f"{run.label}: amplitude {run.maneuver.amplitude:g} is predicted, from the probe, to leave "
-            f"{math.degrees(self.limits.attitude):.0f}° or {self.limits.rate:g} rad/s before an abort acts "
-            f"({abort_s:.1f} s); at most {largest:.2g} on this axis"
-        )
+        return f"{run.label}: {too_large}"
 
     def _changed(self, plan: Plan) -> str:
         """What flies is what was shown: why not, empty where the vehicle holds it bit for bit."""
@@ -398,13 +407,15 @@ class _Flight:
         return changed
 
     def _log_dead(self) -> str:
-        """Why no run may start as far as the log goes: a new block must come now. Empty where one does."""
-        before, end = self.session.snapshot().blocks_received, self.clock.now() + LOG_SILENCE_S
-        while self.session.snapshot().blocks_received == before:
-            if self.clock.now() >= end:
-                self.ending = Ending.LOG
-                return f"the vehicle's log no longer arrives (no new block in {LOG_SILENCE_S:g} s); nothing was started"
-            self.clock.sleep(TICK_S)
+        """Why no run may start as far as the log goes: a new block, or attitude, must come now."""
+        silent = log_way.silent(self.session, self.clock, self.log)
+        if silent:
+            self.ending = Ending.LOG if self.log == "stream" else Ending.TELEMETRY
+            return silent
+        failed = log_way.not_written(self.session, self.log)
+        if failed:
+            self.ending = Ending.LOG
+            return f"the vehicle does not write its log: it says {failed!r}; nothing was started"
         return ""
 
     def _audit(self, did: str) -> None:
@@ -460,6 +471,8 @@ class _Flight:
                 "station": self.session.station,
                 "link_loss": self.loss.words,
                 "limits": limits_document(self.limits),
+                "log": self.log,
+                "boot": boot_document(snapshot, self.session.log_health(), datetime.now(UTC)),
                 "checks": [{"name": c.name, "ok": c.ok, "words": c.words} for c in self.checks],
                 "planned": len(self.planned),
                 "runs": [run.to_json() for run in self.runs],
@@ -481,4 +494,5 @@ class _Flight:
             stopped=self.stopped,
             ending=self.ending,
             link_loss=self.loss,
+            log=self.log,
         )

@@ -27,6 +27,7 @@ COHERENT = 0.6
 ENOUGH_BAND = 0.6
 """Part of the swept band that must be coherent."""
 NO_SAMPLES = "no samples came"
+ON_CARD = "flown, log on the vehicle's card"
 FEW_MISSING = 0.01
 FEW_AT_END_S = 0.25
 """Missing at a run's end: a chirp is fastest there."""
@@ -56,6 +57,18 @@ class Verdict:
     """Part of the swept band where it is."""
     ends_early_s: float | None = None
     """By how much the last sample comes before the run's end, at least a few samples; None where that is not known."""
+    told_for_s: float | None = None
+    """The log stayed on the vehicle's card, and telemetry told `samples` attitudes in so many seconds: whether the run
+    is worth keeping is not known before the log is read. None where the log came."""
+
+    @property
+    def on_card(self) -> bool:
+        return self.told_for_s is not None
+
+    @property
+    def clean(self) -> bool:
+        """Nothing speaks against the run, as far as is known."""
+        return self.keep or (self.on_card and not self.reasons)
 
     @property
     def gaps_words(self) -> str:
@@ -68,12 +81,16 @@ class Verdict:
     @property
     def words(self) -> str:
         """In one line: `keep   coherence 0.5-9.6 Hz   gaps 0`."""
-        return "   ".join(["keep" if self.keep else "fly again: " + "; ".join(self.reasons), *self.figures])
+        kept = ON_CARD if self.on_card else "keep"
+        return "   ".join([kept if self.clean else "fly again: " + "; ".join(self.reasons), *self.figures])
 
     @property
     def figures(self) -> tuple[str, ...]:
         """`coherence 0.5-9.6 Hz`, `gaps 0`, `44 % of the limits`: as far as there are any."""
         parts = []
+        if self.told_for_s is not None:
+            parts.append(f"{self.samples:,} attitudes in {self.told_for_s:.0f} s")
+            return (*parts, f"{self.use.largest:.0f} % of the limits")
         if self.coherent_hz is not None:
             parts.append(f"coherence {self.coherent_hz[0]:.1f}-{self.coherent_hz[1]:.1f} Hz")
         if NO_SAMPLES not in self.reasons:
@@ -82,7 +99,8 @@ class Verdict:
 
     def to_json(self) -> dict[str, Any]:
         return {
-            "keep": self.keep,
+            "keep": None if self.on_card and not self.reasons else self.keep,
+            "log": "card" if self.on_card else "stream",
             "reasons": list(self.reasons),
             "samples": self.samples,
             "expected": self.expected,
@@ -132,6 +150,29 @@ def judge(
         coherent_hz=band,
         coherent_share=part,
         ends_early_s=came.ends_early_s if interruption is None else None,
+    )
+
+
+def judge_by_telemetry(
+    limits: Limits, peaks: Peaks, attitudes: int, told_for_s: float, *, interruption: str | None = None
+) -> Verdict:
+    """What telemetry alone says of a run whose log is on the vehicle's card: nothing for it, only what is against it.
+
+    `attitudes` came in `told_for_s` seconds; of the samples nothing is known.
+    """
+    peak_use = use(limits, peaks)
+    beyond = f"{peak_use.largest:.0f} % of the limits" if peak_use.largest > 100 else None
+    return Verdict(
+        keep=False,
+        reasons=tuple(reason for reason in (interruption, beyond) if reason is not None),
+        samples=attitudes,
+        expected=0,
+        missing=0,
+        gaps=0,
+        use=peak_use,
+        coherent_hz=None,
+        coherent_share=None,
+        told_for_s=told_for_s,
     )
 
 

@@ -81,6 +81,11 @@ class LinkClock:
         answered ping took to get there. Silence is no lag. None while no ping was answered."""
         return None if self._offset is None else max(self._down_s, self._up_s)
 
+    def vehicle_s(self, now: float) -> float | None:
+        """What the vehicle's clock shows now, most likely; None as in `lag_s`."""
+        offset = self._offset  # may be asked for from another thread
+        return None if offset is None else now - offset
+
     def stamp_age_s(self, now: float) -> float | None:
         """How long ago the newest stamp was made, at most; None as in `lag_s`."""
         boot_s, earliest = self._boot_s, self._earliest  # may be asked for from another thread

@@ -59,6 +59,10 @@ class Message(Protocol):
     def get_msgbuf(self) -> bytearray: ...
 
 
+LOGGING = 1 << 24
+"""MAV_SYS_STATUS_LOGGING."""
+
+
 def sanitise(text: str) -> str:
     """Text from outside, made safe to print: escape sequences, control and direction-changing characters go.
 
@@ -172,7 +176,12 @@ def _sys_status(m: Any, system: int, component: int) -> Event:
         None if m.voltage_battery == 65535 else m.voltage_battery * 1e-3,
         None if m.current_battery < 0 else m.current_battery * 1e-2,
         None if m.battery_remaining < 0 else m.battery_remaining * 1e-2,
+        _logs(m.onboard_control_sensors_present, m.onboard_control_sensors_enabled, m.onboard_control_sensors_health),
     )
+
+
+def _logs(present: int, enabled: int, healthy: int) -> bool | None:
+    return bool(enabled & healthy & LOGGING) if present & LOGGING else None
 
 
 def _local_position(m: Any, system: int, component: int) -> Event:

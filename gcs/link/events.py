@@ -206,6 +206,8 @@ class Battery(Event):
     current_a: float | None
     remaining: float | None
     """0..1."""
+    logs: bool | None = None
+    """Whether the vehicle's own logging is on and in order; None where it has none to tell of."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

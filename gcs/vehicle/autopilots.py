@@ -99,8 +99,35 @@ RENAMED: Final = (("SYSID_MYGCS", "MAV_GCS_SYSID"), ("ANGLE_MAX", "ATC_ANGLE_MAX
 """Older and newer names; only one of each pair is there."""
 LOG_TO_MAVLINK: Final = "set LOG_BACKEND_TYPE to 3 (file and MAVLink) and restart the autopilot"
 NO_LOG: Final = "the vehicle must log to MAVLink (LOG_BACKEND_TYPE with bit 2, then reboot)"
+LOG_BACKEND: Final = "LOG_BACKEND_TYPE"
+"""Where the vehicle's log goes, in bits."""
+_TO_FILE: Final = 1
+_LOG_FAILED: Final = (
+    "logging failed",
+    "logging not started",
+    "no sd card",
+    "out of space for logging",
+)
 LOG_LESS: Final = "LOG_BITMASK"
 """Which of its records the vehicle writes."""
+
+
+def no_card_log(backend: float | None) -> str:
+    """Why a vehicle with this LOG_BACKEND_TYPE (None: it has none) keeps no log on its card; empty where it does."""
+    if backend is None:
+        return f"whether the vehicle keeps a log on its card is not known (it has no {LOG_BACKEND})"
+    if int(backend) & _TO_FILE:
+        return ""
+    return (
+        f"the vehicle keeps no log on its card ({LOG_BACKEND} is {backend:g}): set it to 1 (file), or 3 (file and "
+        "MAVLink), and restart the autopilot"
+    )
+
+
+def says_log_failed(text: str) -> bool:
+    """Whether a text of the vehicle says that it does not write its log."""
+    return any(words in text.lower() for words in _LOG_FAILED)
+
 
 _FAILSAFE_ACTIONS: Final = {
     1: "RETURNS",

@@ -108,6 +108,8 @@ class VehicleSnapshot:
     battery_remaining: float | None = None
     """0..1."""
     rpm: float | None = None
+    logs: bool | None = None
+    """Whether it says that its own logging is on and in order (SYS_STATUS); None where it tells nothing of it."""
 
     boot_s: float | None = None
     """The vehicle's own clock."""
@@ -186,7 +188,7 @@ def reduce(
             omega = _finite(event.omega)
             return replace(snapshot, rpm=None if omega is None else omega * 60.0 / (2.0 * math.pi))
         case Battery():
-            return replace(snapshot, battery_v=event.voltage_v, battery_remaining=event.remaining)
+            return replace(snapshot, battery_v=event.voltage_v, battery_remaining=event.remaining, logs=event.logs)
         case AutopilotVersion():
             return replace(snapshot, capabilities=event.capabilities, version=event.version)
         case _:

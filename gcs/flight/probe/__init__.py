@@ -10,7 +10,7 @@ of an elevator, for which there is no convention, and yaw.
 
 from gcs.flight.probe.card import QUIET_S, probe_card
 from gcs.flight.probe.judge import judge_probe
-from gcs.flight.probe.prediction import largest_amplitude
+from gcs.flight.probe.prediction import largest_amplitude, too_large_words
 from gcs.flight.probe.values import ProbeResult, ProbeStep, Samples
 from gcs.flight.probe.words import finding_words, result_document, result_words
 
@@ -25,4 +25,5 @@ __all__ = [
     "probe_card",
     "result_document",
     "result_words",
+    "too_large_words",
 ]

@@ -29,6 +29,20 @@ def largest_amplitude(
     return float(min(1.0, limits.rate / (safety * answer.peak_rate), limits.attitude / (safety * attitude)))
 
 
+def too_large_words(result: ProbeResult | None, limits: Limits, abort_s: float, maneuver: Maneuver) -> str:
+    """Why a run's amplitude is too large for what the probe saw; empty where it is not, or not known."""
+    if result is None or maneuver.kind == "quiet" or maneuver.target != "command":
+        return ""
+    largest = largest_amplitude(result, limits, abort_s, maneuver)
+    if largest is None or maneuver.amplitude <= largest:
+        return ""
+    return (
+        f"amplitude {maneuver.amplitude:g} is predicted, from the probe, to leave "
+        f"{math.degrees(limits.attitude):.0f}° or {limits.rate:g} rad/s before an abort acts "
+        f"({abort_s:.1f} s); at most {largest:.2g} on this axis"
+    )
+
+
 def predicted_attitude(answer: AxisAnswer, maneuver: Maneuver, abort_s: float) -> float:
     """Attitude reached per full command, rad, of an answer that was seen: at each frequency flown the swing, and the
     largest rate there kept on until the abort acts, but not longer than it takes to swing to the other side."""

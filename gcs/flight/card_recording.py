@@ -1,0 +1,155 @@
+"""A recording without the log: that stays on the vehicle's card, and telemetry alone tells how the flight goes.
+
+It has a `Recording`'s face. Nothing of the log is asked for, and nothing of it can be missing here; what stands in for
+its samples are the attitudes that the vehicle sends, each with its own clock.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from gcs.flight.live import LiveWindow
+from gcs.flight.log_health import LogHealth
+from gcs.flight.recorder import Recorder, RecordingSummary
+from gcs.link.clock import REBOOT_STEP_S
+from gcs.link.encode import Send
+from gcs.link.events import Attitude, Battery, Event, StatusText
+from gcs.vehicle.autopilots import says_log_failed
+
+KEPT = 4096
+"""Attitudes: a run of two minutes at 25 a second, and what lies around it."""
+UNHEALTHY = "its logging is off or has failed (SYS_STATUS)"
+
+
+class Attitudes:
+    """What is heard instead of blocks; `start` and `stop` ask for nothing. May be read from another thread."""
+
+    started = True
+
+    def __init__(self) -> None:
+        self.outcome: tuple[()] | None = None
+        self.count = 0
+        """New ones: a copy, or one overtaken on its way, is none."""
+        self.kept_at: float | None = None
+        """When the newest was heard, on the session's clock."""
+        self._told = ""
+        self._healthy: bool | None = None
+        self._lock = threading.Lock()
+        self._rows: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
+
+    def start(self, now: float) -> list[Send]:
+        """Nothing is to be said."""
+        return []
+
+    def stop(self, now: float) -> list[Send]:
+        """There is no rest to wait for."""
+        self.outcome = ()
+        return []
+
+    def on_event(self, event: Event, now: float) -> list[Send]:
+        """Whatever the vehicle's autopilot said."""
+        match event:
+            case Attitude():
+                self._keep(event, now)
+            case StatusText() if says_log_failed(event.text):
+                self._told = event.text
+            case Battery():
+                self._healthy = event.logs
+        return []
+
+    def _keep(self, event: Attitude, now: float) -> None:
+        with self._lock:
+            newest_s = self._rows[-1][0] if self._rows else -np.inf
+            if event.boot_s < newest_s - REBOOT_STEP_S:
+                self._rows.clear()  # the vehicle's clock began anew
+            elif event.boot_s <= newest_s:
+                return
+            self._rows.append((event.boot_s, event.p, event.q))
+        self.count, self.kept_at = self.count + 1, now
+
+    @property
+    def reported(self) -> str:
+        """The vehicle's word that it does not write its log; empty where it gave none."""
+        return self._told or (UNHEALTHY if self._healthy is False else "")
+
+    @property
+    def newest_s(self) -> float | None:
+        """The newest attitude's time on the vehicle's clock."""
+        with self._lock:
+            return self._rows[-1][0] if self._rows else None
+
+    def window(self, last_s: float) -> LiveWindow:
+        """The attitudes of the last `last_s` seconds of the vehicle's clock: rates; commands are not known."""
+        with self._lock:
+            rows = np.array(self._rows, dtype=float).reshape(-1, 3)
+        rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
+        unknown = np.full(len(rows), np.nan)
+        return LiveWindow(
+            t=rows[:, 0],
+            p=rows[:, 1],
+            q=rows[:, 2],
+            delta_x=unknown,
+            delta_y=unknown,
+            excitation_x=unknown,
+            excitation_y=unknown,
+            received=self.count,
+            log_s=float(rows[-1, 0]) if len(rows) else None,
+        )
+
+
+class CardRecording:
+    """Begins at once. `vehicle_s` gives the vehicle's clock at a moment of the session's, None while not known."""
+
+    def __init__(
+        self, recorder: Recorder, clock: Callable[[], float], vehicle_s: Callable[[float], float | None]
+    ) -> None:
+        self.recorder = recorder
+        self.blocks = Attitudes()
+        self.over = threading.Event()
+        self._clock = clock
+        self._vehicle_s = vehicle_s
+
+    def poll(self, now: float) -> list[Send]:
+        """Nothing is ever due."""
+        if self.blocks.outcome is not None:
+            self.over.set()
+        return []
+
+    def health(self) -> LogHealth:
+        """How telemetry arrives, at this moment."""
+        now, heard = self._clock(), self.blocks
+        return LogHealth(
+            file=0,
+            blocks=heard.count,
+            open=0,
+            silent_s=None if heard.kept_at is None else max(0.0, now - heard.kept_at),
+            log_s=heard.newest_s,
+            clock_s=self._vehicle_s(now),
+            capacity=None,
+            reported=heard.reported,
+            problem=self.recorder.problem,
+            on_card=True,
+        )
+
+    def seen(self) -> dict[str, Any]:
+        """What a snapshot tells of it, by the snapshot's fields."""
+        return {
+            "recording": self.recorder.directory / "flight.tlog",
+            "blocks_received": 0,
+            "blocks_open": 0,
+            "duplicates": 0,
+            "recording_problem": self.recorder.problem,
+        }
+
+    def window(self, last_s: float) -> LiveWindow:
+        """The last seconds of telemetry."""
+        return self.blocks.window(last_s)
+
+    def finish(self) -> RecordingSummary:
+        """Close the files."""
+        return self.recorder.finish((), on_card=True)
