@@ -15,8 +15,8 @@ a model here, in fake time, and the rules are judged from what happened, not fro
   that can tell shows the excitation and the link is heard; a mode of the pilot's or a failsafe's is not talked over.
 - **start**: the excitation is asked for only while the last heartbeat shows the mode before, over a link whose lag is
   known and short; no more once the vehicle said that it starts, nor after a silence of the link or of ourselves.
-- **run on**: a run whose log is dead, whose link is late, or whose vehicle does not answer is ended within seconds,
-  as long as anything is heard.
+- **run on**: a run whose log is dead (or, where that stays on the vehicle's card, its telemetry), whose link is late, or
+  whose vehicle does not answer is ended within seconds, as long as anything is heard.
 - **hang**: every history ends.
 
 The link keeps what `gcs.link.clock` takes for granted, and no more: each way is a queue that holds everything back by
@@ -51,7 +51,9 @@ import gcs.link.clock
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.errors import TippathError
+from gcs.flight.card_recording import Attitudes
 from gcs.flight.live import LiveWindow
+from gcs.flight.log_health import Capacity
 from gcs.flight.preflight import LAG_LIMIT_S
 from gcs.flight.recorder import RecordingSummary
 from gcs.link.clock import LOST_AFTER_S, SWAP_S
@@ -155,6 +157,8 @@ class History:
     """How long the end of the recording takes."""
     whole: bool = False
     """Through `fly_card`, with all that comes before the first run."""
+    card: bool = False
+    """The log stays on the vehicle's card: attitudes stand for it, and an act `log` silences those."""
 
 
 def random_history(seed: int, *, whole: bool = False) -> History:
@@ -202,6 +206,12 @@ def hard_history(seed: int) -> History:
         value = {"stall": chance.choice((2.0, 5.0)), "mode": chance.choice((STABILIZE, RTL, EXCITED))}.get(what, 0.0)
         acts.append(Act(chance.uniform(0, 15), what, value))
     return replace(history, down=down, acts=(*history.acts, *acts), never_leaves=chance.random() < 0.2)
+
+
+def card_history(seed: int) -> History:
+    """A random or a hard history without the log's stream."""
+    history = hard_history(seed) if seed % 3 == 0 else random_history(seed, whole=seed % 3 == 1)
+    return replace(history, card=True, attitude_s=0.1 if history.whole else history.attitude_s)
 
 
 def twin_history(seed: int) -> History:
@@ -924,6 +934,8 @@ class _Vehicle:
     def _attitude(self, _: None) -> None:
         world = self._world
         world.at(world.now + self._history.attitude_s, self._attitude, None)
+        if self._history.card and world.now < self.log_silent_until:
+            return
         lean = 0.9 if self.tilted and self.mode == EXCITED else 0.0
         self._say(Attitude(1, 1, boot_s=self._boot_s(), roll=lean, pitch=0.0, yaw=0.0, p=0.0, q=0.0, r=0.0))
 
@@ -1023,6 +1035,7 @@ def _parameters(own: int) -> dict[str, float]:
     axis, magnitude = OWN_SETTINGS[own]
     values = {"SID_AXIS": axis, "SID_MAGNITUDE": magnitude, "SID_F_START_HZ": 0.5, "SIDX_KIND": 0.0}
     values |= {"SYSID_MYGCS": 254.0, "FS_GCS_ENABLE": 1.0, "LQR_SW": 1.0, "ANGLE_MAX": 3000.0}
+    values |= {"LOG_BACKEND_TYPE": 1.0}
     values |= {"FS_OPTIONS": 0.0, "FS_GCS_TIMEOUT": 5.0, "SCHED_LOOP_RATE": 100.0}
     return {name: _float32(value) for name, value in values.items()}
 
@@ -1075,11 +1088,18 @@ class World:
         self._writing: Any = None
         self._blocks = 0
         self._block_s = -math.inf
+        self._attitudes = Attitudes()
         self._newest = _Message(None, 0.0)
         self._recording = False
         self.at(0.0, self._ping, None)
         if history.origin == "begin":
             self._plan_acts()
+
+    @property
+    def mode_before(self) -> int:
+        """The mode of the pilot's choice, as the card is begun: in a whole flight it may change until then."""
+        flown = None if self.flight is None else self.flight.handback.flown
+        return self.history.mode_before if flown is None else flown.state.mode_before
 
     # time
 
@@ -1169,7 +1189,7 @@ class World:
             return
         self.at(self.now + 0.2, self._ping, None)
         self._send(self._clock.poll(self.now))
-        if self._recording and not self._blocks:
+        if self._recording and not self._blocks and not self.history.card:
             self._send([BlockStatus(2147483646, True)])
 
     def _send(self, sends: Sequence[Send]) -> None:
@@ -1207,6 +1227,8 @@ class World:
             return
         clock = self._clock
         clock.on_event(event, now)
+        if self.history.card and self._recording:
+            self._attitudes.on_event(event, now)
         if isinstance(event, Attitude) and not event.roll and self._snapshot.roll == 0.0:
             return  # as before
         self._snapshot = reduce(self._snapshot, event, now, known_s=clock.known_s, late_s=clock.stamp_age_s(now))
@@ -1266,6 +1288,8 @@ class World:
         return len(self._texts), texts
 
     def samples(self, last_s: float) -> LiveWindow:
+        if self.history.card:
+            return self._attitudes.window(last_s)
         newest = self._newest
         t = _EMPTY if newest.content is None else np.array([newest.newest_s - last_s, newest.newest_s])
         zero = np.zeros(t.size)
@@ -1284,17 +1308,24 @@ class World:
         )
 
     def log_health(self) -> Any:
-        return _Log(None if self._newest.content is None else self.now - self._block_s)
+        if not self.history.card:
+            return _Log(None if self._newest.content is None else self.now - self._block_s)
+        heard = self._attitudes
+        return _CardLog(None if heard.kept_at is None else self.now - heard.kept_at, heard.count, heard.reported)
 
-    def start_recording(self, directory: Path) -> None:
+    def start_recording(self, directory: Path, log: str = "stream") -> None:
+        assert log == ("card" if self.history.card else "stream")
         self._recording = True
-        self._send([BlockStatus(2147483646, True)])
+        if log == "stream":
+            self._send([BlockStatus(2147483646, True)])
 
     def shed_log(self) -> None:
-        self._send([BlockStatus(2147483645, True)])
+        if not self.history.card:
+            self._send([BlockStatus(2147483645, True)])
 
     def stop_recording(self, *, meanwhile: Callable[[], None]) -> RecordingSummary:
-        self._send([BlockStatus(2147483645, True)])
+        if not self.history.card:
+            self._send([BlockStatus(2147483645, True)])
         end = self.now + self.history.stop_s
         while self.now < end:
             meanwhile()
@@ -1311,10 +1342,23 @@ class _Log:
 
     __slots__ = ("silent_s",)
     reported = ""
-    capacity = None
+    capacity = Capacity(over_s=5.0, carried=4000.0, numbered=4000.0, per_log_s=4000.0, advance=1.0)
+    on_card = False
+    clock_s = None
 
     def __init__(self, silent_s: float | None) -> None:
         self.silent_s = silent_s
+
+
+class _CardLog(_Log):
+    """As it, where the log stays on the vehicle's card."""
+
+    __slots__ = ("blocks", "reported")
+    on_card = True
+
+    def __init__(self, silent_s: float | None, blocks: int, reported: str) -> None:
+        super().__init__(silent_s)
+        self.blocks, self.reported = blocks, reported
 
 
 class _View:
@@ -1503,7 +1547,7 @@ class _Judge:
             self._fresh_down_s = now
         if isinstance(event, TimeReply) and message.up_s <= LATE_S:
             self._fresh_up_s = now
-        if isinstance(event, LogBlock):
+        if isinstance(event, Attitude if self._world.history.card else LogBlock) and message.own:
             self._block_s = now
         if isinstance(event, StatusText) and event.text.startswith("SystemID Starting") and self._asked:
             self._started_heard = True
@@ -1511,7 +1555,7 @@ class _Judge:
             self._said_to_start()
         if isinstance(event, CommandAck) and event.result == 0:
             asked = self._asked_for()
-            self._held = self._held or asked == self._world.history.mode_before
+            self._held = self._held or asked == self._world.mode_before
             if asked == EXCITED:
                 self._said_to_start()
         if isinstance(event, ParamValue):
@@ -1543,7 +1587,7 @@ class _Judge:
             self._count_unanswered(message)
         elif (
             self._confirmed
-            or mode != self._world.history.mode_before
+            or mode != self._world.mode_before
             or (message.own and message.made_s > self._start_arrived_s + SWAP_S and self._known_of_start(message))
         ):
             self._telling = mode
@@ -1553,7 +1597,7 @@ class _Judge:
     def _count_others(self, message: _Message, mode: int) -> None:
         """In a row, with another mode; not those that date from before a silence, or from before the start."""
         now = self._world.now
-        before = message.own and message.made_s < self._start_arrived_s and mode == self._world.history.mode_before
+        before = message.own and message.made_s < self._start_arrived_s and mode == self._world.mode_before
         starting = math.isfinite(self._start_arrived_s) or self._world.starts_under_way > 0
         if mode == EXCITED:
             self._settled_others, self._gone_s = 0, math.inf
@@ -1585,7 +1629,7 @@ class _Judge:
             self.broken("order", f"mode {mode} without a run")
         elif mode == EXCITED:
             self._start_ordered()
-        elif mode == world.history.mode_before:
+        elif mode == world.mode_before:
             self._way_back_ordered(mode)
         else:
             self.broken("order", f"mode {mode} was never the vehicle's")
@@ -1623,7 +1667,7 @@ class _Judge:
     def _start_ordered(self) -> None:
         world, flown = self._world, self._flown
         now, lag_s = world.now, world._clock.lag_s
-        if self._mode_heard != world.history.mode_before:
+        if self._mode_heard != world.mode_before:
             self.broken("start", f"while the last heartbeat shows {self._mode_heard}")
         if self._started_heard:
             self.broken("start", "although the vehicle said that it starts")
@@ -1802,6 +1846,7 @@ def _fly(world: World) -> str:
             sweep.fly_card(
                 world, card, _profile(), limits, folder=folder, on_progress=on_progress, aborted=aborted,
                 interruptions=lambda: world.pressed, clock=clock, disk_free=lambda path: None,
+                log="card" if history.card else "stream",
             )  # fmt: skip
         finally:
             sweep._Flight = made
@@ -1818,6 +1863,7 @@ def _fly(world: World) -> str:
         about={},
         clock=clock,
         on_progress=on_progress,
+        log="card" if history.card else "stream",
     )
     world.flight = flight
     with flight:
@@ -1869,8 +1915,8 @@ def _count(world: World, ended: str) -> None:
 
 
 def history_of(kind: str, seed: int) -> History:
-    """`random`, `hard`, `twin`, or `whole` (a random one through fly_card)."""
-    made = {"hard": hard_history, "twin": twin_history}.get(kind)
+    """`random`, `hard`, `twin`, `card`, or `whole` (a random one through fly_card)."""
+    made = {"hard": hard_history, "twin": twin_history, "card": card_history}.get(kind)
     return random_history(seed, whole=kind == "whole") if made is None else made(seed)
 
 

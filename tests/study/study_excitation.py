@@ -1,6 +1,6 @@
 """The rules of the excitation over 100,000 random histories, and every guard removed until a history finds it.
 
-    python tests/study/study_excitation.py [FIRST [COUNT [random|hard|twin|whole]]]
+    python tests/study/study_excitation.py [FIRST [COUNT [random|hard|twin|whole|card]]]
 
 prints what happened in the histories, so that one sees that they exercise something. Half an hour of one core.
 """
@@ -80,6 +80,10 @@ def study_no_rule_is_broken_in_hard_histories() -> None:
 
 def study_no_rule_is_broken_where_a_twin_talks() -> None:
     _study(0, HARD, "twin")
+
+
+def study_no_rule_is_broken_without_the_logs_stream() -> None:
+    _study(0, HARD, "card")
 
 
 def study_no_rule_is_broken_in_whole_flights() -> None:

@@ -6,15 +6,18 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 
 import pytest
 from excitation_rules import (
     MUTATIONS,
+    Act,
     History,
     Mutation,
     guards,
     history_of,
+    mutated,
     needed_in,
     play,
     random_history,
@@ -50,9 +53,38 @@ def test_no_rule_is_broken_where_strangers_talk_and_half_is_lost() -> None:
         hold(history_of("hard", seed))
 
 
+def test_no_rule_is_broken_without_the_logs_stream() -> None:
+    counts: Counter[str] = Counter()
+    for seed in range(45):
+        outcome = play(history_of("card", seed))
+        counts += outcome.counts
+        if outcome.breaches:
+            hold(history_of("card", seed))
+    assert counts["starts that arrived"] > 15
+    assert counts["ended: telemetry stopped"]
+
+
+@pytest.mark.parametrize(
+    ("guard", "history"),
+    [
+        ("a dead log does not end a run", History(card=True, runs=(3,), acts=(Act(2.0, "log", math.inf),))),
+        ("started on a dead log", history_of("card", 846)),
+    ],
+)
+def test_dead_telemetry_that_ends_nothing_is_found(guard: str, history: History) -> None:
+    removed = next(mutation for mutation in MUTATIONS if mutation.name == guard)
+    assert not play(history).breaches
+    assert play(history, mutated(removed)).breaches
+
+
 def test_no_rule_is_broken_in_whole_flights() -> None:
+    counts: Counter[str] = Counter()
     for seed in range(40):
-        hold(random_history(seed, whole=True))
+        outcome = play(random_history(seed, whole=True))
+        counts += outcome.counts
+        if outcome.breaches:
+            hold(random_history(seed, whole=True))
+    assert counts["starts that arrived"] > 5
 
 
 @pytest.mark.parametrize(
