@@ -15,8 +15,8 @@ a model here, in fake time, and the rules are judged from what happened, not fro
   that can tell shows the excitation and the link is heard; a mode of the pilot's or a failsafe's is not talked over.
 - **start**: the excitation is asked for only while the last heartbeat shows the mode before, over a link whose lag is
   known and short; no more once the vehicle said that it starts, nor after a silence of the link or of ourselves.
-- **run on**: a run whose log is dead (or, where that stays on the vehicle's card, its telemetry), whose link is late, or
-  whose vehicle does not answer is ended within seconds, as long as anything is heard.
+- **run on**: a run whose log is dead (or, where that stays on the vehicle's card, its telemetry), whose link is late,
+  or whose vehicle does not answer is ended within seconds, as long as anything is heard.
 - **hang**: every history ends.
 
 The link keeps what `gcs.link.clock` takes for granted, and no more: each way is a queue that holds everything back by

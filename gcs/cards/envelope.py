@@ -22,7 +22,7 @@ class Limits:
     """Beyond any of these a maneuver is ended. The defaults suit a small helicopter in hover."""
 
     rate: float = 3.0
-    """rad/s, of p and q each."""
+    """rad/s, of p and q each, and of r in a maneuver on yaw."""
     attitude: float = math.radians(25.0)
     """rad, of roll and pitch each."""
     command: float = 0.9
@@ -38,6 +38,8 @@ class Peaks:
     p: float | None = None
     """rad/s."""
     q: float | None = None
+    r: float | None = None
+    """Of a maneuver on yaw only."""
     roll: float | None = None
     """rad."""
     pitch: float | None = None
@@ -56,20 +58,26 @@ class Peaks:
         )
 
     def with_telemetry(
-        self, p: float | None = None, q: float | None = None, roll: float | None = None, pitch: float | None = None
+        self,
+        p: float | None = None,
+        q: float | None = None,
+        roll: float | None = None,
+        pitch: float | None = None,
+        r: float | None = None,
     ) -> Peaks:
         """With one message's rates (rad/s) and attitude (rad)."""
         return replace(
             self,
             p=_larger(self.p, p),
             q=_larger(self.q, q),
+            r=_larger(self.r, r),
             roll=_larger(self.roll, roll),
             pitch=_larger(self.pitch, pitch),
         )
 
     @property
     def rate(self) -> float | None:
-        return _larger(self.p, self.q)
+        return _larger(_larger(self.p, self.q), self.r)
 
     @property
     def attitude(self) -> float | None:
@@ -113,7 +121,7 @@ def use(limits: Limits, peaks: Peaks, link_age_s: float | None = None) -> Use:
 def violations(limits: Limits, peaks: Peaks, link_age_s: float | None = None) -> tuple[str, ...]:
     """What is beyond its limit, in words; empty inside the envelope."""
     broken = []
-    rates = (("p", peaks.p), ("q", peaks.q))
+    rates = (("p", peaks.p), ("q", peaks.q), ("r", peaks.r))
     broken += [
         f"{name} {value:.2f} rad/s is beyond {limits.rate:.2f}"
         for name, value in rates

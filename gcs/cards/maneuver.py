@@ -26,7 +26,7 @@ from gcs.document_faults import first_fault, nearest
 from gcs.errors import UsageError
 
 KINDS = ("chirp", "doublet", "quiet")
-AXES = ("roll", "pitch", "elevator")
+AXES = ("roll", "pitch", "elevator", "yaw")
 
 PULSES_PER_DOUBLET = 6
 """Two pulses and four of rest, so that the answer dies out before the next."""
@@ -50,7 +50,7 @@ class _Any(documents.Strict, frozen=True, kw_only=True):
 
 
 class _Excited(_Any, frozen=True, kw_only=True):
-    axis: Literal["roll", "pitch", "elevator"]
+    axis: Literal["roll", "pitch", "elevator", "yaw"]
     target: Literal["command", "rate"] = "command"
 
 
@@ -112,7 +112,7 @@ class Maneuver:
     kind: str
     """`chirp`, `doublet` or `quiet` (nothing is added: what is measured is noise)."""
     axis: str = "roll"
-    """`roll`, `pitch` or `elevator`."""
+    """`roll`, `pitch`, `elevator` or `yaw`."""
     amplitude: float = 0.0
     """Of full command; rad/s where `target` is `rate`."""
     duration_s: float = 30.0
@@ -153,8 +153,6 @@ class Maneuver:
         return None
 
     def _chirp_problem(self) -> str | None:
-        if self.target == "rate":
-            return 'target = "rate" is for doublets; a chirp is added to the command'
         if not self.f_start_hz < self.f_stop_hz:
             return f"f_stop_hz: {self.f_stop_hz:g} Hz does not lie above f_start_hz, {self.f_start_hz:g} Hz"
         if self.duration_s <= 2 / self.f_start_hz:
@@ -174,7 +172,7 @@ class Maneuver:
     def is_table_1(self) -> bool:
         """Whether the signal's law is Table 1's in every number that the table gives."""
         law = (self.f_start_hz, self.f_stop_hz, self.noise_fraction, self.c1, self.fade_in_s, self.fade_out_s)
-        return self.kind == "chirp" and law == (0.5, 10.0, 0.2, 4.0, 0.0, 0.0)
+        return self.kind == "chirp" and self.target == "command" and law == (0.5, 10.0, 0.2, 4.0, 0.0, 0.0)
 
     @property
     def words(self) -> str:

@@ -56,7 +56,20 @@ def _add_flight(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", dest="output", metavar="DIR", type=Path, default=Path(), help="where the flights' folders are made"
     )
-    parser.add_argument("--card", metavar="CARD", default="hover", help="a TOML file or a bundled card (default hover)")
+    parser.add_argument(
+        "--card",
+        metavar="CARD",
+        help="a TOML file or a bundled card (default: the vehicle's own on ArduPilot, else hover)",
+    )
+    parser.add_argument(
+        "--log",
+        choices=("stream", "card"),
+        default="stream",
+        help="as of `tippath sweep`: card where the link carries telemetry only",
+    )
+    parser.add_argument(
+        "--leave-out", action="store_true", help="leave out of the card what the vehicle cannot fly, without asking"
+    )
     add_vehicle_option(parser)
     parser.add_argument(
         "--primary",
@@ -131,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
             connection,
             folder=args.output,
             primary=args.primary,
-            card=args.card,
+            card=_asked(args),
             profile=args.vehicle_profile,
             probe=args.probe,
         )
@@ -168,11 +181,20 @@ def _require_words(args: argparse.Namespace) -> None:
 
     if args.connect is not None:
         parse_link(args.connect)
-    load_card(args.card)
+    if args.card is not None:
+        load_card(args.card)
     if args.vehicle_profile is not None:
         load_profile(args.vehicle_profile)
     if args.flight is not None and not Path(args.flight).expanduser().exists():
         raise TippathError(f"{args.flight}: no such folder or log")
+
+
+def _asked(args: argparse.Namespace) -> str:
+    """The card as the app takes it, with the options behind it."""
+    from gcs.tui.asked_card import AskedCard
+
+    card = "" if args.card is None else args.card
+    return " ".join(filter(None, (shlex.quote(card) if card else "", AskedCard("", args.log, args.leave_out).options)))
 
 
 def _connection(args: argparse.Namespace) -> Connection:
@@ -229,6 +251,8 @@ def _again(args: argparse.Namespace) -> list[str]:
         ("--theme", args.theme),
     ):
         words += [] if value is None else [name, str(value)]
+    words += ["--log", "card"] if args.log == "card" else []
+    words += ["--leave-out"] if args.leave_out else []
     if args.probe is not None:
         words.append("--probe" if args.probe else "--no-probe")
     for name, on in (("--primary", args.primary), ("--on-ground", args.on_ground)):

@@ -15,6 +15,7 @@ from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunRes
 from gcs.flight.run_state import Ending, Phase
 from gcs.link.clock import LOST_AFTER_S
 from gcs.logs.words import printable
+from gcs.vehicle.snapshot import VehicleSnapshot
 
 EVERY_S = 5.0
 """Between two lines of progress where the output is no terminal."""
@@ -98,7 +99,7 @@ class ProgressLines:
                 f" ▶ {min(max(0.0, progress.elapsed_s), duration_s):4.1f} s of {duration_s:g}{hertz}"
                 f"   p {peaks.p or 0:.2f}  q {peaks.q or 0:.2f} rad/s"
                 f"   attitude {attitude} of {math.degrees(self._limits.attitude):.0f}°"
-                f"   blocks {snapshot.blocks_received:,} open {snapshot.blocks_open}"
+                f"   {_arriving(snapshot)}"
                 f"   lag {'?' if snapshot.lag_s is None else f'{snapshot.lag_s:.2f} s'}"
             )
         if self._terminal:
@@ -114,6 +115,12 @@ class ProgressLines:
             self._open = False
         self._stream.write(text + "\n")
         self._stream.flush()
+
+
+def _arriving(snapshot: VehicleSnapshot) -> str:
+    if snapshot.log_on_card:
+        return "log on the card"
+    return f"blocks {snapshot.blocks_received:,} open {snapshot.blocks_open}"
 
 
 def result_line(result: RunResult) -> str:

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from gcs.analysis.following import Following
     from gcs.cards.maneuver import TestCard
     from gcs.flight.flown_card import SweepResult
+    from gcs.flight.run import RunResult
 
 CARDS = Path(__file__).parents[1] / "cards"
 WORD = "fly"
+LEAVE_OUT = "leave out"
 
 _HELP = """\
 -o DIR takes the flight's folder (default: the next flight-NNNN): flight.BIN is the vehicle's own log, flight.tlog the
@@ -38,6 +40,15 @@ minute, to end the excitation then; Ctrl-C ends that wait, and the pilot takes o
 The probe: five quiet seconds, then a step of a fifth of the card's amplitude on each axis. It tells reversed or swapped
 commands and gyros, lag, noise and a faulty log before 30 s are flown, and the amplitude up to which the card is
 predicted to stay within its limits, an abort's delay included. Where something is wrong, the card is not flown.
+
+--log card needs no more of a link than telemetry (57,600 baud): nothing of the log is sent. Limits, start and end come
+from attitudes, heartbeats and texts; the vehicle must keep its log by itself (LOG_BACKEND_TYPE 1 or 3) and say of no
+failure, and dead telemetry ends a run as a dead log does. Commands are not watched, there is no probe, and whether a
+run is worth keeping is known when the log was read: `tippath fetch`, or `tippath ingest LOG --flight DIR`.
+
+A card in the paper's words is flown as far as the vehicle can: what it cannot fly (on ArduPilot doublets and the noise)
+is listed, and left out only after --leave-out or a typed answer. ArduPilot has cards of its own, ardupilot-heli and
+ardupilot-quad, each with a -quick one; the one that fits is flown where no card is named.
 
 A card is a TOML file. What is left out is the paper's Table 1:
 
@@ -53,7 +64,7 @@ A card is a TOML file. What is left out is the paper's Table 1:
   f_stop_hz = 5               # chirps: up to here
   [[maneuver]]
   kind = "chirp"              # chirp, doublet or quiet
-  axis = "roll"               # roll, pitch or elevator
+  axis = "roll"               # roll, pitch, elevator or yaw
   amplitude = 0.1             # of full command; rad/s with target = "rate"
   duration_s = 30
   repeat = 2
@@ -64,7 +75,7 @@ A card is a TOML file. What is left out is the paper's Table 1:
   axis = "pitch"
   amplitude = 0.1
   duration_s = 9
-  target = "command"          # or "rate": added to the rate command, for the LQR to follow
+  target = "command"          # or "rate": added to the rate command, for the vehicle's controller to follow
   pulse_s = 0.25              # doublets only
 
 A vehicle profile (--vehicle-profile) is a TOML file: which modes, axes and parameters fly a maneuver, and how large one
@@ -72,13 +83,15 @@ may be. Those that come with the package lie in gcs/vehicle/profiles; copy one a
 parameters that its "needs" names.
 
 --json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
-"card", "vehicle", "station", "link_loss", "limits", "checks", "planned", "probe": {"ok", "wrong",
-"findings", "answers", "words"} or null, "runs": [{"label", "purpose", "maneuver",
-"flew", "parameters", "ending", "reason", "mode_after", "started", "duration_s", "log_start_s", "peaks", "verdict":
+"card", "left_out", "log", "boot", "vehicle", "station", "link_loss", "limits", "checks", "planned", "probe": {"ok",
+"wrong", "findings", "answers", "words"} or null, "runs": [{"label", "purpose", "maneuver", "flew", "parameters",
+"ending", "reason", "mode_after", "started", "duration_s", "log_start_s", "log_start_within_s", "peaks", "verdict":
 {"keep", "reasons", "samples", "expected", "missing", "gaps", "percent_of_limits", "coherent_hz"}}], "recording",
 "missing_blocks" (below the last that came; "recording": {"complete", "problems", "logs": [{"end"}]} says whether the
-log goes to its end), and "following": [{"axis", "correlation", "lag_s", "steady_share", "follows"}] of runs with target
-"rate"}. Exit status: 0 flown to the end and recorded whole, whatever the verdicts; 1 not; 130 ended by Ctrl-C.
+log goes to its end; with --log card "complete" and a clean run's "keep" are null, and log_start_s is the vehicle's
+clock as the link told it, give or take log_start_within_s), and "following": [{"axis", "correlation", "lag_s",
+"steady_share", "follows"}] of runs with target "rate"}. Exit status: 0 flown to the end and recorded whole, whatever
+the verdicts; 1 not; 130 ended by Ctrl-C.
 """
 
 
@@ -94,11 +107,23 @@ def add_parser(subparsers: Any) -> None:
     add_vehicle_option(parser)
     there = sorted(path.stem for path in CARDS.glob("*.toml"))
     bundled = f"{', '.join(there[:-1])} and {there[-1]}"
-    parser.add_argument("--card", metavar="CARD.toml|NAME", help=f"a test card; {bundled} are there")
-    parser.add_argument("--axis", choices=("roll", "pitch", "elevator"), help="of a single chirp by Table 1")
+    parser.add_argument(
+        "--card", metavar="CARD.toml|NAME", help=f"a test card (default on ArduPilot: its own); {bundled} are there"
+    )
+    parser.add_argument("--axis", choices=("roll", "pitch", "elevator", "yaw"), help="of a single chirp by Table 1")
     parser.add_argument("--amplitude", type=float, metavar="A", help="of full command (default 0.1)")
     parser.add_argument("--duration", type=float, metavar="S", help="seconds (default 30)")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="the flight's folder; never overwritten")
+    parser.add_argument(
+        "--log",
+        choices=("stream", "card"),
+        default="stream",
+        help="how the vehicle's log comes: streamed while it is flown (default), or off the vehicle's card afterwards, "
+        "for links that do not carry it",
+    )
+    parser.add_argument(
+        "--leave-out", action="store_true", help="leave out of the card what this vehicle cannot fly, without asking"
+    )
     parser.add_argument("--hardware", action="store_true", help="ask for the typed word even on this machine's link")
     parser.add_argument(
         "--probe",
@@ -116,23 +141,32 @@ def run(args: argparse.Namespace) -> int:
     from gcs.cli.progress import ProgressLines
     from gcs.flight import folder as flightdir
     from gcs.flight.flown_card import Briefing
+    from gcs.flight.prepare import prepared
     from gcs.flight.session import Session
-    from gcs.flight.sweep import fly_card, require_flyable
+    from gcs.flight.sweep import fly_card
     from gcs.logs.words import printable
     from gcs.vehicle.profile import load_profile
 
     card = card_of(args)
+    if args.log == "card" and args.probe:
+        raise UsageError("--probe judges samples of the log, and with --log card none come; leave one of them out")
     profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
-    lines = ProgressLines(card.limits)
+
+    def consent(left_out: Sequence[str]) -> bool:
+        return args.leave_out or typed_leaving_out(left_out)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
-        profile = require_flyable(session, card, profiles=profiles)
+        ready = prepared(session, card, profiles=profiles, consent=consent)
+        card, profile = ready.card, ready.profile
+        lines = ProgressLines(card.limits)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
         if not simulated:
             require_terminal(args.yes)
 
         def confirm(briefing: Briefing) -> bool:
             lines.briefing(briefing)
+            for words in ready.left_out:
+                print(f"   left out: {printable(words)}", file=sys.stderr)
             return simulated or typed_confirmation()
 
         folder = flightdir.create(args.output)
@@ -146,7 +180,9 @@ def run(args: argparse.Namespace) -> int:
             aborted=wishes,
             interruptions=lambda: wishes.pressed,
             about={"link": args.connect},
-            probe=not simulated if args.probe is None else args.probe,
+            probe=args.log == "stream" and (not simulated if args.probe is None else args.probe),
+            log=args.log,
+            left_out=ready.left_out,
         )
         if result.link_loss is not None and result.link_loss.ends_sweep and session.snapshot().armed:
             # We hold its failsafe, and are about to leave.
@@ -163,8 +199,8 @@ def run(args: argparse.Namespace) -> int:
     return exit_status(result, wishes() is not None, say_why=args.json)
 
 
-def card_of(args: argparse.Namespace) -> TestCard:
-    """What to fly. Raises UsageError where the options do not say it, or say it twice."""
+def card_of(args: argparse.Namespace) -> TestCard | None:
+    """What to fly; None where the options leave it to the vehicle. Raises UsageError where they say it twice."""
     from gcs.cards.maneuver import Maneuver, load_card, single_card
 
     single = [name for name in ("axis", "amplitude", "duration") if getattr(args, name) is not None]
@@ -172,8 +208,10 @@ def card_of(args: argparse.Namespace) -> TestCard:
         raise UsageError(f"--card says what to fly; leave out --{single[0]}")
     if args.card is not None:
         return load_card(args.card)
+    if args.axis is None and single:
+        raise UsageError(f"--{single[0]} of which axis? Give --axis roll|pitch|elevator|yaw, or --card hover")
     if args.axis is None:
-        raise UsageError("what to fly? Give --axis roll|pitch|elevator, or --card hover")
+        return None
     amplitude = 0.1 if args.amplitude is None else args.amplitude
     duration_s = 30.0 if args.duration is None else args.duration
     return single_card(Maneuver(kind="chirp", axis=args.axis, amplitude=amplitude, duration_s=duration_s))
@@ -181,7 +219,8 @@ def card_of(args: argparse.Namespace) -> TestCard:
 
 def print_document(result: SweepResult, followed: Sequence[Following]) -> None:
     """The sweep as one JSON document."""
-    head = {"format": "tippath.sweep/1", "folder": str(result.folder.path), "complete": result.complete}
+    complete = None if result.log == "card" and result.flown else result.complete
+    head = {"format": "tippath.sweep/1", "folder": str(result.folder.path), "complete": complete}
     ending = None if result.ending is None else result.ending.value
     rest = {key: value for key, value in result.folder.read().items() if key != "format"}
     print_json({**head, "ending": ending, **rest, "following": [one.to_json() for one in followed]})
@@ -189,6 +228,7 @@ def print_document(result: SweepResult, followed: Sequence[Following]) -> None:
 
 def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
     """The sweep in lines: where it was recorded, whether whole, and how rates followed."""
+    from gcs.flight.log_way import log_words
     from gcs.logs.words import printable
 
     ended = f"   stopped: {printable(result.stopped)}" if result.stopped else ""
@@ -196,6 +236,8 @@ def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
     recorded = result.recording is not None and result.recording.logs
     log = result.folder.log if recorded else result.folder.path
     print(f" recorded {log}  {count}  {result.missing_words}{ended}")
+    if result.log == "card" and result.runs:
+        print(f"   the {log_words(result.folder.path)}")
     for problem in result.recording.problems if result.recording is not None else ():
         print(f"   {printable(problem)}")
     if followed:
@@ -209,7 +251,7 @@ def exit_status(result: SweepResult, interrupted: bool, *, say_why: bool) -> int
     from gcs.flight.run_state import Ending
     from gcs.logs.words import printable
 
-    if result.complete:
+    if result.done:
         return EXIT_DONE
     if say_why:
         print(f"stopped: {printable(result.stopped or 'the recording is not complete')}", file=sys.stderr)
@@ -219,15 +261,20 @@ def exit_status(result: SweepResult, interrupted: bool, *, say_why: bool) -> int
 def rates_followed(result: SweepResult) -> tuple[list[Following], str]:
     """How the rates followed where rates were commanded, and why that is not known."""
     from gcs.analysis.following import measure_following
-    from gcs.flight.run_state import Ending
 
-    flown = [one for one in result.runs if one.ending is Ending.FINISHED and one.run.maneuver.target == "rate"]
+    flown = [one for one in result.runs if _follows(one)]
     if not flown or result.recording is None or result.recording.log is None:
         return [], ""
     try:
         return measure_following(result.recording.log, flown), ""
     except TippathError as error:
         return [], str(error)
+
+
+def _follows(run: RunResult) -> bool:
+    """A doublet on the rate command was flown, which a controller was to follow."""
+    maneuver = run.run.maneuver
+    return run.ending.value == "finished" and maneuver.target == "rate" and maneuver.kind == "doublet"
 
 
 def is_loopback(link: str) -> bool:
@@ -243,6 +290,19 @@ def is_loopback(link: str) -> bool:
         return ipaddress.ip_address(word.host).is_loopback
     except ValueError:
         return False
+
+
+def typed_leaving_out(left_out: Sequence[str]) -> bool:
+    """Ask on the terminal whether the rest of the card is to be flown; false where nobody could answer."""
+    if not sys.stdin.isatty():
+        return False
+    from gcs.logs.words import printable
+
+    print(" This vehicle cannot fly all of the card. It would leave out:", file=sys.stderr)
+    for words in left_out:
+        print(f"   {printable(words)}", file=sys.stderr)
+    print(f" Type {LEAVE_OUT} to go on with the rest, anything else to stop: ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip() == LEAVE_OUT
 
 
 def require_terminal(yes: bool) -> None:

@@ -140,6 +140,7 @@ class CardRecording:
         """What a snapshot tells of it, by the snapshot's fields."""
         return {
             "recording": self.recorder.directory / "flight.tlog",
+            "log_on_card": True,
             "blocks_received": 0,
             "blocks_open": 0,
             "duplicates": 0,

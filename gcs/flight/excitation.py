@@ -193,7 +193,8 @@ class Excitation:
     def _look(self, snapshot: VehicleSnapshot) -> float | None:
         """Update the peaks from what is new; the vehicle's time in this maneuver, where its log tells."""
         if self.state.phase is Phase.FLYING:
-            self.peaks = self.peaks.with_telemetry(snapshot.p, snapshot.q, snapshot.roll, snapshot.pitch)
+            r = snapshot.r if self.plan.maneuver.axis == "yaw" else None
+            self.peaks = self.peaks.with_telemetry(snapshot.p, snapshot.q, snapshot.roll, snapshot.pitch, r)
         window = self._session.samples(1.0)
         self._log_mode = window.mode
         if not window.t.size:

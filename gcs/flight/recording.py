@@ -62,6 +62,7 @@ class Recording:
         """What a snapshot tells of it, by the snapshot's fields."""
         return {
             "recording": self.recorder.log_path or self.recorder.directory / "flight.BIN",
+            "log_on_card": False,
             "blocks_received": self.blocks.received,
             "blocks_open": self.blocks.open,
             "duplicates": self.blocks.duplicates,

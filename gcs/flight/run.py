@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from gcs.cards.envelope import Peaks, Use, use
+from gcs.cards.envelope import Limits, Peaks, Use, use
 from gcs.cards.maneuver import CardRun
 from gcs.flight.connection import Clock, Connection
 from gcs.flight.excitation import Excitation
@@ -197,6 +197,21 @@ def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> V
         return judge_by_telemetry(flown.limits, flown.peaks, came, flown.elapsed_s, interruption=interruption)
     samples = cut(window, first, first + plan.maneuver.duration_s)
     return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption=interruption, start_s=first)
+
+
+def locked(run: CardRun, flown: Sequence[RunResult], limits: Limits) -> str:
+    """Why a build-up goes no further: the step before was not clean, or the next would leave the envelope; empty where
+    it does."""
+    if run.locked_by is None:
+        return ""
+    below = flown[run.locked_by - 1]
+    if not below.clean:
+        why = "; ".join(below.verdict.reasons) if below.verdict is not None else below.reason
+        return f"{run.label} stays locked: {below.run.label} was not clean ({why})"
+    expected = use(limits, below.peaks).largest * run.unlocks_at
+    if expected > 100:
+        return f"{run.label} stays locked: from {below.run.label} it would reach {expected:.0f} % of the limits"
+    return ""
 
 
 def contradiction(flown: Excitation) -> str:

@@ -325,7 +325,7 @@ class Session:
             self._say(self._telemetry.want({}, self._clock()))
             self._log_sent()
             self._recording = None
-            self._update(recording=None)
+            self._update(recording=None, log_on_card=False)
             return recording.finish()
 
     def close(self) -> None:

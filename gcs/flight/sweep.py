@@ -4,8 +4,7 @@ The vehicle is left as it was found: in the mode before the run (see `gcs.flight
 in every parameter that a maneuver wrote (see `gcs.flight.handback`). Nothing is written while it may be excited,
 because the vehicle reads some parameters in every loop: only after the last run is cleared, and a run is started only
 after all that was written has landed and was read back. Recording goes on during the whole card, and `flight.json` is
-replaced after each run; a run is not started, and does not go on, without fresh blocks of the log, or, where that stays
-on the vehicle's card, without fresh telemetry (see `gcs.flight.log_way`).
+replaced after each run; no run is started, and none goes on, on a dead log or dead telemetry (`gcs.flight.log_way`).
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from statistics import median
 from types import TracebackType
 from typing import Any, Self
 
-from gcs.cards.envelope import Limits, use
+from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import CardRun, TestCard, preceded
 from gcs.errors import TippathError
 from gcs.flight import log_way, preflight
@@ -52,7 +51,7 @@ from gcs.flight.probe import (
 )
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.rules import TICK_S, joined
-from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, contradiction, fly_run
+from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, contradiction, fly_run, locked
 from gcs.flight.run_state import Ending
 from gcs.flight.settings import ask_all, changed_since, read_settings, recognise, write_plan
 from gcs.flight.verdict import cut
@@ -77,6 +76,19 @@ class NotReadyError(TippathError):
     """A check before the start failed; the message lists what and why."""
 
 
+def known_vehicle(
+    session: Connection, clock: Clock | None = None, *, profiles: Sequence[VehicleProfile] = ()
+) -> VehicleProfile:
+    """What this vehicle is, of these profiles or of those that come with the package, on a link that may be flown on.
+
+    Raises CannotFlyError, NotReadyError, LinkError or ProcedureError.
+    """
+    clock = clock or WallClock()
+    _wait_for_lag(session, clock)
+    _require(preflight.lag(session.snapshot()))
+    return recognise(session, clock, profiles)
+
+
 def require_flyable(
     session: Connection, card: TestCard, clock: Clock | None = None, *, profiles: Sequence[VehicleProfile] = ()
 ) -> VehicleProfile:
@@ -86,9 +98,7 @@ def require_flyable(
     Raises CannotFlyError, NotReadyError, LinkError or ProcedureError; `fly_card` looks again.
     """
     clock = clock or WallClock()
-    _wait_for_lag(session, clock)
-    _require(preflight.lag(session.snapshot()))
-    profile = recognise(session, clock, profiles)
+    profile = known_vehicle(session, clock, profiles=profiles)
     for run in card.runs():
         profile.plan(run.maneuver)
     _require((*preflight.flying(session.snapshot(), profile), *_controller(session, clock, card)))
@@ -125,12 +135,14 @@ def fly_card(
     disk_free: Callable[[Path], int | None] | None = None,
     probe: bool = False,
     log: LogWay = "stream",
+    left_out: Sequence[str] = (),
 ) -> SweepResult:
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
     `aborted` gives a reason once somebody wants the end; `interruptions` as in `fly_run`. `about` goes into
     flight.json. With `probe` a small step on each axis comes first, and the card only where the vehicle answers as it
     should; it needs a log that is streamed. With `log` "card" nothing of the log is sent: see `gcs.flight.log_way`.
+    `left_out` is what of the card that was asked for this vehicle cannot fly.
     Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
     CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens later is in the
     result. flight.json is written in every case where recording began.
@@ -160,7 +172,7 @@ def fly_card(
         planned=planned,
         folder=folder,
         loss=loss,
-        about=dict(about or {}),
+        about={**(about or {}), "left_out": list(left_out)},
         clock=clock,
         on_progress=on_progress,
         log=log,
@@ -296,7 +308,10 @@ class _Flight:
         try:
             for run, plan in self.planned:
                 self.stopped = (
-                    self._unfit(mode_before, aborted) or self._log_dead() or self._locked(run) or self._capped(run)
+                    self._unfit(mode_before, aborted)
+                    or self._log_dead()
+                    or locked(run, self.runs, self.limits)
+                    or self._capped(run)
                 )
                 if self.stopped:
                     return
@@ -437,19 +452,6 @@ class _Flight:
         if snapshot.mode != mode_before or not snapshot.armed:
             self.ending = Ending.PILOT
             return "disarmed" if not snapshot.armed else f"the mode is {snapshot.mode_name}: the pilot has it"
-        return ""
-
-    def _locked(self, run: CardRun) -> str:
-        """Why a build-up goes no further: the step before was not clean, or the next would leave the envelope."""
-        if run.locked_by is None:
-            return ""
-        below = self.runs[run.locked_by - 1]
-        if not below.clean:
-            why = "; ".join(below.verdict.reasons) if below.verdict is not None else below.reason
-            return f"{run.label} stays locked: {below.run.label} was not clean ({why})"
-        expected = use(self.limits, below.peaks).largest * run.unlocks_at
-        if expected > 100:
-            return f"{run.label} stays locked: from {below.run.label} it would reach {expected:.0f} % of the limits"
         return ""
 
     def _rest(self, mode_before: int, aborted: Callable[[], str | None]) -> None:

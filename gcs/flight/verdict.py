@@ -26,6 +26,8 @@ COHERENT = 0.6
 """Above this the rates follow the excitation: what is left is noise or something nonlinear."""
 ENOUGH_BAND = 0.6
 """Part of the swept band that must be coherent."""
+COMMANDS = {"roll": "x", "pitch": "y", "elevator": "e"}
+"""Axes whose command the live log tells, and its letter there."""
 NO_SAMPLES = "no samples came"
 ON_CARD = "flown, log on the vehicle's card"
 FEW_MISSING = 0.01
@@ -231,10 +233,10 @@ def _excited(
     """A chirp's coherent band and its share, and why the vehicle was not excited as planned."""
     if came.samples < 3 or not came.rate_hz:
         return None, None, []
-    if plan.maneuver.kind == "doublet":
+    if plan.maneuver.kind == "doublet" and plan.maneuver.axis in COMMANDS:
         return None, None, _unanswered(plan, samples)
-    if plan.maneuver.kind != "chirp":
-        return None, None, []
+    if plan.maneuver.kind != "chirp" or plan.maneuver.axis not in COMMANDS:
+        return None, None, []  # of yaw the live log tells neither command nor rate
     band, part = coherent_band(plan, samples, came.rate_hz)
     if part >= ENOUGH_BAND:
         return band, part, []
@@ -260,7 +262,7 @@ def _gaps(t: FloatArray, spacing: float | None) -> tuple[int, float]:
 
 def _input(plan: Plan, samples: Mapping[str, FloatArray]) -> FloatArray:
     """What was put in on the excited axis: the excitation where it is logged, else the command."""
-    letter = {"roll": "x", "pitch": "y", "elevator": "e"}[plan.maneuver.axis]
+    letter = COMMANDS[plan.maneuver.axis]
     unknown = np.full(samples["t"].shape, np.nan)
     excitation = samples.get("excitation_" + letter, unknown)
     known = np.isfinite(excitation)

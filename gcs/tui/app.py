@@ -211,7 +211,7 @@ class TippathApp(DeskApp):
     def action_choose_card(self) -> None:
         """Ask for a card; one that the diagnosis wrote is proposed."""
         card = self.worker.state().desk.card
-        hint = f"a TOML file, or one of: {', '.join(bundled_cards())}"
+        hint = f"a TOML file, or one of: {', '.join(bundled_cards())}; behind it --leave-out, --log card"
         self.ask_to_work("Which card?", hint, "the card", self.worker.choose_card, "" if card is None else str(card))
 
     # Connection.

@@ -18,17 +18,19 @@ from gcs.errors import TippathError
 from gcs.flight.excitation import abort
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import create
+from gcs.flight.prepare import Prepared, prepared
 from gcs.flight.probe import result_words
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.session import Session
-from gcs.flight.sweep import fly_card, free_bytes, require_flyable
+from gcs.flight.sweep import fly_card, free_bytes
 from gcs.tui import state as view
+from gcs.tui.asked_card import SHOWN_FIRST, AskedCard, asked_card
 from gcs.tui.moment import Moment
 from gcs.tui.state import Mark, RunView, Stage
 from gcs.tui.vehicle_link import VehicleLink
 from gcs.vehicle.autopilots import SYSTEMID
-from gcs.vehicle.profile import load_profile
+from gcs.vehicle.profile import CannotFlyError, load_profile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 TOO_EARLY = "not yet: a run is under way"
@@ -58,7 +60,8 @@ class CardFlight:
         self._on_landed = on_landed
         self._profile_word = profile
         self._profiles = () if profile is None else (load_profile(profile),)
-        self._card, self._card_word = load_card(card), card
+        self._asked = asked_card(card)
+        self._card = load_card(self._asked.card or SHOWN_FIRST)
         moment.set(card=self._card.name, runs=_views(self._card), limits=self._card.limits)
         self._abort: str | None = None
         self._started = False
@@ -135,12 +138,14 @@ class CardFlight:
             self._moment.set(said=f"the mode is {result.mode_after}" if result.ended else result.reason)
 
     def choose(self, card_word: str) -> None:
-        """Another card, by its file or the name of a bundled one. Raises UsageError."""
-        card = load_card(card_word)
+        """Another card, by its file or the name of a bundled one, with `--leave-out` and `--log card` behind it where
+        they are wanted. Raises UsageError."""
+        asked = asked_card(card_word)
+        card = load_card(asked.card or SHOWN_FIRST)
         with self._moment.lock:
             if self._moment.now.stage.under_way:
                 raise TippathError("a card is being flown: end it first (E)")
-            self._card, self._card_word = card, card_word
+            self._card, self._asked = card, asked
             self._moment.set(
                 card=card.name,
                 runs=_views(card),
@@ -172,28 +177,41 @@ class CardFlight:
         self._moment.set(
             stage=Stage.CHECKING, runs=_views(self._card), current=1, progress=None, use=None, checks=(), said=""
         )
-        self._flying = threading.Thread(target=self._fly, args=(session, self._card), name="tippath card", daemon=True)
+        self._flying = threading.Thread(
+            target=self._fly, args=(session, self._card, self._asked), name="tippath card", daemon=True
+        )
         self._flying.start()
 
-    def _fly(self, session: Session, card: TestCard) -> None:
+    def _fly(self, session: Session, card: TestCard, asked: AskedCard) -> None:
         words, landed = "", None
         try:
-            profile = require_flyable(session, card, profiles=self._profiles)
+            ready = prepared(
+                session,
+                card if asked.card else None,
+                profiles=self._profiles,
+                consent=lambda _: asked.leave_out,
+                otherwise=card,
+            )
+            self._take(ready)
             folder = create(None, self._folder)
             self._moment.set(flight=folder.path)
             result = fly_card(
                 session,
-                card,
-                profile,
+                ready.card,
+                ready.profile,
                 folder=folder,
                 confirm=self._briefed,
                 on_progress=self._progressed,
                 aborted=lambda: self._abort,
                 about={"command": "fly", "link": session.link},
-                probe=self._probe,
+                probe=self._probe and asked.log == "stream",
+                log=asked.log,
+                left_out=ready.left_out,
             )
-            words = self._landed(result)
+            words = self._landed(result, asked)
             landed = result.folder.path if result.recording is not None and result.recording.logs else None
+        except CannotFlyError as error:
+            words = f"{error} (C, and --leave-out behind the card)"
         except TippathError as error:
             words = str(error)
         except Exception as error:  # a fault of ours must neither hide nor end the app in flight
@@ -211,16 +229,25 @@ class CardFlight:
             stage = Stage.IDLE if self._link.session is not None else Stage.NO_VEHICLE
             self._moment.set(stage=stage, current=0, progress=None, said=words, rpm_reference=None)
 
-    def _landed(self, result: SweepResult) -> str:
+    def _take(self, ready: Prepared) -> None:
+        """The card as this vehicle flies it, where that is not the one shown."""
+        with self._moment.lock:
+            if ready.card is not self._card:
+                self._moment.set(card=ready.card.name, runs=_views(ready.card), limits=ready.card.limits)
+        if ready.left_out:
+            self._notes.append(f"left out: {'; '.join(ready.left_out)}")
+
+    def _landed(self, result: SweepResult, asked: AskedCard) -> str:
         kept = sum(run.clean for run in result.runs)
         where = word(result.folder.path)
         link = word(self._link.word or "LINK")
         vehicle = "" if self._profile_word is None else f" --vehicle-profile {word(self._profile_word)}"
-        command = f"tippath sweep --connect {link}{vehicle} --card {word(self._card_word)} -o {where}"
+        command = f"tippath sweep --connect {link}{vehicle} {asked.options} -o {where}"
         self._moment.did(command)
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
-        text = f"recorded {where}: {kept} of {result.planned} runs kept, {result.missing_words}"
+        done = "flown" if result.log == "card" else "kept"
+        text = f"recorded {where}: {kept} of {result.planned} runs {done}, {result.missing_words}"
         problems = () if result.recording is None else result.recording.problems
         return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *problems])
 

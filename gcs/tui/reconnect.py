@@ -33,7 +33,7 @@ class Reconnecting:
         *,
         folder: Path = Path(),
         primary: bool = False,
-        card: str = "hover",
+        card: str = "",
         profile: str | None = None,
         probe: bool | None = None,
         make: Callable[..., FlightWorker] = FlightWorker,

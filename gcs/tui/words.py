@@ -261,7 +261,8 @@ def recording_line(state: State, width: int) -> str:
     parts = []
     if vehicle is not None and vehicle.recording is not None:
         name = f"{state.flight.name}: " if state.flight is not None and width >= 100 else ""
-        parts.append(f"log {name}{state.samples:,} samples · {vehicle.blocks_open} blocks missing")
+        came = f"{state.samples:,} samples · {vehicle.blocks_open} blocks missing"
+        parts.append(f"log {name}{'on the card, telemetry only' if vehicle.log_on_card else came}")
         if vehicle.recording_problem:
             parts[-1] = f"NOT KEPT: {sanitise(vehicle.recording_problem)}"
     else:

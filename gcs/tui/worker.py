@@ -66,7 +66,7 @@ class FlightWorker:
         start_vehicle: Callable[[], SimulatedVehicle] | None = None,
         folder: Path = Path(),
         primary: bool = False,
-        card: str = "hover",
+        card: str = "",
         profile: str | None = None,
         probe: bool | None = None,
         open_session: Callable[..., Session] = Session.open,

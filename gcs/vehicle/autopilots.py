@@ -28,6 +28,16 @@ KINDS: Final = {
 }
 """MAV_TYPE."""
 _ROTORCRAFT: Final = {2, 3, 4, 13, 14, 15, 29, 35}
+_ONE_ROTOR: Final = {4}
+
+
+def rotorcraft(vehicle_type: int) -> str:
+    """`helicopter` or `multirotor`; empty for what is neither."""
+    if vehicle_type in _ONE_ROTOR:
+        return "helicopter"
+    return "multirotor" if vehicle_type in _ROTORCRAFT else ""
+
+
 IN_THE_AIR: Final = 4
 """MAV_STATE."""
 PRIMARY_SYSTEM: Final = 255

@@ -24,14 +24,14 @@ from gcs import documents
 from gcs.cards.maneuver import KINDS, Maneuver
 from gcs.document_faults import nearest
 from gcs.errors import TippathError
-from gcs.vehicle.autopilots import NO_EXCITATION
+from gcs.vehicle.autopilots import NO_EXCITATION, rotorcraft
 
 _RATE_UNIT = math.degrees(1.0)  # ArduPilot counts its rate axes in deg/s
 
 
 # --------------------------------------------------------------------------------------------- what a profile may hold
 
-Axis = Literal["roll", "pitch", "elevator"]
+Axis = Literal["roll", "pitch", "elevator", "yaw", "thrust"]
 Kind = Literal["chirp", "doublet", "quiet"]
 Word = Literal[
     "axis",
@@ -81,6 +81,7 @@ class ProfileDocument(documents.Strict, frozen=True, kw_only=True):
     constants: dict[Word, float] = {}
     largest_magnitude: dict[int, Annotated[float, Meta(gt=0.0)]]
     timing: _Timing
+    cards: dict[Literal["helicopter", "multirotor"], str] = {}
 
     def problem(self) -> str | None:
         """What does not go together; None where all does."""
@@ -153,6 +154,12 @@ class VehicleProfile:
     """Axis number -> magnitude, in the axis' own unit, beyond which a maneuver on it would be dangerous."""
     lead_s: float
     tail_s: float
+    cards: Mapping[str, str]
+    """Kind of rotorcraft -> the card that is flown where none is named."""
+
+    def own_card(self, vehicle_type: int) -> str | None:
+        """The name of the card for a vehicle of this MAV_TYPE where none was asked for; None where it has none."""
+        return self.cards.get(rotorcraft(vehicle_type))
 
     def dangerous(self, axis: float, magnitude: float) -> bool:
         """Whether a maneuver with this magnitude must not be left ready on this axis, however it came there."""
@@ -292,6 +299,7 @@ def parse_profile(text: str, source: str) -> VehicleProfile:
         largest_magnitude=table.largest_magnitude,
         lead_s=table.timing.lead_s,
         tail_s=table.timing.tail_s,
+        cards={str(kind): name for kind, name in table.cards.items()},
     )
 
 

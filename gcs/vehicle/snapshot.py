@@ -135,6 +135,8 @@ class VehicleSnapshot:
 
     recording: Path | None = None
     """The log that grows on disk, None while nothing is recorded."""
+    log_on_card: bool = False
+    """What is recorded is telemetry only: the log stays on the vehicle's card."""
     blocks_received: int = 0
     """Of the log being recorded."""
     blocks_open: int = 0

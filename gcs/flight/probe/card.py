@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gcs.cards.maneuver import Maneuver, TestCard
+from gcs.flight.probe.values import LETTERS
 from gcs.vehicle.profile import VehicleProfile
 
 QUIET_S = 5.0
@@ -27,7 +28,12 @@ def probe_card(card: TestCard, profile: VehicleProfile, fraction: float = FRACTI
     """
     largest: dict[str, float] = {}
     for maneuver in card.maneuvers:
-        if maneuver.kind != "quiet" and maneuver.target == "command" and maneuver.axis in profile.axes:
+        if (
+            maneuver.kind != "quiet"
+            and maneuver.target == "command"
+            and maneuver.axis in profile.axes
+            and maneuver.axis in LETTERS
+        ):
             largest[maneuver.axis] = max(largest.get(maneuver.axis, 0.0), maneuver.amplitude)
     doublets = "doublet" in profile.kinds
     maneuvers = tuple(

@@ -42,7 +42,8 @@ from gcs.logs import ingest
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([], "what to fly?"),
+        (["--amplitude", "0.1"], "of which axis?"),
+        (["--card", "hover", "--log", "card", "--probe"], "leave one of them out"),
         (["--card", "hover", "--axis", "roll"], "leave out --axis"),
         (["--card", "hover", "--amplitude", "0.2"], "leave out --amplitude"),
         (["--card", "nowhere.toml"], "no such card"),

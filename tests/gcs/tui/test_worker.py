@@ -24,6 +24,7 @@ from gcs.flight.gains import PushResult
 from gcs.flight.live import LiveWindow
 from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordedLog, RecordingSummary
+from gcs.flight.prepare import Prepared
 from gcs.flight.run import RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.sweep import NotReadyError
@@ -32,7 +33,7 @@ from gcs.link.log_end import EndState, LogEnd
 from gcs.tui.state import Mark, Stage
 from gcs.tui.worker import FlightWorker
 from gcs.vehicle.autopilots import SYSTEMID, LinkLoss
-from gcs.vehicle.profile import Plan
+from gcs.vehicle.profile import Plan, bundled_profiles
 from gcs.vehicle.snapshot import Beat, VehicleSnapshot
 
 WITHIN_S = 60.0
@@ -200,11 +201,16 @@ def _result(run, plan, ending, reason) -> RunResult:
     )
 
 
+def as_it_is(session, card, *, otherwise, **_):
+    """What this vehicle can fly of a card: all of it."""
+    return Prepared(card or otherwise, bundled_profiles()[0])
+
+
 @pytest.fixture
 def engine(monkeypatch, tmp_path):
     card, session = FakeCard(), FakeSession()
     monkeypatch.setattr(gcs.tui.card_flight, "fly_card", card)
-    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card, profiles: None)
+    monkeypatch.setattr(gcs.tui.card_flight, "prepared", as_it_is)
     made = FlightWorker("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
     made.fake_card, made.fake_session = card, session
     reach(made, Stage.IDLE)
@@ -340,10 +346,10 @@ def test_a_fault_in_the_card_is_told_and_ends_it(engine, monkeypatch):
 
 
 def test_a_card_that_cannot_be_flown_leaves_no_folder(engine, monkeypatch, tmp_path):
-    def refuse(session, card, profiles):
+    def refuse(session, card, **_):
         raise NotReadyError("not ready: not armed")
 
-    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", refuse)
+    monkeypatch.setattr(gcs.tui.card_flight, "prepared", refuse)
     engine.ready()
     until(lambda: engine.state().said == "not ready: not armed")
     reach(engine, Stage.IDLE)

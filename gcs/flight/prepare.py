@@ -1,0 +1,58 @@
+"""Before a folder is made: what this vehicle is, what of a card it can fly, and whether it can fly that now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from gcs.cards.maneuver import TestCard, load_card
+from gcs.errors import UsageError
+from gcs.flight.connection import Clock, Connection
+from gcs.flight.sweep import known_vehicle, require_flyable
+from gcs.vehicle.profile import CannotFlyError, VehicleProfile
+from gcs.vehicle.translate import translate
+
+NO_CARD = "what to fly? Give --axis roll|pitch|elevator, or --card hover"
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A card that this vehicle can fly, as it is now."""
+
+    card: TestCard
+    profile: VehicleProfile
+    left_out: tuple[str, ...] = ()
+    """Of the card that was asked for, by consent."""
+
+
+def prepared(
+    session: Connection,
+    card: TestCard | None,
+    *,
+    profiles: Sequence[VehicleProfile] = (),
+    consent: Callable[[tuple[str, ...]], bool],
+    otherwise: TestCard | None = None,
+    clock: Clock | None = None,
+) -> Prepared:
+    """A card, or without one the vehicle's own, else `otherwise`, as far as the vehicle can fly it.
+
+    `consent` is asked with what must be left out, one sentence each, and nothing is left out unless it is true. Raises
+    UsageError where there is no card, CannotFlyError, and as `gcs.flight.sweep.require_flyable`.
+    """
+    profile = known_vehicle(session, clock, profiles=profiles)
+    card = card or own_card(profile, session.snapshot().vehicle_type) or otherwise
+    if card is None:
+        raise UsageError(NO_CARD)
+    translation = translate(card, profile)
+    if translation.left_out and not consent(translation.left_out):
+        raise CannotFlyError(
+            f"this vehicle cannot fly all of the card: {'; '.join(translation.left_out)}. --leave-out flies the rest"
+        )
+    require_flyable(session, translation.card, clock, profiles=(profile,))
+    return Prepared(translation.card, profile, translation.left_out)
+
+
+def own_card(profile: VehicleProfile, vehicle_type: int) -> TestCard | None:
+    """The card of a vehicle for which none was named; None where it has none."""
+    name = profile.own_card(vehicle_type)
+    return None if name is None else load_card(name)
