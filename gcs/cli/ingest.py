@@ -10,8 +10,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gcs.logs import Ingest
+    from gcs.logs.runs.of_flight import FlightRuns
 
 _FORMAT_HELP = """\
 --json prints {"format": "tippath.runs/1", "runs": [{"id", "path", "maneuver", "axis", "start_s", "duration_s",
@@ -26,6 +32,10 @@ reason} and "fields".
 
 What was read is kept beside the log in a folder .tippath and taken from there the next time, as long as log, profile
 and window are the same; it may be removed at any time. TIPPATH_CACHE=off in the environment does without it.
+
+--flight FOLDER is for a log off the vehicle's card of a flight with `--log card`: each run is matched to the flight's by
+the vehicle's clock; with --json "flight": {"matches": [{"label", "run", "off_s"}], "problem"}. A log of another boot has
+other times: that is said, and the exit status is 1.
 
 A flight.json beside a log is believed: a run that it says is to be flown again (aborted, link lost, limits left) is
 listed as not usable; `tippath fit LOG#n` takes it all the same.
@@ -44,6 +54,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("logs", nargs="+", metavar="LOG", type=Path, help="a log, a flight folder or a record")
+    parser.add_argument(
+        "--flight",
+        metavar="FOLDER",
+        type=Path,
+        help="the flight that a log off the vehicle's card is of: which runs are",
+    )
     parser.add_argument("-o", dest="output", metavar="DIR", type=Path, help="write the usable runs there as records")
     parser.add_argument("--explain", action="store_true", help="channels found, not found, and what to write")
     parser.add_argument("--profile", metavar="FILE.toml", type=Path, help="where the channels come from")
@@ -57,8 +73,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
     from gcs.cli.counting import ReadingBar
-    from gcs.cli.listing import document, explanation, table, write_records
+    from gcs.cli.listing import explanation, table, write_records
     from gcs.logs import Ingest, UnreadableError, ingest, parse_window
+    from gcs.logs.runs.of_flight import of_flight
     from gcs.logs.words import printable
 
     window = None if args.window is None else parse_window(args.window)
@@ -69,21 +86,41 @@ def run(args: argparse.Namespace) -> int:
         if not (args.json or args.explain):
             raise
         found = Ingest((), (), error.refused)
+    flight = None if args.flight is None else of_flight(found.runs, args.flight)
+    if flight is not None:
+        found = replace(found, runs=flight.runs)
     written: dict[str, str] = {}
     if args.output is not None:
         written = write_records(found, args.output, args.force)
     if args.json:
-        print(json.dumps(document(found, written, explain=args.explain), indent=1, allow_nan=False))
+        print(json.dumps(_document(found, written, flight, explain=args.explain), indent=1, allow_nan=False))
     else:
         if found.runs or found.sources:
             print("\n".join(table(found)))
+        for words in [] if flight is None else [flight.problem] if flight.problem else flight_words(flight):
+            print(f" {words}")
         for path in written.values():
             print(f" wrote {printable(path)}")
         if args.explain and (lines := explanation(found)):
             print("\n".join(lines))
     for reason in found.refused.values():
         print(f"not read: {printable(reason)}", file=sys.stderr)
+    if flight is not None and flight.problem:
+        print(f"not the log of {args.flight}", file=sys.stderr)
+        return 1
     if not found.usable:
         print("no run is usable", file=sys.stderr)
         return 1
     return 0
+
+
+def flight_words(flight: FlightRuns) -> list[str]:
+    """Which of the flight's runs is which of the log."""
+    return [match.words for match in flight.matches]
+
+
+def _document(found: Ingest, written: Mapping[str, str], flight: FlightRuns | None, *, explain: bool) -> dict[str, Any]:
+    from gcs.cli.listing import document
+
+    made = document(found, dict(written), explain=explain)
+    return made if flight is None else {**made, "flight": flight.to_json()}

@@ -23,6 +23,8 @@ class Prepared:
     profile: VehicleProfile
     left_out: tuple[str, ...] = ()
     """Of the card that was asked for, by consent."""
+    own: bool = False
+    """It is the vehicle's own card."""
 
 
 def prepared(
@@ -40,7 +42,8 @@ def prepared(
     UsageError where there is no card, CannotFlyError, and as `gcs.flight.sweep.require_flyable`.
     """
     profile = known_vehicle(session, clock, profiles=profiles)
-    card = card or own_card(profile, session.snapshot().vehicle_type) or otherwise
+    own = None if card is not None else own_card(profile, session.snapshot().vehicle_type)
+    card = card or own or otherwise
     if card is None:
         raise UsageError(NO_CARD)
     translation = translate(card, profile)
@@ -49,7 +52,7 @@ def prepared(
             f"this vehicle cannot fly all of the card: {'; '.join(translation.left_out)}. --leave-out flies the rest"
         )
     require_flyable(session, translation.card, clock, profiles=(profile,))
-    return Prepared(translation.card, profile, translation.left_out)
+    return Prepared(translation.card, profile, translation.left_out, own is not None)
 
 
 def own_card(profile: VehicleProfile, vehicle_type: int) -> TestCard | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -193,6 +194,8 @@ class CardFlight:
                 otherwise=card,
             )
             self._take(ready)
+            if not asked.card and not ready.own:
+                asked = replace(asked, card=SHOWN_FIRST)
             folder = create(None, self._folder)
             self._moment.set(flight=folder.path)
             result = fly_card(

@@ -2,7 +2,9 @@
 
 Whoever flew saw things that the log does not show: that somebody aborted, that the pilot took over, that the limits
 were left. A run that is to be flown again does not enter a fit unasked; named by itself it does, with a note. A run of
-the log and a run of flight.json are the same where both entered the excitation mode at the same time of the log.
+the log and a run of flight.json are the same where both entered the excitation mode at the same time of the log. Where
+the log stayed on the vehicle's card, that time is the vehicle's clock as the link told it, give or take what
+flight.json says, and any log in the flight's folder may be the one.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ def with_verdicts(runs: Sequence[Run], log: Path) -> list[Run]:
     except TippathError as error:
         note = printable(f"what was said of this run in flight is not known: {error}")
         return [_noted(run, note) for run in runs]
-    return [_judged(run, flown) for run in runs]
+    return [judged(run, flown) for run in runs]
 
 
 def _noted(run: Run, note: str) -> Run:
@@ -47,6 +49,8 @@ def _flown(log: Path) -> list[Mapping[str, Any]]:
         about, flown = folder.read(), folder.runs()
     except NoFlightError:
         return []  # not a flight.json of ours; the log speaks for itself
+    if about.get("log") == "card":
+        return list(flown)
     recording = about.get("recording")
     logs = recording.get("logs") if isinstance(recording, dict) else None
     if isinstance(logs, list):
@@ -56,15 +60,28 @@ def _flown(log: Path) -> list[Mapping[str, Any]]:
     return list(flown) if known else []
 
 
-def _judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
+def judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
+    """The run, not usable where one of these runs of a flight.json is the same and has something against it."""
     if run.entered_s is None:
         return run
     for entry in flown:
-        start, against = entry.get("log_start_s"), _against(entry)
-        if isinstance(start, int | float) and abs(start - run.entered_s) <= SAME_S and against:
+        against = _against(entry)
+        if against and same(run, entry):
             judged = replace(run, usable=False, verdict=against)
             return replace(judged, reasons=(*run.reasons, _reason(judged)))
     return run
+
+
+def same(run: Run, flown: Mapping[str, Any]) -> bool:
+    """Whether a log's run and one of flight.json are the same, by the vehicle's clock and, where both tell it, the
+    axis."""
+    start, within = flown.get("log_start_s"), flown.get("log_start_within_s")
+    if run.entered_s is None or not isinstance(start, int | float):
+        return False
+    maneuver = flown.get("maneuver")
+    axis = maneuver.get("axis") if isinstance(maneuver, dict) and maneuver.get("kind") != "quiet" else None
+    other = run.axis is not None and axis is not None and run.axis != axis
+    return not other and abs(start - run.entered_s) <= SAME_S + (within if isinstance(within, int | float) else 0.0)
 
 
 def _reason(run: Run) -> str:
@@ -78,7 +95,8 @@ def _against(flown: Mapping[str, Any]) -> str:
     verdict = flown.get("verdict")
     ending, reason = str(flown.get("ending", "")), str(flown.get("reason", ""))
     if isinstance(verdict, dict):
-        if verdict.get("keep") is True and ending == "finished":
+        sound = verdict.get("keep") is True or (verdict.get("log") == "card" and verdict.get("keep") is None)
+        if sound and ending == "finished":
             return ""
         reasons = verdict.get("reasons")
         listed = [str(reason) for reason in reasons] if isinstance(reasons, list) else []

@@ -181,6 +181,6 @@ def test_limits_hold_wherever_a_maneuver_comes_from() -> None:
     assert doublet.problem() == "amplitude is a number from 0 to 1, not 1.2"
     assert Maneuver(kind="doublet", axis="pitch", amplitude=1.2, duration_s=8.0, target="rate").problem() is None
     assert "kind is one of" in str(Maneuver(kind="jump").problem())
-    assert str(Maneuver(kind="chirp", axis="yaw", amplitude=0.1).problem()).startswith("axis is one of")
+    assert str(Maneuver(kind="chirp", axis="yawn", amplitude=0.1).problem()).startswith("axis is one of")
     assert "leave it out" in str(Maneuver(kind="quiet", amplitude=0.1).problem())
     assert "duration_s" in str(Maneuver(kind="quiet", duration_s=math.nan).problem())

@@ -23,8 +23,8 @@ from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult
 from gcs.flight.live import LiveWindow
 from gcs.flight.preflight import Check
-from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.prepare import Prepared
+from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.run import RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.sweep import NotReadyError
@@ -107,7 +107,7 @@ class FakeCard:
         self.leave = None
         """What flies a log into the folder, where there is to be one."""
 
-    def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about, probe):
+    def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about, probe, log, left_out):
         self.folder, self.probe = folder.path, probe
         planned = [(run, _plan(run)) for run in card.runs()]
         loss = LinkLoss("RETURNS after 5 s", True)
