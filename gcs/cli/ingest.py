@@ -33,9 +33,9 @@ reason} and "fields".
 What was read is kept beside the log in a folder .tippath and taken from there the next time, as long as log, profile
 and window are the same; it may be removed at any time. TIPPATH_CACHE=off in the environment does without it.
 
---flight FOLDER is for a log off the vehicle's card of a flight with `--log card`: each run is matched to the flight's by
-the vehicle's clock; with --json "flight": {"matches": [{"label", "run", "off_s"}], "problem"}. A log of another boot has
-other times: that is said, and the exit status is 1.
+--flight FOLDER is for a log off the vehicle's card, of a flight with `--log card`: its runs are matched to the flight's
+by the vehicle's clock; with --json "flight": {"matches": [{"label", "run", "off_s"}], "problem"}. A log of another boot
+has other times: that is said, and the exit status is 1.
 
 A flight.json beside a log is believed: a run that it says is to be flown again (aborted, link lost, limits left) is
 listed as not usable; `tippath fit LOG#n` takes it all the same.

@@ -78,6 +78,6 @@ def _another(flown: Sequence[Mapping[str, Any]], runs: Sequence[Run]) -> str:
     starts = ", ".join(f"{float(entry['log_start_s']):.0f}" for entry in flown)
     entered = ", ".join(f"{run.entered_s:.0f}" for run in runs if run.entered_s is not None) or "none"
     return (
-        f"this log is of another boot, or another vehicle: the flight's runs began at {starts} s of the vehicle's clock, "
-        f"the log's at {entered}"
+        f"this log is of another boot, or another vehicle: the flight's runs began at {starts} s of the vehicle's "
+        f"clock, the log's at {entered} s"
     )

@@ -73,15 +73,17 @@ def judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
 
 
 def same(run: Run, flown: Mapping[str, Any]) -> bool:
-    """Whether a log's run and one of flight.json are the same, by the vehicle's clock and, where both tell it, the
-    axis."""
+    """Whether a log's run and one of flight.json are the same by the vehicle's clock; where that is told by the link
+    only, by the axis too."""
     start, within = flown.get("log_start_s"), flown.get("log_start_within_s")
     if run.entered_s is None or not isinstance(start, int | float):
         return False
+    off_s = abs(start - run.entered_s)
+    if not isinstance(within, int | float) or not within:
+        return off_s <= SAME_S
     maneuver = flown.get("maneuver")
-    axis = maneuver.get("axis") if isinstance(maneuver, dict) and maneuver.get("kind") != "quiet" else None
-    other = run.axis is not None and axis is not None and run.axis != axis
-    return not other and abs(start - run.entered_s) <= SAME_S + (within if isinstance(within, int | float) else 0.0)
+    axis = maneuver.get("axis") if isinstance(maneuver, dict) else None
+    return off_s <= SAME_S + within and (run.axis is None or axis is None or run.axis == axis)
 
 
 def _reason(run: Run) -> str:
