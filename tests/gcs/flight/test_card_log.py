@@ -175,7 +175,7 @@ def test_what_ends_a_run_ends_it_without_the_log_too(
     def lose() -> None:
         session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 5.0
 
-    acts: dict[str, Callable[[], object]] = {
+    acts: dict[str, Callable[[], None]] = {
         "Ctrl-C": lambda: wish.append("Ctrl-C"),
         "pilot": lambda: vehicle.pilot(ALT_HOLD),
         "limit": lambda: setattr(vehicle, "gain", 60.0),
