@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray, excitation_of
 from sysid.data.record import FloatArray
-from sysid.data.stacks import Stack
+from sysid.data.stacks import Stack, Windows
 
 FOLLOWING = ("alpha", "beta", "phi", "theta")
 """Channels that follow the vehicle's own motion, and with it what gusts do to it."""
@@ -54,12 +54,11 @@ def caused_by(U: ComplexArray, R: ComplexArray, scale: FloatArray, frequency_hz:
     order = np.argsort(frequency_hz, kind="stable")
     edges = np.arange(0.0, frequency_hz[order[-1]] + WINDOW_HZ, WINDOW_HZ)
     starts = np.searchsorted(frequency_hz[order], edges)
-    for begin, end in zip(starts, [*starts[1:], order.size], strict=True):
-        here = order[begin:end]
-        if here.size:
-            r, u = scale[here] * R[:, here], scale[here] * U[:, here]
-            gain = (u @ r.conj().T) @ np.linalg.pinv(r @ r.conj().T, rcond=1e-9, hermitian=True)
-            caused[:, here] = gain @ R[:, here]
+    windows = Windows(starts, order.size)
+    r, u = (windows.of(scale[order] * rows[:, order]) for rows in (R, U))
+    back = r.conj().swapaxes(1, 2)
+    gain = (u @ back) @ np.linalg.pinv(r @ back, rcond=1e-9, hermitian=True)
+    caused[:, order] = windows.back(gain @ r) / scale[order]
     return caused
 
 
