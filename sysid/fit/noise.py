@@ -155,7 +155,7 @@ def _explained(
     basis = orthonormal_each(windows.of(ends.less(np.concatenate([z, place * z]))), REFERENCES_RANK)
     unknown = np.count_nonzero(np.any(basis, axis=2), axis=1)
     bins = np.diff(starts)
-    enough = bins >= unknown + ends.count + LEAST_FREEDOM
+    enough = bins >= unknown + ends.unknown + LEAST_FREEDOM
     basis, unknown = basis * enough[:, None, None], unknown * enough
     Y = windows.of(y)
     there = Y @ basis.conj().swapaxes(1, 2)
@@ -171,7 +171,7 @@ def _explained(
         found=found,
         rest=Y @ Y.conj().swapaxes(1, 2) - found,
         unknown=unknown.astype(float),
-        free=np.asarray(bins - unknown - ends.count, dtype=float),
+        free=np.asarray(bins - unknown - ends.unknown, dtype=float),
     )
 
 
@@ -208,8 +208,8 @@ class _Ends(NamedTuple):
     """(g,), of the bins of one segment in one window."""
     bins: NDArray[np.int64]
     """(g,), how many these are."""
-    count: NDArray[np.int64]
-    """(w,), segments with bins enough for it."""
+    unknown: NDArray[np.int64]
+    """(w,), constants in each window: segments with bins enough for one."""
 
     @classmethod
     def of(cls, segment: NDArray[np.int64], starts: NDArray[np.int64]) -> _Ends:
