@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray, excitation_of
 from sysid.data.record import FloatArray
-from sysid.data.stacks import Stack, Windows
+from sysid.data.stacks import Stack
 
 FOLLOWING = ("alpha", "beta", "phi", "theta")
 """Channels that follow the vehicle's own motion, and with it what gusts do to it."""
@@ -54,11 +54,11 @@ def caused_by(U: ComplexArray, R: ComplexArray, scale: FloatArray, frequency_hz:
     order = np.argsort(frequency_hz, kind="stable")
     edges = np.arange(0.0, frequency_hz[order[-1]] + WINDOW_HZ, WINDOW_HZ)
     starts = np.searchsorted(frequency_hz[order], edges)
-    windows = Windows(starts, order.size)
-    r, u = (windows.of(scale[order] * rows[:, order]) for rows in (R, U))
-    back = r.conj().swapaxes(1, 2)
-    gain = (u @ back) @ np.linalg.pinv(r @ back, rcond=1e-9, hermitian=True)
-    caused[:, order] = windows.back(gain @ r) / scale[order]
+    windows = [here for here in np.split(order, starts[1:]) if here.size]
+    r, u = ([scale[here] * rows[:, here] for here in windows] for rows in (R, U))
+    power = np.array([one @ one.conj().T for one in r])
+    for here, mine, its, inverse in zip(windows, u, r, np.linalg.pinv(power, rcond=1e-9, hermitian=True), strict=True):
+        caused[:, here] = ((mine @ its.conj().T) @ inverse) @ R[:, here]
     return caused
 
 

@@ -113,10 +113,6 @@ class Windows:
         """(r, bins) -> (w, r, bins of the largest window)."""
         return np.asarray(rows[:, self._at].swapaxes(0, 1) * self._there[:, None])
 
-    def back(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """(w, r, bins of the largest window) -> (r, bins)."""
-        return np.asarray(rows.swapaxes(0, 1)[:, self._there])
-
 
 class Sampling(NamedTuple):
     """What holding and sampling do on the bins of a stack."""
