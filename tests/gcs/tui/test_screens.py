@@ -83,6 +83,8 @@ async def test_every_screen_at_every_moment_of_a_flight_fits_and_says_what_is_ne
             for name, state in MOMENTS.items():
                 if key != "2" and name not in ("no vehicle", "refused", "flying", "hardware", "lost", "designed"):
                     continue  # the others hardly change
+                if size != SIZES[0] and name not in ("no vehicle", "refused", "flying", "designed"):
+                    continue
                 engine.now = state
                 await settle(app)
                 fits(app, f"{name} on screen {key}", size)
@@ -344,6 +346,8 @@ async def test_hostile_text_is_shown_as_text():
     app, engine = app_on(IDLE)
     async with app.run_test(size=(80, 24)) as pilot:
         for key, text in itertools.product("98765432", HOSTILE):
+            if key != "2" and (HOSTILE.index(text) + int(key)) % 2 and text != HOSTILE[0]:
+                continue  # what a screen has in common with others shows there
             engine.now = replace(
                 FLYING,
                 vehicle=replace(RECORDING, texts=(Text(1, 0.0, 2, text),), mode_name=text, recording_problem=text),

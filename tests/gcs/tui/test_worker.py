@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_folder import fly_folder
-from flying import CHIRP, PITCH, ROLL
+from flying import TWO_CHIRPS
 
 import gcs.flight.gains
 import gcs.tui.card_flight
@@ -398,9 +398,7 @@ def test_telemetry_is_shown_until_the_log_comes(engine):
 
 def test_what_was_flown_lies_on_the_desk_by_itself(engine, tmp_path):
     """The card's log is read away from the card's thread; nobody has to open anything."""
-    engine.fake_card.leave = lambda folder: fly_folder(
-        folder, None, ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
-    )
+    engine.fake_card.leave = lambda folder: fly_folder(folder, None, TWO_CHIRPS)
     engine.ready()
     reach(engine, Stage.READY)
     engine.start()
@@ -437,7 +435,7 @@ def test_no_flight_is_no_fit(engine, tmp_path):
 
 
 def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
-    flight = fly_folder(tmp_path / "flight-0007", None, ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0)))
+    flight = fly_folder(tmp_path / "flight-0007", None, TWO_CHIRPS)
     engine.open_flight(str(flight.path))
     engine.fit()
     engine.design()
