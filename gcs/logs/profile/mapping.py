@@ -55,6 +55,12 @@ class ChannelsMissing(TippathError):
 class OutsideLog(TippathError):
     """The log has no samples at that time."""
 
+    def __init__(self, text: str, first_s: float, last_s: float) -> None:
+        super().__init__(text)
+        self.first_s = first_s
+        self.last_s = last_s
+        """Times of the first and last sample of the rates."""
+
 
 def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float = math.inf) -> Mapped:
     """The channels between two times of the log's own clock.
@@ -139,7 +145,7 @@ def _aligned(channel: ChannelSource, texts: Sequence[str], clock: Series, stretc
         return f"the log has no {' or '.join(channel.sources)}"
     expression = bind(text, stretch.log)
     series = {key: stretch.log.series(key) for key in expression.fields}
-    coarsest = max((each.spacing_s for each in series.values() if each.t.size > 1), default=clock.spacing_s)
+    coarsest = max((spacing_near(clock, each) for each in series.values() if each.t.size > 1), default=clock.spacing_s)
     if channel.channel not in REQUIRED and channel.min_rate_hz and coarsest > 1 / channel.min_rate_hz:
         return f"{text} is logged at {1 / coarsest:.0f} Hz, {channel.min_rate_hz:.0f} Hz are needed"
     held = channel.channel.startswith(COMMANDS)
@@ -170,7 +176,8 @@ def _require_overlap(sources: Sequence[str], stretch: Stretch) -> None:
         return
     first, last = min(float(t[0]) for t in clocks), max(float(t[-1]) for t in clocks)
     if stretch.stop_s < first or stretch.start_s > last:
-        raise OutsideLog(f"{log.path}: no samples{_between(stretch)}: the log runs from {first:.3f} to {last:.3f} s")
+        text = f"{log.path}: no samples{_between(stretch)}: the log runs from {first:.3f} to {last:.3f} s"
+        raise OutsideLog(text, first, last)
 
 
 def _between(stretch: Stretch) -> str:
@@ -197,7 +204,7 @@ def onto(clock: Series, series: Series, held: bool) -> FloatArray:
     spacing = clock.spacing_s
     if series.t.size == 0:
         return np.full(clock.t.shape, np.nan)
-    if series.t.size > 1 and series.spacing_s <= SLOWER * spacing:
+    if series.t.size > 1 and spacing_near(clock, series) <= SLOWER * spacing:
         right = np.clip(np.searchsorted(series.t, clock.t), 1, series.t.size - 1)
         nearest = right - (clock.t - series.t[right - 1] <= series.t[right] - clock.t)
         return np.where(np.abs(series.t[nearest] - clock.t) <= 0.5 * spacing, series.values[nearest], np.nan)
@@ -208,6 +215,12 @@ def onto(clock: Series, series: Series, held: bool) -> FloatArray:
     values = np.interp(clock.t, series.t, series.values)
     inside = (clock.t >= series.t[0] - beyond) & (clock.t <= series.t[-1] + beyond)
     return np.where(inside, values, np.nan)
+
+
+def spacing_near(clock: Series, series: Series) -> float:
+    """The median spacing of a field between the clock's ends, s: its rate may have been another before; else of all."""
+    inside = series.part(float(clock.t[0]), float(clock.t[-1]))
+    return inside.spacing_s if inside.t.size > 2 else series.spacing_s
 
 
 def _what_is_missing(profile: Profile, log: Log, channels: Sequence[str]) -> str:

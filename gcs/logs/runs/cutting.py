@@ -18,7 +18,7 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray, Log
 from gcs.logs.profile import mapping
 from gcs.logs.profile.profiles import Profile
-from gcs.logs.runs import around, health, latency
+from gcs.logs.runs import around, health, latency, onboard
 from gcs.logs.runs.health import F_HIGH_HZ, Health
 from gcs.logs.runs.run import Run, Window
 from gcs.logs.runs.span import Span
@@ -51,7 +51,8 @@ class Cutting:
     def run(self, span: Span, id: str, others: Sequence[tuple[float, float]]) -> Run:
         """The run of one maneuver; `others`: start and stop of the log's other ones.
 
-        Raises OutsideLog where the window leaves nothing of the log, TippathError where the profile makes no sense.
+        Raises OutsideLog where the window leaves nothing of the log, or the log has no samples of the maneuver at all;
+        TippathError where the profile makes no sense.
         """
         start, stop = max(span.start_s, self.low_s), min(span.stop_s, self.high_s)
         band = _flown_band(self.log, span, start, stop)
@@ -59,7 +60,7 @@ class Cutting:
             mapped = self._mapped(span)
             record = self._record(span, id, band, mapped)
         except (TippathError, RecordError) as error:
-            if isinstance(error, mapping.OutsideLog) and (self.log.kind == "csv" or self.windowed):
+            if isinstance(error, mapping.OutsideLog) and (self._elsewhere(span, error) or self.windowed):
                 raise
             if self.log.kind == "csv":
                 raise TippathError(str(error)) from error
@@ -79,7 +80,8 @@ class Cutting:
             around.disarmed(self.log, start, stop),
             around.equal_motors(self.log, mapped.sources, checked.excitation, start, stop),
         )
-        reasons = (*(reason for reason in beside if reason is not None), *span.reasons, *checked.reasons)
+        found = () if span.explained else checked.reasons
+        reasons = (*(reason for reason in beside if reason is not None), *span.reasons, *found)
         # The record carries what was noted about it to whoever fits it.
         record = replace(record, notes=(*record.notes, *checked.notes))
         return Run(
@@ -102,6 +104,10 @@ class Cutting:
             health=checked,
             entered_s=span.entered_s,
         )
+
+    def _elsewhere(self, span: Span, error: mapping.OutsideLog) -> bool:
+        """Whether nothing of a maneuver lies where the log has samples, its entry neither."""
+        return self.log.kind == "csv" or span.first_s > error.last_s or span.stop_s < error.first_s
 
     def _mapped(self, span: Span) -> mapping.Mapped:
         low = max(span.first_s, span.start_s - KEEP_BEFORE_S, self.low_s)
@@ -185,6 +191,9 @@ class Cutting:
             for each in late
             if each.late_s < 0
         ]
+        lost = onboard.dropped(self.log, *at) if checked.gaps else None
+        slow = onboard.thinned(self.log, at[0], checked.rate_hz)
+        notes += [note for note in (lost, slow) if note is not None]
         return replace(checked, quiet=quiet, latency=late, notes=(*checked.notes, *notes))
 
 

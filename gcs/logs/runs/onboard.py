@@ -1,0 +1,78 @@
+"""What the vehicle's own settings and counters tell about how a run was logged: at which rate, and what it dropped.
+
+ArduPilot logs every parameter (PARM), what its MAVLink log could not send (DMS.Dp) and what its card did not take
+(DSF.Dp). Where a log has none of them there is nothing to tell.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gcs.logs.formats.dataflash_table import DataFlashTables
+from gcs.logs.formats.tables import Log
+
+ENOUGH_BUFFER = 50
+"""LOG_MAV_BUFSIZE with which a link drops nothing; above 53 it overflows."""
+BACKEND_MAVLINK = 2
+"""The bit of LOG_BACKEND_TYPE that sends the log over the link."""
+EVERY_LOOP = 1
+"""The bit of LOG_BITMASK that logs the rates in every control loop."""
+SAMPLES_OF_A_PERIOD = 10.0
+"""Of the highest frequency swept: fewer, and the hold between them is a large part of the phase."""
+SLOWER = 0.8
+"""Share of the loop's rate; a log that misses a few samples is not slow."""
+
+
+def dropped(log: Log, start_s: float, stop_s: float) -> str | None:
+    """Why samples are missing between two times, where the vehicle itself did not write them; None where unknown."""
+    if not isinstance(log, DataFlashTables):
+        return None
+    settings = log.parameters(stop_s)
+    over_link, on_card = (_grew(log, key, start_s, stop_s) for key in ("DMS.Dp", "DSF.Dp"))
+    buffer = settings.get("LOG_MAV_BUFSIZE")
+    has = "" if buffer is None else f" (it is {buffer:g})"
+    do = f"set LOG_MAV_BUFSIZE to {ENOUGH_BUFFER}{has}, or take the vehicle's own file from its card"
+    if over_link:
+        return f"the vehicle itself dropped {over_link} messages of its log in this run (DMS.Dp), for want of room: {do}"
+    if on_card:
+        return (
+            f"the vehicle itself dropped {on_card} messages of its log in this run (DSF.Dp), because its card was too "
+            "slow: raise LOG_FILE_BUFSIZE, log less beside the rates (LOG_BITMASK), or take a faster card"
+        )
+    told = log.has("DMS.Dp") or log.has("DSF.Dp")
+    sends = int(settings.get("LOG_BACKEND_TYPE", 0.0)) & BACKEND_MAVLINK
+    if told or not sends or buffer is None or buffer >= ENOUGH_BUFFER:
+        return None
+    return f"most likely the vehicle itself dropped them before it sent its log: {do}"
+
+
+def _grew(log: DataFlashTables, key: str, start_s: float, stop_s: float) -> int:
+    """By how much a counter grew from the last time it was told before a run to the first after it."""
+    if not log.has(key):
+        return 0
+    counter = log.series(key)
+    first = max(0, int(np.searchsorted(counter.t, start_s, "right")) - 1)
+    last = min(counter.t.size - 1, int(np.searchsorted(counter.t, stop_s, "left")))
+    steps = np.diff(counter.values[first : last + 1])
+    return int(np.sum(steps[steps > 0]))  # it begins at zero again where a log is begun again
+
+
+def thinned(log: Log, start_s: float, rate_hz: float) -> str | None:
+    """What a log slower than the vehicle's loop is enough for, and what it costs; None where it has every loop."""
+    if not isinstance(log, DataFlashTables):
+        return None
+    settings = log.parameters(start_s)
+    loop_hz = settings.get("SCHED_LOOP_RATE", 0.0)
+    if not 0 < rate_hz < SLOWER * loop_hz:
+        return None
+    told = int(settings.get("LOG_BITMASK", EVERY_LOOP))
+    do = "" if told & EVERY_LOOP else "; LOG_BITMASK bit 0 (ATTITUDE_FAST) logs every loop"
+    return f"{slower_than_loop(rate_hz, loop_hz)}{do}"
+
+
+def slower_than_loop(rate_hz: float, loop_hz: float) -> str:
+    """What it means that a log has `rate_hz` of a loop's `loop_hz`."""
+    return (
+        f"logged at {rate_hz:.0f} Hz, the vehicle's loop runs at {loop_hz:.0f}: enough for a sweep to "
+        f"{rate_hz / SAMPLES_OF_A_PERIOD:.0f} Hz, with error bounds up to {(loop_hz / rate_hz) ** 0.5:.1f} times as wide"
+    )
