@@ -116,7 +116,7 @@ class Cutting:
 
     def _record(self, span: Span, id: str, band: tuple[float, float] | None, mapped: mapping.Mapped) -> Record:
         channels = dict(mapped.channels)
-        notes = [*span.notes, *self.profile.notes]
+        notes = [*span.notes, *self.profile.notes, *mapped.notes]
         if span.maneuver in ("chirp", "doublet") and not _excitation_known(channels, span):
             channels = {name: values for name, values in channels.items() if not name.startswith("excitation_")}
         if mapped.rows_dropped:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.logs.formats.tables import FloatArray, stretches
+from gcs.logs.profile.mapping import FASTEST_RAD_S
 from gcs.logs.runs.latency import Latency
 from gcs.logs.runs.spectra import COMMAND_RMS, Coherent, Spectra, spectra, strength
 from sysid.data.preprocess import DEFAULT_BAND_HZ, MINIMUM_SEGMENT_S, gap_places, rate_hz
@@ -28,7 +29,6 @@ RATE_RMS = 0.01  # rad/s: less is gyro noise on the bench
 COMMAND_LIMIT = 1.05
 SATURATED = 0.999
 SATURATED_NOTE, SATURATED_REASON = 0.002, 0.1  # shares of the samples
-FASTEST_RAD_S = 60.0  # no gyro measures more; values above are degrees
 CLIPPED_SAMPLES = 5
 FULL_SCALES = tuple(math.radians(scale) for scale in (125, 250, 500, 1000, 2000, 4000))
 """What gyros are set to, rad/s."""
@@ -97,6 +97,9 @@ class Health:
     latency: tuple[Latency, ...] = ()
     """Fields of the log that show the same as the run's own, but later or earlier."""
 
+    in_pieces: bool = False
+    """Whether the longest piece, of which powers and coherence are, is much shorter than the run."""
+
     def words(self, axis: str | None = None) -> str:
         """In one line: `coherence 0.5-9.6 Hz   jitter 1 %   quiet 6.2 s before`; empty where nothing is known.
 
@@ -112,6 +115,8 @@ class Health:
         for name, (low, high) in self.command_band_hz.items():
             if axis in (None, name):
                 parts.append(f"{'power' if axis else f'{name} power'} {low:.1f}-{high:.1f} Hz")
+        if parts and self.in_pieces:
+            parts.append(f"(of the longest piece, {self.longest_piece_s:.1f} s)")
         if self.jitter >= JITTER_SHOWN:
             parts.append(f"jitter {100 * self.jitter:.0f} %")
         if self.input_correlation is not None and abs(self.input_correlation) >= TOGETHER_SHOWN:
@@ -231,6 +236,7 @@ def check(
         command_band_hz=run.spectra.command_band_hz,
         coherent=run.spectra.coherent,
         input_correlation=run.spectra.input_correlation,
+        in_pieces=run.in_pieces,
     )
 
 

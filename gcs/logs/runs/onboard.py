@@ -43,7 +43,7 @@ def dropped(log: Log, start_s: float, stop_s: float) -> str | None:
     sends = int(settings.get("LOG_BACKEND_TYPE", 0.0)) & BACKEND_MAVLINK
     if told or not sends or buffer is None or buffer >= ENOUGH_BUFFER:
         return None
-    return f"most likely the vehicle itself dropped them before it sent its log: {do}"
+    return f"what is missing in gaps was most likely dropped by the vehicle itself, before it sent its log: {do}"
 
 
 def _grew(log: DataFlashTables, key: str, start_s: float, stop_s: float) -> int:
