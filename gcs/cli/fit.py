@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.fits import assess, load_vehicle
     from gcs.analysis.text.fit import fit_text, implied_text, judgement_document
     from gcs.errors import TippathError
-    from gcs.logs import parse_window, resolve_runs
+    from gcs.logs import FromStart, parse_window, resolve_runs
     from sysid.data.dataset import prepared
     from sysid.fit.identify import identify
     from sysid.model.compose import compose
@@ -128,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
         effects=effects,
         fixed=held,
         profile=args.profile,
-        window_s=window,
+        window_s=None if isinstance(window, FromStart) else window,  # else the runs' own ids tell it
     )
     judged = assess(fit, fitted, vehicle)
     document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judgement_document(judged)}

@@ -21,7 +21,7 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import Log
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import cutting, runs
-from gcs.logs.runs.run import Run, Window
+from gcs.logs.runs.run import AnyWindow, Run
 from gcs.logs.source import Source
 from gcs.logs.words import printable
 from sysid.data.record import Record, RecordError
@@ -35,7 +35,7 @@ class Reading:
     """How logs are to be read."""
 
     profile: Profile | None
-    window: Window | None
+    window: AnyWindow | None
     f_high_hz: float
 
 

@@ -20,7 +20,7 @@ from gcs.logs.profile import mapping
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import around, health, latency, onboard
 from gcs.logs.runs.health import F_HIGH_HZ, Health
-from gcs.logs.runs.run import Run, Window
+from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
 from sysid.data.record import Record, RecordError
 
@@ -47,6 +47,21 @@ class Cutting:
     @property
     def windowed(self) -> bool:
         return (self.low_s, self.high_s) != (-math.inf, math.inf)
+
+    def after(self, span: Span, window: FromStart) -> Cutting:
+        """The same between two times from the start of a maneuver, or of the log where that is all one run.
+
+        Raises OutsideLog where the maneuver is over before.
+        """
+        start, stop = span.start_s, span.stop_s
+        if not (math.isfinite(start) and math.isfinite(stop)):
+            t = mapping.apply(self.profile, self.log).channels["t"]
+            start, stop = max(start, float(t[0])), min(stop, float(t[-1]))
+        low, high = window.after(start)
+        if low is not None and low >= stop:
+            length = f"the run is over {stop - start:.1f} s after its start"
+            raise mapping.OutsideLog(f"{self.log.path}: nothing lies in {window.mark}: {length}", start, stop)
+        return replace(self, low_s=-math.inf if low is None else low, high_s=math.inf if high is None else high)
 
     def run(self, span: Span, id: str, others: Sequence[tuple[float, float]]) -> Run:
         """The run of one maneuver; `others`: start and stop of the log's other ones.
@@ -197,10 +212,13 @@ class Cutting:
         return replace(checked, quiet=quiet, latency=late, notes=(*checked.notes, *notes))
 
 
-def of_record(record: Record, window: Window | None = None, f_high_hz: float = F_HIGH_HZ) -> Run:
+def of_record(record: Record, window: AnyWindow | None = None, f_high_hz: float = F_HIGH_HZ) -> Run:
     """A record that was written before, checked again. Raises RecordError where the window leaves nothing of it."""
+    mark = ""
+    if isinstance(window, FromStart):
+        mark, window = window.mark, window.after(float(record.t[0]))
     if window is not None:
-        record = record.window(*window)
+        record = replace(record.window(*window), id=record.id + mark)
     checked = health.check(record, f_high_hz=f_high_hz)
     return Run(
         record=record,

@@ -21,7 +21,7 @@ from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import excited, systemid, told
 from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S, SWEEP
-from gcs.logs.runs.run import Run, Window
+from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
 from gcs.vehicle.autopilots import SYSTEMID
 
@@ -39,16 +39,18 @@ def runs_of(
     boots: Sequence[tuple[Log, Profile]],
     name: str,
     sha256: str,
-    window: Window | None = None,
+    window: AnyWindow | None = None,
     f_high_hz: float = F_HIGH_HZ,
 ) -> Flown:
     """Every run of a log, boot by boot in order of time, numbered from 1.
 
     Those outside the window, and those of which the file has no samples, are left out, and the others keep their
-    numbers. A boot without maneuvers is one run, unknown; so is a window in which none lies, on the user's word. `name`
-    is the file's name, for the ids. Raises TippathError where a profile makes no sense.
+    numbers. A boot without maneuvers is one run, unknown; so is a window in which none lies, on the user's word. A
+    window from each run's start marks the ids. `name` is the file's name, for the ids. Raises TippathError where a
+    profile makes no sense.
     """
     low, high = _ends(window)
+    mark = window.mark if isinstance(window, FromStart) else ""
     runs: list[Run] = []
     outside: list[OutsideLog] = []
     elsewhere: list[str] = []
@@ -67,7 +69,8 @@ def runs_of(
         beyond: list[tuple[int, Span, OutsideLog]] = []
         for number, span in numbered:
             try:
-                runs.append(cutting.run(span, f"{name}#{number}", boot.others(span)))
+                cut = cutting.after(span, window) if isinstance(window, FromStart) else cutting
+                runs.append(cut.run(span, f"{name}#{number}{mark}", boot.others(span)))
             except OutsideLog as error:
                 beyond.append((number, span, error))
         outside += [error for _, _, error in beyond]
@@ -77,7 +80,7 @@ def runs_of(
                 whole = replace(_whole(log, profile, window), reasons=(NOTHING_WHOLE,))
                 runs.append(cutting.run(whole, f"{name}#{boot.first + len(boot.spans)}", ()))
     if not runs and outside:
-        raise outside[0]
+        raise max(outside, key=lambda error: error.last_s - error.first_s)
     return Flown(tuple(runs), tuple(elsewhere))
 
 
@@ -149,7 +152,7 @@ def _spans(log: Log, profile: Profile) -> list[Span]:
     return _maneuvers(log, profile)
 
 
-def _whole(log: Log, profile: Profile, window: Window | None) -> Span:
+def _whole(log: Log, profile: Profile, window: AnyWindow | None) -> Span:
     """All of a log in which no maneuver was found, or of the window."""
     reasons = (_no_maneuver(log),) if log.kind != "csv" and window is None else ()
     whole = Span(start_s=-math.inf, stop_s=math.inf, first_s=-math.inf, last_s=math.inf, reasons=reasons)
@@ -202,8 +205,9 @@ def _no_maneuver(log: Log) -> str:
     )
 
 
-def _ends(window: Window | None) -> tuple[float, float]:
-    start, stop = window or (None, None)
+def _ends(window: AnyWindow | None) -> tuple[float, float]:
+    """In the log's own time; infinite where it is open, or from each run's start."""
+    start, stop = (None, None) if window is None or isinstance(window, FromStart) else window
     return -math.inf if start is None else start, math.inf if stop is None else stop
 
 
