@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
     from gcs.cli.counting import Counting
-    from gcs.cli.fit import print_notes
+    from gcs.cli.fit import doubted, print_notes, with_warnings
     from gcs.errors import UsageError
     from sysid.fit.result import Fit
     from sysid.model.effect import load
@@ -137,9 +137,11 @@ def run(args: argparse.Namespace) -> int:
         None if document is None else str(args.output),
         full=args.explain,
     )
+    doubts = doubted([*records, *validation])
+    text = with_warnings(text, doubts)
     _write(args, found, document, text)
     if args.json:
-        print_json(diagnosis_document(found))
+        print_json({**diagnosis_document(found), "warnings": doubts})
     else:
         print(text)
     return 0

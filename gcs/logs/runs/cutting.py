@@ -147,6 +147,7 @@ class Cutting:
             sha256=self.sha256,
             swept_band_hz=band,
             notes=tuple(notes),
+            vehicle=onboard.vehicle_of(self.log, span.start_s),
         )
 
     def _without_record(

@@ -1,4 +1,4 @@
-"""What the vehicle's own settings and counters tell about how a run was logged: at which rate, and what it dropped.
+"""What the vehicle's own settings and counters tell: which vehicle it is, how a run was logged, and what was dropped.
 
 ArduPilot logs every parameter (PARM), what its MAVLink log could not send (DMS.Dp) and what its card did not take
 (DSF.Dp). Where a log has none of them there is nothing to tell.
@@ -6,10 +6,13 @@ ArduPilot logs every parameter (PARM), what its MAVLink log could not send (DMS.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import Log
+from gcs.logs.words import printable
 
 ENOUGH_BUFFER = 50
 """LOG_MAV_BUFSIZE with which a link drops nothing; above 53 it overflows."""
@@ -21,6 +24,31 @@ SAMPLES_OF_A_PERIOD = 10.0
 """Of the highest frequency swept: fewer, and the hold between them is a large part of the phase."""
 SLOWER = 0.8
 """Share of the loop's rate; a log that misses a few samples is not slow."""
+
+
+_FRAME = re.compile(r"Frame: (\S+)")
+_FIRMWARE = re.compile(r"(Ardu[A-Z]\w+|APM:\w+|PX4)\b")
+SYSTEM_IDS = ("MAV_SYSID", "SYSID_THISMAV")
+SETUP = ("FRAME_CLASS", "FRAME_TYPE", "SCHED_LOOP_RATE", "INS_GYRO_FILTER", "H_SW_TYPE", "H_CYC_MAX", "MOT_THST_EXPO")
+"""Settings that make another vehicle of one, or another command of the same number."""
+
+
+def vehicle_of(log: Log, at_s: float) -> dict[str, str]:
+    """What a log says of the vehicle and how it was set up at a time, by name; empty where it says nothing."""
+    if not isinstance(log, DataFlashTables):
+        return {}
+    known: dict[str, str] = {}
+    for name, pattern in (("frame", _FRAME), ("firmware", _FIRMWARE)):
+        said = next((match[1] for _, text in log.texts() if (match := pattern.match(text))), None)
+        if said is not None:
+            known[name] = printable(said)
+    settings = log.parameters(at_s)
+    system = next((settings[name] for name in SYSTEM_IDS if name in settings), None)
+    if system is not None:
+        known["system id"] = f"{system:g}"
+    if settings.get("BRD_SERIAL_NUM"):
+        known["BRD_SERIAL_NUM"] = f"{settings['BRD_SERIAL_NUM']:g}"
+    return known | {name: f"{settings[name]:g}" for name in SETUP if name in settings}
 
 
 def dropped(log: Log, start_s: float, stop_s: float) -> str | None:
