@@ -13,17 +13,10 @@ import numpy as np
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import Log
 from gcs.logs.words import printable
+from gcs.vehicle.log_rate import ENOUGH_BUFFER, EVERY_LOOP, LOG_EVERY_LOOP, SLOWER, slower_than_loop
 
-ENOUGH_BUFFER = 50
-"""LOG_MAV_BUFSIZE with which a link drops nothing; above 53 it overflows."""
 BACKEND_MAVLINK = 2
 """The bit of LOG_BACKEND_TYPE that sends the log over the link."""
-EVERY_LOOP = 1
-"""The bit of LOG_BITMASK that logs the rates in every control loop."""
-SAMPLES_OF_A_PERIOD = 10.0
-"""Of the highest frequency swept: fewer, and the hold between them is a large part of the phase."""
-SLOWER = 0.8
-"""Share of the loop's rate; a log that misses a few samples is not slow."""
 
 
 _FRAME = re.compile(r"Frame: (\S+)")
@@ -94,13 +87,5 @@ def thinned(log: Log, start_s: float, rate_hz: float) -> str | None:
     if not 0 < rate_hz < SLOWER * loop_hz:
         return None
     told = int(settings.get("LOG_BITMASK", EVERY_LOOP))
-    do = "" if told & EVERY_LOOP else "; LOG_BITMASK bit 0 (ATTITUDE_FAST) logs every loop"
+    do = "" if told & EVERY_LOOP else f"; {LOG_EVERY_LOOP}"
     return f"{slower_than_loop(rate_hz, loop_hz)}{do}"
-
-
-def slower_than_loop(rate_hz: float, loop_hz: float) -> str:
-    """What it means that a log has `rate_hz` of a loop's `loop_hz`."""
-    return (
-        f"logged at {rate_hz:.0f} Hz, the vehicle's loop runs at {loop_hz:.0f}: enough for a sweep to "
-        f"{rate_hz / SAMPLES_OF_A_PERIOD:.0f} Hz, with error bounds up to {(loop_hz / rate_hz) ** 0.5:.1f} times as wide"
-    )
