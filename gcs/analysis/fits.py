@@ -167,7 +167,10 @@ def runs_of(fit: Fit, which: Sequence[RecordUsed], cut: FromStart | None = None)
         window = cut or own_cut or fit.window_s
         if (one.path, window) not in logs:
             read = ingest([Path(one.path)], profile, window, f_high_hz=fit.band_hz[1])
-            logs[one.path, window] = ({source.sha256 for source in read.sources}, {run.id: run.record for run in read.runs})
+            logs[one.path, window] = (
+                {source.sha256 for source in read.sources},
+                {run.id: run.record for run in read.runs},
+            )
         digests, records = logs[one.path, window]
         if one.sha256 not in digests:
             raise TippathError(f"{one.id}: {one.path} is not the log this fit was made from any more")

@@ -195,10 +195,10 @@ def _no_gyro(values: FloatArray) -> NDArray[np.bool_]:
     if not bad.any() or np.mean(bad) > MOST_BAD or not np.nanmedian(size) <= USUAL_RAD_S:
         return np.zeros(values.shape, np.bool_)
     for start, stop in stretches(bad):
-        while start > 0 and size[start - 1] < size[start]:
+        while start > 0 and USUAL_RAD_S < size[start - 1] < size[start]:
             start -= 1
             bad[start] = True
-        while stop < size.size and size[stop] < size[stop - 1]:
+        while stop < size.size and USUAL_RAD_S < size[stop] < size[stop - 1]:
             bad[stop] = True
             stop += 1
     return bad

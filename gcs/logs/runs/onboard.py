@@ -54,7 +54,9 @@ def dropped(log: Log, start_s: float, stop_s: float) -> str | None:
     has = "" if buffer is None else f" (it is {buffer:g})"
     do = f"set LOG_MAV_BUFSIZE to {ENOUGH_BUFFER}{has}, or take the vehicle's own file from its card"
     if over_link:
-        return f"the vehicle itself dropped {over_link} messages of its log in this run (DMS.Dp), for want of room: {do}"
+        return (
+            f"the vehicle itself dropped {over_link} messages of its log in this run (DMS.Dp), for want of room: {do}"
+        )
     if on_card:
         return (
             f"the vehicle itself dropped {on_card} messages of its log in this run (DSF.Dp), because its card was too "
