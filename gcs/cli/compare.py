@@ -27,8 +27,8 @@ own logs, measures the noise.
 "error_share"}], "noise_share", "noise_share_is": "measured" or "upper bound, closed loop", "noise_from",
 "noise_floor_percent", "findings": [text], "responses" (model less measured with "noticed_hz", the bands where it lies
 above what noise allows), "amplitude": {"levels", "growth"}, "conditions", "trends", "controls", "runs",
-"suspicions": [{"kind", "runs", "text"}], "remarks", "warnings"}. Error shares add up to 1 for each axis over the bands, and over
-the windows of all runs.
+"suspicions": [{"kind", "runs", "text"}], "remarks", "warnings"}. Error shares add up to 1 for each axis over
+the bands, and over the windows of all runs.
 """
 
 

@@ -44,7 +44,7 @@ answers like this one were right on flights whose answer was known.
 "confidence", "explained_share", "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent",
 "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best first, "pairs",
 "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text],
-"character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation", "suspicions",
+"character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation", "suspicions", "warnings",
 "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
 """
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from gcs.errors import TippathError
 from gcs.logs import cache, opening
 from gcs.logs.cache import Content
-from gcs.logs.formats.raw import unreadable
 from gcs.logs.formats.dataflash_table import DataFlashTables
+from gcs.logs.formats.raw import unreadable
 from gcs.logs.formats.tables import Log
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import cutting, runs

@@ -15,7 +15,8 @@ LOG_EVERY_LOOP = "LOG_BITMASK bit 0 (ATTITUDE_FAST) logs every loop"
 
 def slower_than_loop(rate_hz: float, loop_hz: float) -> str:
     """What it means that a log has `rate_hz` of a loop's `loop_hz`."""
+    wider = (loop_hz / rate_hz) ** 0.5  # so many fewer samples average the noise
     return (
         f"logged at {rate_hz:.0f} Hz, the vehicle's loop runs at {loop_hz:.0f}: enough for a sweep to "
-        f"{rate_hz / SAMPLES_OF_A_PERIOD:.0f} Hz, with error bounds up to {(loop_hz / rate_hz) ** 0.5:.1f} times as wide"
+        f"{rate_hz / SAMPLES_OF_A_PERIOD:.0f} Hz, with error bounds up to {wider:.1f} times as wide"
     )
