@@ -251,8 +251,8 @@ def resolve_runs(
     read: dict[tuple[Path, AnyWindow | None], Ingest] = {}
     records: dict[tuple[str, str], Record] = {}
     for word in words:
-        plain, its_window = _with_window(word)
-        its_window = its_window or window
+        plain, own_window = _with_window(word)
+        its_window = own_window or window
         path, number = split_run_word(plain)
         if (path, its_window) not in read:
             read[path, its_window] = ingest([path], profile, its_window, f_high_hz=f_high_hz)
