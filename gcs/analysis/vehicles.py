@@ -38,6 +38,12 @@ def different_vehicles(records: Sequence[Record]) -> str | None:
     )
 
 
+def doubted(records: Sequence[Record]) -> list[str]:
+    """`different_vehicles` as a list, empty where there is nothing to tell."""
+    doubt = different_vehicles(records)
+    return [] if doubt is None else [doubt]
+
+
 def not_of_one_model(fit: Fit, records: Sequence[Record]) -> list[str]:
     """That runs of several logs, fitted together, contradict each other; empty where nothing points to that."""
     logs = dict.fromkeys(record.sha256 or record.path for record in records)

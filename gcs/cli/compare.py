@@ -58,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
     from gcs.analysis.text.comparison import compare_text
     from gcs.analysis.text.documents import comparison_document
-    from gcs.cli.fit import doubted, print_notes, with_warnings
+    from gcs.analysis.vehicles import doubted
+    from gcs.cli.fit import print_notes, with_warnings
     from sysid.compare.compare import compare
     from sysid.fit.result import Fit
 
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         write_picture(args.plot, compare_picture(found), f"tippath compare: {args.fit.name}", text)
         print(f"wrote {args.plot}", file=sys.stderr)
     if args.json:
-        print_json({**comparison_document(found), "warnings": doubts})
+        print_json(comparison_document(found, doubts))
     else:
         print(text)
     return 0

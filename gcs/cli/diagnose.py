@@ -95,8 +95,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.pictures import picture_kind
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
+    from gcs.analysis.vehicles import doubted
     from gcs.cli.counting import Counting
-    from gcs.cli.fit import doubted, print_notes, with_warnings
+    from gcs.cli.fit import print_notes, with_warnings
     from gcs.errors import UsageError
     from sysid.fit.result import Fit
     from sysid.model.effect import load
@@ -141,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
     text = with_warnings(text, doubts)
     _write(args, found, document, text)
     if args.json:
-        print_json({**diagnosis_document(found), "warnings": doubts})
+        print_json(diagnosis_document(found, doubts))
     else:
         print(text)
     return 0

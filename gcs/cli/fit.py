@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
     from gcs.analysis.fits import assess, load_vehicle
     from gcs.analysis.text.fit import fit_text, implied_text, judgement_document
-    from gcs.analysis.vehicles import not_of_one_model
+    from gcs.analysis.vehicles import doubted, not_of_one_model
     from gcs.errors import TippathError
     from gcs.logs import FromStart, parse_window, resolve_runs
     from sysid.data.dataset import prepared
@@ -159,14 +159,6 @@ def print_notes(records: Sequence[Record]) -> None:
             said.setdefault(note, []).append(record.id)
     for note, ids in said.items():
         print(f"note: {note}  ({', '.join(ids)})", file=sys.stderr)
-
-
-def doubted(records: Sequence[Record]) -> list[str]:
-    """That the runs are of different vehicles, where their logs tell so."""
-    from gcs.analysis.vehicles import different_vehicles
-
-    doubt = different_vehicles(records)
-    return [] if doubt is None else [doubt]
 
 
 def with_warnings(text: str, doubts: Sequence[str]) -> str:
