@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 COMMANDS = (
     *("fly", "sim", "sweep", "abort", "ingest", "fit", "effects", "compare", "diagnose", "add"),
-    *("design", "push", "revert", "report", "reveal", "demo"),
+    *("design", "push", "revert", "fetch", "report", "reveal", "demo"),
 )
 """In the order of the work, as `tippath --help` lists them."""
 

@@ -42,6 +42,7 @@ from gcs.link.events import (
     AutopilotVersion,
     CommandAck,
     Event,
+    FtpReply,
     Heartbeat,
     LogBlock,
     StatusText,
@@ -381,9 +382,9 @@ class Session:
 
     def _on_event(self, event: Event, now: float) -> None:
         assert self._snapshot is not None
-        if isinstance(event, CommandAck) and event.target_system not in (0, self.station):
+        if isinstance(event, CommandAck | FtpReply) and event.target_system not in (0, self.station):
             return
-        if isinstance(event, CommandAck) and event.target_component not in (0, STATION_COMPONENT):
+        if isinstance(event, CommandAck | FtpReply) and event.target_component not in (0, STATION_COMPONENT):
             return
         own = event.component == self._snapshot.component
         if own:

@@ -165,6 +165,48 @@ class LogBlock(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LogEntry(Event):
+    """One log on board, as LOG_ENTRY lists it."""
+
+    id: int
+    count: int
+    """Logs that the vehicle has."""
+    size: int
+    """Bytes, 0 to 2**32 - 1."""
+    utc_s: int
+    """When it was written, seconds since 1970; 0 where the vehicle does not know."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogData(Event):
+    """A piece of a log on board."""
+
+    id: int
+    offset: int
+    data: bytes
+    """At most 90 bytes; fewer at the log's end."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FtpReply(Event):
+    """An answer of MAVFTP."""
+
+    target_system: int
+    """Whom it answers; 0 where the vehicle does not say."""
+    target_component: int
+    number: int
+    session: int
+    ack: bool
+    """False: it refuses, and the first byte of `data` says why."""
+    answers: int
+    """The opcode of the request."""
+    burst_complete: bool
+    offset: int
+    data: bytes
+    """At most 239 bytes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Attitude(Event):
     boot_s: float
     """The vehicle's own clock, since it booted."""
@@ -234,6 +276,7 @@ class AutopilotVersion(Event):
 
 
 CAPABILITY_BYTEWISE = 16
+CAPABILITY_FTP = 32
 
 
 def encoding_of(capabilities: int | None) -> Encoding:
