@@ -199,7 +199,9 @@ class ReadFile:
     REOPENINGS = 8
     """Without a byte between them."""
     BUSY_S = 10.0
-    """How long another station's session is waited for: a silent one ends after 3 s."""
+    """How long another station's session is waited for."""
+    SESSION_S = 3.5
+    """A silent one is over then."""
 
     def __init__(
         self,
@@ -301,8 +303,10 @@ class ReadFile:
 
     def _not_opened(self, error: int, now: float) -> list[Send]:
         if error == NO_SESSIONS and now - self._began < self.BUSY_S:
-            # A question of its own, or the vehicle would only repeat its answer; later, or it would hear nothing else.
+            # A question of its own, or the vehicle would only repeat its answer; and not before a silent session is
+            # over, which each answer, this one too, may have kept alive.
             self._opening = self._request(OPEN, data=self._path)
+            self._patience.pause(now, self.SESSION_S)
             return []
         self.outcome = Failed(f"{self._about}: {REASONS.get(error, f'error {error}')}", answered=True)
         return []

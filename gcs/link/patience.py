@@ -38,6 +38,10 @@ class Patience:
         self._wait_s = min(self.MOST_S, max(self.LEAST_S, 3.0 * known))
         self._due = now + self._wait_s
 
+    def pause(self, now: float, seconds: float) -> None:
+        """Ask nothing for so long."""
+        self._due = now + seconds
+
     def is_over(self, now: float) -> bool:
         """Whether it is time to ask again."""
         return now >= self._due

@@ -123,11 +123,11 @@ class FtpServer:
         for _ in range(_MOST_A_POLL):
             if not room or (self._burst is None and not self._waiting) or not self._allowance.take(_FRAME):
                 return
-            self._used_s = now_s
             if self._burst is not None:
                 self._burst_on(self._burst)
             else:
                 self._answer(self._waiting.popleft(), now_s)
+            self._used_s = now_s
 
     def forget(self, address: Address) -> None:
         """Nobody listens there any more."""
