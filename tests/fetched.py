@@ -121,6 +121,12 @@ class FileSession:
         self.vehicle = vehicle
         self.meanwhile: Callable[[FileVehicle], None] = lambda vehicle: None
 
+    def __enter__(self) -> FileSession:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
     def snapshot(self) -> VehicleSnapshot:
         snapshot = VehicleSnapshot(system=1, component=1)
         armed = self.vehicle.vehicle.armed
