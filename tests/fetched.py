@@ -22,6 +22,7 @@ from gcs.link.procedures import Failed, NoAnswerError, Procedure
 from gcs.vehicle.snapshot import VehicleSnapshot
 from sitl.autopilot.storage import WAYS, LogStorage
 from sitl.protocol.ftp import FtpServer
+from sitl.protocol.links import Address
 from sitl.protocol.log_download import LogDownload
 
 TURN_S = 0.01
@@ -56,7 +57,7 @@ class Air:
 class FileVehicle:
     """The vehicle's servers and the air. `hear` is what the ground hears now."""
 
-    address = "air"
+    address: Address = "air"
 
     def __init__(self, directory: Path, air: Air | None = None, *, ways: tuple[str, ...] = WAYS, seed: int = 1) -> None:
         self.air = Air() if air is None else air
