@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 COMMANDS = (
-    *("fly", "sim", "sweep", "abort", "ingest", "fit", "effects", "compare", "diagnose", "add"),
+    *("fly", "sim", "check", "sweep", "abort", "ingest", "fit", "effects", "compare", "diagnose", "add"),
     *("design", "push", "revert", "report", "reveal", "demo"),
 )
 """In the order of the work, as `tippath --help` lists them."""

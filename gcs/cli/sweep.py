@@ -116,8 +116,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.cli.progress import ProgressLines
     from gcs.flight import folder as flightdir
     from gcs.flight.flown_card import Briefing
+    from gcs.flight.flyable import require_flyable
     from gcs.flight.session import Session
-    from gcs.flight.sweep import fly_card, require_flyable
+    from gcs.flight.sweep import fly_card
     from gcs.logs.words import printable
     from gcs.vehicle.profile import load_profile
 

@@ -158,7 +158,8 @@ class LogAnswer:
         inside = [tally for tally in self._tallies if tally[0] >= now - self.OVER_S]
         if len(inside) < 2 or now - inside[0][0] < self.LEAST_S:
             return None
-        (began, first, low), span = inside[0], now - inside[0][0]
+        began, first, low = inside[0]
+        span = now - began
         return AnsweredRate(
             over_s=span,
             carried=(self._blocks - first) * BLOCK_BYTES / span,

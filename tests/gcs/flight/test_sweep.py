@@ -21,7 +21,8 @@ from gcs.flight.folder import FlightFolder, create
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
-from gcs.flight.sweep import NotReadyError, fly_card, require_flyable
+from gcs.flight.flyable import NotReadyError, require_flyable
+from gcs.flight.sweep import fly_card
 from gcs.link.log_end import LogEnd
 from gcs.link.procedures import ProcedureError
 from gcs.vehicle.profile import CannotFlyError

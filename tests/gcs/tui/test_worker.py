@@ -26,7 +26,7 @@ from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.run import RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
-from gcs.flight.sweep import NotReadyError
+from gcs.flight.flyable import NotReadyError
 from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
 from gcs.tui.state import Mark, Stage
