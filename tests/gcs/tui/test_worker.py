@@ -19,6 +19,7 @@ from gcs.cards.envelope import Limits, Peaks, Use
 from gcs.desk import Choice
 from gcs.errors import LinkError, TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
+from gcs.flight.flyable import NotReadyError
 from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult
 from gcs.flight.live import LiveWindow
@@ -26,7 +27,6 @@ from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.run import RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
-from gcs.flight.flyable import NotReadyError
 from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
 from gcs.tui.state import Mark, Stage
