@@ -158,6 +158,9 @@ class FakeWorker:
     def abort(self) -> None:
         self.ask("abort")
 
+    def check(self) -> None:
+        self.ask("check")
+
     def choose_card(self, word: str) -> None:
         self.ask(f"card {word}")
 

@@ -316,7 +316,9 @@ class FakeSession:
             problem=None,
         )
 
-    def answer_log(self, *, at_once: bool = False) -> None:
+    def answer_log(self, wanted: bool = True, *, at_once: bool = False) -> None:
+        if not wanted:
+            return
         self.answered.append(at_once)
         if self.log_client is LogClient.NOBODY:
             self.log_client = LogClient.OURS

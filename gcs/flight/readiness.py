@@ -47,7 +47,7 @@ class Ground(Asking, Protocol):
 
     @property
     def station(self) -> int: ...
-    def answer_log(self, *, at_once: bool = False) -> None: ...
+    def answer_log(self, wanted: bool = True, *, at_once: bool = False) -> None: ...
     def answered_rate(self) -> AnsweredRate | None: ...
 
 
@@ -134,10 +134,9 @@ def answer_where_needed(session: Ground, clock: Clock, link: str) -> bool:
     """
     settings = ask_together(session, clock, OF_LOG)
     asked = Asked(f_stop_hz=0.0, stream=None, carries=_carries(link), station=session.station)
-    if not streams_log(settings) or too_slow(settings, asked):
-        return False
-    session.answer_log()
-    return True
+    needed = streams_log(settings) and not too_slow(settings, asked)
+    session.answer_log(needed)
+    return needed
 
 
 def client_words(client: LogClient) -> str:

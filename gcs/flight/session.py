@@ -62,9 +62,7 @@ from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
 T = TypeVar("T")
-
 STATION_SYSTEM = 254
-
 RECEIVE_S = 0.01
 """How long the engine waits for bytes before it looks at what is due."""
 OTHERS_FOR_S = 10.0
@@ -266,12 +264,14 @@ class Session:
             self._refuse_second()
             self._record(Recorder(directory, self._wall_clock))
 
-    def answer_log(self, *, at_once: bool = False) -> None:
-        """From now on answer the log of a vehicle that streams it while it is not recorded, so that it can be armed:
-        as soon as it is disarmed, or now with `at_once`. See `LogClient`."""
+    def answer_log(self, wanted: bool = True, *, at_once: bool = False) -> None:
+        """Answer a log that is streamed and not recorded: once disarmed, or `at_once`. See `LogClient`."""
         with self._lock:
-            if self._answer is None:
+            if wanted and self._answer is None:
                 self._answer = LogAnswer((self.station, STATION_COMPONENT), at_once=at_once)
+            elif not wanted:
+                self._answer = None
+                self._update(log_client=LogClient.NOBODY)
 
     def answered_rate(self) -> AnsweredRate | None:
         """What the link carried of the log that is answered; None where too little came, or it is recorded."""
@@ -432,11 +432,11 @@ class Session:
 
     def _poll_answer(self, now: float) -> None:
         """Of the log: answered while it is not recorded, and handed over to a recording that begins."""
-        answer, recording, snapshot = self._answer, self._recording, self._snapshot
-        if answer is None or snapshot is None:
+        answer, recording = self._answer, self._recording
+        if answer is None or self._snapshot is None:
             return
         if recording is None or not recording.blocks.started:
-            self._say(answer.poll(now, snapshot.armed, self._link_clock))
+            self._say(answer.poll(now, self._snapshot.armed, self._link_clock))
         if recording is not None:
             self._begin_blocks(recording)
         self._update(log_client=LogClient.NOBODY if recording is not None else answer.client)

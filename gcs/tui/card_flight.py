@@ -30,7 +30,7 @@ from gcs.tui.moment import Moment
 from gcs.tui.state import Mark, RunView, Stage
 from gcs.tui.vehicle_link import VehicleLink
 from gcs.vehicle.autopilots import SYSTEMID
-from gcs.vehicle.profile import load_profile
+from gcs.vehicle.profile import VehicleProfile, load_profile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 TOO_EARLY = "not yet: a run is under way"
@@ -71,6 +71,16 @@ class CardFlight:
         self._seen: Callable[[], tuple[Check, ...]] | None = None
         """The checks as they stand, of the card that is flown."""
         self._flying: threading.Thread | None = None
+
+    @property
+    def card(self) -> TestCard:
+        """The one that is flown next."""
+        return self._card
+
+    @property
+    def profiles(self) -> tuple[VehicleProfile, ...]:
+        """The vehicle's, where it is not to be recognised."""
+        return self._profiles
 
     # What keys wish.
 

@@ -225,7 +225,7 @@ def _buffer(settings: Mapping[str, float], stream: bool, profile: VehicleProfile
         words = f"holds {held_s:.2f} s of the log: what waits longer is dropped (DMS.Dp counts it)"
     elif value < BUFFER_KB:
         standing = Standing.BETTER
-        words += "; 50 rides out more of a poor link"
+        words += "; 50 rides out more of a poor link, and is needed where every loop is logged"
     return Item(
         name=BUFFER,
         standing=standing,
