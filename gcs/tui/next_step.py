@@ -83,8 +83,8 @@ def _next_connect(state: State) -> str:
     if state.stage.under_way:
         return "a card is being flown (2); the link stays until it is over"
     if state.readiness is not None and not state.readiness.ready:
-        return "change what must be changed with the vehicle's own station; C twice looks again"
-    return "C tells what to set before flying; 2 flies a card; 3 works on recorded flights"
+        return "set these with the vehicle's own station; C twice looks again"
+    return "C: what to set before flying; 2 flies a card; 3 works on recorded flights"
 
 
 def _next_fly(state: State, vehicle: VehicleSnapshot | None) -> str:
