@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
         if args.wait and not waited(session, card, args.connect, profiles, lambda: wishes() is not None):
             return EXIT_INTERRUPTED
-        profile = require_flyable(session, card, profiles=profiles)
+        profile = require_flyable(session, card, profiles=profiles, link=args.connect)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
         if not simulated:
             require_terminal(args.yes)
@@ -190,7 +190,7 @@ def waited(
     from gcs.logs.words import printable
 
     clock = WallClock()
-    profile = require_flyable(session, card, clock, profiles=profiles, in_the_air=False)
+    profile = require_flyable(session, card, clock, profiles=profiles, in_the_air=False, link=link)
     answer_where_needed(session, clock, link)
     return wait_for_pilot(
         session,

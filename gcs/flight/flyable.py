@@ -10,13 +10,14 @@ from gcs.cards.maneuver import TestCard
 from gcs.errors import LinkError, TippathError
 from gcs.flight import preflight
 from gcs.flight.connection import Clock, Connection, WallClock
-from gcs.flight.preflight import Check
+from gcs.flight.preflight import AGAIN, Check
 from gcs.flight.readiness import client_words
 from gcs.flight.rules import TICK_S
 from gcs.flight.settings import ask_all, ask_together, recognise
+from gcs.link.transport import carries
 from gcs.vehicle.autopilots import SWITCH
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile
-from gcs.vehicle.readiness import BACKEND
+from gcs.vehicle.readiness import asked_of_log
 
 LAG_WAIT_S = 4.0
 """How long a vehicle's first answer, which tells how late the link is, is waited for."""
@@ -46,10 +47,11 @@ def require_flyable(
     profiles: Sequence[VehicleProfile] = (),
     stream: bool = True,
     in_the_air: bool = True,
+    link: str | None = None,
 ) -> VehicleProfile:
     """Whether this vehicle, as it is now, can fly the card at all, and what it is: `profile`, or the first that fits of
     `profiles`, or of those that come with the package. With `stream` its log must come over the link; without
-    `in_the_air` the pilot may still take off.
+    `in_the_air` the pilot may still take off. `link` is the LINK, which may tell what it carries.
 
     Raises CannotFlyError where the vehicle cannot and nothing else stands against it, NotReadyError with all that does,
     LinkError or ProcedureError.
@@ -66,7 +68,8 @@ def require_flyable(
             profile.plan(run.maneuver)
     except CannotFlyError as error:
         unable = error
-    log = preflight.streamed(ask_together(session, clock, (BACKEND,))) if stream else ()
+    carried = None if link is None else carries(link)
+    log = preflight.streamed(ask_together(session, clock, asked_of_log(carried)), carried) if stream else ()
     flying = preflight.flying(session.snapshot(), profile) if in_the_air else ()
     checks = (*late, *flying, *log, *(controller(session, clock, card) if in_the_air else ()))
     if unable is not None and all(check.ok for check in checks):
@@ -95,7 +98,7 @@ def wait_for_pilot(
         snapshot = session.snapshot()
         if snapshot.lost:
             raise LinkError("the link was lost while the pilot's take-off was waited for; nothing was flown")
-        standing = [check.words for check in preflight.flying(snapshot, profile) if not check.ok]
+        standing = [check.words.removesuffix(AGAIN) for check in preflight.flying(snapshot, profile) if not check.ok]
         words = "; ".join([*standing, *filter(None, [client_words(snapshot.log_client)])] if standing else ())
         if words and words != told:
             tell(f"waiting: {words}")

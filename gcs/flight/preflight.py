@@ -25,7 +25,7 @@ from gcs.vehicle.autopilots import (
     state_trouble,
 )
 from gcs.vehicle.profile import Plan, VehicleProfile
-from gcs.vehicle.readiness import streams_log, tells_of_log
+from gcs.vehicle.readiness import BACKEND, LEAST_NEED, log_need, streams_log, tells_of_log, too_slow
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 LAG_LIMIT_S = 0.5
@@ -39,6 +39,7 @@ CALM = 0.3
 CENTRED = 0.25
 """Of full command: more trim leaves too little room on one side."""
 LOW_BATTERY = 0.25
+AGAIN = ", then fly this again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +63,11 @@ def flying(snapshot: VehicleSnapshot, profile: VehicleProfile | None) -> tuple[C
     if trouble:
         checks.append(Check("state", f"nothing is started: {trouble}", False))
     if not snapshot.armed:
-        checks.append(Check("in the air", "not armed: the pilot arms and takes off, then fly this again", False))
+        checks.append(Check("in the air", f"not armed: the pilot arms and takes off{AGAIN}", False))
     elif trouble:
         checks.append(Check("in the air", "armed; in this state the vehicle does not tell whether it flies"))
     elif snapshot.status != IN_THE_AIR:
-        checks.append(Check("in the air", "armed, but not in the air: the pilot takes off, then fly this again", False))
+        checks.append(Check("in the air", f"armed, but not in the air: the pilot takes off{AGAIN}", False))
     else:
         checks.append(Check("in the air", "armed and in the air"))
     if profile is not None:
@@ -130,8 +131,17 @@ def controller(lqr_switch: float | None) -> tuple[Check, ...]:
     return (Check("controller", "the pilot's switch selects the LQR"),)
 
 
-def streamed(settings: Mapping[str, float]) -> tuple[Check, ...]:
-    """Whether the vehicle sends its log at all, as far as it tells: known before anything is armed."""
+def streamed(settings: Mapping[str, float], carries: float | None = None) -> tuple[Check, ...]:
+    """Whether the vehicle sends its log at all, as far as it tells, over a link that carries so many bytes a second at
+    most (None: its kind does not tell): known before anything is armed."""
+    if too_slow(settings, carries):
+        need = (log_need(settings) or LEAST_NEED) / 1e3
+        words = (
+            f"the link carries {(carries or 0.0) / 1e3:.1f} kB/s and the log needs about {need:.0f}: orders would wait "
+            "behind it; use a faster link (USB, UDP), or let the vehicle keep its log on its card "
+            f"({BACKEND} 1) and fly `tippath sweep --log card`"
+        )
+        return (Check("log rate", words, False),)
     if not tells_of_log(settings) or streams_log(settings):
         return ()
     return (Check("log", f"the vehicle keeps its log to itself: {LOG_TO_MAVLINK}", False),)

@@ -17,15 +17,15 @@ from gcs.flight.log_health import ENOUGH
 from gcs.flight.settings import Asking, Clock, ask_together
 from gcs.link.clock import LOST_AFTER_S
 from gcs.link.log_answer import AnsweredRate, LogClient
-from gcs.link.transport import parse_link
+from gcs.link.transport import carries
 from gcs.vehicle.autopilots import AUTOPILOTS, KINDS, mode_name, state_trouble
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile, bundled_profiles, choose_profile
 from gcs.vehicle.readiness import (
     ASKED,
-    OF_LOG,
     Asked,
     Item,
     Standing,
+    asked_of_log,
     items,
     log_need,
     streams_log,
@@ -38,8 +38,6 @@ LAG_WAIT_S = 4.0
 RATE_WAIT_S = 4.0
 """How long the log is listened to, to count what the link carries of it."""
 TICK_S = 0.05
-BITS_A_BYTE = 10
-"""On a serial line: eight, a start and a stop."""
 
 
 class Ground(Asking, Protocol):
@@ -107,7 +105,7 @@ def look(
     """
     _wait(clock, LAG_WAIT_S, lambda: session.snapshot().lag_s is not None)
     snapshot = session.snapshot()
-    asked = Asked(f_stop_hz=_highest(card), stream=stream, carries=_carries(link), station=session.station)
+    asked = Asked(f_stop_hz=_highest(card), stream=stream, carries=carries(link), station=session.station)
     about = {"link": link, "vehicle": _who(snapshot), "card": card.name}
     if snapshot.lag_s is None:  # it hears nothing: no question would be answered
         found = (*_of_link(snapshot), *_of_vehicle(snapshot, None))
@@ -132,9 +130,8 @@ def answer_where_needed(session: Ground, clock: Clock, link: str) -> bool:
 
     Raises as `look`.
     """
-    settings = ask_together(session, clock, OF_LOG)
-    asked = Asked(f_stop_hz=0.0, stream=None, carries=_carries(link), station=session.station)
-    needed = streams_log(settings) and not too_slow(settings, asked)
+    settings = ask_together(session, clock, asked_of_log(carries(link)))
+    needed = streams_log(settings) and not too_slow(settings, carries(link))
     session.answer_log(needed)
     return needed
 
@@ -168,7 +165,7 @@ def _read(
 
 def _listen(session: Ground, clock: Time, settings: Mapping[str, float], asked: Asked) -> None:
     """To the log, until its rate is counted; not on a link that it would fill."""
-    if not streams_log(settings) or too_slow(settings, asked):
+    if not streams_log(settings) or too_slow(settings, asked.carries):
         return
     session.answer_log(at_once=True)
     _wait(clock, RATE_WAIT_S, lambda: session.answered_rate() is not None)
@@ -182,16 +179,6 @@ def _wait(clock: Time, seconds: float, done: Callable[[], bool]) -> None:
 
 def _highest(card: TestCard) -> float:
     return max((run.maneuver.f_stop_hz for run in card.runs() if run.maneuver.kind == "chirp"), default=10.0)
-
-
-def _carries(link: str) -> float | None:
-    """Bytes a second that a LINK carries at most, where its kind tells: a serial line by its baud rate.
-
-    A USB port takes no notice of the rate it is given.
-    """
-    word = parse_link(link)
-    usb = any(part in word.host for part in ("ttyACM", "usbmodem"))
-    return word.port / BITS_A_BYTE if word.kind == "serial" and not usb else None
 
 
 # ------------------------------------------------------------------------------------------------ what it means
@@ -227,19 +214,19 @@ def _of_client(client: LogClient, stream: bool) -> tuple[Item, ...]:
 
 def _of_rate(rate: AnsweredRate | None, settings: Mapping[str, float], asked: Asked, stream: bool) -> tuple[Item, ...]:
     need = log_need(settings)
-    needs = "its log's need is not told" if need is None else f"a sweep's log needs about {need / 1e3:.0f} kB/s"
+    needs = "" if need is None else f"a sweep's log needs about {need / 1e3:.0f} kB/s"
     if rate is not None:
         enough = rate.carried >= ENOUGH * rate.numbered
         value = f"{rate.carried / 1e3:.0f} of {rate.numbered / 1e3:.0f} kB/s of the log arrive"
     elif asked.carries is not None:
-        enough = not too_slow(settings, asked)
+        enough = not too_slow(settings, asked.carries)
         value = f"carries {asked.carries / 1e3:.1f} kB/s at most"
     else:
         enough, value = True, "rate not counted"
-        needs += ", and nothing of it came yet"
+        needs = ", ".join(filter(None, [needs, "nothing of the log came yet"]))
     standing = Standing.FINE if enough or not stream else Standing.MUST
     if not enough:
-        needs += "; a faster link (USB, UDP), or `tippath sweep --log card`"
+        needs = "; ".join(filter(None, [needs, "a faster link (USB, UDP), or `tippath sweep --log card`"]))
     return (Item(name="link", standing=standing, value=value, words=needs),)
 
 

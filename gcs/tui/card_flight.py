@@ -194,7 +194,7 @@ class CardFlight:
     def _fly(self, session: Session, card: TestCard) -> None:
         words, landed = "", None
         try:
-            profile = require_flyable(session, card, profiles=self._profiles)
+            profile = require_flyable(session, card, profiles=self._profiles, link=session.link)
             folder = create(None, self._folder)
             self._moment.set(flight=folder.path)
             result = fly_card(

@@ -1,4 +1,5 @@
-"""All that is an autopilot's own, beside what the vehicle profiles hold: modes, texts, parameters, failsafes, the bank.
+"""All that is an autopilot's own, beside the vehicle profiles and `readiness`: modes, texts, parameters, failsafes,
+the bank.
 
 Elsewhere nothing is known of these by name or number: other rooms take them from here or from the profile, and a
 contract test looks that no string of theirs spells one. What crosses the wire is `gcs.link`'s.

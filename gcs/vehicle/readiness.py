@@ -93,6 +93,11 @@ class Asked:
     """Our system id."""
 
 
+def asked_of_log(carries: float | None) -> tuple[str, ...]:
+    """What must be asked to know where the log goes, and whether a link that carries so much carries it, too."""
+    return (BACKEND,) if carries is None else OF_LOG
+
+
 def streams_log(settings: Mapping[str, float]) -> bool:
     """Whether the vehicle sends its log to a station that asks for it, as far as it tells."""
     return bool(int(settings.get(BACKEND, 0)) & _STREAM)
@@ -115,16 +120,16 @@ def log_need(settings: Mapping[str, float]) -> float | None:
     return None if hz is None else max(LEAST_NEED, BYTES_A_SAMPLE * hz)
 
 
-def too_slow(settings: Mapping[str, float], asked: Asked) -> bool:
-    """Whether the link certainly does not carry the log."""
-    return asked.carries is not None and asked.carries < (log_need(settings) or LEAST_NEED)
+def too_slow(settings: Mapping[str, float], carries: float | None) -> bool:
+    """Whether a link that carries so many bytes a second at most certainly does not carry the log."""
+    return carries is not None and carries < (log_need(settings) or LEAST_NEED)
 
 
 def way_of_log(settings: Mapping[str, float], asked: Asked) -> bool:
     """Whether the log comes over the link: as asked for, else as the vehicle is set, where the link carries it."""
     if asked.stream is not None:
         return asked.stream
-    return (BACKEND not in settings or streams_log(settings)) and not too_slow(settings, asked)
+    return (BACKEND not in settings or streams_log(settings)) and not too_slow(settings, asked.carries)
 
 
 def items(settings: Mapping[str, float], asked: Asked, profile: VehicleProfile | None) -> tuple[Item, ...]:
@@ -153,7 +158,7 @@ def _backend(settings: Mapping[str, float], asked: Asked, stream: bool) -> Item 
     value = settings.get(BACKEND)
     if value is None:
         return None
-    bits, slow = int(value), too_slow(settings, asked)
+    bits, slow = int(value), too_slow(settings, asked.carries)
     standing, words, wanted = Standing.FINE, "", bits
     if stream and not bits & _STREAM:
         standing, wanted = Standing.MUST, bits | _STREAM

@@ -72,8 +72,7 @@ def test_the_pilot_is_waited_for_while_the_log_is_answered(vehicle: FakeVehicle)
     assert wait_for_pilot(session, session, profile, tell=told.append)
     assert 22.5 < vehicle.now - began < 25.0
     assert told == [
-        "waiting: not armed: the pilot arms and takes off, then fly this again; "
-        "answering the vehicle's log so that it can be armed"
+        "waiting: not armed: the pilot arms and takes off; answering the vehicle's log so that it can be armed"
     ]
 
 

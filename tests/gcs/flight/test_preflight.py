@@ -96,6 +96,15 @@ def test_a_vehicle_that_keeps_its_log_to_itself_is_known_before_it_is_armed() ->
     assert streamed({"LOG_BACKEND_TYPE": 3.0}) == streamed({}) == ()
 
 
+def test_a_radio_that_the_log_would_fill_is_known_before_a_word_is_typed() -> None:
+    stock = {"LOG_BACKEND_TYPE": 3.0, "LOG_BITMASK": 180222.0, "SCHED_LOOP_RATE": 400.0}
+    (check,) = streamed(stock, 5760.0)
+    assert not check.ok
+    assert "5.8 kB/s and the log needs about 71" in check.words
+    assert "sweep --log card" in check.words
+    assert streamed(stock, 92_160.0) == ()
+
+
 def test_a_battery_that_is_not_measured_blocks_nothing() -> None:
     assert failed(flying(replace(HOVERING, battery_v=24.0), PROFILE)) == []
     assert "battery" not in [check.name for check in flying(HOVERING, PROFILE)]

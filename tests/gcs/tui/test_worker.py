@@ -219,7 +219,7 @@ def _result(run, plan, ending, reason) -> RunResult:
 def engine(monkeypatch, tmp_path):
     card, session = FakeCard(), FakeSession()
     monkeypatch.setattr(gcs.tui.card_flight, "fly_card", card)
-    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card, profiles: None)
+    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card, profiles, link: None)
     made = FlightWorker("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
     made.fake_card, made.fake_session = card, session
     reach(made, Stage.IDLE)
@@ -391,7 +391,7 @@ def test_a_fault_in_the_card_is_told_and_ends_it(engine, monkeypatch):
 
 
 def test_a_card_that_cannot_be_flown_leaves_no_folder(engine, monkeypatch, tmp_path):
-    def refuse(session, card, profiles):
+    def refuse(session, card, profiles, link):
         raise NotReadyError("not ready: not armed")
 
     monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", refuse)
