@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.flight.session import Session
 from gcs.link.clock import LinkClock
+from gcs.link.encode import Ping
 from gcs.link.events import TimeReply
 from gcs.link.log_answer import LogAnswer, LogClient
 
@@ -249,6 +250,7 @@ def test_a_link_that_the_log_makes_late_is_freed_of_it() -> None:
     answer.poll(0.0, False, link)
     assert answer.client is LogClient.ASKED
     (ping,) = link.poll(0.0)
+    assert isinstance(ping, Ping)
     link.on_event(TimeReply(1, 1, ping.nonce, 50.0), 0.02)
     for tick in range(30):
         answer.poll(0.1 * tick, False, link)

@@ -277,7 +277,7 @@ def test_nothing_starts_without_ready(engine):
 
 
 def test_the_checks_of_a_run_that_waits_are_made_again(engine):
-    seen = []
+    seen: list[Check] = []
     engine.fake_card.seen = lambda: tuple(seen)
     engine.ready()
     reach(engine, Stage.READY)
