@@ -16,6 +16,7 @@ from enum import Enum
 from typing import Final
 
 from gcs.vehicle.autopilots import LOOP_RATE, RENAMED, lean_limit_deg, link_loss
+from gcs.vehicle.log_rate import ENOUGH_BUFFER, SAMPLES_OF_A_PERIOD
 from gcs.vehicle.profile import VehicleProfile
 
 BACKEND: Final = "LOG_BACKEND_TYPE"
@@ -40,9 +41,6 @@ BYTES_A_SAMPLE: Final = 285_000 / 400
 """What ArduPilot's log takes for each time that SIDD and RATE are written: 285 kB/s were measured at 400 Hz."""
 LEAST_NEED: Final = 25_000
 """Bytes a second of the leanest log that was ever flown with."""
-SAMPLES_A_PERIOD: Final = 10
-"""Of the highest frequency swept, that a log must have."""
-BUFFER_KB: Final = 50
 LARGEST_BUFFER_KB: Final = 53
 """Above it the vehicle's count of blocks overflows."""
 HELD_S: Final = 0.1
@@ -196,7 +194,7 @@ def _bitmask(settings: Mapping[str, float], asked: Asked, stream: bool) -> Item 
     value, loop_hz, hz = settings.get(BITMASK), settings.get(LOOP_RATE), logged_hz(settings)
     if value is None or loop_hz is None or hz is None:
         return None
-    needed = SAMPLES_A_PERIOD * asked.f_stop_hz
+    needed = SAMPLES_OF_A_PERIOD * asked.f_stop_hz
     wanted = float(int(value) | _FAST | _MEDIUM)
     carried = not stream or asked.carries is None or asked.carries >= BYTES_A_SAMPLE * loop_hz
     standing, words = Standing.FINE, "every loop is logged"
@@ -228,7 +226,7 @@ def _buffer(settings: Mapping[str, float], stream: bool, profile: VehicleProfile
     elif held_s is not None and held_s < HELD_S:
         standing = Standing.MUST
         words = f"holds {held_s:.2f} s of the log: what waits longer is dropped (DMS.Dp counts it)"
-    elif value < BUFFER_KB:
+    elif value < ENOUGH_BUFFER:
         standing = Standing.BETTER
         words += "; 50 rides out more of a poor link, and is needed where every loop is logged"
     return Item(
@@ -236,7 +234,7 @@ def _buffer(settings: Mapping[str, float], stream: bool, profile: VehicleProfile
         standing=standing,
         value=f"{value:g} kB",
         words=words,
-        wanted=() if standing is Standing.FINE else ((BUFFER, float(BUFFER_KB)),),
+        wanted=() if standing is Standing.FINE else ((BUFFER, float(ENOUGH_BUFFER)),),
         restart=standing is not Standing.FINE,
     )
 
