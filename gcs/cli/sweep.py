@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from gcs.analysis.following import Following
     from gcs.cards.maneuver import TestCard
     from gcs.flight.flown_card import SweepResult
+    from gcs.flight.session import Session
+    from gcs.vehicle.profile import VehicleProfile
 
 CARDS = Path(__file__).parents[1] / "cards"
 WORD = "fly"
@@ -34,6 +36,9 @@ telemetry, card.toml the card, flight.json the runs and verdicts.
 Ctrl-C ends the excitation first: the mode before the run is sent again and again while the vehicle is in its excitation
 mode, and never after the pilot chose another. Nothing here arms, takes off or lands. A lost link is waited for up to a
 minute, to end the excitation then; Ctrl-C ends that wait, and the pilot takes over in any case.
+
+Before it a vehicle is looked at with `tippath check`, on the ground. One that streams its log can be armed only while a
+log client answers it: --wait does, until the pilot has taken off; where another station answers, it stays silent.
 
 The probe: five quiet seconds, then a step of a fifth of the card's amplitude on each axis. It tells reversed or swapped
 commands and gyros, lag, noise and a faulty log before 30 s are flown, and the amplitude up to which the card is
@@ -99,6 +104,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--amplitude", type=float, metavar="A", help="of full command (default 0.1)")
     parser.add_argument("--duration", type=float, metavar="S", help="seconds (default 30)")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="the flight's folder; never overwritten")
+    parser.add_argument(
+        "--wait",
+        action="store_true",
+        help="wait until the pilot has the vehicle in the air; a log that it streams is answered meanwhile, so that it "
+        "can be armed",
+    )
     parser.add_argument("--hardware", action="store_true", help="ask for the typed word even on this machine's link")
     parser.add_argument(
         "--probe",
@@ -116,8 +127,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.cli.progress import ProgressLines
     from gcs.flight import folder as flightdir
     from gcs.flight.flown_card import Briefing
+    from gcs.flight.flyable import require_flyable
     from gcs.flight.session import Session
-    from gcs.flight.sweep import fly_card, require_flyable
+    from gcs.flight.sweep import fly_card
     from gcs.logs.words import printable
     from gcs.vehicle.profile import load_profile
 
@@ -126,7 +138,9 @@ def run(args: argparse.Namespace) -> int:
     lines = ProgressLines(card.limits)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
-        profile = require_flyable(session, card, profiles=profiles)
+        if args.wait and not waited(session, card, args.connect, profiles, lambda: wishes() is not None):
+            return EXIT_INTERRUPTED
+        profile = require_flyable(session, card, profiles=profiles, link=args.connect)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
         if not simulated:
             require_terminal(args.yes)
@@ -161,6 +175,30 @@ def run(args: argparse.Namespace) -> int:
     if unknown:
         print(f" how the rates followed is not known: {printable(unknown)}", file=sys.stderr)
     return exit_status(result, wishes() is not None, say_why=args.json)
+
+
+def waited(
+    session: Session, card: TestCard, link: str, profiles: Sequence[VehicleProfile], ended: Callable[[], bool]
+) -> bool:
+    """Wait for the pilot's take-off, with the vehicle's log answered so that it can be armed; False where ended.
+
+    Raises at once what stands against the card whoever flies.
+    """
+    from gcs.flight.connection import WallClock
+    from gcs.flight.flyable import require_flyable, wait_for_pilot
+    from gcs.flight.readiness import answer_where_needed
+    from gcs.logs.words import printable
+
+    clock = WallClock()
+    profile = require_flyable(session, card, clock, profiles=profiles, in_the_air=False, link=link)
+    answer_where_needed(session, clock, link)
+    return wait_for_pilot(
+        session,
+        clock,
+        profile,
+        tell=lambda words: print(f" {printable(words)}", file=sys.stderr, flush=True),
+        ended=ended,
+    )
 
 
 def card_of(args: argparse.Namespace) -> TestCard:

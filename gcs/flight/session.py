@@ -22,6 +22,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from gcs.errors import LinkError, TippathError
+from gcs.flight.connection import silence
 from gcs.flight.live import LiveLog, LiveWindow
 from gcs.flight.log_health import LogHealth
 from gcs.flight.pace import BEAT_S, Pace, RealTime
@@ -45,9 +46,11 @@ from gcs.link.events import (
     FtpReply,
     Heartbeat,
     LogBlock,
+    LogReceipt,
     StatusText,
     StatusTextPart,
 )
+from gcs.link.log_answer import AnsweredRate, LogAnswer, LogClient
 from gcs.link.procedures import (
     Failed,
     NoAnswerError,
@@ -60,9 +63,7 @@ from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
 T = TypeVar("T")
-
 STATION_SYSTEM = 254
-
 RECEIVE_S = 0.01
 """How long the engine waits for bytes before it looks at what is due."""
 OTHERS_FOR_S = 10.0
@@ -118,6 +119,8 @@ class Session:
         self._others: dict[tuple[bool, int, int], float] = {}
         self._sent: deque[bytes] = deque(maxlen=10_000)
         self._recording: Recording | None = None
+        self._answer: LogAnswer | None = None
+        """Of the vehicle's log, while it is not recorded."""
         self._live = LiveLog()
         self._telemetry = TelemetryRequests()
         self._pace.begin(self._turn, self._beat)
@@ -148,24 +151,10 @@ class Session:
     def wait_for_vehicle(self, timeout_s: float) -> None:
         """Wait for the first heartbeat of an autopilot and ask what it is. Raises LinkError where none comes."""
         if not self._pace.wait(self._found, timeout_s):
-            raise LinkError(self._silence(timeout_s))
+            raise LinkError(silence(self._transport, timeout_s))
         # A vehicle that does not tell its version can still be flown.
         with contextlib.suppress(ProcedureError):
             self.call(RequestAutopilotVersion(3))
-
-    def _silence(self, timeout_s: float) -> str:
-        frames, bad_bytes = self._transport.counts
-        if self._transport.problem is not None:
-            heard = self._transport.problem
-        elif frames:
-            heard = f"{frames} MAVLink messages, but no autopilot's heartbeat, in {timeout_s:.0f} s"
-        elif bad_bytes:
-            heard = f"{bad_bytes} bytes that are no MAVLink in {timeout_s:.0f} s; check the baud rate or the port"
-        elif self._transport.strangers:
-            heard = f"{self._transport.strangers} datagrams, none of an autopilot, in {timeout_s:.0f} s"
-        else:
-            heard = f"nothing heard in {timeout_s:.0f} s; check that the vehicle is on and sends to this address"
-        return f"no vehicle at {self.link}: {heard}"
 
     def __enter__(self) -> Self:
         return self
@@ -276,12 +265,35 @@ class Session:
             self._refuse_second()
             self._record(Recorder(directory, self._wall_clock))
 
+    def answer_log(self, wanted: bool = True, *, at_once: bool = False) -> None:
+        """Answer a log that is streamed and not recorded: once disarmed, or `at_once`. See `LogClient`."""
+        with self._lock:
+            if wanted and self._answer is None:
+                self._answer = LogAnswer((self.station, STATION_COMPONENT), at_once=at_once)
+            elif not wanted:
+                self._answer = None
+                self._update(log_client=LogClient.NOBODY)
+
+    def answered_rate(self) -> AnsweredRate | None:
+        """What the link carried of the log that is answered; None where too little came, or it is recorded."""
+        with self._lock:
+            return None if self._answer is None else self._answer.rate(self._clock())
+
     def _record(self, recorder: Recorder) -> None:
         with self._lock:
             self._refuse_second()
             self._sent.clear()
             self._recording = Recording(recorder, self._live, self._clock)
-            self._say(self._recording.blocks.start(self._clock()))
+            if self._answer is not None:
+                self._say(self._answer.hand_over(self._clock()))
+            self._begin_blocks(self._recording)
+
+    def _begin_blocks(self, recording: Recording, *, now_at_last: bool = False) -> None:
+        """Ask for the log, once nothing of a stream that was answered before can come any more."""
+        answer, now = self._answer, self._clock()
+        free = answer is None or now_at_last or answer.handed_over(now, self._link_clock.lag_s)
+        if free and not recording.blocks.started:
+            self._say(recording.blocks.start(now))
 
     def _refuse_second(self) -> None:
         if self._recording is not None:
@@ -304,6 +316,7 @@ class Session:
             recording = self._recording
             if recording is None:
                 raise TippathError("nothing is being recorded")
+            self._begin_blocks(recording, now_at_last=True)
             self._say(recording.blocks.stop(self._clock()))
         end = self._pace.now() + within_s
         while not self._pace.wait(recording.over, 0.05) and self._pace.now() < end:
@@ -314,6 +327,8 @@ class Session:
             self._log_sent()
             self._recording = None
             self._update(recording=None)
+            if self._answer is not None:
+                self._answer.restart()
             return recording.finish()
 
     def close(self) -> None:
@@ -323,6 +338,10 @@ class Session:
         with contextlib.suppress(TippathError):
             lost = self._snapshot is None or self.snapshot().lost
             self.stop_recording(0.5 if lost else 3.0)
+        with self._lock:
+            if self._answer is not None:
+                self._say(self._answer.hand_over(self._clock()))
+                self._answer = None
         if self._snapshot is not None:
             self._say(self._telemetry.given_back())
         self._ending.set()
@@ -357,6 +376,9 @@ class Session:
             self._note_others(event, now)
             if snapshot is None and event.from_autopilot:
                 snapshot = self._pin(event, now)
+        if isinstance(event, LogReceipt):  # another station's
+            self._answered(event, now)
+            return
         if snapshot is None or frame.message.get_srcSystem() != snapshot.system:
             return
         self._last_heard = now
@@ -399,9 +421,26 @@ class Session:
             self._version = event
         if self._recording is not None and (own or isinstance(event, LogBlock)):
             self._say(self._recording.blocks.on_event(event, now))
+        if isinstance(event, LogBlock) and (self._recording is None or not self._recording.blocks.started):
+            self._answered(event, now)
         if own:
             for call in list(self._calls):
                 self._step(call, lambda procedure: procedure.on_event(event, now))
+
+    def _answered(self, event: Event, now: float) -> None:
+        if self._answer is not None:
+            self._say(self._answer.on_event(event, now))
+
+    def _poll_answer(self, now: float) -> None:
+        """Of the log: answered while it is not recorded, and handed over to a recording that begins."""
+        answer, recording = self._answer, self._recording
+        if answer is None or self._snapshot is None:
+            return
+        if recording is None or not recording.blocks.started:
+            self._say(answer.poll(now, self._snapshot.armed, self._link_clock))
+        if recording is not None:
+            self._begin_blocks(recording)
+        self._update(log_client=LogClient.NOBODY if recording is not None else answer.client)
 
     def _step(self, call: _Call, step: Callable[[Procedure[Any]], Iterable[Send]]) -> None:
         if call.ended.is_set():
@@ -421,6 +460,7 @@ class Session:
             self._on_event(text, now)
         for call in list(self._calls):
             self._step(call, lambda procedure: procedure.poll(now))
+        self._poll_answer(now)
         if self._recording is not None:
             self._say(self._recording.poll(now))
             self._log_sent()

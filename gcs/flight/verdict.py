@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs.cards.envelope import Limits, Peaks, Use, use
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.live import LiveWindow
-from gcs.vehicle.log_rate import ENOUGH_BUFFER, LOG_EVERY_LOOP, SAMPLES_OF_A_PERIOD, SLOWER, slower_than_loop
+from gcs.vehicle.log_rate import LARGER_BUFFER, LOG_EVERY_LOOP, SAMPLES_OF_A_PERIOD, SLOWER, slower_than_loop
 from gcs.vehicle.profile import Plan
 from sysid.data.coherence import coherence
 
@@ -171,8 +171,8 @@ def _notes(came: _Arrival, loop_hz: float | None) -> tuple[str, ...]:
         notes.append(f"{slower_than_loop(came.rate_hz, loop_hz)}; {LOG_EVERY_LOOP}")
     if came.gaps and came.missing > FEW_MISSING * came.expected:
         notes.append(
-            "where no block of the log is missing, the vehicle dropped them before it sent them: set LOG_MAV_BUFSIZE "
-            f"to {ENOUGH_BUFFER}, or take the vehicle's own file from its card"
+            "where no block of the log is missing, the vehicle dropped them before it sent them: "
+            f"{LARGER_BUFFER}, or take the vehicle's own file from its card"
         )
     return tuple(notes)
 

@@ -26,6 +26,7 @@ from gcs.link.events import (
     LogBlock,
     LogData,
     LogEntry,
+    LogReceipt,
     ParamError,
     ParamValue,
     RotorSpeed,
@@ -143,7 +144,11 @@ def _status_text(m: Any, system: int, component: int) -> Event:
 
 def _log_block(m: Any, system: int, component: int) -> Event:
     data = payload_of(m)[6 : 6 + BLOCK_SIZE].ljust(BLOCK_SIZE, b"\0")
-    return LogBlock(system, component, m.seqno, data)
+    return LogBlock(system, component, m.seqno, data, m.target_system, m.target_component)
+
+
+def _log_receipt(m: Any, system: int, component: int) -> Event:
+    return LogReceipt(system, component, m.seqno)
 
 
 def _log_entry(m: Any, system: int, component: int) -> Event:
@@ -247,6 +252,7 @@ _READERS: dict[int, Callable[[Any, int, int], Event | None]] = {
     120: _log_data,
     148: _autopilot_version,
     184: _log_block,
+    185: _log_receipt,
     226: _rpm,
     253: _status_text,
     345: _param_error,

@@ -162,6 +162,16 @@ class LogBlock(Event):
     """The block's place: byte 200 * number of the log."""
     data: bytes
     """200 bytes."""
+    target_system: int = 0
+    """The station that the vehicle sends its log to; 0 where it does not say."""
+    target_component: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LogReceipt(Event):
+    """A station's word about a log block, or its START or STOP: whoever says it is a log client."""
+
+    number: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

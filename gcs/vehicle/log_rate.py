@@ -10,6 +10,7 @@ ENOUGH_BUFFER = 50
 """LOG_MAV_BUFSIZE with which a link drops nothing; above 53 it overflows."""
 EVERY_LOOP = 1
 """The bit of LOG_BITMASK that logs the rates in every control loop."""
+LARGER_BUFFER = f"set LOG_MAV_BUFSIZE to {ENOUGH_BUFFER}"
 LOG_EVERY_LOOP = "LOG_BITMASK bit 0 (ATTITUDE_FAST) logs every loop"
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fake_app import (
     ANALYSED,
+    CHECKED,
     DESIGNED,
     FITTED,
     FLYING,
@@ -124,6 +125,32 @@ NOT_NEW = {
     "9": ("fitting", "compared", "asking", "asked", "unexplained", "added", "complete"),
 }
 """Moments at which a screen shows what it showed before."""
+
+
+async def test_what_to_set_stands_on_connect_the_worst_in_sight():
+    app, engine = app_on(CHECKED)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("1")
+        await settle(app)
+        assert "answering the vehicle's log so that it can be armed" in "\n".join(screen_text(app))
+        assert "C check" in "\n".join(screen_text(app))
+        await pilot.press("c")
+        await workers_done(app, pilot)
+        assert engine.asked == ["check"]
+        await settle(app)
+        fits(app, "readiness", (80, 24))
+        text = "\n".join(screen_text(app))
+        for words in ("set LOG_BACKEND_TYPE 1 and restart", "a failsafe is active", "2 things must be changed"):
+            assert words in text
+        assert "part 13" not in text
+        for _ in range(30):
+            await pilot.press("down")
+        await settle(app)
+        assert "part 13" in "\n".join(screen_text(app))
+        await pilot.press("c")
+        await settle(app)
+        assert "where to" in "\n".join(screen_text(app))
+        assert engine.asked == ["check"]
 
 
 async def test_what_matters_can_be_read_at_80_by_24():

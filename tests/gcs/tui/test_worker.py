@@ -19,6 +19,7 @@ from gcs.cards.envelope import Limits, Peaks, Use
 from gcs.desk import Choice
 from gcs.errors import LinkError, TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
+from gcs.flight.flyable import NotReadyError
 from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult
 from gcs.flight.live import LiveWindow
@@ -26,7 +27,6 @@ from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.run import RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
-from gcs.flight.sweep import NotReadyError
 from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
 from gcs.tui.state import Mark, Stage
@@ -66,6 +66,9 @@ class FakeSession:
     def __init__(self) -> None:
         self.now = VEHICLE
         self.called: list[str] = []
+        self.asked_together = 0
+        self.settings = {"LOG_BACKEND_TYPE": 1.0}
+        self.answers_log: bool | None = None
         self.closed = threading.Event()
 
     def snapshot(self) -> VehicleSnapshot:
@@ -76,6 +79,10 @@ class FakeSession:
         return LiveWindow(t=none, p=none, q=none, delta_x=none, delta_y=none, excitation_x=none, excitation_y=none)
 
     def call(self, procedure, timeout_s=None, *, cancelled=None):
+        if type(procedure).__name__ == "ReadSeveral":
+            self.asked_together += 1
+            answers = {name: type("Value", (), {"value": value}) for name, value in self.settings.items()}
+            return {name: answers.get(name) for name in procedure._reads}
         self.called.append(type(procedure).__name__)
         if type(procedure).__name__ == "SetMode":
             beats = (beat(2, 0), beat(3, 0))
@@ -84,6 +91,12 @@ class FakeSession:
         return type("Value", (), {"value": 0.0})()
 
     def log_health(self):
+        return None
+
+    def answer_log(self, wanted=True, *, at_once=False):
+        self.answers_log = wanted
+
+    def answered_rate(self):
         return None
 
     def texts_since(self, cursor):
@@ -103,6 +116,8 @@ class FakeCard:
         self.land = threading.Event()
         self.folder: Path | None = None
         self.probe: bool | None = None
+        self.seen = tuple
+        """The checks as they stand later; none: as they were."""
         self.leave = None
         """What flies a log into the folder, where there is to be one."""
 
@@ -110,7 +125,7 @@ class FakeCard:
         self.folder, self.probe = folder.path, probe
         planned = [(run, _plan(run)) for run in card.runs()]
         loss = LinkLoss("RETURNS after 5 s", True)
-        assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None))
+        assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None, self.seen))
         results: list[RunResult] = []
         for run, plan in planned[:2]:
             on_progress(RunReady(run, plan))
@@ -204,7 +219,7 @@ def _result(run, plan, ending, reason) -> RunResult:
 def engine(monkeypatch, tmp_path):
     card, session = FakeCard(), FakeSession()
     monkeypatch.setattr(gcs.tui.card_flight, "fly_card", card)
-    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card, profiles: None)
+    monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", lambda session, card, profiles, link: None)
     made = FlightWorker("udpin:127.0.0.1:1", folder=tmp_path, card="quick", open_session=lambda *a, **k: session)
     made.fake_card, made.fake_session = card, session
     reach(made, Stage.IDLE)
@@ -227,11 +242,47 @@ def reach(engine, stage) -> None:
     until(lambda: engine.state().stage is stage)
 
 
+def test_a_log_that_the_vehicle_keeps_is_not_answered_and_one_that_it_streams_after_a_reboot_is(engine):
+    session = engine.fake_session
+    until(lambda: session.answers_log is False)
+    session.settings["LOG_BACKEND_TYPE"] = 3.0
+    session.now = replace(session.now, reboots=1)
+    until(lambda: session.answers_log is True)
+
+
+def test_the_vehicle_is_looked_at_for_the_card_and_a_reboot_makes_that_old(engine):
+    session = engine.fake_session
+    session.settings |= {"SID_AXIS": 0.0, "SID_MAGNITUDE": 0.05}
+    session.now = replace(session.now, lag_s=0.02, answer_age_s=0.1, autopilot=3, vehicle_type=4, status=3)
+    engine.check()
+    found = engine.state().readiness
+    assert {item.name for item in found.items} >= {"LOG_BACKEND_TYPE", "card", "mode"}
+    assert not found.ready, "card quick has doublets, which this vehicle does not fly"
+    session.now = replace(session.now, reboots=1)
+    until(lambda: engine.state().readiness is None)
+
+
+def test_nothing_is_looked_at_while_a_card_is_flown(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    with pytest.raises(TippathError, match="before and after"):
+        engine.check()
+
+
 def test_nothing_starts_without_ready(engine):
     engine.start()
     assert "R first" in engine.state().said
     assert engine.state().stage is Stage.IDLE
     assert engine.fake_card.folder is None
+
+
+def test_the_checks_of_a_run_that_waits_are_made_again(engine):
+    seen: list[Check] = []
+    engine.fake_card.seen = lambda: tuple(seen)
+    engine.ready()
+    reach(engine, Stage.READY)
+    seen.append(Check("trim", "off by now", False))
+    until(lambda: engine.state().checks == (Check("trim", "off by now", False),))
 
 
 def test_ready_then_start_flies_and_each_run_asks_again(engine):
@@ -340,7 +391,7 @@ def test_a_fault_in_the_card_is_told_and_ends_it(engine, monkeypatch):
 
 
 def test_a_card_that_cannot_be_flown_leaves_no_folder(engine, monkeypatch, tmp_path):
-    def refuse(session, card, profiles):
+    def refuse(session, card, profiles, link):
         raise NotReadyError("not ready: not armed")
 
     monkeypatch.setattr(gcs.tui.card_flight, "require_flyable", refuse)
