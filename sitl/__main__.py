@@ -16,6 +16,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from sitl.autopilot.storage import DEFAULT_BYTES_PER_S, WAYS, LogStorage
 from sitl.autopilot.vehicle import Vehicle, make_vehicle, run
 from sitl.clock import FreeClock, WallClock
 from sitl.faults import Faults, FaultyLink
@@ -62,6 +63,19 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--speed", metavar="N", help="N times real time, or max; without a link")
     parser.add_argument("--duration", type=float, metavar="S", help="end after S seconds of the vehicle's time")
     parser.add_argument("--until-input-ends", action="store_true", help="end when standard input is closed")
+    parser.add_argument(
+        "--logs-by",
+        choices=("both", "log", "ftp", "none"),
+        default="both",
+        help="how the ground may fetch its logs: LOG_REQUEST_DATA, MAVFTP (%(default)s)",
+    )
+    parser.add_argument(
+        "--log-rate",
+        type=float,
+        default=DEFAULT_BYTES_PER_S,
+        metavar="RATE",
+        help="bytes a second that fetching them takes of the link (%(default)s)",
+    )
     fault_words.add_options(parser)
     return parser
 
@@ -90,7 +104,7 @@ def _hidden(arguments: argparse.Namespace) -> Hidden | None:
 
 
 def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
-    settings = _settings(arguments.settings)
+    settings, storage = _settings(arguments.settings), _storage(arguments)
     try:
         arguments.directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -98,7 +112,7 @@ def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
     try:
         if hidden is not None and (arguments.directory / FILE_NAME).exists():
             raise _Refused(f"{arguments.directory} holds a sealed answer already; choose another directory with -o", 2)
-        return make_vehicle(
+        vehicle = make_vehicle(
             arguments.plant,
             arguments.seed,
             directory=arguments.directory,
@@ -111,6 +125,15 @@ def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
         raise _Refused(f"--condition {arguments.condition}: {error}", 2) from error
     except KeyError as error:
         raise _Refused(f"--set: this vehicle has no parameter {error.args[0]}, or not with that value", 2) from error
+    vehicle.storage = storage
+    return vehicle
+
+
+def _storage(arguments: argparse.Namespace) -> LogStorage:
+    if not (arguments.log_rate > 0 and math.isfinite(arguments.log_rate)):
+        raise _Refused(f"--log-rate {arguments.log_rate:g}: a positive number of bytes a second is wanted", 2)
+    ways = {"both": WAYS, "none": ()}.get(arguments.logs_by, (arguments.logs_by,))
+    return LogStorage(arguments.directory, ways, arguments.log_rate)
 
 
 def _air(arguments: argparse.Namespace, sweep_s: Callable[[], float]) -> tuple[Link, Faults] | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import inspect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from typing import Any
@@ -62,24 +63,37 @@ def asked(what: Any) -> Any:
     return what
 
 
-def once(work_out: Callable[..., Any]) -> Callable[..., Any]:
+class Once:
     """The function, called once for every question."""
-    answers: dict[Any, Any] = {}
 
-    def answer(*about: Any, **how: Any) -> Any:
-        depends = tuple((name, asked(how[name])) for name in sorted(how) if name != "say")
-        key = (tuple(catalogue()), asked(about), depends)
-        if key not in answers:
-            answers[key] = work_out(*about, **how)
-        return answers[key]
+    def __init__(self, work_out: Callable[..., Any]) -> None:
+        self.work_out = work_out
+        self.signature = inspect.signature(work_out)
+        self.answers: dict[Any, Any] = {}
 
-    return answer
+    def question(self, about: tuple[Any, ...], how: dict[str, Any]) -> Any:
+        """All that it depends on: what is left out is asked with its default."""
+        bound = self.signature.bind(*about, **how)
+        bound.apply_defaults()
+        depends = tuple((name, asked(value)) for name, value in bound.arguments.items() if name != "say")
+        return tuple(catalogue()), depends
+
+    def knows(self, *about: Any, **how: Any) -> bool:
+        return self.question(about, how) in self.answers
+
+    def __call__(self, *about: Any, **how: Any) -> Any:
+        key = self.question(about, how)
+        if key not in self.answers:
+            self.answers[key] = self.work_out(*about, **how)
+        return self.answers[key]
 
 
-def with_suggestion(diagnose_fit: Callable[..., Any]) -> Callable[..., Any]:
-    """Diagnoses of which a suggestion is a part, so that one serves with it and without."""
+def with_suggestion(diagnose_fit: Once) -> Callable[..., Any]:
+    """Diagnoses of which a suggestion is a part, so that one serves with it and, once it is there, without."""
 
     def diagnosed(*about: Any, suggesting: bool = False, **how: Any) -> Any:
+        if not suggesting and not diagnose_fit.knows(*about, suggesting=True, **how):
+            return diagnose_fit(*about, suggesting=False, **how)
         answer = diagnose_fit(*about, suggesting=True, **how)
         return answer if suggesting else replace(answer, suggestion=None)
 
@@ -92,7 +106,7 @@ def answers_kept(functions: Sequence[str] = tuple(ASKING)) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TIPPATH_CACHE", "on")
         for name in functions:
-            kept = once(getattr(ASKING[name][0], name))
+            kept = Once(getattr(ASKING[name][0], name))
             for module in ASKING[name]:
                 patch.setattr(module, name, with_suggestion(kept) if name == "diagnose_fit" else kept)
         yield

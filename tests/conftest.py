@@ -27,6 +27,7 @@ def shared_data() -> Path:
     return folder
 
 
+EFFECTS = Path(__file__).resolve().parents[1] / "sysid" / "effects"
 FEW = (
     *("angular_damping", "disc_incidence", "dynamic_inflow", "elevator", "flapping", "gyro_lag"),
     *("servo_lag", "servo_second_order", "transport_delay"),
@@ -40,7 +41,7 @@ def catalogue_of(names: Iterable[str], folder: Path) -> Iterator[Path]:
     import sysid.model.effect
 
     for name in names:
-        assert (sysid.model.effect.FOLDER / f"{name}.py").exists()
+        assert (EFFECTS / f"{name}.py").exists()
         (folder / f"{name}.py").touch()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sysid.model.effect, "FOLDER", folder)

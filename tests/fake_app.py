@@ -17,9 +17,12 @@ from gcs.desk import DeskState, Fitted
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
 from gcs.flight.preflight import Check
+from gcs.flight.readiness import Readiness
+from gcs.link.log_answer import LogClient
 from gcs.tui.app import TippathApp
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State, joined
 from gcs.tui.widgets.lines import Lines
+from gcs.vehicle.readiness import Item, Standing
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
@@ -107,6 +110,29 @@ MOMENTS = {
     "fitted": FITTED,
     "designed": DESIGNED,
 }
+READINESS = Readiness(
+    link="/dev/ttyUSB0,57600",
+    vehicle="system 1, ArduPilot 4.7.0, helicopter",
+    card="hover",
+    stream=False,
+    items=(
+        Item(
+            name="LOG_BACKEND_TYPE",
+            standing=Standing.MUST,
+            value="3",
+            words="its log would fill this link [/], and orders wait behind it; log to the card alone",
+            wanted=(("LOG_BACKEND_TYPE", 1.0),),
+            restart=True,
+        ),
+        Item(name="state", standing=Standing.MUST, value="5", words="a failsafe is active"),
+        *(Item(name=f"thing {n}", standing=Standing.BETTER, value="so", words="could be otherwise") for n in range(6)),
+        *(Item(name=f"part {n}", standing=Standing.FINE, value="as it is", words="in order") for n in range(14)),
+    ),
+)
+"""More than a small screen shows, the worst first."""
+CHECKED = replace(
+    IDLE, plant=None, vehicle=replace(VEHICLE, armed=False, log_client=LogClient.OURS), readiness=READINESS, station=254
+)
 ANALYSED = {name: joined(replace(IDLE, flight=Path("flight-0007")), desk) for name, desk in DESKS.items()}
 """The moments of the work after the flight."""
 NOWHERE = State(link="", card="hover", runs=RUNS)
@@ -157,6 +183,9 @@ class FakeWorker:
 
     def abort(self) -> None:
         self.ask("abort")
+
+    def check(self) -> None:
+        self.ask("check")
 
     def choose_card(self, word: str) -> None:
         self.ask(f"card {word}")

@@ -23,6 +23,7 @@ from gcs.flight.log_health import Capacity, LogHealth
 from gcs.flight.recorder import ON_CARD, RecordedLog, RecordingSummary
 from gcs.link.encode import DO_SET_MODE, Command, ParamRead, ParamWrite, Send
 from gcs.link.events import CommandAck, Event, Heartbeat, ParamValue, StatusText, bits_of_float, float_of_bits
+from gcs.link.log_answer import AnsweredRate, LogClient
 from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
 from gcs.vehicle.autopilots import mode_name
@@ -55,6 +56,7 @@ PARAMETERS = {
     "SYSID_MYGCS": 255.0,
     "SCHED_LOOP_RATE": RATE_HZ,
     "ANGLE_MAX": 3000.0,
+    "LOG_BACKEND_TYPE": 3.0,
 }
 PARAMETERS = {name: float(np.float32(value)) for name, value in PARAMETERS.items()}
 
@@ -214,6 +216,10 @@ class FakeSession:
         """Of the recording that goes on, or of the last one."""
         self.log_fails = ""
         """What the vehicle says about a log on its card that it does not write."""
+        self.log_client = LogClient.NOBODY
+        self.answered: list[bool] = []
+        """The log was to be answered; whether at once."""
+        self.rate: AnsweredRate | None = None
         self._texts: list[Text] = []
 
     # the clock
@@ -282,6 +288,7 @@ class FakeSession:
             battery_remaining=0.9,
             recording=self.recordings[-1] / "flight.BIN" if self.recordings else None,
             blocks_received=blocks,
+            log_client=self.log_client,
         )
 
     def _known(self, at: float) -> float:
@@ -326,6 +333,16 @@ class FakeSession:
             reported="",
             problem=None,
         )
+
+    def answer_log(self, wanted: bool = True, *, at_once: bool = False) -> None:
+        if not wanted:
+            return
+        self.answered.append(at_once)
+        if self.log_client is LogClient.NOBODY:
+            self.log_client = LogClient.OURS
+
+    def answered_rate(self) -> AnsweredRate | None:
+        return self.rate if self.answered else None
 
     def shed_log(self) -> None:
         self.shed += 1

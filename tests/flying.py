@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from sitl.autopilot.modes import Mode, Reason
-from sitl.autopilot.vehicle import Vehicle
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
+from sitl.hidden import plant_one
 
 CHIRP, DOUBLET, QUIET = 0, 1, 2
 ROLL, PITCH, ELEVATOR = 10, 11, 20
 REST_STEPS = 500
+
+Card = tuple[tuple[int, int, float, float], ...]
+"""Maneuvers: kind, axis, amplitude, seconds."""
+LAG = ("servo_lag", 2)
+"""A hidden effect and the seed of its size: a lag of 22 ms, which a gyro could have as well."""
+LAG_CARD: Card = (
+    *((CHIRP, axis, size, 8.0) for axis, size in ((ROLL, 0.10), (ROLL, 0.10), (PITCH, 0.15), (PITCH, 0.15))),
+    (CHIRP, ROLL, 0.05, 6.0),
+    *((DOUBLET, axis, size, 5.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
+)
+"""Four chirps to fit; half the amplitude and doublets to validate."""
+TWO_CHIRPS: Card = ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
 
 
 def fly_maneuver(
@@ -42,3 +57,14 @@ def log_of(vehicle: Vehicle, folder: Path) -> Path:
     vehicle.close()
     (log,) = folder.glob("*.BIN")
     return log
+
+
+@cache
+def flown(plant: str, card: Card, hidden: tuple[str, int] | None = None, seed: int = 5) -> bytes:
+    """The log of a card; a flight that several tests ask for is flown once in a process."""
+    with TemporaryDirectory() as folder:
+        secret = None if hidden is None else plant_one(*hidden)
+        vehicle = make_vehicle(plant, seed=seed, directory=Path(folder), hidden=secret)
+        for maneuver in card:
+            fly_maneuver(vehicle, *maneuver)
+        return log_of(vehicle, Path(folder)).read_bytes()

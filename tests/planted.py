@@ -444,7 +444,7 @@ class _Actuators:
                 self._held = command
             case "servo_backlash":
                 half = self._size["half_width"]
-                command = np.clip(self._held, command - half, command + half)
+                command = np.minimum(np.maximum(self._held, command - half), command + half)  # `clip` takes longer
                 self._held = command
             case "transport_delay":
                 return self._delayed(command, steps)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gcs.analysis.fits import runs_of
 from gcs.errors import TippathError
-from gcs.logs import Run, Window, ingest, resolve_runs
+from gcs.logs import AnyWindow, FromStart, Run, ingest, resolve_runs
 from sysid.data.record import Record
 from sysid.fit.result import Fit
 
@@ -21,7 +21,7 @@ def flown(
     fit: Fit,
     runs: Sequence[str] = (),
     profile: Path | None = None,
-    window: Window | None = None,
+    window: AnyWindow | None = None,
 ) -> tuple[list[Record], list[Record]]:
     """The records to compare with, and those of quiet hover beside them.
 
@@ -34,9 +34,10 @@ def flown(
         return split(found)
     if profile is not None:
         fit = replace(fit, profile=str(profile))
-    if window is not None:
+    cut = window if isinstance(window, FromStart) else None
+    if window is not None and not isinstance(window, FromStart):
         fit = replace(fit, window_s=window)
-    records = runs_of(fit, fit.records)
+    records = runs_of(fit, fit.records, cut)
     return records, [*split(records)[1], *_quiet_beside(fit, records)]
 
 
@@ -74,7 +75,7 @@ def quiet_among(runs: Sequence[Run], fit: Fit, records: Sequence[Record]) -> lis
 
 
 def flown_with_validation(
-    fit: Fit, runs: Sequence[str], validate: Sequence[str], profile: Path | None, window: Window | None
+    fit: Fit, runs: Sequence[str], validate: Sequence[str], profile: Path | None, window: AnyWindow | None
 ) -> tuple[list[Record], list[Record], list[Record]]:
     """Runs to fit, runs that only judge, and quiet hover; the fit's own where none are named.
 

@@ -14,6 +14,8 @@ from msgspec import Meta
 
 from gcs import documents
 from gcs.errors import TippathError
+from gcs.logs import AnyWindow, FromStart, ingest
+from gcs.logs.runs.run import split_mark
 from sysid.compare.metrics import Mismatches, mismatch
 from sysid.data.dataset import Runs, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
@@ -150,26 +152,29 @@ def load_vehicle(path: Path) -> Vehicle:
     return Vehicle(**{name: getattr(vehicle, name) for name in vehicle.__struct_fields__})
 
 
-def runs_of(fit: Fit, which: Sequence[RecordUsed]) -> list[Record]:
-    """The records a fit was made from, read again from their logs.
+def runs_of(fit: Fit, which: Sequence[RecordUsed], cut: FromStart | None = None) -> list[Record]:
+    """The records a fit was made from, read again from their logs; `cut` takes another part of each.
 
     Raises TippathError where a log is gone or is not the same bytes any more, or where the window leaves nothing.
     """
-    from gcs.logs import ingest
-
     profile = None if fit.profile is None else Path(fit.profile)
-    logs: dict[str, tuple[set[str], dict[str, Record | None]]] = {}
+    logs: dict[tuple[str, AnyWindow | None], tuple[set[str], dict[str, Record | None]]] = {}
     found: list[Record] = []
     for one in which:
         if not one.path or not Path(one.path).exists():
             raise TippathError(f"{one.id}: its log {one.path or '(unknown)'} is not there any more")
-        if one.path not in logs:
-            read = ingest([Path(one.path)], profile, fit.window_s, f_high_hz=fit.band_hz[1])
-            logs[one.path] = ({source.sha256 for source in read.sources}, {run.id: run.record for run in read.runs})
-        digests, records = logs[one.path]
+        plain, own_cut = split_mark(one.id)
+        window = cut or own_cut or fit.window_s
+        if (one.path, window) not in logs:
+            read = ingest([Path(one.path)], profile, window, f_high_hz=fit.band_hz[1])
+            logs[one.path, window] = (
+                {source.sha256 for source in read.sources},
+                {run.id: run.record for run in read.runs},
+            )
+        digests, records = logs[one.path, window]
         if one.sha256 not in digests:
             raise TippathError(f"{one.id}: {one.path} is not the log this fit was made from any more")
-        record = records.get(one.id)
+        record = records.get(plain + window.mark if isinstance(window, FromStart) else one.id)
         if record is None:
             ends = (
                 "" if fit.window_s is None else " in " + ":".join("" if s is None else f"{s:g}" for s in fit.window_s)

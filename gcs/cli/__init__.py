@@ -10,8 +10,8 @@ import sys
 from collections.abc import Sequence
 
 COMMANDS = (
-    *("fly", "sim", "sweep", "abort", "ingest", "fit", "effects", "compare", "diagnose", "add"),
-    *("design", "push", "revert", "report", "reveal", "demo"),
+    *("fly", "sim", "check", "sweep", "abort", "fetch", "ingest", "fit", "effects", "compare", "diagnose"),
+    *("add", "design", "push", "revert", "report", "reveal", "demo"),
 )
 """In the order of the work, as `tippath --help` lists them."""
 

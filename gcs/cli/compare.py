@@ -27,8 +27,8 @@ own logs, measures the noise.
 "error_share"}], "noise_share", "noise_share_is": "measured" or "upper bound, closed loop", "noise_from",
 "noise_floor_percent", "findings": [text], "responses" (model less measured with "noticed_hz", the bands where it lies
 above what noise allows), "amplitude": {"levels", "growth"}, "conditions", "trends", "controls", "runs",
-"suspicions": [{"kind", "runs", "text"}], "remarks"}. Error shares add up to 1 for each axis over the bands, and over
-the windows of all runs.
+"suspicions": [{"kind", "runs", "text"}], "remarks", "warnings"}. Error shares add up to 1 for each axis over
+the bands, and over the windows of all runs.
 """
 
 
@@ -58,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
     from gcs.analysis.text.comparison import compare_text
     from gcs.analysis.text.documents import comparison_document
-    from gcs.cli.fit import print_notes
+    from gcs.analysis.vehicles import doubted
+    from gcs.cli.fit import print_notes, with_warnings
     from sysid.compare.compare import compare
     from sysid.fit.result import Fit
 
@@ -72,12 +73,13 @@ def run(args: argparse.Namespace) -> int:
     records, quiet = flown(fit, args.runs, profile, window)
     print_notes([*records, *quiet])
     found = compare(fit.model, records, fit.band_hz, quiet, own_runs=not args.runs)
-    text = compare_text(found, fit)
+    doubts = doubted(records)
+    text = with_warnings(compare_text(found, fit), doubts)
     if args.plot is not None:
         write_picture(args.plot, compare_picture(found), f"tippath compare: {args.fit.name}", text)
         print(f"wrote {args.plot}", file=sys.stderr)
     if args.json:
-        print_json(comparison_document(found))
+        print_json(comparison_document(found, doubts))
     else:
         print(text)
     return 0

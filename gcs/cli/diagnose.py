@@ -44,7 +44,7 @@ answers like this one were right on flights whose answer was known.
 "confidence", "explained_share", "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent",
 "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best first, "pairs",
 "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text],
-"character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation", "suspicions",
+"character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation", "suspicions", "warnings",
 "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
 """
 
@@ -95,8 +95,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.pictures import picture_kind
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
+    from gcs.analysis.vehicles import doubted
     from gcs.cli.counting import Counting
-    from gcs.cli.fit import print_notes
+    from gcs.cli.fit import print_notes, with_warnings
     from gcs.errors import UsageError
     from sysid.fit.result import Fit
     from sysid.model.effect import load
@@ -137,9 +138,11 @@ def run(args: argparse.Namespace) -> int:
         None if document is None else str(args.output),
         full=args.explain,
     )
+    doubts = doubted([*records, *validation])
+    text = with_warnings(text, doubts)
     _write(args, found, document, text)
     if args.json:
-        print_json(diagnosis_document(found))
+        print_json(diagnosis_document(found, doubts))
     else:
         print(text)
     return 0

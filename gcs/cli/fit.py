@@ -92,10 +92,13 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from dataclasses import replace
+
     from gcs.analysis.fits import assess, load_vehicle
     from gcs.analysis.text.fit import fit_text, implied_text, judgement_document
+    from gcs.analysis.vehicles import doubted, not_of_one_model
     from gcs.errors import TippathError
-    from gcs.logs import parse_window, resolve_runs
+    from gcs.logs import FromStart, parse_window, resolve_runs
     from sysid.data.dataset import prepared
     from sysid.fit.identify import identify
     from sysid.model.compose import compose
@@ -128,8 +131,10 @@ def run(args: argparse.Namespace) -> int:
         effects=effects,
         fixed=held,
         profile=args.profile,
-        window_s=window,
+        window_s=None if isinstance(window, FromStart) else window,  # else the runs' own ids tell it
     )
+    doubts = doubted([*records, *validation]) or not_of_one_model(fit, records)
+    fit = replace(fit, warnings=(*doubts, *fit.warnings))
     judged = assess(fit, fitted, vehicle)
     document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judgement_document(judged)}
     if args.output:
@@ -154,6 +159,14 @@ def print_notes(records: Sequence[Record]) -> None:
             said.setdefault(note, []).append(record.id)
     for note, ids in said.items():
         print(f"note: {note}  ({', '.join(ids)})", file=sys.stderr)
+
+
+def with_warnings(text: str, doubts: Sequence[str]) -> str:
+    """An answer with what stands against all of it before it, in 78 columns."""
+    from gcs.analysis.text.blocks import wrapped
+
+    lines = [line for doubt in doubts for line in (*wrapped(f"warning: {doubt}", rest="  "), "")]
+    return "\n".join([*lines, text])
 
 
 def parse_base(word: str) -> Base:

@@ -63,7 +63,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("-o", dest="output", metavar="DIR", type=Path, help="write the usable runs there as records")
     parser.add_argument("--explain", action="store_true", help="channels found, not found, and what to write")
     parser.add_argument("--profile", metavar="FILE.toml", type=Path, help="where the channels come from")
-    parser.add_argument("--window", metavar="START:STOP", help="seconds of the log's own time; ends may be left open")
+    parser.add_argument(
+        "--window",
+        metavar="[@]START:STOP",
+        help="seconds of the log's own time, or with @ from each run's start (@5:25); ends may be left open",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite records that exist")
     parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
     parser.set_defaults(run=run)

@@ -193,6 +193,7 @@ def _names(runs: list[Run]) -> list[str]:
 
 def _stem(run: Run) -> str:
     name, mark, number = run.id.rpartition("#")
+    number = number.replace("@", "-from-").replace(":", "-to-")
     return f"{Path(name).stem}-{number}" if mark else Path(run.id).stem
 
 

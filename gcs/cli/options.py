@@ -12,14 +12,17 @@ from gcs.errors import UsageError
 from gcs.files import write_whole
 
 if TYPE_CHECKING:
-    from gcs.logs import Window
+    from gcs.logs import AnyWindow
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
     """--profile and --window, of every command that reads logs."""
     parser.add_argument("--profile", metavar="FILE.toml", help="which fields of the log are which channels")
     parser.add_argument(
-        "--window", metavar="START:STOP", help="seconds of the log's own t, applied to every run; open ends allowed"
+        "--window",
+        metavar="[@]START:STOP",
+        help="seconds of the log's own t, or with @ from each run's start (@5:25), applied to every run; open ends "
+        "allowed. For one run behind its name: LOG#2@5:25",
     )
 
 
@@ -35,7 +38,7 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
 
 
-def parse_reading(args: argparse.Namespace) -> tuple[tuple[float, float] | None, Window | None, Path | None]:
+def parse_reading(args: argparse.Namespace) -> tuple[tuple[float, float] | None, AnyWindow | None, Path | None]:
     """Band, window and profile as given; None where the fit's own count. Raises UsageError."""
     from gcs.logs import parse_window
 

@@ -91,6 +91,12 @@ def add_parser(subparsers: Any) -> None:
         "-o", "--output", type=Path, metavar="DIR", help="its own logs (default: the next vehicle-NNNN)"
     )
     parser.add_argument("--on-ground", action="store_true", help="start disarmed, waiting for takeoff")
+    parser.add_argument(
+        "--logs-by",
+        choices=("both", "log", "ftp", "none"),
+        help="how `tippath fetch` may have its logs: LOG_REQUEST_DATA, MAVFTP (default both)",
+    )
+    parser.add_argument("--log-rate", metavar="RATE", help="bytes a second that it sends of them (default 250000)")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     _add_faults(parser)
     parser.set_defaults(run=run)
@@ -121,9 +127,9 @@ def run(args: argparse.Namespace) -> int:
         seed = 1 if args.hidden is None else secrets.randbelow(10_000)
     command = [sys.executable, "-m", "sitl", "--listen", args.listen]
     command += ["--seed", str(seed), "-o", str(directory), *_faults(args)]
-    for option in ("plant", "hidden", "condition"):
+    for option in ("plant", "hidden", "condition", "logs_by", "log_rate"):
         given = getattr(args, option)
-        command += [] if given is None else [f"--{option}", given]
+        command += [] if given is None else [f"--{option.replace('_', '-')}={given}"]
     command += ["--on-ground"] if args.on_ground else []
     # Standard input stays the terminal: the pilot's lines go straight to the vehicle.
     vehicle = subprocess.Popen(command, stdout=subprocess.PIPE)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from gcs.cards.maneuver import TestCard
     from gcs.flight.flown_card import SweepResult
     from gcs.flight.run import RunResult
+    from gcs.flight.session import Session
+    from gcs.vehicle.profile import VehicleProfile
 
 CARDS = Path(__file__).parents[1] / "cards"
 WORD = "fly"
@@ -36,6 +38,9 @@ telemetry, card.toml the card, flight.json the runs and verdicts.
 Ctrl-C ends the excitation first: the mode before the run is sent again and again while the vehicle is in its excitation
 mode, and never after the pilot chose another. Nothing here arms, takes off or lands. A lost link is waited for up to a
 minute, to end the excitation then; Ctrl-C ends that wait, and the pilot takes over in any case.
+
+Before it a vehicle is looked at with `tippath check`, on the ground. One that streams its log can be armed only while a
+log client answers it: --wait does, until the pilot has taken off; where another station answers, it stays silent.
 
 The probe: five quiet seconds, then a step of a fifth of the card's amplitude on each axis. It tells reversed or swapped
 commands and gyros, lag, noise and a faulty log before 30 s are flown, and the amplitude up to which the card is
@@ -124,6 +129,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--leave-out", action="store_true", help="leave out of the card what this vehicle cannot fly, without asking"
     )
+    parser.add_argument(
+        "--wait",
+        action="store_true",
+        help="wait until the pilot has the vehicle in the air; a log that it streams is answered meanwhile, so that it "
+        "can be armed",
+    )
     parser.add_argument("--hardware", action="store_true", help="ask for the typed word even on this machine's link")
     parser.add_argument(
         "--probe",
@@ -156,7 +167,10 @@ def run(args: argparse.Namespace) -> int:
         return args.leave_out or typed_leaving_out(left_out)
 
     with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
-        ready = prepared(session, card, profiles=profiles, consent=consent)
+        stream = args.log == "stream"
+        if args.wait and not waited(session, args.connect, profiles, lambda: wishes() is not None, stream=stream):
+            return EXIT_INTERRUPTED
+        ready = prepared(session, card, profiles=profiles, consent=consent, log=args.log, link=args.connect)
         card, profile = ready.card, ready.profile
         lines = ProgressLines(card.limits)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
@@ -197,6 +211,38 @@ def run(args: argparse.Namespace) -> int:
     if unknown:
         print(f" how the rates followed is not known: {printable(unknown)}", file=sys.stderr)
     return exit_status(result, wishes() is not None, say_why=args.json)
+
+
+def waited(
+    session: Session,
+    link: str,
+    profiles: Sequence[VehicleProfile],
+    ended: Callable[[], bool],
+    *,
+    stream: bool,
+) -> bool:
+    """Wait for the pilot's take-off, with the vehicle's log answered so that it can be armed, where it is to be
+    streamed; False where ended.
+
+    Raises at once what stands against any card whoever flies.
+    """
+    from gcs.flight.connection import WallClock
+    from gcs.flight.flyable import require_flyable, wait_for_pilot
+    from gcs.flight.prepare import NOTHING
+    from gcs.flight.readiness import answer_where_needed
+    from gcs.logs.words import printable
+
+    clock = WallClock()
+    profile = require_flyable(session, NOTHING, clock, profiles=profiles, in_the_air=False, stream=stream, link=link)
+    if stream:
+        answer_where_needed(session, clock, link)
+    return wait_for_pilot(
+        session,
+        clock,
+        profile,
+        tell=lambda words: print(f" {printable(words)}", file=sys.stderr, flush=True),
+        ended=ended,
+    )
 
 
 def card_of(args: argparse.Namespace) -> TestCard | None:

@@ -21,6 +21,7 @@ from gcs.analysis.text.diagnosis import diagnosis_blocks
 from gcs.analysis.text.documents import comparison_document, diagnosis_document
 from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.gains import gains_text
+from gcs.analysis.vehicles import doubted
 from gcs.desk import choices, ladder, saved, shell
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
 from gcs.errors import TippathError, UsageError
@@ -140,7 +141,7 @@ class Calculations:
         comparison = compare(rung.fit.model, records, rung.fit.band_hz, quiet)
         text = compare_blocks(comparison, rung.fit)
         self._step("")
-        return comparison, comparison_document(comparison), text
+        return comparison, comparison_document(comparison, doubted(records)), text
 
     def diagnose(self, rung: Rung, flown: Flown, place: str) -> tuple[FitDiagnosis, Document, Blocks]:
         """What a rung lacks: values, the document to keep, text; `place`: where its fit is kept."""
@@ -148,7 +149,7 @@ class Calculations:
         diagnosis = diagnose_fit(rung.fit, *flown, say=self._step)
         text = diagnosis_blocks(diagnosis, place, shell.words(shell.named(rung.fit)))
         self._step("")
-        return diagnosis, diagnosis_document(diagnosis), text
+        return diagnosis, diagnosis_document(diagnosis, doubted([*flown[0], *flown[1]])), text
 
     def effect(self, fit: Fit, word: str) -> Effect:
         """The effect to add that a word names; a file's code runs."""

@@ -11,6 +11,7 @@ from gcs.flight.live import LiveWindow
 from gcs.flight.log_health import LogHealth
 from gcs.flight.recorder import RecordingSummary
 from gcs.link.procedures import Procedure
+from gcs.link.transport import Transport
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 T = TypeVar("T")
@@ -55,3 +56,19 @@ class WallClock:
 
     def sleep(self, seconds: float) -> None:
         time.sleep(seconds)
+
+
+def silence(transport: Transport, timeout_s: float) -> str:
+    """Why no vehicle was found on a link in `timeout_s`, as far as what came instead tells."""
+    frames, bad_bytes = transport.counts
+    if transport.problem is not None:
+        heard = transport.problem
+    elif frames:
+        heard = f"{frames} MAVLink messages, but no autopilot's heartbeat, in {timeout_s:.0f} s"
+    elif bad_bytes:
+        heard = f"{bad_bytes} bytes that are no MAVLink in {timeout_s:.0f} s; check the baud rate or the port"
+    elif transport.strangers:
+        heard = f"{transport.strangers} datagrams, none of an autopilot, in {timeout_s:.0f} s"
+    else:
+        heard = f"nothing heard in {timeout_s:.0f} s; check that the vehicle is on and sends to this address"
+    return f"no vehicle at {transport.name}: {heard}"

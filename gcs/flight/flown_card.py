@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -31,6 +32,8 @@ class Briefing:
     checks: tuple[Check, ...]
     link_loss: LinkLoss
     profile: VehicleProfile
+    seen: Callable[[], tuple[Check, ...]] = tuple
+    """The checks as they stand when it is called."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,8 +22,10 @@ from gcs.vehicle.autopilots import (
     SWITCH,
     lean_limit_deg,
     mode_name,
+    state_trouble,
 )
 from gcs.vehicle.profile import Plan, VehicleProfile
+from gcs.vehicle.readiness import BACKEND, LEAST_NEED, log_need, streams_log, tells_of_log, too_slow
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 LAG_LIMIT_S = 0.5
@@ -37,6 +39,7 @@ CALM = 0.3
 CENTRED = 0.25
 """Of full command: more trim leaves too little room on one side."""
 LOW_BATTERY = 0.25
+AGAIN = ", then fly this again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,29 +52,26 @@ class Check:
     """False blocks the flight."""
 
 
-def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, ...]:
-    """Whether the pilot has the vehicle in the air, in a mode from which a maneuver may start."""
-    manual = profile.manual_throttle_modes
-    names = " or ".join(mode_name(mode, snapshot.vehicle_type, snapshot.autopilot) for mode in manual)
+def flying(snapshot: VehicleSnapshot, profile: VehicleProfile | None) -> tuple[Check, ...]:
+    """Whether the pilot has the vehicle in the air, in a mode from which a maneuver of this profile may start."""
     checks = [
         Check("link", f"heard {snapshot.link_age_s:.1f} s ago", True)
         if not snapshot.lost
         else Check("link", f"nothing heard for {snapshot.link_age_s:.1f} s", False)
     ]
+    trouble = state_trouble(snapshot.status)
+    if trouble:
+        checks.append(Check("state", f"nothing is started: {trouble}", False))
     if not snapshot.armed:
-        checks.append(Check("in the air", "not armed: the pilot arms and takes off, then fly this again", False))
+        checks.append(Check("in the air", f"not armed: the pilot arms and takes off{AGAIN}", False))
+    elif trouble:
+        checks.append(Check("in the air", "armed; in this state the vehicle does not tell whether it flies"))
     elif snapshot.status != IN_THE_AIR:
-        checks.append(Check("in the air", "armed, but not in the air: the pilot takes off, then fly this again", False))
+        checks.append(Check("in the air", f"armed, but not in the air: the pilot takes off{AGAIN}", False))
     else:
         checks.append(Check("in the air", "armed and in the air"))
-    if snapshot.mode == profile.excitation_mode:
-        checks.append(
-            Check("mode", f"{snapshot.mode_name}: an excitation is on already; `tippath abort` ends it", False)
-        )
-    elif snapshot.mode not in manual:
-        checks.append(Check("mode", f"{snapshot.mode_name}: a sweep needs {names}; the pilot chooses it", False))
-    else:
-        checks.append(Check("mode", snapshot.mode_name))
+    if profile is not None:
+        checks.append(_mode(snapshot, profile))
     if snapshot.battery_remaining is not None or snapshot.battery_v is not None:
         volts = "" if snapshot.battery_v is None else f"{snapshot.battery_v:.1f} V"
         left = "" if snapshot.battery_remaining is None else f" {100 * snapshot.battery_remaining:.0f} %"
@@ -80,6 +80,16 @@ def flying(snapshot: VehicleSnapshot, profile: VehicleProfile) -> tuple[Check, .
     if snapshot.other_stations:
         checks.append(Check("stations", f"{snapshot.other_stations} other ground station(s) on this link"))
     return tuple(checks)
+
+
+def _mode(snapshot: VehicleSnapshot, profile: VehicleProfile) -> Check:
+    manual = profile.manual_throttle_modes
+    names = " or ".join(mode_name(mode, snapshot.vehicle_type, snapshot.autopilot) for mode in manual)
+    if snapshot.mode == profile.excitation_mode:
+        return Check("mode", f"{snapshot.mode_name}: an excitation is on already; `tippath abort` ends it", False)
+    if snapshot.mode not in manual:
+        return Check("mode", f"{snapshot.mode_name}: a sweep needs {names}; the pilot chooses it", False)
+    return Check("mode", snapshot.mode_name)
 
 
 def lag(snapshot: VehicleSnapshot) -> tuple[Check, ...]:
@@ -119,6 +129,22 @@ def controller(lqr_switch: float | None) -> tuple[Check, ...]:
         words = f"the LQR is not selected ({SWITCH} is 0): the pilot switches it on, then fly this again"
         return (Check("controller", words, False),)
     return (Check("controller", "the pilot's switch selects the LQR"),)
+
+
+def streamed(settings: Mapping[str, float], carries: float | None = None) -> tuple[Check, ...]:
+    """Whether the vehicle sends its log at all, as far as it tells, over a link that carries so many bytes a second at
+    most (None: its kind does not tell): known before anything is armed."""
+    if too_slow(settings, carries):
+        need = (log_need(settings) or LEAST_NEED) / 1e3
+        words = (
+            f"the link carries {(carries or 0.0) / 1e3:.1f} kB/s and the log needs about {need:.0f}: orders would wait "
+            "behind it; use a faster link (USB, UDP), or let the vehicle keep its log on its card "
+            f"({BACKEND} 1) and fly `tippath sweep --log card`"
+        )
+        return (Check("log rate", words, False),)
+    if not tells_of_log(settings) or streams_log(settings):
+        return ()
+    return (Check("log", f"the vehicle keeps its log to itself: {LOG_TO_MAVLINK}", False),)
 
 
 def recording(
@@ -161,7 +187,8 @@ def carried(health: LogHealth | None, loop_hz: float | None) -> tuple[Check, ...
         return (Check("log rate", f"{counted.carried / 1e3:.0f} kB/s arrive of the {needed:.0f} that it needs{more}"),)
     words = (
         f"the link carries {counted.carried / 1e3:.1f} kB/s and the log needs {needed:.0f}{more}: "
-        f"use a faster link (921,600 baud, USB, UDP), or let the vehicle log less ({LOG_LESS})"
+        f"use a faster link (USB, UDP), let the vehicle log less ({LOG_LESS}), or take the log from its card "
+        "afterwards (`tippath sweep --log card`)"
     )
     return (Check("log rate", words, False),)
 

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 
 from gcs.cards.maneuver import TestCard, load_card
 from gcs.errors import UsageError
-from gcs.flight.connection import Clock, Connection
-from gcs.flight.sweep import known_vehicle, require_flyable
+from gcs.flight import preflight
+from gcs.flight.connection import Clock, Connection, LogWay, WallClock
+from gcs.flight.flyable import require_flyable, wait_for_lag
+from gcs.flight.settings import recognise
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile
 from gcs.vehicle.translate import translate
 
 NO_CARD = "what to fly? Give --axis roll|pitch|elevator, or --card hover"
+NOTHING = TestCard(name="nothing", maneuvers=())
+"""To ask what stands against any card."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,25 +38,42 @@ def prepared(
     profiles: Sequence[VehicleProfile] = (),
     consent: Callable[[tuple[str, ...]], bool],
     otherwise: TestCard | None = None,
+    log: LogWay = "stream",
+    link: str | None = None,
     clock: Clock | None = None,
 ) -> Prepared:
     """A card, or without one the vehicle's own, else `otherwise`, as far as the vehicle can fly it.
 
     `consent` is asked with what must be left out, one sentence each, and nothing is left out unless it is true. Raises
-    UsageError where there is no card, CannotFlyError, and as `gcs.flight.sweep.require_flyable`.
+    UsageError where there is no card, CannotFlyError, and as `gcs.flight.flyable.require_flyable`, also where the
+    vehicle is not known: then with all else that stands against flying.
     """
-    profile = known_vehicle(session, clock, profiles=profiles)
+    clock, stream = clock or WallClock(), log == "stream"
+    profile = _known(session, clock, profiles, stream=stream, link=link)
     own = None if card is not None else own_card(profile, session.snapshot().vehicle_type)
     card = card or own or otherwise
     if card is None:
         raise UsageError(NO_CARD)
     translation = translate(card, profile)
     if translation.left_out and not consent(translation.left_out):
+        require_flyable(session, translation.card, clock, profile=profile, stream=stream, link=link)
         raise CannotFlyError(
             f"this vehicle cannot fly all of the card: {'; '.join(translation.left_out)}. --leave-out flies the rest"
         )
-    require_flyable(session, translation.card, clock, profiles=(profile,))
+    require_flyable(session, translation.card, clock, profile=profile, stream=stream, link=link)
     return Prepared(translation.card, profile, translation.left_out, own is not None)
+
+
+def _known(
+    session: Connection, clock: Clock, profiles: Sequence[VehicleProfile], *, stream: bool, link: str | None
+) -> VehicleProfile:
+    wait_for_lag(session, clock)
+    try:
+        if all(check.ok for check in preflight.lag(session.snapshot())):
+            return recognise(session, clock, profiles)
+    except CannotFlyError:
+        pass  # with all else that stands against it
+    return require_flyable(session, NOTHING, clock, profiles=profiles, stream=stream, link=link)
 
 
 def own_card(profile: VehicleProfile, vehicle_type: int) -> TestCard | None:

@@ -22,8 +22,9 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from gcs.errors import LinkError, TippathError
+from gcs.flight.calls import Call
 from gcs.flight.card_recording import CardRecording
-from gcs.flight.connection import LogWay
+from gcs.flight.connection import LogWay, silence
 from gcs.flight.live import LiveLog, LiveWindow
 from gcs.flight.log_health import LogHealth
 from gcs.flight.pace import BEAT_S, Pace, RealTime
@@ -45,11 +46,14 @@ from gcs.link.events import (
     AutopilotVersion,
     CommandAck,
     Event,
+    FtpReply,
     Heartbeat,
     LogBlock,
+    LogReceipt,
     StatusText,
     StatusTextPart,
 )
+from gcs.link.log_answer import AnsweredRate, LogAnswer, LogClient
 from gcs.link.procedures import (
     Failed,
     NoAnswerError,
@@ -62,9 +66,7 @@ from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
 T = TypeVar("T")
-
 STATION_SYSTEM = 254
-
 RECEIVE_S = 0.01
 """How long the engine waits for bytes before it looks at what is due."""
 OTHERS_FOR_S = 10.0
@@ -72,15 +74,6 @@ OTHERS_FOR_S = 10.0
 KEPT_TEXTS = 1000
 STOP_WITHIN_S = 15.0
 """The longest that the end of a recording may take: the sender drops a stream after 10 s."""
-
-
-class _Call:
-    """A procedure under way, and whoever waits for it."""
-
-    def __init__(self, procedure: Procedure[Any]) -> None:
-        self.procedure = procedure
-        self.ended = threading.Event()
-        self.crash: BaseException | None = None
 
 
 class Session:
@@ -112,7 +105,7 @@ class Session:
         self._found = threading.Event()
         self._ending = threading.Event()
         self._crash: BaseException | None = None
-        self._calls: list[_Call] = []
+        self._calls: list[Call] = []
         self._version: AutopilotVersion | None = None
         self._link_clock = LinkClock()
         self._assembly = TextAssembly()
@@ -120,9 +113,10 @@ class Session:
         self._others: dict[tuple[bool, int, int], float] = {}
         self._sent: deque[bytes] = deque(maxlen=10_000)
         self._recording: Recording | CardRecording | None = None
+        self._answer: LogAnswer | None = None
+        """Of the vehicle's log, while it is not recorded."""
         self._live = LiveLog()
-        self._window = self._live.window
-        """Of what is being recorded, or was last."""
+        self._window = self._live.window  # of what is being recorded, or was last
         self._telemetry = TelemetryRequests()
         self._pace.begin(self._turn, self._beat)
 
@@ -152,24 +146,10 @@ class Session:
     def wait_for_vehicle(self, timeout_s: float) -> None:
         """Wait for the first heartbeat of an autopilot and ask what it is. Raises LinkError where none comes."""
         if not self._pace.wait(self._found, timeout_s):
-            raise LinkError(self._silence(timeout_s))
+            raise LinkError(silence(self._transport, timeout_s))
         # A vehicle that does not tell its version can still be flown.
         with contextlib.suppress(ProcedureError):
             self.call(RequestAutopilotVersion(3))
-
-    def _silence(self, timeout_s: float) -> str:
-        frames, bad_bytes = self._transport.counts
-        if self._transport.problem is not None:
-            heard = self._transport.problem
-        elif frames:
-            heard = f"{frames} MAVLink messages, but no autopilot's heartbeat, in {timeout_s:.0f} s"
-        elif bad_bytes:
-            heard = f"{bad_bytes} bytes that are no MAVLink in {timeout_s:.0f} s; check the baud rate or the port"
-        elif self._transport.strangers:
-            heard = f"{self._transport.strangers} datagrams, none of an autopilot, in {timeout_s:.0f} s"
-        else:
-            heard = f"nothing heard in {timeout_s:.0f} s; check that the vehicle is on and sends to this address"
-        return f"no vehicle at {self.link}: {heard}"
 
     def __enter__(self) -> Self:
         return self
@@ -210,7 +190,7 @@ class Session:
         Raises ProcedureError: refused, unanswered, not done in `timeout_s` (the procedure's own patience where it is
         None), or `cancelled()` became true.
         """
-        call = _Call(procedure)
+        call = Call(procedure)
         with self._lock:
             if self._version is not None:
                 procedure.on_event(self._version, self._clock())
@@ -268,18 +248,28 @@ class Session:
         """What the system gave for receiving, bytes."""
         return self._transport.receive_buffer
 
-    # Recording.
-
     def start_recording(self, directory: Path, log: LogWay = "stream") -> None:
-        """Ask for the vehicle's log and write it, and the telemetry, into `directory`, as it comes. With `card` the log
-        is not asked for, and telemetry is, at a rate that serves instead.
+        """Ask for the vehicle's log, or with `card` for telemetry that serves instead, and write it into `directory`.
 
-        Returns at once; the snapshot's `blocks_received` shows that it works. Raises TippathError where the folder
-        cannot be written, or something is being recorded already.
+        Returns at once. Raises TippathError where the folder cannot be written, or something is being recorded already.
         """
         with self._lock:
             self._refuse_second()
             self._record(Recorder(directory, self._wall_clock), log)
+
+    def answer_log(self, wanted: bool = True, *, at_once: bool = False) -> None:
+        """Answer a log that is streamed and not recorded: once disarmed, or `at_once`. See `LogClient`."""
+        with self._lock:
+            if wanted and self._answer is None:
+                self._answer = LogAnswer((self.station, STATION_COMPONENT), at_once=at_once)
+            elif not wanted:
+                self._answer = None
+                self._update(log_client=LogClient.NOBODY)
+
+    def answered_rate(self) -> AnsweredRate | None:
+        """What the link carried of the log that is answered; None where too little came, or it is recorded."""
+        with self._lock:
+            return None if self._answer is None else self._answer.rate(self._clock())
 
     def _record(self, recorder: Recorder, log: LogWay = "stream") -> None:
         with self._lock:
@@ -291,7 +281,16 @@ class Session:
             else:
                 self._recording = Recording(recorder, self._live, self._clock)
             self._window = self._recording.window
-            self._say(self._recording.blocks.start(self._clock()))
+            if self._answer is not None:
+                self._say(self._answer.hand_over(self._clock()))
+            self._begin_blocks(self._recording)
+
+    def _begin_blocks(self, recording: Recording | CardRecording, *, now_at_last: bool = False) -> None:
+        """Ask for the log, once nothing of a stream that was answered before can come any more."""
+        answer, now = self._answer, self._clock()
+        free = answer is None or now_at_last or answer.handed_over(now, self._link_clock.lag_s)
+        if free and not recording.blocks.started:
+            self._say(recording.blocks.start(now))
 
     def _refuse_second(self) -> None:
         if self._recording is not None:
@@ -315,6 +314,7 @@ class Session:
             recording = self._recording
             if recording is None:
                 raise TippathError("nothing is being recorded")
+            self._begin_blocks(recording, now_at_last=True)
             self._say(recording.blocks.stop(self._clock()))
         end = self._pace.now() + within_s
         while not self._pace.wait(recording.over, 0.05) and self._pace.now() < end:
@@ -326,6 +326,8 @@ class Session:
             self._log_sent()
             self._recording = None
             self._update(recording=None, log_on_card=False)
+            if self._answer is not None:
+                self._answer.restart()
             return recording.finish()
 
     def close(self) -> None:
@@ -335,6 +337,10 @@ class Session:
         with contextlib.suppress(TippathError):
             lost = self._snapshot is None or self.snapshot().lost
             self.stop_recording(0.5 if lost else 3.0)
+        with self._lock:
+            if self._answer is not None:
+                self._say(self._answer.hand_over(self._clock()))
+                self._answer = None
         if self._snapshot is not None:
             self._say(self._telemetry.given_back())
         self._ending.set()
@@ -369,6 +375,9 @@ class Session:
             self._note_others(event, now)
             if snapshot is None and event.from_autopilot:
                 snapshot = self._pin(event, now)
+        if isinstance(event, LogReceipt):  # another station's
+            self._answered(event, now)
+            return
         if snapshot is None or frame.message.get_srcSystem() != snapshot.system:
             return
         self._last_heard = now
@@ -394,9 +403,9 @@ class Session:
 
     def _on_event(self, event: Event, now: float) -> None:
         assert self._snapshot is not None
-        if isinstance(event, CommandAck) and event.target_system not in (0, self.station):
+        if isinstance(event, CommandAck | FtpReply) and event.target_system not in (0, self.station):
             return
-        if isinstance(event, CommandAck) and event.target_component not in (0, STATION_COMPONENT):
+        if isinstance(event, CommandAck | FtpReply) and event.target_component not in (0, STATION_COMPONENT):
             return
         own = event.component == self._snapshot.component
         if own:
@@ -411,11 +420,28 @@ class Session:
             self._version = event
         if self._recording is not None and (own or isinstance(event, LogBlock)):
             self._say(self._recording.blocks.on_event(event, now))
+        if isinstance(event, LogBlock) and (self._recording is None or not self._recording.blocks.started):
+            self._answered(event, now)
         if own:
             for call in list(self._calls):
                 self._step(call, lambda procedure: procedure.on_event(event, now))
 
-    def _step(self, call: _Call, step: Callable[[Procedure[Any]], Iterable[Send]]) -> None:
+    def _answered(self, event: Event, now: float) -> None:
+        if self._answer is not None:
+            self._say(self._answer.on_event(event, now))
+
+    def _poll_answer(self, now: float) -> None:
+        """Of the log: answered while it is not recorded, and handed over to a recording that begins."""
+        answer, recording = self._answer, self._recording
+        if answer is None or self._snapshot is None:
+            return
+        if recording is None or not recording.blocks.started:
+            self._say(answer.poll(now, self._snapshot.armed, self._link_clock))
+        if recording is not None:
+            self._begin_blocks(recording)
+        self._update(log_client=LogClient.NOBODY if recording is not None else answer.client)
+
+    def _step(self, call: Call, step: Callable[[Procedure[Any]], Iterable[Send]]) -> None:
         if call.ended.is_set():
             return
         try:
@@ -433,6 +459,7 @@ class Session:
             self._on_event(text, now)
         for call in list(self._calls):
             self._step(call, lambda procedure: procedure.poll(now))
+        self._poll_answer(now)
         if self._recording is not None:
             self._say(self._recording.poll(now))
             self._log_sent()

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -34,6 +33,7 @@ from gcs.flight.flown_card import (
     recording_document,
     vehicle_document,
 )
+from gcs.flight.flyable import NotReadyError, controller, free_bytes, require, require_flyable
 from gcs.flight.folder import FlightFolder
 from gcs.flight.handback import Handback
 from gcs.flight.preflight import Check
@@ -53,16 +53,16 @@ from gcs.flight.recorder import RecordingSummary
 from gcs.flight.rules import TICK_S, joined
 from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, contradiction, fly_run, locked
 from gcs.flight.run_state import Ending
-from gcs.flight.settings import ask_all, changed_since, read_settings, recognise, write_plan
+from gcs.flight.settings import changed_since, read_settings, write_plan
 from gcs.flight.verdict import cut
 from gcs.link.procedures import ProcedureError
-from gcs.vehicle.autopilots import LOOP_RATE, SWITCH, LinkLoss, link_loss
+from gcs.vehicle.autopilots import LOOP_RATE, LinkLoss, link_loss, state_trouble
 from gcs.vehicle.profile import Plan, VehicleProfile
 
 LOG_WAIT_S = 8.0
 HOVER_LOOK_S = 2.0
-LAG_WAIT_S = 4.0
-"""How long a vehicle's first answer, which tells how late the link is, is waited for."""
+LOOK_AGAIN_S = 1.0
+"""So long a check may fail for a moment, right before the card begins."""
 ABORT_S = 0.15
 """From seeing that a run must end to the order on a link without lag, heartbeats not waited for."""
 PROBE_AROUND_S = 1.0
@@ -70,53 +70,6 @@ PROBE_AROUND_S = 1.0
 
 
 # ------------------------------------------------------------------------------------------------ a whole card
-
-
-class NotReadyError(TippathError):
-    """A check before the start failed; the message lists what and why."""
-
-
-def known_vehicle(
-    session: Connection, clock: Clock | None = None, *, profiles: Sequence[VehicleProfile] = ()
-) -> VehicleProfile:
-    """What this vehicle is, of these profiles or of those that come with the package, on a link that may be flown on.
-
-    Raises CannotFlyError, NotReadyError, LinkError or ProcedureError.
-    """
-    clock = clock or WallClock()
-    _wait_for_lag(session, clock)
-    _require(preflight.lag(session.snapshot()))
-    return recognise(session, clock, profiles)
-
-
-def require_flyable(
-    session: Connection, card: TestCard, clock: Clock | None = None, *, profiles: Sequence[VehicleProfile] = ()
-) -> VehicleProfile:
-    """Before a folder is made: whether this vehicle, as it is now, can fly the card at all, and what it is, of
-    these profiles or of those that come with the package.
-
-    Raises CannotFlyError, NotReadyError, LinkError or ProcedureError; `fly_card` looks again.
-    """
-    clock = clock or WallClock()
-    profile = known_vehicle(session, clock, profiles=profiles)
-    for run in card.runs():
-        profile.plan(run.maneuver)
-    _require((*preflight.flying(session.snapshot(), profile), *_controller(session, clock, card)))
-    return profile
-
-
-def _wait_for_lag(session: Connection, clock: Clock) -> None:
-    """Until it is known how late the link is, or that the vehicle does not answer."""
-    end = clock.now() + LAG_WAIT_S
-    while session.snapshot().lag_s is None and clock.now() < end:
-        clock.sleep(TICK_S)
-
-
-def _controller(session: Connection, clock: Clock, card: TestCard) -> tuple[Check, ...]:
-    """Which controller follows the rates that a card commands; nothing where it commands none."""
-    if all(maneuver.target != "rate" for maneuver in card.maneuvers):
-        return ()
-    return preflight.controller(ask_all(session, clock, [SWITCH]).get(SWITCH))
 
 
 def fly_card(
@@ -150,19 +103,13 @@ def fly_card(
     clock = clock or WallClock()
     limits = limits or card.limits
     disk_free = disk_free or free_bytes
-    _wait_for_lag(session, clock)
-    _require(preflight.lag(session.snapshot()))
-    profile = profile or recognise(session, clock)
+    profile = require_flyable(session, card, clock, profile=profile, stream=log == "stream")
     probes = probe_card(card, profile).runs() if probe and log == "stream" else ()
     planned = tuple((run, profile.plan(run.maneuver)) for run in preceded(card.runs(), probes))
-    controller = _controller(session, clock, card)
-    _require((*preflight.flying(session.snapshot(), profile), *controller))
     parameters = read_settings(session, clock, profile)
-    controller = (*controller, preflight.lean_stop(parameters))
-    if log == "card":
-        kept = log_way.card_log(session, clock)
-        _require(kept)
-        controller = (*controller, *kept)
+    kept = log_way.card_log(session, clock) if log == "card" else ()
+    require(kept)
+    before_it = (*controller(session, clock, card), preflight.lean_stop(parameters), *kept)
     loss = link_loss(parameters, session.station)
     flight = _Flight(
         session=session,
@@ -179,27 +126,13 @@ def fly_card(
     )
     folder.write_card(card.text)
     with flight:
-        checks = flight.look(disk_free, controller, parameters.get(LOOP_RATE))
-        _require(checks)
-        if not confirm(Briefing(card, tuple(planned), checks, loss, profile)):
+        checks = flight.look(disk_free, before_it, parameters.get(LOOP_RATE))
+        require(checks)
+        if not confirm(Briefing(card, tuple(planned), checks, loss, profile, flight.seen)):
             raise NotReadyError("not confirmed: nothing was flown")
-        _require(preflight.flying(session.snapshot(), profile))  # somebody may have thought for minutes
+        flight.look_again()  # somebody may have thought for minutes
         flight.fly(parameters, aborted, interruptions)
     return flight.result()
-
-
-def free_bytes(path: Path) -> int | None:
-    """Bytes free on the disk of `path`, None where the system does not tell."""
-    try:
-        return shutil.disk_usage(path).free
-    except OSError:
-        return None
-
-
-def _require(checks: Sequence[Check]) -> None:
-    failed = [check for check in checks if not check.ok]
-    if failed:
-        raise NotReadyError("not ready: " + "; ".join(f"{check.name}: {check.words}" for check in failed))
 
 
 @dataclass(kw_only=True)
@@ -219,6 +152,8 @@ class _Flight:
     log: LogWay = "stream"
     runs: list[RunResult] = field(default_factory=list)
     checks: tuple[Check, ...] = ()
+    seen: Callable[[], tuple[Check, ...]] = tuple
+    """The checks as they stand at this moment, once they were made."""
     recording: RecordingSummary | None = None
     stopped: str = ""
     ending: Ending | None = None
@@ -280,21 +215,33 @@ class _Flight:
             if log_way.hovered(self.session, self.log, HOVER_LOOK_S):
                 break
             self.clock.sleep(TICK_S)
-        snapshot = self.session.snapshot()
-        known = [lag_s for lag_s in lags if lag_s is not None]
-        if known and snapshot.lag_s is not None:
-            snapshot = replace(snapshot, lag_s=median(known))
-        window = self.session.samples(HOVER_LOOK_S)
         plans = [plan for _, plan in self.planned]
-        look = log_way.Look(before, snapshot, self.session.log_health(), self.clock.now() - began)
-        self.checks = (
-            *preflight.lag(snapshot),
-            *preflight.flying(snapshot, self.profile),
-            *before_it,
-            *log_way.arriving(self.log, look, disk_free(self.folder.path), self.card.duration_s, loop_hz),
-            *preflight.hover(snapshot, window, plans, self.limits, telemetry=self.log == "card"),
-        )
+
+        def seen(lag_s: float | None = None) -> tuple[Check, ...]:
+            snapshot = self.session.snapshot()
+            if lag_s is not None and snapshot.lag_s is not None:
+                snapshot = replace(snapshot, lag_s=lag_s)
+            window, over_s = self.session.samples(HOVER_LOOK_S), self.clock.now() - began
+            look = log_way.Look(before, snapshot, self.session.log_health(), over_s)
+            return (
+                *preflight.lag(snapshot),
+                *preflight.flying(snapshot, self.profile),
+                *before_it,
+                *log_way.arriving(self.log, look, disk_free(self.folder.path), self.card.duration_s, loop_hz),
+                *preflight.hover(snapshot, window, plans, self.limits, telemetry=self.log == "card"),
+            )
+
+        known = [lag_s for lag_s in lags if lag_s is not None]
+        self.seen, self.checks = seen, seen(median(known) if known else None)
         return self.checks
+
+    def look_again(self) -> None:
+        """The same checks as they stand now, and for a moment more. Raises NotReadyError."""
+        end = self.clock.now() + LOOK_AGAIN_S
+        while not all(check.ok for check in self.seen()) and self.clock.now() < end:
+            self.clock.sleep(TICK_S)
+        self.checks = self.seen()
+        require(self.checks)
 
     def fly(
         self,
@@ -352,7 +299,10 @@ class _Flight:
             return None
         self.on_progress(RunReady(run, plan))
         if aborted() is None:  # minutes may have passed
-            self.stopped = self._changed(plan) or self._log_dead()
+            trouble = state_trouble(self.session.snapshot().status)
+            if trouble:
+                self.ending = Ending.REFUSED
+            self.stopped = trouble or self._changed(plan) or self._log_dead()
             if self.stopped:
                 return None
             self._audit(f"starting {run.label}: {run.maneuver.numbers}, {plan.words}")

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gcs.cards.envelope import Limits, Peaks, Use, use
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.live import LiveWindow
+from gcs.vehicle.log_rate import LARGER_BUFFER, LOG_EVERY_LOOP, SAMPLES_OF_A_PERIOD, SLOWER, slower_than_loop
 from gcs.vehicle.profile import Plan
 from sysid.data.coherence import coherence
 
@@ -31,6 +32,10 @@ COMMANDS = {"roll": "x", "pitch": "y", "elevator": "e"}
 NO_SAMPLES = "no samples came"
 ON_CARD = "flown, log on the vehicle's card"
 FEW_MISSING = 0.01
+EVEN, MOST_EVEN = 0.5, 0.95
+"""A log has a rate where so many of its spacings are within half of the median."""
+SLOWEST_HZ = 60.0
+"""A fit up to 15 Hz needs four samples of a period."""
 FEW_AT_END_S = 0.25
 """Missing at a run's end: a chirp is fastest there."""
 SEGMENT_S = 4.0
@@ -59,6 +64,8 @@ class Verdict:
     """Part of the swept band where it is."""
     ends_early_s: float | None = None
     """By how much the last sample comes before the run's end, at least a few samples; None where that is not known."""
+    notes: tuple[str, ...] = ()
+    """What else to know of the samples, and what would make them better."""
     told_for_s: float | None = None
     """The log stayed on the vehicle's card, and telemetry told `samples` attitudes in so many seconds: whether the run
     is worth keeping is not known before the log is read. None where the log came."""
@@ -97,7 +104,7 @@ class Verdict:
             parts.append(f"coherence {self.coherent_hz[0]:.1f}-{self.coherent_hz[1]:.1f} Hz")
         if NO_SAMPLES not in self.reasons:
             parts.append(self.gaps_words)
-        return (*parts, f"{self.use.largest:.0f} % of the limits")
+        return (*parts, f"{self.use.largest:.0f} % of the limits", *self.notes)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -112,6 +119,7 @@ class Verdict:
             "percent_of_limits": self.use.to_json(),
             "coherent_hz": None if self.coherent_hz is None else [round(f, 2) for f in self.coherent_hz],
             "coherent_share": None if self.coherent_share is None else round(self.coherent_share, 3),
+            "notes": list(self.notes),
         }
 
 
@@ -129,7 +137,8 @@ def judge(
 
     `samples` has arrays of shape (n,) under t, p, q, delta_x, delta_y, excitation_x, excitation_y, cut to the maneuver,
     and under delta_e, excitation_e where they are known;
-    `rate_hz` is the log's nominal rate, None where it is not known; `interruption` says why the run ended early.
+    `rate_hz` is that of the vehicle's loop, None where it is not known; a log that is evenly slower is judged by what
+    the maneuver needs; `interruption` says why the run ended early.
     `start_s` is the log's time of the maneuver's begin: with it a log that ends before the run did is told from gaps.
     """
     came = _arrival(samples["t"], rate_hz, plan.maneuver.duration_s, start_s)
@@ -152,6 +161,7 @@ def judge(
         coherent_hz=band,
         coherent_share=part,
         ends_early_s=came.ends_early_s if interruption is None else None,
+        notes=_notes(came, rate_hz),
     )
 
 
@@ -186,7 +196,7 @@ class _Arrival:
     expected: int
     """0 where the log's rate is not known."""
     rate_hz: float
-    """As given, else by the samples; 0 where neither tells."""
+    """Of the log: as given, by the samples where they come evenly at less; 0 where neither tells."""
     gaps: int
     widest_gap: float
     """Samples missing in it."""
@@ -197,10 +207,31 @@ class _Arrival:
         return max(0, self.expected - self.samples)
 
 
+def _notes(came: _Arrival, loop_hz: float | None) -> tuple[str, ...]:
+    """How the log is slower than the loop, and what to do where samples are missing though the link lost none."""
+    notes = []
+    if loop_hz and 0 < came.rate_hz < loop_hz:
+        notes.append(f"{slower_than_loop(came.rate_hz, loop_hz)}; {LOG_EVERY_LOOP}")
+    if came.gaps and came.missing > FEW_MISSING * came.expected:
+        notes.append(
+            "where no block of the log is missing, the vehicle dropped them before it sent them: "
+            f"{LARGER_BUFFER}, or take the vehicle's own file from its card"
+        )
+    return tuple(notes)
+
+
+def _log_rate(spacing: FloatArray, loop_hz: float | None) -> float | None:
+    """The rate that a log has: the loop's, or its own where it is evenly slower; None where neither is known."""
+    if not spacing.size:
+        return loop_hz
+    median = float(np.median(spacing))
+    even = float(np.mean(np.abs(spacing - median) < EVEN * median)) > MOST_EVEN
+    return 1 / median if loop_hz is None or (even and 1 / median < SLOWER * loop_hz) else loop_hz
+
+
 def _arrival(t: FloatArray, rate_hz: float | None, duration_s: float, start_s: float | None) -> _Arrival:
     spacing = float(np.median(np.diff(t))) if t.size > 2 else None
-    if rate_hz is None and spacing:
-        rate_hz = 1 / spacing
+    rate_hz = _log_rate(np.diff(t) if t.size > 2 else np.empty(0), rate_hz)
     gaps, widest_gap = _gaps(t, spacing)
     return _Arrival(
         samples=int(t.size),
@@ -216,6 +247,9 @@ def _lost(came: _Arrival, maneuver: Maneuver) -> str | None:
     """Why too few samples came, None where enough did."""
     if not came.expected or came.samples < 3:
         return NO_SAMPLES
+    needed_hz = SAMPLES_OF_A_PERIOD * maneuver.f_stop_hz if maneuver.kind == "chirp" else SLOWEST_HZ
+    if came.rate_hz < max(needed_hz, SLOWEST_HZ) * SLOWER:
+        return f"logged at {came.rate_hz:.0f} Hz, too slow: at least {needed_hz:.0f} Hz are needed; {LOG_EVERY_LOOP}"
     few = f"{came.missing} of {came.expected} samples are missing"
     early_s = came.ends_early_s
     if early_s is not None and early_s > min(FEW_AT_END_S, FEW_MISSING * maneuver.duration_s):

@@ -20,9 +20,13 @@ from gcs.link.events import (
     Battery,
     CommandAck,
     Event,
+    FtpReply,
     Heartbeat,
     LocalPosition,
     LogBlock,
+    LogData,
+    LogEntry,
+    LogReceipt,
     ParamError,
     ParamValue,
     RotorSpeed,
@@ -34,6 +38,11 @@ from gcs.link.events import (
 
 BLOCK_SIZE = 200
 TEXT_SIZE = 50
+LOG_PIECE = 90
+FTP_HEADER = struct.Struct("<HBBBBBxI")
+"""Number, session, opcode, size, opcode answered, burst complete, offset."""
+FTP_DATA = 239
+FTP_ACK, FTP_NAK = 128, 129
 PARAMETER_ERRORS = {
     1: "does not exist",
     2: "value out of range",
@@ -139,7 +148,40 @@ def _status_text(m: Any, system: int, component: int) -> Event:
 
 def _log_block(m: Any, system: int, component: int) -> Event:
     data = payload_of(m)[6 : 6 + BLOCK_SIZE].ljust(BLOCK_SIZE, b"\0")
-    return LogBlock(system, component, m.seqno, data)
+    return LogBlock(system, component, m.seqno, data, m.target_system, m.target_component)
+
+
+def _log_receipt(m: Any, system: int, component: int) -> Event:
+    return LogReceipt(system, component, m.seqno)
+
+
+def _log_entry(m: Any, system: int, component: int) -> Event:
+    return LogEntry(system, component, id=m.id, count=m.num_logs, size=m.size, utc_s=m.time_utc)
+
+
+def _log_data(m: Any, system: int, component: int) -> Event:
+    size = min(m.count, LOG_PIECE)  # it may say more than it holds
+    return LogData(system, component, m.id, m.ofs, payload_of(m)[7 : 7 + size].ljust(size, b"\0"))
+
+
+def _ftp(m: Any, system: int, component: int) -> Event | None:
+    payload = payload_of(m)[3:].ljust(FTP_HEADER.size + FTP_DATA, b"\0")
+    number, session, opcode, size, answers, complete, offset = FTP_HEADER.unpack_from(payload)
+    if opcode not in (FTP_ACK, FTP_NAK):
+        return None  # a request: another station's, or a vehicle's that takes us for a server
+    return FtpReply(
+        system,
+        component,
+        target_system=m.target_system,
+        target_component=m.target_component,
+        number=number,
+        session=session,
+        ack=opcode == FTP_ACK,
+        answers=answers,
+        burst_complete=bool(complete),
+        offset=offset,
+        data=payload[FTP_HEADER.size : FTP_HEADER.size + min(size, FTP_DATA)],
+    )
 
 
 def _attitude(m: Any, system: int, component: int) -> Event:
@@ -213,9 +255,13 @@ _READERS: dict[int, Callable[[Any, int, int], Event | None]] = {
     30: _attitude,
     32: _local_position,
     77: _command_ack,
+    110: _ftp,
     111: _timesync,
+    118: _log_entry,
+    120: _log_data,
     148: _autopilot_version,
     184: _log_block,
+    185: _log_receipt,
     226: _rpm,
     253: _status_text,
     345: _param_error,

@@ -11,6 +11,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.link.decode import FTP_DATA, FTP_HEADER
+
 START_BLOCKS = 2147483646
 STOP_BLOCKS = 2147483645
 STATION_COMPONENT = 190
@@ -80,7 +82,53 @@ class Ping:
     nonce: int
 
 
-Send = StationHeartbeat | Ping | ParamRead | ParamList | ParamWrite | Command | BlockStatus
+@dataclass(frozen=True, slots=True)
+class LogListRequest:
+    """Which logs are on board? Entries `first` to `last`."""
+
+    first: int = 0
+    last: int = 0xFFFF
+
+
+@dataclass(frozen=True, slots=True)
+class LogDataRequest:
+    """`size` bytes of the log `id`, from `offset`."""
+
+    id: int
+    offset: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class LogEnd:
+    """No more of a list or a log: until this is heard it goes on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FtpRequest:
+    """A request of MAVFTP; asked again it keeps its number. At most 239 bytes of `data`."""
+
+    number: int
+    session: int
+    opcode: int
+    offset: int = 0
+    size: int = 0
+    data: bytes = b""
+
+
+Send = (
+    StationHeartbeat
+    | Ping
+    | ParamRead
+    | ParamList
+    | ParamWrite
+    | Command
+    | BlockStatus
+    | LogListRequest
+    | LogDataRequest
+    | LogEnd
+    | FtpRequest
+)
 
 
 class Encoder:
@@ -121,7 +169,23 @@ class Encoder:
                 message = dialect.MAVLink_command_long_message(system, component, command, attempt % 256, *seven)
             case BlockStatus(number, kept):
                 message = dialect.MAVLink_remote_log_block_status_message(system, component, number, int(kept))
+            case LogListRequest(first, last):
+                message = dialect.MAVLink_log_request_list_message(system, component, first, last)
+            case LogDataRequest(id, offset, size):
+                message = dialect.MAVLink_log_request_data_message(system, component, id, offset, size)
+            case LogEnd():
+                message = dialect.MAVLink_log_request_end_message(system, component)
+            case FtpRequest():
+                message = dialect.MAVLink_file_transfer_protocol_message(0, system, component, _ftp_payload(send))
         return bytes(message.pack(self._mav))
+
+
+def _ftp_payload(send: FtpRequest) -> bytes:
+    if len(send.data) > FTP_DATA:
+        raise ValueError(f"a name on the vehicle has at most {FTP_DATA} bytes")
+    size = len(send.data) or send.size
+    head = FTP_HEADER.pack(send.number & 0xFFFF, send.session, send.opcode, size, 0, 0, send.offset)
+    return (head + send.data).ljust(FTP_HEADER.size + FTP_DATA, b"\0")
 
 
 def _name(name: str) -> bytes:

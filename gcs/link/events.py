@@ -162,6 +162,58 @@ class LogBlock(Event):
     """The block's place: byte 200 * number of the log."""
     data: bytes
     """200 bytes."""
+    target_system: int = 0
+    """The station that the vehicle sends its log to; 0 where it does not say."""
+    target_component: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LogReceipt(Event):
+    """A station's word about a log block, or its START or STOP: whoever says it is a log client."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogEntry(Event):
+    """One log on board, as LOG_ENTRY lists it."""
+
+    id: int
+    count: int
+    """Logs that the vehicle has."""
+    size: int
+    """Bytes, 0 to 2**32 - 1."""
+    utc_s: int
+    """When it was written, seconds since 1970; 0 where the vehicle does not know."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogData(Event):
+    """A piece of a log on board."""
+
+    id: int
+    offset: int
+    data: bytes
+    """At most 90 bytes; fewer at the log's end."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FtpReply(Event):
+    """An answer of MAVFTP."""
+
+    target_system: int
+    """Whom it answers; 0 where the vehicle does not say."""
+    target_component: int
+    number: int
+    session: int
+    ack: bool
+    """False: it refuses, and the first byte of `data` says why."""
+    answers: int
+    """The opcode of the request."""
+    burst_complete: bool
+    offset: int
+    data: bytes
+    """At most 239 bytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -236,6 +288,7 @@ class AutopilotVersion(Event):
 
 
 CAPABILITY_BYTEWISE = 16
+CAPABILITY_FTP = 32
 
 
 def encoding_of(capabilities: int | None) -> Encoding:

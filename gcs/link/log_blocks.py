@@ -173,6 +173,11 @@ class LogBlocks:
         self._next_stop = 0.0
 
     @property
+    def started(self) -> bool:
+        """Whether the log was asked for."""
+        return self._started
+
+    @property
     def file(self) -> int:
         return self._stream.file
 

@@ -10,6 +10,7 @@ The longest conversation, the vehicle's log, stands in `gcs.link.log_blocks`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -201,6 +202,36 @@ class ReadParameter(_Conversation[Parameter]):
 
     def _about(self) -> str:
         return f"parameter {self.name} was asked for (the vehicle may not have it)"
+
+
+class ReadSeveral:
+    """Ask for several parameters by name at once; the value has those that were answered, None where it was no."""
+
+    def __init__(self, names: Sequence[str], tries: int = TRIES) -> None:
+        self.outcome: Done[Mapping[str, Parameter | None]] | None = None
+        self._reads = {name: ReadParameter(name, tries) for name in names}
+
+    def start(self, now: float) -> list[Send]:
+        return [send for read in self._reads.values() for send in read.start(now)]
+
+    def on_event(self, event: Event, now: float) -> list[Send]:
+        return self._after(send for read in self._reads.values() for send in read.on_event(event, now))
+
+    def poll(self, now: float) -> list[Send]:
+        return self._after(send for read in self._reads.values() for send in read.poll(now))
+
+    def _after(self, sends: Iterable[Send]) -> list[Send]:
+        said = list(sends)
+        outcomes = {name: read.outcome for name, read in self._reads.items()}
+        if self.outcome is None and all(outcome is not None for outcome in outcomes.values()):
+            answered: dict[str, Parameter | None] = {}
+            for name, outcome in outcomes.items():
+                if isinstance(outcome, Done):
+                    answered[name] = outcome.value
+                elif isinstance(outcome, Failed) and outcome.answered:
+                    answered[name] = None
+            self.outcome = Done(answered)
+        return said
 
 
 class WriteParameter(_Conversation[Parameter]):

@@ -35,6 +35,11 @@ MOST_UNSENT = 256 * 1024
 LINK_WORDS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, /dev/ttyUSB0,921600 or COM5,57600"
 
 
+BITS_A_BYTE = 10
+"""On a serial line: eight, a start and a stop."""
+USB_PORTS = ("ttyACM", "usbmodem")
+
+
 class LinkWordError(LinkError, UsageError):
     """A LINK that makes no sense, as against one on which nobody answers."""
 
@@ -75,6 +80,16 @@ def parse_link(word: str) -> LinkWord:
     if re.fullmatch(r"/[^,\s]+|COM\d+", word):
         raise LinkWordError(f"{word}: say the baud rate as well, for example {word},57600")
     raise LinkWordError(f"{word!r} is no link; a link is {LINK_WORDS}")
+
+
+def carries(link: str) -> float | None:
+    """Bytes a second that a LINK carries at most, where its kind tells: a serial line, by its baud rate.
+
+    A USB port takes no notice of the rate it is given. Raises LinkWordError.
+    """
+    word = parse_link(link)
+    usb = any(part in word.host for part in USB_PORTS)
+    return word.port / BITS_A_BYTE if word.kind == "serial" and not usb else None
 
 
 class FrameFinder:

@@ -24,14 +24,16 @@ from gcs.logs.profile.choice import taking_one_of
 from gcs.logs.profile.profiles import Profile, load
 from gcs.logs.reading import Progress
 from gcs.logs.runs.health import F_HIGH_HZ
-from gcs.logs.runs.run import Run, Window
+from gcs.logs.runs.run import AnyWindow, FromStart, Run, Window, split_mark
 from gcs.logs.runs.verdicts import named_all_the_same, with_verdicts
 from gcs.logs.source import Source
 from gcs.logs.words import printable
 from sysid.data.record import Record
 
 __all__ = [
+    "AnyWindow",
     "Damage",
+    "FromStart",
     "Ingest",
     "Profile",
     "Progress",
@@ -76,11 +78,18 @@ class UnreadableError(TippathError):
         """Path -> why."""
 
 
-def parse_window(text: str) -> Window:
-    """`START:STOP` in seconds of the log's own time; either may be empty. Raises UsageError."""
-    parts = text.split(":")
+def parse_window(text: str) -> AnyWindow:
+    """`START:STOP` in seconds of the log's own time; either may be empty. `@START:STOP`: from each run's start.
+
+    Raises UsageError.
+    """
+    from_start = text.startswith("@")
+    parts = text.removeprefix("@").split(":")
     if len(parts) != 2:
-        raise UsageError(f"--window {text}: write START:STOP in seconds, such as 60:95, 60: or :95")
+        raise UsageError(
+            f"--window {text}: write START:STOP in seconds, such as 60:95, 60: or :95; @5:25 counts from each run's "
+            "start"
+        )
     ends: list[float | None] = []
     for part in parts:
         try:
@@ -93,7 +102,11 @@ def parse_window(text: str) -> Window:
     start, stop = ends
     if start is not None and stop is not None and start >= stop:
         raise UsageError(f"--window {text}: START must lie before STOP")
-    return start, stop
+    if not from_start:
+        return start, stop
+    if min(start or 0.0, stop or 0.0) < 0:
+        raise UsageError(f"--window {text}: seconds from a run's start are not negative")
+    return FromStart(start, stop)
 
 
 DEPTH = 4  # folders within folders, as /log/2026-11-20/*.ulg on a PX4 card
@@ -155,7 +168,7 @@ def _in_order(path: Path) -> tuple[object, ...]:
 def ingest(
     paths: Iterable[Path | str],
     profile: Path | Profile | None = None,
-    window: Window | None = None,
+    window: AnyWindow | None = None,
     *,
     f_high_hz: float = F_HIGH_HZ,
     progress: Callable[[Progress], None] | None = None,
@@ -221,40 +234,56 @@ def split_run_word(word: str) -> tuple[Path, int | None]:
 def resolve_runs(
     words: Sequence[str],
     profile: Path | Profile | None = None,
-    window: Window | None = None,
+    window: AnyWindow | None = None,
     *,
     f_high_hz: float = F_HIGH_HZ,
 ) -> list[Record]:
     """RUN words to usable records, in the order given, each run once.
 
     A word is a flight folder or a log (all its usable runs), LOG#n (that run, which must be usable, but for the
-    flight's own verdict on it), or a record (.npz). All records take p and q from the same kind of message. What the
+    flight's own verdict on it), or a record (.npz); behind each @START:STOP may say which seconds from its start are
+    taken, and goes before `window`. All records take p and q from the same kind of message. What the
     user should know of each (cut short, gaps, damage of the log), and what of a folder cannot be read, is in
     `Record.notes`. Raises TippathError with the reasons.
     """
     if not words:
         raise UsageError("name at least one run: a flight folder, LOG, LOG#n or a record")
-    read: dict[Path, Ingest] = {}
+    read: dict[tuple[Path, AnyWindow | None], Ingest] = {}
     records: dict[tuple[str, str], Record] = {}
     for word in words:
-        path, number = split_run_word(word)
-        if path not in read:
-            read[path] = ingest([path], profile, window, f_high_hz=f_high_hz)
-        meant = read[path].runs if number is None else _numbered(read[path].runs, number, word, window)
+        plain, own_window = _with_window(word)
+        its_window = own_window or window
+        path, number = split_run_word(plain)
+        if (path, its_window) not in read:
+            read[path, its_window] = ingest([path], profile, its_window, f_high_hz=f_high_hz)
+        found = read[path, its_window]
+        meant = found.runs if number is None else _numbered(found.runs, number, word, its_window)
         usable = [(run, run.record) for run in meant if run.usable and run.record is not None]
         if not usable:
             listed = "\n".join(f"  {run.id}: {reason}" for run in meant for reason in run.reasons)
             raise TippathError(f"{word}: not usable, because\n{listed}")
-        unread = [f"left out of {word}: {reason}" for reason in read[path].refused.values()]
+        unread = [f"left out of {word}: {reason}" for reason in found.refused.values()]
         for place, (run, record) in enumerate(usable):
             records.setdefault((run.path, run.id), _with_notes(record, [] if place else unread))
     check_same_rate_source(records.values())
     return list(records.values())
 
 
-def _numbered(runs: Sequence[Run], number: int, word: str, window: Window | None) -> list[Run]:
+def _with_window(word: str) -> tuple[str, FromStart | None]:
+    """`LOG#2@5:25` -> (`LOG#2`, its window). A file of exactly that name goes before a window. Raises UsageError."""
+    if not word or Path(word).exists():
+        return word, None
+    plain, window = split_mark(word)
+    if window is None:
+        return word, None
+    checked = parse_window(window.mark)
+    assert isinstance(checked, FromStart)
+    return plain, checked
+
+
+def _numbered(runs: Sequence[Run], number: int, word: str, window: AnyWindow | None) -> list[Run]:
     """Those of one number, the flight's own verdict on them set aside. Raises TippathError where there is none."""
-    meant = [named_all_the_same(run) for run in runs if run.id.rpartition("#")[2] == str(number)]
+    meant = [named_all_the_same(run) for run in runs if split_mark(run.id)[0].rpartition("#")[2] == str(number)]
     if not meant:
         has = ", ".join(run.id for run in runs)
         raise TippathError(f"{word}: no such run{' in this window' if window else ''}; the log has {has}")

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import zipfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -15,10 +16,12 @@ from pathlib import Path
 from gcs.errors import TippathError
 from gcs.logs import cache, opening
 from gcs.logs.cache import Content
+from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.raw import unreadable
+from gcs.logs.formats.tables import Log
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import cutting, runs
-from gcs.logs.runs.run import Run, Window
+from gcs.logs.runs.run import AnyWindow, Run
 from gcs.logs.source import Source
 from gcs.logs.words import printable
 from sysid.data.record import Record, RecordError
@@ -32,7 +35,7 @@ class Reading:
     """How logs are to be read."""
 
     profile: Profile | None
-    window: Window | None
+    window: AnyWindow | None
     f_high_hz: float
 
 
@@ -90,7 +93,7 @@ def _is_record(path: Path) -> bool:
 def _parse(path: Path, how: Reading) -> Content:
     opened = opening.open_log(path, how.profile)
     name = printable(path.name)
-    its_runs = runs.runs_of(opened.parts, name, opened.sha256, how.window, how.f_high_hz)
+    flown = runs.runs_of(opened.parts, name, opened.sha256, how.window, how.f_high_hz)
     fields = dict.fromkeys(field for log in opened.boots for field in log.fields())
     # Asked for after the runs: what breaks the order of time is found when a series is read.
     notes = [*opened.notes]
@@ -109,9 +112,21 @@ def _parse(path: Path, how: Reading) -> Content:
         damage=opened.damage,
         fields=tuple(fields),
         notes=tuple(notes),
-        hints=opened.hints,
+        hints=(*opened.hints, *flown.elsewhere, *_left_out(opened.boots)),
     )
-    return Content(source, tuple(_told(run, source) for run in its_runs))
+    return Content(source, tuple(_told(run, source) for run in flown.runs))
+
+
+def _left_out(boots: Sequence[Log]) -> list[str]:
+    """What of the messages that were read is not believed because a gap follows it; nothing where there is none."""
+    counts: Counter[str] = Counter()
+    for log in boots:
+        if isinstance(log, DataFlashTables):
+            counts.update(log.before_gaps)
+    if not counts:
+        return []
+    listed = ", ".join(f"{count} of {name}" for name, count in sorted(counts.items()))
+    return [f"left out before gaps: {listed}: the last message before a gap may be made of two halves"]
 
 
 def _told(run: Run, source: Source) -> Run:

@@ -227,6 +227,11 @@ class TippathApp(DeskApp):
 
         self.work("looking for links", look, quietly=True)
 
+    def check_vehicle(self) -> None:
+        """Ask the vehicle what it is set to."""
+        if self.worker.state().vehicle is not None:
+            self.work("looking at the vehicle", self.worker.check)
+
     def action_type_link(self) -> None:
         """Ask for a LINK."""
         if self.connections is None:

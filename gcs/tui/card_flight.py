@@ -18,24 +18,28 @@ from gcs.desk.shell import word
 from gcs.errors import TippathError
 from gcs.flight.excitation import abort
 from gcs.flight.flown_card import Briefing, SweepResult
+from gcs.flight.flyable import free_bytes
 from gcs.flight.folder import create
+from gcs.flight.preflight import Check
 from gcs.flight.prepare import Prepared, prepared
 from gcs.flight.probe import result_words
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.session import Session
-from gcs.flight.sweep import fly_card, free_bytes
+from gcs.flight.sweep import fly_card
 from gcs.tui import state as view
 from gcs.tui.asked_card import SHOWN_FIRST, AskedCard, asked_card
 from gcs.tui.moment import Moment
 from gcs.tui.state import Mark, RunView, Stage
 from gcs.tui.vehicle_link import VehicleLink
 from gcs.vehicle.autopilots import SYSTEMID
-from gcs.vehicle.profile import CannotFlyError, load_profile
+from gcs.vehicle.profile import CannotFlyError, VehicleProfile, load_profile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 TOO_EARLY = "not yet: a run is under way"
 CLOSED = "the app was closed"
+LOOKS = 10
+"""A run that waits is looked at again every so many tenths of a second."""
 
 
 class CardFlight:
@@ -68,7 +72,19 @@ class CardFlight:
         self._started = False
         self._notes: list[str] = []
         """Told while a card is flown, and once more when it is over."""
+        self._seen: Callable[[], tuple[Check, ...]] | None = None
+        """The checks as they stand, of the card that is flown."""
         self._flying: threading.Thread | None = None
+
+    @property
+    def card(self) -> TestCard:
+        """The one that is flown next."""
+        return self._card
+
+    @property
+    def profiles(self) -> tuple[VehicleProfile, ...]:
+        """The vehicle's, where it is not to be recognised."""
+        return self._profiles
 
     # What keys wish.
 
@@ -192,6 +208,8 @@ class CardFlight:
                 profiles=self._profiles,
                 consent=lambda _: asked.leave_out,
                 otherwise=card,
+                log=asked.log,
+                link=session.link,
             )
             self._take(ready)
             if not asked.card and not ready.own:
@@ -256,6 +274,7 @@ class CardFlight:
 
     def _briefed(self, briefing: Briefing) -> bool:
         runs = tuple(_view(run) for run, _ in briefing.plans)
+        self._seen = briefing.seen
         self._moment.set(checks=tuple(briefing.checks), link_loss=briefing.link_loss.words, runs=runs)
         return self._abort is None
 
@@ -291,13 +310,22 @@ class CardFlight:
             self._moment.mark(number, Mark.NEXT if flown else Mark.READY)
             if self._moment.now.said == TOO_EARLY:
                 self._moment.set(said="")
-            mode = session.snapshot().mode
+            mode, looked = session.snapshot().mode, 0
             while not self._started and self._abort is None:
                 self._moment.pressed.wait(0.1)
+                looked += 1
+                if looked % LOOKS == 0:
+                    self._look_again()
                 self._abort = self._abort or self._called_off(session.snapshot(), mode)
             if self._abort is None:
                 self._moment.set(stage=Stage.FLYING, said="", use=None)
                 self._moment.mark(number, Mark.FLYING)
+
+    def _look_again(self) -> None:
+        """Show the checks as they stand now, not as they were when the card began."""
+        checks = () if self._seen is None else self._seen()
+        if checks:
+            self._moment.set(checks=checks)
 
     def _called_off(self, vehicle: VehicleSnapshot, mode: int) -> str | None:
         if self._link.ending.is_set():

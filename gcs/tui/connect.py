@@ -23,9 +23,10 @@ class ConnectScreen(Scrolled):
         Act("up", "move(-1)", "", "mark the line above", "up"),
         Act("down", "move(1)", "", "mark the line below", "down"),
         Act("enter", "go", "connect", "connect to the marked line", "enter"),
-        Act("a,A", "app.type_link", "another link", "type a link"),
-        Act("g,G", "app.look_for_connections", "look again", "look again for serial ports"),
-        Act("o,O", "app.open_flight", "open a flight", "open a flight folder or a log"),
+        Act("a,A", "app.type_link", "link", "type a link"),
+        Act("g,G", "app.look_for_connections", "look", "look again for serial ports"),
+        Act("c,C", "check", "check", "what to set before flying, and back"),
+        Act("o,O", "app.open_flight", "open", "open a flight folder or a log"),
     )
 
     def __init__(self, style: Style) -> None:
@@ -33,6 +34,8 @@ class ConnectScreen(Scrolled):
         self.at = 0
         self.offered: tuple[Connection, ...] = ()
         self.here = ""
+        self.checking = False
+        """Readiness is shown in the place of the links."""
 
     def body(self) -> Iterable[Widget]:
         yield Lines(self.style, "title")
@@ -48,16 +51,32 @@ class ConnectScreen(Scrolled):
         self.at = names.index(marked) if marked in names else 0
 
     def action_move(self, lines: int) -> None:
-        """The mark."""
+        """The mark; or the text, where readiness is shown."""
+        if self.checking:
+            self.action_scroll(lines)
+            return
         self.at = max(0, min(self.at + lines, len(self.offered) - 1))
         self.app.run_look()  # type: ignore[attr-defined]
 
     def action_go(self) -> None:
         """Connect to the marked line."""
-        if self.at < len(self.offered):
+        if self.at < len(self.offered) and not self.checking:
             self.app.connect_to(self.offered[self.at])  # type: ignore[attr-defined]
 
+    def action_check(self) -> None:
+        """Look at the vehicle and show what was found; or back to the links."""
+        self.checking = not self.checking
+        if self.checking:
+            self.app.check_vehicle()  # type: ignore[attr-defined]
+        self.app.run_look()  # type: ignore[attr-defined]
+
     def show_body(self, state: State, width: int) -> None:
+        for name in ("#connections", "#heard-title"):
+            self.query_one(name).display = not self.checking
+        if self.checking:
+            self.query_one("#title", Lines).show([(" can this card be flown?", "bold")])
+            self.put_text(connect_words.readiness_lines(state, self.text_width))
+            return
         self.query_one("#title", Lines).show([(" where to", "bold")])
         self.query_one("#heard-title", Lines).show([(" what is heard", "bold")])
         box = self.query_one("#connections", Lines)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gcs.flight.readiness import client_words
+from gcs.flight.readiness_words import closing, page
 from gcs.link.decode import sanitise
+from gcs.link.log_answer import LogClient
 from gcs.link.transport import parse_link
 from gcs.tui.connections import Connection
 from gcs.tui.desk_words import Line, broken
 from gcs.tui.state import Stage, State
-from gcs.tui.words import connection_words, fitted, justified
+from gcs.tui.words import connection_words, fitted, justified, sanitise_line
 from gcs.vehicle.autopilots import AUTOPILOTS, KINDS, PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import VehicleSnapshot
 
@@ -68,8 +71,25 @@ def heard_lines(state: State, width: int) -> list[Line]:
         lines.append((f" the link: {vehicle.link_problem}", "bold"))
     if state.link_loss:
         lines.append(f" {state.link_loss}")
+    if vehicle.log_client is not LogClient.NOBODY:
+        lines.append((f" {client_words(vehicle.log_client)}", "bold"))
     if state.stage.under_way and state.stage is not Stage.NO_VEHICLE:
         lines.append((" a card is being flown: the link stays until it is over", "bold"))
+    return broken(lines, width)
+
+
+def readiness_lines(state: State, width: int) -> list[Line]:
+    """What was looked at, the worst first; or why nothing was."""
+    found = state.readiness
+    if found is None:
+        waits = " the vehicle is asked; a radio takes some seconds" if state.busy else " nothing was looked at yet"
+        return [waits if state.vehicle is not None else " there is no vehicle to look at: C goes back to the links"]
+    lines: list[Line] = [(f" {closing(found)}", "bold")]
+    if state.vehicle is not None and state.vehicle.log_client is not LogClient.NOBODY:
+        lines.append(f" {client_words(state.vehicle.log_client)}")
+    lines += [
+        f" {sanitise_line(line)}" if line.startswith("  ") else sanitise_line(line) for line in page(found, width - 1)
+    ]
     return broken(lines, width)
 
 

@@ -82,7 +82,9 @@ def current(state: State) -> RunView | None:
 def _next_connect(state: State) -> str:
     if state.stage.under_way:
         return "a card is being flown (2); the link stays until it is over"
-    return "2 flies a card; 3 works on recorded flights"
+    if state.readiness is not None and not state.readiness.ready:
+        return "set these with the vehicle's own station; C twice looks again"
+    return "C: what to set before flying; 2 flies a card; 3 works on recorded flights"
 
 
 def _next_fly(state: State, vehicle: VehicleSnapshot | None) -> str:

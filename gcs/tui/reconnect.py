@@ -137,6 +137,9 @@ class Reconnecting:
     def abort(self) -> None:
         self._now.abort()
 
+    def check(self) -> None:
+        self._now.check()
+
     def choose_card(self, word: str) -> None:
         self._now.choose_card(word)
         self._card = word

@@ -13,6 +13,7 @@ from pathlib import Path
 from gcs.cards.envelope import Limits, Use
 from gcs.desk.state import Designed, DeskState, Fitted
 from gcs.flight.preflight import Check
+from gcs.flight.readiness import Readiness
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 
@@ -126,6 +127,8 @@ class State:
     """Peaks of the run under way (or of the last) in percent of the limits."""
     checks: tuple[Check, ...] = ()
     """What was looked at before the start."""
+    readiness: Readiness | None = None
+    """What the vehicle was set to when it was last looked at, on the ground or in the air."""
     link_loss: str = ""
     """What the vehicle does when the link is lost, once it was read."""
     rpm_reference: float | None = None

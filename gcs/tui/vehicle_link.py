@@ -5,18 +5,22 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
 
+from gcs.cards.maneuver import TestCard
 from gcs.errors import LinkError, TippathError
+from gcs.flight.connection import WallClock
 from gcs.flight.live import LiveWindow
+from gcs.flight.readiness import answer_where_needed, look
 from gcs.flight.session import Session
 from gcs.link.procedures import ProcedureError, ReadParameter
 from gcs.tui.moment import Moment
 from gcs.tui.state import Bank, Stage
 from gcs.vehicle.autopilots import ACTIVE_CRC, STABILIZE, SWITCH, SYSTEMID
+from gcs.vehicle.profile import VehicleProfile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 CONNECT_S = 3.0
@@ -58,6 +62,7 @@ class VehicleLink:
         self.session: Session | None = None
         self.mode_before = STABILIZE
         """The last mode that was not the excitation's."""
+        self._reboots = 0
         self._vehicle: SimulatedVehicle | None = None
         self._telemetry: deque[tuple[float, float, float]] = deque(maxlen=KEPT_TELEMETRY)
         self._conductor = threading.Thread(target=self._conduct, name="tippath app", daemon=True)
@@ -159,7 +164,21 @@ class VehicleLink:
         if self.ending.is_set():
             session.close()
             return
+        threading.Thread(target=self._answer_log, args=(session, link), name="tippath log", daemon=True).start()
         self._read_bank()
+
+    def _answer_log(self, session: Session, link: str) -> None:
+        """Where the vehicle streams its log, answer it, so that it can be armed."""
+        with contextlib.suppress(TippathError):
+            answer_where_needed(session, WallClock(), link)
+
+    def check(self, card: TestCard, profiles: Sequence[VehicleProfile]) -> None:
+        """Look whether the card can be flown with the vehicle as it is set. Raises TippathError."""
+        session, link = self.session, self.word
+        if session is None or link is None:
+            raise TippathError("there is no vehicle to look at")
+        with self._moment.working("looking at the vehicle"):
+            self._moment.set(readiness=look(session, WallClock(), card, link=link, profiles=profiles))
 
     def _watch(self) -> None:
         vehicle = self.snapshot()
@@ -167,6 +186,11 @@ class VehicleLink:
             return
         if vehicle.mode not in (SYSTEMID, -1):
             self.mode_before = vehicle.mode
+        if vehicle.reboots != self._reboots and self.session is not None and self.word is not None:
+            self._reboots = vehicle.reboots  # it may be set otherwise now
+            self._moment.set(readiness=None)
+            again = (self.session, self.word)
+            threading.Thread(target=self._answer_log, args=again, name="tippath log", daemon=True).start()
         at, p, q = vehicle.attitude_at_s, vehicle.p, vehicle.q
         if at is None or p is None or q is None:
             return

@@ -45,6 +45,7 @@ class AppWorker(Protocol):
     def abort(self) -> None: ...
 
     # These wait, and are called from a worker. They raise TippathError.
+    def check(self) -> None: ...
     def choose_card(self, word: str) -> None: ...
     def open_flight(self, path: str) -> None: ...
     def fit(self) -> None: ...
@@ -123,6 +124,12 @@ class FlightWorker:
 
     def abort(self) -> None:
         self._card.abort()
+
+    def check(self) -> None:
+        """Whether the card can be flown with the vehicle as it is set; not while a card is flown."""
+        if self._moment.now.stage.under_way:
+            raise TippathError("a card is being flown: the vehicle is looked at before and after it")
+        self._link.check(self._card.card, self._card.profiles)
 
     def choose_card(self, word: str) -> None:
         self._card.choose(word)

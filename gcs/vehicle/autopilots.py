@@ -1,4 +1,5 @@
-"""All that is an autopilot's own, beside what the vehicle profiles hold: modes, texts, parameters, failsafes, the bank.
+"""All that is an autopilot's own, beside the vehicle profiles and `readiness`: modes, texts, parameters, failsafes,
+the bank.
 
 Elsewhere nothing is known of these by name or number: other rooms take them from here or from the profile, and a
 contract test looks that no string of theirs spells one. What crosses the wire is `gcs.link`'s.
@@ -40,6 +41,21 @@ def rotorcraft(vehicle_type: int) -> str:
 
 IN_THE_AIR: Final = 4
 """MAV_STATE."""
+_TROUBLED: Final = {
+    1: "the autopilot is starting",
+    2: "the autopilot is calibrating",
+    5: "a failsafe is active (status CRITICAL); the vehicle's own messages say which, and the pilot clears it or lands",
+    6: "an emergency is on (status EMERGENCY); the pilot lands",
+    7: "the autopilot is powering off",
+    8: "the flight is being terminated",
+}
+
+
+def state_trouble(status: int) -> str:
+    """Why nothing is started in this MAV_STATE, in the air or on the ground; empty where it tells of no trouble."""
+    return _TROUBLED.get(status, "")
+
+
 PRIMARY_SYSTEM: Final = 255
 """The station whose heartbeats hold ArduPilot's ground failsafe, by default."""
 

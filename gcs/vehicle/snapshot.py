@@ -25,6 +25,7 @@ from gcs.link.events import (
     SystemTime,
     encoding_of,
 )
+from gcs.link.log_answer import LogClient
 from gcs.vehicle.autopilots import mode_name
 
 KEPT_TEXTS = 50
@@ -132,6 +133,8 @@ class VehicleSnapshot:
     bad_bytes: int = 0
     """Bytes that were no valid frame."""
     link_problem: str | None = None
+    log_client: LogClient = LogClient.NOBODY
+    """Who answers the vehicle's log while it is not recorded."""
 
     recording: Path | None = None
     """The log that grows on disk, None while nothing is recorded."""

@@ -41,6 +41,7 @@ class Severity(IntEnum):
     """MAV_SEVERITY, the ones used here."""
 
     CRITICAL = 2
+    ERROR = 3
     WARNING = 4
     INFO = 6
 

@@ -23,6 +23,7 @@ from sitl.autopilot.logger import DataFlashLog
 from sitl.autopilot.modes import FLYING, MANUAL_THROTTLE, LogEvent, Mode, Phase, Reason, Severity
 from sitl.autopilot.parameters import Answer, Parameters
 from sitl.autopilot.recording import Recording
+from sitl.autopilot.storage import LogStorage
 from sitl.autopilot.systemid import Sweep, SystemId
 from sitl.clock import Clock
 from sitl.hidden import Hidden
@@ -84,6 +85,7 @@ class Vehicle:
         self.name = name
         self.seed = seed
         self.directory = directory
+        self.storage = LogStorage(directory)
         self.parameters = Parameters(LqrGains.from_values, {"H_RSC_GOV_RPM": plant.nominal_rpm})
         for parameter, value in (parameters or {}).items():
             if self.parameters.write(parameter, value, armed=False) is None:

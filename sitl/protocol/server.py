@@ -1,4 +1,4 @@
-"""MAVLink 2 on one link: telemetry, commands, parameters and the log's blocks, for up to eight peers.
+"""MAVLink 2 on one link: telemetry, commands, parameters, the log's blocks and its files, for up to eight peers.
 
 The server is polled between samples in the vehicle's own thread (see `sitl.protocol.links` for why) and never waits.
 Times are the vehicle's own seconds. Frames of both MAVLink versions are read, since pymavlink speaks version 1 until it
@@ -20,7 +20,9 @@ from sitl.autopilot.blocks import BlockStream
 from sitl.autopilot.modes import Reason
 from sitl.autopilot.parameters import Answer
 from sitl.autopilot.vehicle import DT, Vehicle
+from sitl.protocol.ftp import FtpServer
 from sitl.protocol.links import Address, Link
+from sitl.protocol.log_download import LogDownload
 from sitl.protocol.telemetry import DEFAULT_INTERVALS_S, MESSAGES, Message
 
 SYSTEM = 1
@@ -123,6 +125,8 @@ class Server:
         self._troubles = tuple(troubles)
         self._peers = {address: _Peer(link, address, vehicle.time_s) for address in link.known}
         self._delivery: _Delivery | None = None
+        self._downloads = (LogDownload(vehicle), FtpServer(vehicle))
+        logs, files = self._downloads
         self._text_id = 0
         self._told = (vehicle.mode, vehicle.armed)
         """What the last heartbeat said."""
@@ -138,6 +142,11 @@ class Server:
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._synchronise,
             mavlink.MAVLINK_MSG_ID_REMOTE_LOG_BLOCK_STATUS: self._take_receipt,
             mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._list_mission,
+            mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST: logs.hear,
+            mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA: logs.hear,
+            mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END: logs.hear,
+            mavlink.MAVLINK_MSG_ID_LOG_ERASE: logs.hear,
+            mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: files.hear,
         }
 
     def poll(self) -> None:
@@ -148,18 +157,26 @@ class Server:
         for address, data in self.link.receive():
             self._take(address, data, now_s)
         for address in self.link.gone():
-            self._peers.pop(address, None)
+            self._forget(address)
         self._send_texts()
         told, self._told = self._told, (self.vehicle.mode, self.vehicle.armed)
         for peer in list(self._peers.values()):
             if told != self._told:  # as ArduPilot: a change of mode is told at once
                 peer.due_s[mavlink.MAVLINK_MSG_ID_HEARTBEAT] = now_s
             if now_s - peer.heard_s > _FORGET_S and peer.address not in self.link.known:
-                del self._peers[peer.address]
+                self._forget(peer.address)
                 continue
             peer.telemetry(self.vehicle, now_s)
             self._send_parameters(peer)
         self._send_blocks(now_s)
+        for download in self._downloads:
+            to = download.address
+            download.poll(now_s, to is not None and self.link.room(to))
+
+    def _forget(self, address: Address) -> None:
+        self._peers.pop(address, None)
+        for download in self._downloads:
+            download.forget(address)
 
     def close(self) -> None:
         """End the log whole, send what is left of a stream once, and hang up."""

@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sitl.autopilot.modes import Phase
+from sitl.autopilot.storage import BY_FTP
 from sitl.autopilot.vehicle import Vehicle
 
 Message = Any
@@ -125,11 +126,13 @@ def extended_sys_state(vehicle: Vehicle) -> Message:
 
 
 def autopilot_version(vehicle: Vehicle) -> Message:
-    """Without FTP, since this vehicle has none."""
+    """With FTP where this vehicle offers its logs by it."""
+    ftp = mavlink.MAV_PROTOCOL_CAPABILITY_FTP if vehicle.storage.offers(BY_FTP) else 0
     return mavlink.MAVLink_autopilot_version_message(
         mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
-        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT,
+        | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+        | ftp,
         (0 << 24) | (1 << 16) | (0 << 8) | mavlink.FIRMWARE_VERSION_TYPE_DEV,
         *(0,) * 3,
         *(bytearray(b"tippath\0"), bytes(8), bytes(8)),

@@ -54,12 +54,11 @@ def caused_by(U: ComplexArray, R: ComplexArray, scale: FloatArray, frequency_hz:
     order = np.argsort(frequency_hz, kind="stable")
     edges = np.arange(0.0, frequency_hz[order[-1]] + WINDOW_HZ, WINDOW_HZ)
     starts = np.searchsorted(frequency_hz[order], edges)
-    for begin, end in zip(starts, [*starts[1:], order.size], strict=True):
-        here = order[begin:end]
-        if here.size:
-            r, u = scale[here] * R[:, here], scale[here] * U[:, here]
-            gain = (u @ r.conj().T) @ np.linalg.pinv(r @ r.conj().T, rcond=1e-9, hermitian=True)
-            caused[:, here] = gain @ R[:, here]
+    windows = [here for here in np.split(order, starts[1:]) if here.size]
+    r, u = ([scale[here] * rows[:, here] for here in windows] for rows in (R, U))
+    power = np.array([one @ one.conj().T for one in r])
+    for here, mine, its, inverse in zip(windows, u, r, np.linalg.pinv(power, rcond=1e-9, hermitian=True), strict=True):
+        caused[:, here] = ((mine @ its.conj().T) @ inverse) @ R[:, here]
     return caused
 
 

@@ -83,6 +83,8 @@ class Record:
     """First and last frequency of the chirp, where known."""
     notes: tuple[str, ...] = field(default=())
     """What the reader of the log wants the user to know."""
+    vehicle: Mapping[str, str] = field(default_factory=dict)
+    """What the log says of the vehicle and how it was set up, by name; empty where it says nothing."""
 
     def __post_init__(self) -> None:
         missing = [name for name in REQUIRED if name not in self.channels]
@@ -140,6 +142,7 @@ class Record:
             sha256=self.sha256,
             swept_band_hz=self.swept_band_hz,
             notes=self.notes,
+            vehicle=self.vehicle,
         )
 
     def save(self, path: Path) -> None:
@@ -157,6 +160,7 @@ class Record:
             "sha256": self.sha256,
             "swept_band_hz": self.swept_band_hz,
             "notes": list(self.notes),
+            "vehicle": dict(self.vehicle),
         }
         part = path.with_name(path.name + ".part")
         arrays: dict[str, Any] = dict(self.channels)
@@ -190,6 +194,7 @@ class Record:
             sha256=about["sha256"],
             swept_band_hz=None if band is None else (band[0], band[1]),
             notes=tuple(about["notes"]),
+            vehicle={str(key): str(value) for key, value in about.get("vehicle", {}).items()},
         )
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import FloatArray
@@ -96,6 +97,21 @@ def _stacked(group: Sequence[Spectrum]) -> Stack:
         inputs=group[0].inputs,
         scale=np.concatenate([np.full(one.frequency_hz.size, np.sqrt(2 / one.samples)) for one in group]),
     )
+
+
+class Windows:
+    """Bins in windows of frequency, the windows side by side; zeros fill up those that have fewer bins than others."""
+
+    def __init__(self, starts: NDArray[np.int64], size: int) -> None:
+        """starts (w,): where each window begins among `size` bins in the order of the windows."""
+        counts = np.diff(starts, append=size)
+        places = np.arange(int(np.max(counts, initial=0)))
+        self._there = places < counts[:, None]
+        self._at = np.where(self._there, starts[:, None] + places, 0)
+
+    def of(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """(r, bins) -> (w, r, bins of the largest window)."""
+        return np.asarray(rows[:, self._at].swapaxes(0, 1) * self._there[:, None])
 
 
 class Sampling(NamedTuple):

@@ -6,7 +6,7 @@ that ramp over the sample, which a held command of the same size equals to first
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import inf
 
 import numpy as np
@@ -22,19 +22,29 @@ def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) ->
     position = commands.copy()  # at the end of each sample
     for row in position:
         left_behind = np.flatnonzero(np.abs(np.diff(row)) > step) + 1
-        command, caught_up = row.tolist() if left_behind.size else [], 0
-        for first in left_behind.tolist():
-            if first <= caught_up:
-                continue
-            at = command[first - 1]
-            for caught_up in range(first, len(command)):
-                gap = command[caught_up] - at
-                if abs(gap) <= step:
-                    break
-                at += step if gap > 0 else -step
-                row[caught_up] = at
+        if left_behind.size:
+            row[:] = _followed(row.tolist(), left_behind.tolist(), step)
     moved = np.diff(position, axis=1, prepend=position[:, :1])
     return np.asarray(position - 0.5 / step * moved * np.abs(moved))
+
+
+def _followed(command: list[float], left_behind: Sequence[int], step: float) -> list[float]:
+    """Positions at the end of each sample, in the commands' place; `left_behind`: samples that change by more."""
+    caught_up = 0
+    for first in left_behind:
+        if first <= caught_up:
+            continue
+        at = command[first - 1]
+        for caught_up in range(first, len(command)):
+            gap = command[caught_up] - at
+            if gap > step:
+                at += step
+            elif gap < -step:
+                at -= step
+            else:
+                break
+            command[caught_up] = at
+    return command
 
 
 EFFECT = Effect(

@@ -10,7 +10,6 @@ here; where no excitation is logged the commands stand for themselves, and what 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,9 +19,9 @@ from numpy.typing import NDArray
 
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
-from sysid.data.stacks import Stack
+from sysid.data.stacks import Stack, Windows
 from sysid.fit.output_error import OutputError
-from sysid.fit.rows import orthonormal
+from sysid.fit.rows import orthonormal_each
 from sysid.model.structure import FloatArray
 
 WINDOW_HZ = 0.5
@@ -88,25 +87,23 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     segment = np.concatenate([np.full(one.shape[1], number) for number, one in enumerate(error.residuals)])
     count = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
     edges = np.linspace(float(frequency.min()), float(frequency.max()), count + 1)
+    order, starts = _cut(frequency, edges)
     half = 0.5 * (edges[1] - edges[0])
-    windows = [
-        _Window.of(*(x[:, at] for x in rows), place=(frequency[at] - edge - half) / half, segment=segment[at])
-        for edge, at in zip(edges[:-1], _cut(frequency, edges), strict=True)
-    ]
-    found, rest = (np.array([getattr(one, name) for one in windows]) for name in ("found", "rest"))
-    unknown, free = (np.array([getattr(one, name) for one in windows], float) for name in ("unknown", "free"))
+    place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
+    y, x, z = (each[:, order] for each in rows)
+    explained = _explained(y, x, z, place=place, segment=segment[order], starts=starts)
+    found, rest, unknown, free = explained.found, explained.rest, explained.unknown, explained.free
     around = np.array([_neighbours(rest, number) for number in range(count)])
     freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(count)])
     S = around / freedom[:, None, None]
     own = np.real(np.einsum("wkk->wk", S))
     tiny = 1e-12 * np.max(own, initial=1e-300)
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
-    each = np.array([one.by_command for one in windows])
     return Division(
         edges_hz=edges,
-        power=np.array([one.power for one in windows]),
+        power=explained.power,
         explained=np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own,
-        by_command=each - np.minimum(2, unknown)[:, None, None] * own[:, :, None],
+        by_command=explained.by_command - np.minimum(2, unknown)[:, None, None] * own[:, :, None],
         commands=by.commands,
         references=by.references,
         chi_squared=chi_squared,
@@ -115,56 +112,67 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
     )
 
 
-def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> list[NDArray[np.int64]]:
-    """Numbers of the bins in each window."""
+def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The bins in the order of the windows, and where each window begins and the last ends, (w + 1,)."""
     count = edges_hz.size - 1
     window = np.clip(np.searchsorted(edges_hz, frequency_hz, side="right") - 1, 0, count - 1)
     order = np.argsort(window, kind="stable")
-    starts = np.searchsorted(window[order], np.arange(count + 1))
-    return [order[begin:end] for begin, end in itertools.pairwise(starts)]
+    return order, np.searchsorted(window[order], np.arange(count + 1))
 
 
-class _Window(NamedTuple):
-    """What the references explain of the residual's bins in one window."""
+class _Explained(NamedTuple):
+    """What the references explain of the residual's bins in each window."""
 
     power: FloatArray
-    """(k,), of the residual."""
+    """(w, k), of the residual."""
     by_command: FloatArray
-    """(k, m), of it what each command alone explains;"""
+    """(w, k, m), of it what each command alone explains;"""
     found: ComplexArray
-    """(k, k), what they explain together, a spectral matrix;"""
+    """(w, k, k), what they explain together, a spectral matrix;"""
     rest: ComplexArray
-    """and what they leave, (k, k)."""
-    unknown: int
-    """Unknowns that explain, for each output,"""
-    free: int
-    """and bins beyond these."""
+    """and what they leave, (w, k, k)."""
+    unknown: FloatArray
+    """(w,), unknowns that explain, for each output,"""
+    free: FloatArray
+    """(w,), and bins beyond these."""
 
-    @classmethod
-    def of(
-        cls, y: ComplexArray, x: ComplexArray, z: ComplexArray, *, place: FloatArray, segment: NDArray[np.int64]
-    ) -> _Window:
-        """Bins of the residual (k, n), of what was caused in the commands (m, n) and of their references, with the
-        place of each within the window, -1..1, and the segment that it belongs to."""
-        k, m = y.shape[0], x.shape[0]
-        power, alone = np.real(np.diag(y @ y.conj().T)), np.zeros((k, m))
-        if not place.size:
-            nothing = np.zeros((k, k), dtype=complex)
-            return cls(power, alone, found=nothing, rest=nothing, unknown=0, free=0)
-        ends = _ends(segment)
-        y, x, z = (_less(rows, ends) for rows in (y, x, z))
-        # what the references span: nothing of the gusts has a share in it
-        basis = orthonormal(_less(np.concatenate([z, place * z]), ends), REFERENCES_RANK)
-        if place.size < basis.shape[0] + ends.shape[0] + LEAST_FREEDOM:
-            basis = basis[:0]
-        there = y @ basis.conj().T
-        found = there @ there.conj().T
-        for column in range(m if basis.size else 0):
-            line = orthonormal(np.stack([x[column], place * x[column]]), REFERENCES_RANK)
-            alone[:, column] = np.sum(np.abs(y @ line.conj().T) ** 2, axis=1)
-        unknown = basis.shape[0]
-        free = place.size - unknown - ends.shape[0]
-        return cls(power, alone, found=found, rest=y @ y.conj().T - found, unknown=unknown, free=free)
+
+def _explained(
+    y: ComplexArray,
+    x: ComplexArray,
+    z: ComplexArray,
+    *,
+    place: FloatArray,
+    segment: NDArray[np.int64],
+    starts: NDArray[np.int64],
+) -> _Explained:
+    """Bins of the residual (k, n), of what was caused in the commands (m, n) and of their references, window after
+    window, with the place of each within its window, -1..1, and the segment that it belongs to."""
+    windows, ends = Windows(starts[:-1], place.size), _Ends.of(segment, starts)
+    power = np.sum(np.abs(windows.of(y)) ** 2, axis=2)
+    y, x, z = (ends.less(rows) for rows in (y, x, z))
+    # what the references span: nothing of the gusts has a share in it
+    basis = orthonormal_each(windows.of(ends.less(np.concatenate([z, place * z]))), REFERENCES_RANK)
+    unknown = np.count_nonzero(np.any(basis, axis=2), axis=1)
+    bins = np.diff(starts)
+    enough = bins >= unknown + ends.unknown + LEAST_FREEDOM
+    basis, unknown = basis * enough[:, None, None], unknown * enough
+    Y = windows.of(y)
+    there = Y @ basis.conj().swapaxes(1, 2)
+    found = there @ there.conj().swapaxes(1, 2)
+    alone = []
+    for row in x:
+        line = orthonormal_each(windows.of(np.stack([row, place * row])), REFERENCES_RANK)
+        each = Y @ line.conj().swapaxes(1, 2)
+        alone.append(np.sum(np.abs(each) ** 2, axis=2) * (unknown > 0)[:, None])
+    return _Explained(
+        power=power,
+        by_command=np.stack(alone, axis=2),
+        found=found,
+        rest=Y @ Y.conj().swapaxes(1, 2) - found,
+        unknown=unknown.astype(float),
+        free=np.asarray(bins - unknown - ends.unknown, dtype=float),
+    )
 
 
 def _surprise(
@@ -189,19 +197,32 @@ def _surprise(
     return max(0.0, mean + beyond * np.sqrt(2 * mean / variance)), int(mean)
 
 
-def _ends(segment: NDArray[np.int64]) -> ComplexArray:
-    """A constant over the window for each segment, orthonormal (segments, bins).
+class _Ends(NamedTuple):
+    """A constant over each window for each segment, which is taken out.
 
     A run of noise ends elsewhere than it begins, and its bins carry that far up in frequency, in step with each other:
     within a narrow window a constant (the transient term of the local polynomial method, Pintelon and Schoukens).
     """
-    numbers, counts = np.unique(segment, return_counts=True)
-    numbers, counts = numbers[counts >= FEWEST_FOR_ENDS], counts[counts >= FEWEST_FOR_ENDS]
-    return np.asarray((segment == numbers[:, None]) / np.sqrt(counts)[:, None] + 0j)
 
+    starts: NDArray[np.int64]
+    """(g,), of the bins of one segment in one window."""
+    bins: NDArray[np.int64]
+    """(g,), how many these are."""
+    unknown: NDArray[np.int64]
+    """(w,), constants in each window: segments with bins enough for one."""
 
-def _less(rows: ComplexArray, basis: ComplexArray) -> ComplexArray:
-    return np.asarray(rows - (rows @ basis.conj().T) @ basis)
+    @classmethod
+    def of(cls, segment: NDArray[np.int64], starts: NDArray[np.int64]) -> _Ends:
+        """Bins window after window, in each segment after segment; starts (w + 1,), of the windows."""
+        begins = np.union1d(np.flatnonzero(np.diff(segment)) + 1, starts[:-1][np.diff(starts) > 0])
+        bins = np.diff(begins, append=segment.size)
+        number = np.searchsorted(starts, begins[bins >= FEWEST_FOR_ENDS], side="right") - 1
+        return cls(begins, bins, np.bincount(number, minlength=starts.size - 1))
+
+    def less(self, rows: ComplexArray) -> ComplexArray:
+        """(r, bins)"""
+        mean = np.add.reduceat(rows, self.starts, axis=1) * ((self.bins >= FEWEST_FOR_ENDS) / self.bins)
+        return np.asarray(rows - np.repeat(mean, self.bins, axis=1))
 
 
 def _neighbours(values: ComplexArray | FloatArray, number: int) -> ComplexArray | FloatArray:

@@ -27,6 +27,16 @@ def orthonormal(E: AnyArray, rank: float = ENDS_RANK) -> AnyArray:
     return np.asarray((axes[:, keep] / np.sqrt(inner[keep])).conj().T @ scaled)
 
 
+def orthonormal_each(E: ComplexArray, rank: float) -> ComplexArray:
+    """The same for many E at once, (w, n, N); rows that drop out become zeros."""
+    size = np.sqrt(np.sum(np.abs(E) ** 2, axis=2))
+    scaled = E / np.where(size > 0, size, 1.0)[:, :, None]
+    inner, axes = np.linalg.eigh(scaled @ scaled.conj().swapaxes(1, 2))
+    keep = inner > rank * np.max(inner, axis=1, initial=0.0, keepdims=True)
+    along = axes * (keep / np.sqrt(np.where(keep, inner, 1.0)))[:, None, :]
+    return np.asarray(along.conj().swapaxes(1, 2) @ scaled)
+
+
 def less_ends(grams: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Inner products of rows, less what the first n, the ends' of each segment, explain of the others.
 

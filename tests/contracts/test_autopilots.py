@@ -18,6 +18,7 @@ TELLS = {
     "logs/runs/systemid.py",  # what an ArduPilot log says, to its reader
     "logs/runs/told.py",
     "logs/runs/health.py",
+    "cli/check.py",  # its help: what is looked at
 }
 """Sentences that name a setting to the user; they decide nothing by it."""
 

@@ -208,7 +208,8 @@ def test_missing_files(tippath: Tippath, tmp_path: Path) -> None:
         assert "gone" in err
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
 def test_report_is_self_contained(foreign_csv: Path, tippath: Tippath, tmp_path: Path) -> None:
     fit = tmp_path / "fit.json"
     assert tippath("fit", foreign_csv, "--model", "cd", "-o", fit)[0] == 0

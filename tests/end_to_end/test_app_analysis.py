@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fake_app import screen_text, settle
 from flown_folder import fly_folder
-from flying import CHIRP, DOUBLET, PITCH, ROLL
+from flying import CHIRP, DOUBLET, LAG, PITCH, ROLL
 from textual.widgets import Input
 
 from gcs.tui.app import TippathApp
@@ -32,9 +32,9 @@ async def until(condition: Callable[[], object], within_s: float = 30.0) -> None
 
 
 @pytest.mark.realtime
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("few_effects", "answers_kept")
 async def test_a_lag_is_found_added_and_its_gains_are_pushed(tmp_path: Path) -> None:
-    flight = fly_folder(tmp_path / "flight-0001", "servo_lag", CARD).path
+    flight = fly_folder(tmp_path / "flight-0001", LAG, CARD).path
     engine = Reconnecting(folder=tmp_path)
     desk = engine.desk
     app = TippathApp(engine, bell=False, connections=engine, first="connect")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ from sysid.diagnose.next_maneuver import NextManeuver
 from sysid.fit.result import finite
 
 
-def comparison_document(compared: Comparison) -> dict[str, Any]:
-    """The `tippath.compare/1` document."""
+def comparison_document(compared: Comparison, warnings: Sequence[str] = ()) -> dict[str, Any]:
+    """The `tippath.compare/1` document; `warnings` stand against all of it."""
     shares, floor, ratio = compared.noise_share, compared.noise_floor_percent, compared.quiet_ratio
     return {
         "format": "tippath.compare/1",
@@ -50,14 +50,16 @@ def comparison_document(compared: Comparison) -> dict[str, Any]:
         "runs": [run.to_json() for run in compared.runs],
         "suspicions": [suspicion_document(suspicion) for suspicion in compared.suspicions],
         "remarks": list(compared.remarks),
+        "warnings": list(warnings),
     }
 
 
-def diagnosis_document(found: FitDiagnosis) -> dict[str, Any]:
-    """The `tippath.diagnosis/1` document with all that is told beside the diagnosis."""
+def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = ()) -> dict[str, Any]:
+    """The `tippath.diagnosis/1` document with all that is told beside the diagnosis, and what stands against it."""
     comparison, structure, terms = found.comparison, found.fit.model.structure, found.last.terms
     return {
         **found.last.to_json(),
+        "warnings": list(warnings),
         "character": {
             "findings": [finding_text(finding) for finding in comparison.findings],
             "bands": [band.to_json() for band in comparison.bands],

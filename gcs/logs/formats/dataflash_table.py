@@ -60,10 +60,13 @@ class DataFlashTables:
         self.path = path
         self.dropped: dict[str, int] = {}
         """Message type -> samples thrown out for an impossible time stamp."""
+        self.before_gaps: dict[str, int] = {}
+        """Message type -> samples left out because a gap follows them, see `tables.before_no_gap`."""
         self._time = (time_field, time_scale)
         self._present = frozenset(log.names)
         self._series: dict[str, Series] = {}
         self._clocks: dict[str, tuple[FloatArray, NDArray[np.int64]]] = {}
+        self._told_parameters: list[tuple[float, str, float]] | None = None
 
     def has(self, key: str) -> bool:
         try:
@@ -116,6 +119,20 @@ class DataFlashTables:
             return []
         t = (self.log.column(message, field) * scale).tolist()  # several may share a time: nothing is thrown out
         return list(zip(t, self.log.texts(message, column), strict=True))
+
+    def parameters(self, at_s: float = math.inf) -> dict[str, float]:
+        """The vehicle's parameters by name, as the log had told them at that time; empty where it tells none."""
+        if not self.has("PARM.Value"):
+            return {}
+        told = self._told_parameters
+        if told is None:
+            names = self.strings("PARM", "Name")
+            values = self.log.column("PARM", "Value").astype(np.float64).tolist()
+            told = self._told_parameters = [(t, name, value) for (t, name), value in zip(names, values, strict=True)]
+        first: dict[str, float] = {}
+        for _, name, value in told:
+            first.setdefault(name, value)
+        return first | {name: value for t, name, value in told if t <= at_s}
 
     def texts(self) -> Sequence[tuple[float, str]]:
         return self.strings("MSG", "Message")
@@ -175,5 +192,7 @@ class DataFlashTables:
                 self.dropped[name if instance is not None else message] = int(np.count_nonzero(~keep))
             t, starts = t[keep], starts[keep]
             trusted = np.ones(t.size, np.bool_) if event else before_no_gap(t)
+            if not trusted.all():
+                self.before_gaps[name if instance is not None else message] = int(np.count_nonzero(~trusted))
             self._clocks[name] = (t[trusted], starts[trusted])
         return self._clocks[name]

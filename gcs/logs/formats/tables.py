@@ -80,12 +80,15 @@ class Log(Protocol):
         """When it was armed (True) and disarmed; the first may be the state at the start. Empty where not logged."""
 
 
+NEARBY = 64  # spacings that tell the rate of a place in a log
+
+
 def before_no_gap(t: FloatArray) -> NDArray[np.bool_]:
     """Which samples are followed by the next in time, shape (n,); all of them where there is no regular rate to tell.
 
     Where bytes are missing, the head of one message can by chance be continued by the tail of a later one of just the
     right length. Nothing in the format shows it, but the next message is then late: the last sample before a gap is not
-    believed.
+    believed. What is late is judged by the rate nearby, for a vehicle may change it while it logs.
     """
     keep = np.ones(t.size, np.bool_)
     if t.size >= 10:
@@ -94,10 +97,27 @@ def before_no_gap(t: FloatArray) -> NDArray[np.bool_]:
     return keep
 
 
-def late_after_s(spacing: FloatArray) -> float:
-    """The spacing above which a message of a log came late: three medians. (What counts as a gap for a fit is
-    `sysid.data.preprocess.gap_threshold_s`.)"""
-    return 3 * float(np.median(spacing))
+def late_after_s(spacing: FloatArray) -> FloatArray:
+    """The spacing above which a message of a log came late, at each of its spacings, shape (n,), n at least 1.
+
+    Three medians of the `NEARBY` spacings around, or of those before or behind where they are longer: where the rate
+    falls, the first of the longer spacings are no gaps. (What counts as a gap for a fit is
+    `sysid.data.preprocess.gap_threshold_s`.)
+    """
+    whole = max(1, spacing.size // NEARBY)
+    stretch = np.minimum(np.arange(spacing.size) // NEARBY, whole - 1)  # the rest belongs to the last
+    last = (whole - 1) * NEARBY
+    medians = np.append(np.median(spacing[:last].reshape(-1, NEARBY), axis=1), np.median(spacing[last:]))
+    padded = np.concatenate((medians[:1], medians, medians[-1:]))
+    return np.asarray(3 * np.maximum(np.maximum(padded[:-2], medians), padded[2:])[stretch])
+
+
+def covered_s(t: FloatArray) -> float:
+    """How much time samples at t, shape (n,), cover: what lies between them but for the gaps."""
+    if t.size < 2:
+        return 0.0
+    spacing = np.diff(t)
+    return float(spacing[spacing <= late_after_s(spacing)].sum())
 
 
 def changes(t: FloatArray, values: NDArray[Any]) -> list[tuple[float, Any]]:

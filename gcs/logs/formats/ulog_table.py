@@ -153,5 +153,5 @@ class UlogTables:
         longest = late_after_s(spacing)
         before = np.flatnonzero(spacing > longest)
         with np.errstate(invalid="ignore"):
-            trusted[before] = ~(self.log.next_stamps(starts[before]) * 1e-6 - t[before] > longest)
+            trusted[before] = ~(self.log.next_stamps(starts[before]) * 1e-6 - t[before] > longest[before])
         return trusted

@@ -17,15 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import TippathError
-from gcs.logs.formats.tables import FloatArray, Log, Series
+from gcs.logs.formats.tables import FloatArray, Log, Series, stretches
 from gcs.logs.profile.profiles import ChannelSource, Profile
 from gcs.logs.profile.sources import Stretch, bind
-from sysid.data.record import CHANNELS, REQUIRED
+from sysid.data.record import CHANNELS, RATES, REQUIRED
 
 COMMANDS = ("delta_", "excitation_")
 ABSURD = 1e6  # in any channel's unit
 MOST: Mapping[str, float] = MappingProxyType({"rad/s": 500.0, "-1..1": 10.0})
 """By unit; rotors are quicker than gyros."""
+FASTEST_RAD_S = 60.0
+"""No gyro measures more."""
+USUAL_RAD_S = 1.0
+"""Median of a rate in flight at most: where it is more, the unit is wrong and not the samples."""
+MOST_BAD = 0.1
+"""Share of samples that no gyro can have measured, of a rate whose other ones are believed."""
 FEW = 0.01  # share of rows that may be given up for an optional channel
 SLOWER = 1.5  # a field is slower than the clock when its spacing is this much longer
 
@@ -46,6 +52,8 @@ class Mapped:
     """Channel -> median spacing of the field it came from, where that is slower than the record."""
     rows_dropped: int
     """Samples left out because a required channel had no partner."""
+    notes: tuple[str, ...] = ()
+    """What was left out beside these, and why."""
 
 
 class ChannelsMissing(TippathError):
@@ -54,6 +62,12 @@ class ChannelsMissing(TippathError):
 
 class OutsideLog(TippathError):
     """The log has no samples at that time."""
+
+    def __init__(self, text: str, first_s: float, last_s: float) -> None:
+        super().__init__(text)
+        self.first_s = first_s
+        self.last_s = last_s
+        """Times of the first and last sample of the rates."""
 
 
 def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float = math.inf) -> Mapped:
@@ -75,6 +89,8 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
     aligned: dict[str, _Aligned] = {}
     absent: dict[str, str] = {}
     valid = np.ones(clock.t.size, np.bool_)
+    unmeasured = np.zeros(clock.t.size, np.bool_)
+    notes: list[str] = []
     for channel in sorted(profile.channels.values(), key=lambda channel: channel.channel not in REQUIRED):
         name = channel.channel
         texts = {"p": (p,), "q": (q,)}.get(name, channel.sources)
@@ -83,12 +99,18 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
             absent[name] = values
             continue
         good = _possible(name, values.values)
+        if name in RATES and (bad := _no_gyro(values.values)).any():
+            notes.append(_no_gyro_in_words(name, clock.t, values.values, bad))
+            unmeasured |= bad
+            good |= bad
         lost = float(np.mean(~good[valid])) if valid.any() else 0.0
         if name not in REQUIRED and lost > FEW:
             absent[name] = f"{values.source} has no value for {100 * lost:.0f} % of the samples"
             continue
         valid &= good
         aligned[name] = values
+    no_partner = int(np.count_nonzero(~valid & ~unmeasured))
+    valid &= ~unmeasured
     if np.count_nonzero(valid) < 2:
         raise ChannelsMissing(
             f"{log.path}: no sample has {', '.join(REQUIRED[1:])} together between {clock.t[0]:.3f} and "
@@ -100,7 +122,8 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
         absent=absent,
         rate_source="csv" if log.kind == "csv" else base.split(".")[0].split("[")[0],
         spacing_s={n: each.spacing_s for n, each in aligned.items() if each.spacing_s > SLOWER * clock.spacing_s},
-        rows_dropped=int(np.count_nonzero(~valid)),
+        rows_dropped=no_partner,
+        notes=tuple(notes),
     )
 
 
@@ -139,7 +162,7 @@ def _aligned(channel: ChannelSource, texts: Sequence[str], clock: Series, stretc
         return f"the log has no {' or '.join(channel.sources)}"
     expression = bind(text, stretch.log)
     series = {key: stretch.log.series(key) for key in expression.fields}
-    coarsest = max((each.spacing_s for each in series.values() if each.t.size > 1), default=clock.spacing_s)
+    coarsest = max((spacing_near(clock, each) for each in series.values() if each.t.size > 1), default=clock.spacing_s)
     if channel.channel not in REQUIRED and channel.min_rate_hz and coarsest > 1 / channel.min_rate_hz:
         return f"{text} is logged at {1 / coarsest:.0f} Hz, {channel.min_rate_hz:.0f} Hz are needed"
     held = channel.channel.startswith(COMMANDS)
@@ -161,6 +184,39 @@ def _possible(name: str, values: FloatArray) -> NDArray[np.bool_]:
     return possible
 
 
+def _no_gyro(values: FloatArray) -> NDArray[np.bool_]:
+    """Which samples of a rate in rad/s a gyro cannot have measured, shape (n,), with the ramps to and from them.
+
+    None where most samples are large: then the unit is wrong, and the health says so.
+    """
+    size = np.abs(values)
+    with np.errstate(invalid="ignore"):
+        bad = size > FASTEST_RAD_S
+    if not bad.any() or np.mean(bad) > MOST_BAD or not np.nanmedian(size) <= USUAL_RAD_S:
+        return np.zeros(values.shape, np.bool_)
+    for start, stop in stretches(bad):
+        while start > 0 and USUAL_RAD_S < size[start - 1] < size[start]:
+            start -= 1
+            bad[start] = True
+        while stop < size.size and USUAL_RAD_S < size[stop] < size[stop - 1]:
+            bad[stop] = True
+            stop += 1
+    return bad
+
+
+def _no_gyro_in_words(name: str, t: FloatArray, values: FloatArray, bad: NDArray[np.bool_]) -> str:
+    where = stretches(bad)
+    first, last = where[0][0], where[-1][1] - 1
+    at_end = len(where) == 1 and last == bad.size - 1
+    count = int(np.count_nonzero(bad))
+    which = f"the last {count} samples, from {t[first]:.2f} s on," if at_end else f"{count} samples"
+    between = "" if at_end else f" (between {t[first]:.2f} and {t[last]:.2f} s)"
+    return (
+        f"{which} left out{between}: {name} reaches {np.nanmax(np.abs(values[bad])):.0f} rad/s there, which no gyro "
+        f"measures, while half of all samples are below {np.nanmedian(np.abs(values)):.2g} rad/s"
+    )
+
+
 def _require_overlap(sources: Sequence[str], stretch: Stretch) -> None:
     """Raises OutsideLog where the rates are logged, but not in this stretch."""
     log = stretch.log
@@ -170,7 +226,8 @@ def _require_overlap(sources: Sequence[str], stretch: Stretch) -> None:
         return
     first, last = min(float(t[0]) for t in clocks), max(float(t[-1]) for t in clocks)
     if stretch.stop_s < first or stretch.start_s > last:
-        raise OutsideLog(f"{log.path}: no samples{_between(stretch)}: the log runs from {first:.3f} to {last:.3f} s")
+        text = f"{log.path}: no samples{_between(stretch)}: the log runs from {first:.3f} to {last:.3f} s"
+        raise OutsideLog(text, first, last)
 
 
 def _between(stretch: Stretch) -> str:
@@ -197,7 +254,7 @@ def onto(clock: Series, series: Series, held: bool) -> FloatArray:
     spacing = clock.spacing_s
     if series.t.size == 0:
         return np.full(clock.t.shape, np.nan)
-    if series.t.size > 1 and series.spacing_s <= SLOWER * spacing:
+    if series.t.size > 1 and spacing_near(clock, series) <= SLOWER * spacing:
         right = np.clip(np.searchsorted(series.t, clock.t), 1, series.t.size - 1)
         nearest = right - (clock.t - series.t[right - 1] <= series.t[right] - clock.t)
         return np.where(np.abs(series.t[nearest] - clock.t) <= 0.5 * spacing, series.values[nearest], np.nan)
@@ -208,6 +265,12 @@ def onto(clock: Series, series: Series, held: bool) -> FloatArray:
     values = np.interp(clock.t, series.t, series.values)
     inside = (clock.t >= series.t[0] - beyond) & (clock.t <= series.t[-1] + beyond)
     return np.where(inside, values, np.nan)
+
+
+def spacing_near(clock: Series, series: Series) -> float:
+    """The median spacing of a field between the clock's ends, s: its rate may have been another before; else of all."""
+    inside = series.part(float(clock.t[0]), float(clock.t[-1]))
+    return inside.spacing_s if inside.t.size > 2 else series.spacing_s
 
 
 def _what_is_missing(profile: Profile, log: Log, channels: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from gcs.errors import TippathError
-from gcs.logs.formats.tables import Log
+from gcs.logs.formats.tables import Log, covered_s
 from gcs.logs.profile.expression import Expression
 from gcs.logs.profile.profiles import Profile
 
@@ -82,7 +82,7 @@ class Stretch:
     def covered_s(self, text: str) -> float:
         """How much of the stretch the best of its fields covers."""
         parts = [self.log.series(key).part(self.start_s, self.stop_s) for key in bind(text, self.log).fields]
-        return max((part.spacing_s * (part.t.size - 1) for part in parts if part.t.size > 1), default=0.0)
+        return max((covered_s(part.t) for part in parts), default=0.0)
 
     def first_of(self, texts: Collection[str]) -> str | None:
         """The first source that is there."""

@@ -18,9 +18,9 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray, Log
 from gcs.logs.profile import mapping
 from gcs.logs.profile.profiles import Profile
-from gcs.logs.runs import around, health, latency
+from gcs.logs.runs import around, health, latency, onboard
 from gcs.logs.runs.health import F_HIGH_HZ, Health
-from gcs.logs.runs.run import Run, Window
+from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
 from sysid.data.record import Record, RecordError
 
@@ -48,10 +48,26 @@ class Cutting:
     def windowed(self) -> bool:
         return (self.low_s, self.high_s) != (-math.inf, math.inf)
 
+    def after(self, span: Span, window: FromStart) -> Cutting:
+        """The same between two times from the start of a maneuver, or of the log where that is all one run.
+
+        Raises OutsideLog where the maneuver is over before.
+        """
+        start, stop = span.start_s, span.stop_s
+        if not (math.isfinite(start) and math.isfinite(stop)):
+            t = mapping.apply(self.profile, self.log).channels["t"]
+            start, stop = max(start, float(t[0])), min(stop, float(t[-1]))
+        low, high = window.after(start)
+        if low is not None and low >= stop:
+            length = f"the run is over {stop - start:.1f} s after its start"
+            raise mapping.OutsideLog(f"{self.log.path}: nothing lies in {window.mark}: {length}", start, stop)
+        return replace(self, low_s=-math.inf if low is None else low, high_s=math.inf if high is None else high)
+
     def run(self, span: Span, id: str, others: Sequence[tuple[float, float]]) -> Run:
         """The run of one maneuver; `others`: start and stop of the log's other ones.
 
-        Raises OutsideLog where the window leaves nothing of the log, TippathError where the profile makes no sense.
+        Raises OutsideLog where the window leaves nothing of the log, or the log has no samples of the maneuver at all;
+        TippathError where the profile makes no sense.
         """
         start, stop = max(span.start_s, self.low_s), min(span.stop_s, self.high_s)
         band = _flown_band(self.log, span, start, stop)
@@ -59,7 +75,7 @@ class Cutting:
             mapped = self._mapped(span)
             record = self._record(span, id, band, mapped)
         except (TippathError, RecordError) as error:
-            if isinstance(error, mapping.OutsideLog) and (self.log.kind == "csv" or self.windowed):
+            if isinstance(error, mapping.OutsideLog) and (self._elsewhere(span, error) or self.windowed):
                 raise
             if self.log.kind == "csv":
                 raise TippathError(str(error)) from error
@@ -79,7 +95,8 @@ class Cutting:
             around.disarmed(self.log, start, stop),
             around.equal_motors(self.log, mapped.sources, checked.excitation, start, stop),
         )
-        reasons = (*(reason for reason in beside if reason is not None), *span.reasons, *checked.reasons)
+        found = () if span.explained else checked.reasons
+        reasons = (*(reason for reason in beside if reason is not None), *span.reasons, *found)
         # The record carries what was noted about it to whoever fits it.
         record = replace(record, notes=(*record.notes, *checked.notes))
         return Run(
@@ -103,6 +120,10 @@ class Cutting:
             entered_s=span.entered_s,
         )
 
+    def _elsewhere(self, span: Span, error: mapping.OutsideLog) -> bool:
+        """Whether nothing of a maneuver lies where the log has samples, its entry neither."""
+        return self.log.kind == "csv" or span.first_s > error.last_s or span.stop_s < error.first_s
+
     def _mapped(self, span: Span) -> mapping.Mapped:
         low = max(span.first_s, span.start_s - KEEP_BEFORE_S, self.low_s)
         high = min(span.last_s, span.stop_s + KEEP_AFTER_S, self.high_s)
@@ -110,7 +131,7 @@ class Cutting:
 
     def _record(self, span: Span, id: str, band: tuple[float, float] | None, mapped: mapping.Mapped) -> Record:
         channels = dict(mapped.channels)
-        notes = [*span.notes, *self.profile.notes]
+        notes = [*span.notes, *self.profile.notes, *mapped.notes]
         if span.maneuver in ("chirp", "doublet") and not _excitation_known(channels, span):
             channels = {name: values for name, values in channels.items() if not name.startswith("excitation_")}
         if mapped.rows_dropped:
@@ -126,6 +147,7 @@ class Cutting:
             sha256=self.sha256,
             swept_band_hz=band,
             notes=tuple(notes),
+            vehicle=onboard.vehicle_of(self.log, span.start_s),
         )
 
     def _without_record(
@@ -185,13 +207,19 @@ class Cutting:
             for each in late
             if each.late_s < 0
         ]
+        lost = onboard.dropped(self.log, *at) if checked.gaps else None
+        slow = onboard.thinned(self.log, at[0], checked.rate_hz)
+        notes += [note for note in (lost, slow) if note is not None]
         return replace(checked, quiet=quiet, latency=late, notes=(*checked.notes, *notes))
 
 
-def of_record(record: Record, window: Window | None = None, f_high_hz: float = F_HIGH_HZ) -> Run:
+def of_record(record: Record, window: AnyWindow | None = None, f_high_hz: float = F_HIGH_HZ) -> Run:
     """A record that was written before, checked again. Raises RecordError where the window leaves nothing of it."""
+    mark = ""
+    if isinstance(window, FromStart):
+        mark, window = window.mark, window.after(float(record.t[0]))
     if window is not None:
-        record = record.window(*window)
+        record = replace(record.window(*window), id=record.id + mark)
     checked = health.check(record, f_high_hz=f_high_hz)
     return Run(
         record=record,

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.logs.formats.tables import FloatArray, stretches
+from gcs.logs.profile.mapping import FASTEST_RAD_S
 from gcs.logs.runs.latency import Latency
 from gcs.logs.runs.spectra import COMMAND_RMS, Coherent, Spectra, spectra, strength
 from sysid.data.preprocess import DEFAULT_BAND_HZ, MINIMUM_SEGMENT_S, gap_places, rate_hz
@@ -28,7 +29,6 @@ RATE_RMS = 0.01  # rad/s: less is gyro noise on the bench
 COMMAND_LIMIT = 1.05
 SATURATED = 0.999
 SATURATED_NOTE, SATURATED_REASON = 0.002, 0.1  # shares of the samples
-FASTEST_RAD_S = 60.0  # no gyro measures more; values above are degrees
 CLIPPED_SAMPLES = 5
 FULL_SCALES = tuple(math.radians(scale) for scale in (125, 250, 500, 1000, 2000, 4000))
 """What gyros are set to, rad/s."""
@@ -44,6 +44,10 @@ TOGETHER = 0.9
 """Correlation of the two commands above which their effects cannot be told apart: 1/(1 - 0.9^2), five times the
 variance of either."""
 TOGETHER_SHOWN = 0.7
+MOST_OF_IT = 0.8
+"""Of a run, in one piece."""
+LOWEST_BAND_HZ = 3
+"""A fit of less of a hovering vehicle's band tells little."""
 
 SWEEP = "fly a chirp: tippath sweep --connect LINK --axis roll, then pitch (and elevator in forward flight)"
 LIKELY_HZ = (40.0, 5000.0)  # what vehicles log their rates at
@@ -93,6 +97,9 @@ class Health:
     latency: tuple[Latency, ...] = ()
     """Fields of the log that show the same as the run's own, but later or earlier."""
 
+    in_pieces: bool = False
+    """Whether the longest piece, of which powers and coherence are, is much shorter than the run."""
+
     def words(self, axis: str | None = None) -> str:
         """In one line: `coherence 0.5-9.6 Hz   jitter 1 %   quiet 6.2 s before`; empty where nothing is known.
 
@@ -108,6 +115,8 @@ class Health:
         for name, (low, high) in self.command_band_hz.items():
             if axis in (None, name):
                 parts.append(f"{'power' if axis else f'{name} power'} {low:.1f}-{high:.1f} Hz")
+        if parts and self.in_pieces:
+            parts.append(f"(of the longest piece, {self.longest_piece_s:.1f} s)")
         if self.jitter >= JITTER_SHOWN:
             parts.append(f"jitter {100 * self.jitter:.0f} %")
         if self.input_correlation is not None and abs(self.input_correlation) >= TOGETHER_SHOWN:
@@ -146,6 +155,18 @@ class _Measured:
         """Of the pieces without a gap."""
         t = self.record.t
         return max(float(t[stop - 1] - t[start]) for start, stop in pairwise(self.edges.tolist()))
+
+    @property
+    def used_s(self) -> float:
+        """Of the pieces without a gap that are long enough for a fit."""
+        t = self.record.t
+        lengths = (float(t[stop - 1] - t[start]) for start, stop in pairwise(self.edges.tolist()))
+        return sum(length for length in lengths if length >= SHORTEST_PIECE_S)
+
+    @property
+    def in_pieces(self) -> bool:
+        """Whether the longest piece is so short that its spectra are not those of the run."""
+        return self.longest_s < MOST_OF_IT * self.record.duration_s
 
     @property
     def mistaken_time(self) -> str | None:
@@ -215,6 +236,7 @@ def check(
         command_band_hz=run.spectra.command_band_hz,
         coherent=run.spectra.coherent,
         input_correlation=run.spectra.input_correlation,
+        in_pieces=run.in_pieces,
     )
 
 
@@ -283,6 +305,8 @@ def _excitation(run: _Measured) -> Iterator[_Finding]:
     # With another unit of time the band from 0.3 Hz to f_high is not where it seems.
     if run.record.maneuver == "quiet" or run.mistaken_time is not None:
         return
+    if run.record.axis not in (None, "roll", "pitch", "elevator"):
+        return  # yaw or thrust was excited, and that is said
     if not any(command >= COMMAND_RMS and rate >= RATE_RMS for command, rate in run.excitation.values()):
         axes = "; ".join(
             f"{axis} command {command:.2g} of full and rate {rate:.2g} rad/s rms"
@@ -293,7 +317,7 @@ def _excitation(run: _Measured) -> Iterator[_Finding]:
 
 def _irregular_samples(run: _Measured) -> Iterator[_Finding]:
     if run.gaps:
-        yield _note(_gaps_in_words(run.gaps))
+        yield _note(_gaps_in_words(run.gaps) + _used_in_words(run))
     if run.jitter > JITTER_NOTE:
         yield _note(
             f"the samples come irregularly: spacing {1000 / run.rate_hz:.1f} ms with a standard deviation of "
@@ -302,8 +326,8 @@ def _irregular_samples(run: _Measured) -> Iterator[_Finding]:
 
 
 def _coherence(run: _Measured) -> Iterator[_Finding]:
-    if run.record.maneuver != "chirp":
-        return
+    if run.record.maneuver != "chirp" or run.in_pieces:
+        return  # a piece of a sweep does not sweep the whole band
     for axis, coherent in run.spectra.coherent.items():
         if coherent.share < ENOUGH_COHERENT and run.record.axis in (None, axis):
             yield _note(
@@ -323,9 +347,11 @@ def _separable(run: _Measured) -> Iterator[_Finding]:
 
 def _length(run: _Measured) -> Iterator[_Finding]:
     if run.gaps and run.longest_s < SHORTEST_PIECE_S:
+        yield _Finding(_no_piece_in_words(run))
+    elif run.gaps and run.used_s < SHORTEST_RUN_S <= run.record.duration_s:
         yield _Finding(
-            f"no piece of {SHORTEST_PIECE_S:g} s without a gap (the longest is {run.longest_s:.2f} s): "
-            "log to a faster medium or take the log from the vehicle instead of the telemetry"
+            f"only {run.used_s:.1f} s lie in pieces of at least {SHORTEST_PIECE_S:g} s without a gap; at least "
+            f"{SHORTEST_RUN_S:g} s are needed: {_without_gaps(run)}"
         )
     elif run.record.duration_s < SHORTEST_RUN_S:
         yield _Finding(
@@ -378,6 +404,35 @@ def _gaps_in_words(gaps: Sequence[tuple[float, float]]) -> str:
         f"{len(gaps)} {word} in the samples, the longest {longest:.2f} s: pieces are fitted apart "
         f"({most}at {where} s of the log)"
     )
+
+
+def _no_piece_in_words(run: _Measured) -> str:
+    spacing_s = float(np.median(np.diff(run.record.t)))
+    share = min(1.0, run.record.t.size * spacing_s / run.record.duration_s)
+    return (
+        f"no piece of {SHORTEST_PIECE_S:g} s without a gap (the longest is {run.longest_s:.2f} s; {len(run.gaps)} gaps "
+        f"of at most {1000 * max(stop - start for start, stop in run.gaps):.0f} ms, {100 * share:.0f} % of the samples "
+        f"are there): {_without_gaps(run)}"
+    )
+
+
+def _without_gaps(run: _Measured) -> str:
+    """What to do about a run with too many gaps."""
+    longest_s = max(stop - start for start, stop in run.gaps)
+    do = "log to a faster medium, or log less beside the rates"
+    if run.record.rate_source in TELEMETRY:
+        do = "take the vehicle's own log instead of the telemetry"
+    below_hz = math.floor(1 / (4 * longest_s) * 0.999)
+    if below_hz < LOWEST_BAND_HZ or below_hz >= run.f_high_hz:
+        return do
+    return f"{do}; or use it up to {below_hz} Hz only, where gaps so short are none: --band 0:{below_hz}"
+
+
+def _used_in_words(run: _Measured) -> str:
+    """How much of the run is left in pieces that a fit takes, where that is not all."""
+    if run.used_s >= 0.99 * (run.record.duration_s - sum(stop - start for start, stop in run.gaps)):
+        return ""
+    return f"; {run.used_s:.1f} of {run.record.duration_s:.1f} s lie in pieces of at least {SHORTEST_PIECE_S:g} s"
 
 
 def _mistaken_time(record: Record, rate_hz: float) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,6 +11,40 @@ from sysid.data.record import Record
 
 Window = tuple[float | None, float | None]
 """Start and stop in seconds of the log's own time; an open end is None."""
+
+
+@dataclass(frozen=True)
+class FromStart:
+    """A window in seconds from where a run's maneuver starts."""
+
+    start_s: float | None
+    stop_s: float | None
+    """An open end is None."""
+
+    def after(self, start_s: float) -> Window:
+        """In the log's own time, for a run that starts there."""
+        ends = (self.start_s, self.stop_s)
+        low, high = (None if end is None else start_s + end for end in ends)
+        return low, high
+
+    @property
+    def mark(self) -> str:
+        """`@5:25`, what stands behind a run's id."""
+        return "@" + ":".join("" if end is None else f"{end:g}" for end in (self.start_s, self.stop_s))
+
+
+AnyWindow = Window | FromStart
+
+_MARK = re.compile(r"(.+)@(\d*\.?\d*):(\d*\.?\d*)")
+
+
+def split_mark(word: str) -> tuple[str, FromStart | None]:
+    """`flight.BIN#2@5:25` -> (`flight.BIN#2`, its window); a word without one as it is. Raises ValueError."""
+    match = _MARK.fullmatch(word)
+    if match is None:
+        return word, None
+    start, stop = (float(end) if end else None for end in match.groups()[1:])
+    return match[1], FromStart(start, stop)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,27 +21,39 @@ from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import excited, systemid, told
 from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S, SWEEP
-from gcs.logs.runs.run import Run, Window
+from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
 from gcs.vehicle.autopilots import SYSTEMID
+
+
+@dataclass(frozen=True)
+class Flown:
+    """The runs of a log."""
+
+    runs: tuple[Run, ...]
+    elsewhere: tuple[str, ...] = ()
+    """What the log tells of maneuvers whose samples it does not hold, a sentence for each boot that has such."""
 
 
 def runs_of(
     boots: Sequence[tuple[Log, Profile]],
     name: str,
     sha256: str,
-    window: Window | None = None,
+    window: AnyWindow | None = None,
     f_high_hz: float = F_HIGH_HZ,
-) -> tuple[Run, ...]:
+) -> Flown:
     """Every run of a log, boot by boot in order of time, numbered from 1.
 
-    Those outside the window are left out, and the others keep their numbers. A boot without maneuvers is one run,
-    unknown; so is a window in which none lies, on the user's word. `name` is the file's name, for the ids. Raises
-    TippathError where a profile makes no sense.
+    Those outside the window, and those of which the file has no samples, are left out, and the others keep their
+    numbers. A boot without maneuvers is one run, unknown; so is a window in which none lies, on the user's word. A
+    window from each run's start marks the ids. `name` is the file's name, for the ids. Raises TippathError where a
+    profile makes no sense.
     """
     low, high = _ends(window)
+    mark = window.mark if isinstance(window, FromStart) else ""
     runs: list[Run] = []
     outside: list[OutsideLog] = []
+    elsewhere: list[str] = []
     flown = _numbered(boots)
     none_inside = not any(each.within(low, high) for each in flown)
     for boot in flown:
@@ -54,14 +66,42 @@ def runs_of(
             else:
                 numbered = [(number, _whole(log, profile, window))]
         cutting = Cutting(log=log, profile=profile, sha256=sha256, low_s=low, high_s=high, f_high_hz=f_high_hz)
+        beyond: list[tuple[int, Span, OutsideLog]] = []
         for number, span in numbered:
             try:
-                runs.append(cutting.run(span, f"{name}#{number}", boot.others(span)))
+                cut = cutting.after(span, window) if isinstance(window, FromStart) else cutting
+                runs.append(cut.run(span, f"{name}#{number}{mark}", boot.others(span)))
             except OutsideLog as error:
-                outside.append(error)
+                beyond.append((number, span, error))
+        outside += [error for _, _, error in beyond]
+        if beyond and window is None and log.kind != "csv":
+            elsewhere.append(_elsewhere(beyond))
+            if len(beyond) == len(numbered):
+                whole = replace(_whole(log, profile, window), reasons=(NOTHING_WHOLE,))
+                runs.append(cutting.run(whole, f"{name}#{boot.first + len(boot.spans)}", ()))
     if not runs and outside:
-        raise outside[0]
-    return tuple(runs)
+        raise max(outside, key=lambda error: error.last_s - error.first_s)
+    return Flown(tuple(runs), tuple(elsewhere))
+
+
+NOTHING_WHOLE = (
+    "no maneuver lies in the samples of this file: those that the log tells of were flown before or after; take the "
+    "whole log from the vehicle, or name a stretch that was flown as one: --window START:STOP"
+)
+
+
+def _elsewhere(beyond: Sequence[tuple[int, Span, OutsideLog]]) -> str:
+    """`8 maneuvers of this boot lie outside the samples of this file: 114.57 to 1164.28 s (...)`."""
+    spans, error = [span for _, span, _ in beyond], beyond[0][2]
+    first, last = min(span.start_s for span in spans), max(span.start_s for span in spans)
+    many = len(spans) > 1
+    when = f"{first:.2f} to {last:.2f} s" if many else f"at {first:.2f} s"
+    numbers = ", ".join(f"#{number}" for number, _, _ in beyond)
+    return (
+        f"{len(spans)} maneuver{'s' if many else ''} of this boot {'lie' if many else 'lies'} outside the samples of "
+        f"this file: {when} ({numbers}; its samples run from {error.first_s:.2f} to {error.last_s:.2f} s): "
+        "the whole log has them"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +152,7 @@ def _spans(log: Log, profile: Profile) -> list[Span]:
     return _maneuvers(log, profile)
 
 
-def _whole(log: Log, profile: Profile, window: Window | None) -> Span:
+def _whole(log: Log, profile: Profile, window: AnyWindow | None) -> Span:
     """All of a log in which no maneuver was found, or of the window."""
     reasons = (_no_maneuver(log),) if log.kind != "csv" and window is None else ()
     whole = Span(start_s=-math.inf, stop_s=math.inf, first_s=-math.inf, last_s=math.inf, reasons=reasons)
@@ -165,8 +205,9 @@ def _no_maneuver(log: Log) -> str:
     )
 
 
-def _ends(window: Window | None) -> tuple[float, float]:
-    start, stop = window or (None, None)
+def _ends(window: AnyWindow | None) -> tuple[float, float]:
+    """In the log's own time; infinite where it is open, or from each run's start."""
+    start, stop = (None, None) if window is None or isinstance(window, FromStart) else window
     return -math.inf if start is None else start, math.inf if stop is None else stop
 
 

@@ -23,6 +23,8 @@ class Span:
     planned_s: float | None = None
     excites_command: bool = True
     reasons: tuple[str, ...] = ()
+    explained: bool = False
+    """Whether the reasons are why everything else about it is wrong: nothing further is then held against it."""
     notes: tuple[str, ...] = ()
     entered_s: float | None = None
     track: tuple[FloatArray, FloatArray] | None = None

@@ -14,13 +14,20 @@ import numpy as np
 
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray, Series
+from gcs.logs.runs.health import SHORTEST_RUN_S
 from gcs.logs.runs.span import Span
 from gcs.vehicle.autopilots import PARAMETER_ERROR, STOPPED, SYSTEMID
 
 LEAD_S = 1.0  # of nothing before the maneuver
 AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
 """SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
+OTHER_AXES = {3: "yaw", 6: "yaw", 9: "yaw", 12: "yaw", 13: "thrust"}
+"""What no fit here takes."""
 RATE_AXES = (7, 8)  # the excitation is added to the rate command: it is no part of the cyclic command
+MAGNITUDE_CHANGED = 3.0
+"""Times the magnitude that was set: Tischler's noise adds to the chirp, but not as much."""
+FEWEST_BEYOND = 10
+"""Samples; fewer may be damaged ones."""
 KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
 
 
@@ -30,6 +37,7 @@ class _Entry:
 
     t: float
     axis: int | None = None
+    magnitude: float | None = None
     band: tuple[float, float] | None = None
     duration_s: float | None = None
     lost: bool = False
@@ -59,13 +67,16 @@ def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
     entries = []
     if log.has("SIDS.Ax"):
         t = log.series("SIDS.Ax").t
-        columns = {c: log.series(f"SIDS.{c}").values for c in ("Ax", "FSt", "FSp", "TR") if log.has(f"SIDS.{c}")}
+        columns = {c: log.series(f"SIDS.{c}").values for c in ("Ax", "Mag", "FSt", "FSp", "TR") if log.has(f"SIDS.{c}")}
         for i, at in enumerate(t.tolist()):
-            low, high, duration = (float(columns[c][i]) if c in columns else math.nan for c in ("FSt", "FSp", "TR"))
+            magnitude, low, high, duration = (
+                float(columns[c][i]) if c in columns else math.nan for c in ("Mag", "FSt", "FSp", "TR")
+            )
             entries.append(
                 _Entry(
                     at,
                     _number(columns["Ax"][i]),
+                    magnitude if 0 < magnitude < math.inf else None,
                     (low, high) if 0 < low < high < math.inf else None,
                     duration if 0 < duration < 3600 else None,
                 )
@@ -121,8 +132,11 @@ class _Maneuver:
     start_s: float
     stop_s: float
     band: tuple[float, float] | None
+    last_s: float | None = None
+    """The record must end here, where that is before the mode was left."""
     notes: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
+    explained: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,26 +152,30 @@ class _Flown:
     def span(self, texts: Sequence[tuple[float, str]]) -> Span:
         """Where the maneuver lies; `texts`: what the vehicle said meanwhile."""
         entry = self.entry
-        maneuver = self._as_it_moved(self._as_told(self._as_set(), texts))
+        maneuver = self._until_changed(self._as_it_moved(self._as_told(self._as_set(), texts)))
         notes = list(maneuver.notes)
         if entry.lost:
             notes.append(
                 "SIDS, the settings at the start, is missing from the log: axis and band worked out from the data"
             )
         axis = self._axis(maneuver)
-        if entry.axis is not None and entry.axis not in AXES and axis is None and maneuver.kind != "quiet":
+        reasons = maneuver.reasons
+        if entry.axis in OTHER_AXES and axis is not None:
+            reasons = (*reasons, other_axis(entry.axis))
+        elif entry.axis is not None and entry.axis not in AXES and axis is None and maneuver.kind != "quiet":
             notes.append(f"SID_AXIS {entry.axis} excites neither roll nor pitch nor the elevator")
         return Span(
             start_s=maneuver.start_s,
             stop_s=max(maneuver.start_s, maneuver.stop_s),
             first_s=entry.t,
-            last_s=self.end_s,
+            last_s=self.end_s if maneuver.last_s is None else maneuver.last_s,
             maneuver=maneuver.kind,
             axis=axis,
             swept_band_hz=maneuver.band if maneuver.kind in ("chirp", "unknown") else None,
             planned_s=entry.duration_s,
             excites_command=entry.axis not in RATE_AXES,
-            reasons=maneuver.reasons,
+            reasons=reasons,
+            explained=maneuver.explained,
             notes=tuple(notes),
             entered_s=entry.t,
         )
@@ -199,11 +217,34 @@ class _Flown:
         moved = _moved(self.sidd, self.entry, self.end_s)
         if moved is None:
             reason = "it ended before the maneuver began: nothing was injected; fly it again"
+            if not self.sidd.part(self.entry.t, self.end_s).t.size:
+                reason = "SIDD has no samples of it, so that what was injected is not known: take the whole log"
             return replace(maneuver, stop_s=maneuver.start_s, reasons=(*maneuver.reasons, reason))
         ended = moved[1] < maneuver.stop_s - 0.5 or self.entry.duration_s is None
         if maneuver.kind != "doublet" and ended:  # a doublet rests in between, and at its end
             maneuver = replace(maneuver, stop_s=moved[1])
         return self._without_settings(maneuver, moved) if self.entry.lost else maneuver
+
+    def _until_changed(self, maneuver: _Maneuver) -> _Maneuver:
+        """Until more was injected than the magnitude that was set: SID_MAGNITUDE acts at once, also in mid-sweep."""
+        if maneuver.kind == "quiet" or self.sidd is None or self.entry.magnitude is None:
+            return maneuver
+        part = self.sidd.part(maneuver.start_s, maneuver.stop_s)
+        with np.errstate(invalid="ignore"):
+            beyond = np.flatnonzero(np.abs(part.values) > MAGNITUDE_CHANGED * self.entry.magnitude)
+        if beyond.size < FEWEST_BEYOND:
+            return maneuver
+        at = float(part.t[beyond[0]])
+        largest = float(np.nanmax(np.abs(self.sidd.part(at, self.end_s).values)))
+        what = (
+            f"the magnitude was changed in mid-sweep: {self.entry.magnitude:g} at its start (SIDS.Mag), and from "
+            f"{at:.2f} s of the log SIDD.Targ reaches {largest:.4g}"
+        )
+        changed = replace(maneuver, stop_s=at, last_s=at)
+        if at - maneuver.start_s >= SHORTEST_RUN_S:
+            return replace(changed, notes=(*maneuver.notes, f"{what}: only what was flown before is taken"))
+        reason = f"{what}: fly it again, and let no other station write SID_MAGNITUDE while a sweep runs"
+        return replace(changed, reasons=(*maneuver.reasons, reason), explained=True)
 
     def _without_settings(self, maneuver: _Maneuver, moved: tuple[float, float]) -> _Maneuver:
         """Start and band by the data alone."""
@@ -218,8 +259,16 @@ class _Flown:
     def _axis(self, maneuver: _Maneuver) -> str | None:
         if maneuver.kind == "quiet":
             return None
-        named = None if self.entry.axis is None else AXES.get(self.entry.axis)
+        named = None if self.entry.axis is None else (AXES | OTHER_AXES).get(self.entry.axis)
         return _excited_axis(self.log, maneuver.start_s, maneuver.stop_s) if named is None else named
+
+
+def other_axis(number: int) -> str:
+    """Why no fit takes a sweep of that SID_AXIS, one of `OTHER_AXES`."""
+    return (
+        f"SID_AXIS {number} excites {OTHER_AXES[number]}, neither roll nor pitch, and no fit here takes it: "
+        "for roll fly SID_AXIS 10 or 7, for pitch 11 or 8"
+    )
 
 
 def _law(log: DataFlashTables, row: int) -> str:

@@ -159,7 +159,7 @@ def test_one_run_a_short_window_and_another_band(
     assert (document["bands"][0]["low_hz"], document["bands"][-1]["high_hz"]) in ((1.0, 8.0),)
 
 
-@pytest.mark.parametrize("name", ["x.png", "x.svg", "x.html"])
+@pytest.mark.parametrize("name", ["x.png", pytest.param("x.svg", marks=pytest.mark.thorough), "x.html"])
 def test_a_picture_is_drawn(name: str, fits: dict[str, Path], tippath: Tippath, tmp_path: Path) -> None:
     path = tmp_path / name
     status, out, err = tippath("compare", fits["lag"], "--plot", path)

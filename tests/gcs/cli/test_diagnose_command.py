@@ -14,7 +14,7 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +22,20 @@ import jsonschema
 import numpy as np
 import pytest
 from contract_schemas import DIAGNOSIS, FIT, REVEAL
-from flying import fly_maneuver, log_of
+from flying import CHIRP, DOUBLET, LAG, LAG_CARD, PITCH, ROLL, flown
 
 from gcs.analysis.text.ladder import bar, ladder_text
 from gcs.cards.maneuver import load_card
-from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.hidden import plant_one
 from sitl.hidden.seal import seal_answer
 
-pytestmark = pytest.mark.usefixtures("answers_kept")
+pytestmark = pytest.mark.usefixtures("answers_kept", "few_effects_in_module")
 Tippath = Callable[..., tuple[int, str, str]]
-MANEUVERS = (
-    *((0, axis, size, 15.0) for axis, size in ((10, 0.10), (10, 0.10), (11, 0.15), (11, 0.15))),
-    *((1, axis, size, 5.0) for axis, size in ((10, 0.10), (11, 0.15))),
+LAG_S = plant_one(*LAG).sizes["tau_s"]
+DEAD_BAND_CARD = (
+    *((CHIRP, axis, size, 10.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
+    *((DOUBLET, axis, size, 5.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
 )
-"""Kind, axis, amplitude, seconds: four chirps, two doublets."""
-SECRET = 2
-"""The seed of a lag of 22 ms, which a gyro could have as well."""
 
 DRAG = '''"""Drag of a long tail."""
 
@@ -52,12 +49,6 @@ EFFECT = Effect(
     stage=Stage.DYNAMICS, equations=lambda s: {"q_dot": s.M_tail * s.q * magnitude(s.q)}, linear=False,
 )
 '''
-
-
-def fly(vehicle: Vehicle, folder: Path, maneuvers: Sequence[tuple[int, int, float, float]] = MANEUVERS) -> Path:
-    for maneuver in maneuvers:
-        fly_maneuver(vehicle, *maneuver)
-    return log_of(vehicle, folder)
 
 
 def typed(*words: object) -> str:
@@ -74,12 +65,12 @@ def typed(*words: object) -> str:
 def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A vehicle with a lag hidden in it, its answer sealed beside its log, and one as its model says."""
     found = {}
-    for name in ("lag", "clean"):
+    for name, hidden in (("lag", LAG), ("clean", None)):
         folder = tmp_path_factory.mktemp(name)
-        hidden = plant_one("servo_lag", SECRET) if name == "lag" else None
         if hidden is not None:
-            seal_answer(hidden, SECRET, folder)
-        found[name] = fly(make_vehicle("hover-ideal", seed=5, directory=folder, hidden=hidden), folder)
+            seal_answer(plant_one(*hidden), hidden[1], folder)
+        found[name] = folder / "flight.BIN"
+        found[name].write_bytes(flown("hover-ideal", LAG_CARD, hidden))
     return found
 
 
@@ -88,7 +79,7 @@ def fits(logs: dict[str, Path], answers_kept: None, tmp_path_factory: pytest.Tem
     folder, found = tmp_path_factory.mktemp("fits"), {}
     for name, log, model in (("lag", "lag", "tpp"), ("clean", "clean", "tpp"), ("cd", "lag", "cd")):
         found[name] = folder / f"{name}.json"
-        judging = [f"{logs[log]}#{number}" for number in (5, 6)]
+        judging = [f"{logs[log]}#{number}" for number in (5, 6, 7)]
         typed("fit", logs[log], "--model", model, "--validate", *judging, "-o", found[name])
     return found
 
@@ -128,7 +119,7 @@ def sentences(text: str) -> list[str]:
 # ------------------------------------------------------------------------------------------------ words
 
 
-def test_the_answer_comes_first_on_one_screen(fits: dict[str, Path], tippath: Tippath) -> None:
+def test_the_answer_comes_first_on_one_screen(written: dict[str, Any], fits: dict[str, Path], tippath: Tippath) -> None:
     status, out, err = tippath("diagnose", fits["lag"])
     assert status == 0, err
     lines = out.splitlines()
@@ -220,7 +211,7 @@ def test_json(written: dict[str, Any]) -> None:
     assert asked == sorted(asked), "best first"
     (lag,) = (one for one in document["candidates"] if one["effect"] == "servo_lag")
     assert lag["explained_share"] == document["explained_share"]
-    assert lag["parameters"]["tau_s"] == pytest.approx(plant_one("servo_lag", SECRET).sizes["tau_s"], rel=0.1)
+    assert lag["parameters"]["tau_s"] == pytest.approx(LAG_S, rel=0.1)
     untold = {one["effect"] for one in document["candidates"] if one["not_testable"]}
     assert "disc_incidence" in untold
 
@@ -347,8 +338,8 @@ def test_what_is_no_fit_and_runs_that_are_none(
         ([tmp_path / "gone.json"], "gone.json"),
         ([fits["lag"], tmp_path / "gone.BIN"], "gone.BIN"),
         ([fits["lag"], f"{log}#99"], "no such run"),
-        ([fits["lag"], f"{log}#1"], "pitch axis not identifiable"),
-        ([fits["lag"], "--band", "14:15"], "do not determine the model"),
+        ([fits["lag"], f"{log}#5"], "pitch axis not identifiable"),
+        ([fits["lag"], "--band", "14.5:15"], "do not determine the model"),
         ([fits["lag"], "--validate", log], "every one validates"),
         ([fits["lag"], f"{log}#1", f"{log}#3", "--validate", f"{log}#1", f"{log}#3"], "every one validates"),
         ([fits["lag"], "--with", failing], "boom"),
@@ -391,6 +382,7 @@ def test_ctrl_c_leaves_nothing_behind(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
 def test_a_closed_pipe_is_no_error(fits: dict[str, Path], only_effects: Path) -> None:
     code = f"import pathlib, sysid.model.effect as e; e.FOLDER = pathlib.Path({str(only_effects)!r})"
@@ -412,10 +404,8 @@ def test_the_help_documents_the_format(tippath: Tippath) -> None:
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("dynamic_inflow", "flapping", "servo_deadband", "servo_lag")], indirect=True)
 def test_what_could_hide_behind_a_dead_band_is_told_too(tippath: Tippath, tmp_path: Path) -> None:
-    vehicle = make_vehicle("hover-ideal", seed=5, directory=tmp_path, hidden=plant_one("servo_deadband", 3))
-    log = fly(
-        vehicle, tmp_path, [*((kind, axis, size, 10.0) for kind, axis, size, _ in MANEUVERS[1:5:2]), *MANEUVERS[4:]]
-    )
+    log = tmp_path / "flight.BIN"
+    log.write_bytes(flown("hover-ideal", DEAD_BAND_CARD, ("servo_deadband", 3)))
     fit = tmp_path / "fit.json"
     assert tippath("fit", log, "--model", "tpp", "--validate", f"{log}#3", f"{log}#4", "-o", fit)[0] == 0
     status, out, _ = tippath("diagnose", fit)

@@ -326,7 +326,8 @@ def test_a_users_effect_is_kept_by_path_and_hash(tail_fit: tuple[Path, Path], ti
     assert document["lineage"][0]["effects"] == []
 
 
-@pytest.mark.usefixtures("few_effects")
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("flapping", "servo_lag")], indirect=True)
 @pytest.mark.parametrize("command", ["design", "report"])
 def test_the_code_runs_only_where_it_is_named(
     command: str, tail_fit: tuple[Path, Path], tippath: Tippath, tmp_path: Path

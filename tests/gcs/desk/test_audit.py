@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fake_flight import SYSTEMID, FakeSession, FakeVehicle
 from flown_folder import fly_folder
-from flying import CHIRP, PITCH, ROLL
+from flying import TWO_CHIRPS
 
 from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.cli import main
@@ -56,7 +56,7 @@ def test_an_aborted_run_says_why(tmp_path: Path) -> None:
 
 def test_a_command_that_writes_into_a_flight_s_folder_is_noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    flight = fly_folder(Path("flight-0001"), None, ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0)))
+    flight = fly_folder(Path("flight-0001"), None, TWO_CHIRPS)
     words = ["fit", "flight-0001/flight.BIN#1", "flight-0001/flight.BIN#2", "--model", "tpp"]
 
     def typed(*more: str) -> int:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_folder import fly_folder
-from flying import CHIRP, DOUBLET, ELEVATOR, PITCH, QUIET, ROLL
+from flying import CHIRP, ELEVATOR, LAG, LAG_CARD, PITCH, QUIET, ROLL, TWO_CHIRPS
 from matplotlib.figure import Figure
 
 import gcs.desk.keeping
@@ -29,14 +29,6 @@ from sysid.fit.result import Fit
 
 pytestmark = pytest.mark.usefixtures("answers_kept")
 WHEN = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
-CARD = (
-    *((CHIRP, axis, size, 8.0) for axis, size in ((ROLL, 0.10), (ROLL, 0.10), (PITCH, 0.15), (PITCH, 0.15))),
-    (CHIRP, ROLL, 0.05, 6.0),
-    *((DOUBLET, axis, size, 5.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
-)
-"""Four chirps to fit; half the amplitude and doublets to validate."""
-SHORT = ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
-
 
 DRAG = '''"""Drag of a long tail."""
 
@@ -85,7 +77,7 @@ def ask(desk: Desk) -> None:
 @pytest.fixture(scope="module")
 def raw(answers_kept: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flight folder that nobody has opened; its second run is to be flown again."""
-    return fly_folder(tmp_path_factory.mktemp("raw") / "flight-0001", card=CARD, again=2).path
+    return fly_folder(tmp_path_factory.mktemp("raw") / "flight-0001", LAG, LAG_CARD, again=2).path
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +98,7 @@ def worked(
 @pytest.fixture(scope="module")
 def two_chirps(answers_kept: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two chirps, no validation; nobody touches it."""
-    return fly_folder(tmp_path_factory.mktemp("short") / "flight-0002", None, SHORT).path
+    return fly_folder(tmp_path_factory.mktemp("short") / "flight-0002", None, TWO_CHIRPS).path
 
 
 @pytest.fixture

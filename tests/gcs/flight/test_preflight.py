@@ -11,7 +11,7 @@ from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.live import LiveWindow
 from gcs.flight.log_health import Capacity, LogHealth
-from gcs.flight.preflight import carried, controller, flying, hover, lag, lean_stop, recording
+from gcs.flight.preflight import carried, controller, flying, hover, lag, lean_stop, recording, streamed
 from gcs.vehicle.autopilots import link_loss
 from gcs.vehicle.profile import bundled_profiles
 from gcs.vehicle.snapshot import VehicleSnapshot
@@ -74,6 +74,8 @@ def test_a_hovering_vehicle_in_a_manual_mode_may_start() -> None:
         ({"lost": True, "link_age_s": 4.0}, "link"),
         ({"armed": False}, "in the air"),
         ({"status": 3}, "in the air"),
+        ({"status": 5}, "state"),
+        ({"status": 6}, "state"),
         ({"mode": 2, "mode_name": "AltHold"}, "mode"),
         ({"mode": 25, "mode_name": "SystemID"}, "mode"),
         ({"battery_remaining": 0.2, "battery_v": 21.0}, "battery"),
@@ -81,6 +83,26 @@ def test_a_hovering_vehicle_in_a_manual_mode_may_start() -> None:
 )
 def test_what_must_hold_in_the_air(change: dict[str, object], name: str) -> None:
     assert failed(flying(replace(HOVERING, **change), PROFILE)) == [name]  # type: ignore[arg-type]
+
+
+def test_a_failsafe_at_height_is_called_one() -> None:
+    words = {check.name: check.words for check in flying(replace(HOVERING, status=5), PROFILE)}
+    assert "a failsafe is active" in words["state"]
+    assert "takes off" not in words["in the air"]
+
+
+def test_a_vehicle_that_keeps_its_log_to_itself_is_known_before_it_is_armed() -> None:
+    assert failed(streamed({"LOG_BACKEND_TYPE": 1.0})) == ["log"]
+    assert streamed({"LOG_BACKEND_TYPE": 3.0}) == streamed({}) == ()
+
+
+def test_a_radio_that_the_log_would_fill_is_known_before_a_word_is_typed() -> None:
+    stock = {"LOG_BACKEND_TYPE": 3.0, "LOG_BITMASK": 180222.0, "SCHED_LOOP_RATE": 400.0}
+    (check,) = streamed(stock, 5760.0)
+    assert not check.ok
+    assert "5.8 kB/s and the log needs about 71" in check.words
+    assert "sweep --log card" in check.words
+    assert streamed(stock, 92_160.0) == ()
 
 
 def test_a_battery_that_is_not_measured_blocks_nothing() -> None:

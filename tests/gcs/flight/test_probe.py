@@ -521,7 +521,7 @@ def test_a_slower_abort_allows_less_and_so_do_tighter_limits() -> None:
 
 
 @pytest.mark.data
-@pytest.mark.parametrize("vehicle", ["quad", "heli"])
+@pytest.mark.parametrize("vehicle", [pytest.param("quad", marks=pytest.mark.thorough), "heli"])
 def test_eight_seconds_of_a_real_autopilot_s_sweep_are_in_order(shared_data: Path, vehicle: str) -> None:
     """From 1 Hz on; nothing of what was added is in the samples. The helicopter's servos are 50 ms late."""
     steps, quiet = [], None

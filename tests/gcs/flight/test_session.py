@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import LinkError, TippathError
 from gcs.flight.session import Session
+from gcs.link.ftp import ListFolder
 from gcs.link.procedures import (
     NoAnswerError,
     ProcedureError,
@@ -315,3 +317,27 @@ def test_a_hundred_random_peers_worth_of_noise_does_not_stop_the_engine(session:
     vehicle.set("A", 4.0)
     assert session.call(ReadParameter("A")).value == 4.0
     assert session.snapshot().link_problem is None
+
+
+def test_answers_of_files_to_another_station_are_not_ours(connect: Callable[..., Session], vehicle: Any) -> None:
+    """Two stations may ask with the same numbers: only what is addressed to us answers us."""
+
+    def answer(target: int, name: bytes) -> None:
+        asked = next((m for m in reversed(vehicle.heard) if m.get_type() == "FILE_TRANSFER_PROTOCOL"), None)
+        if asked is None:
+            return
+        number, _, opcode = struct.unpack_from("<HBB", bytes(asked.payload))
+        more = b"F" + name + b"\t5\0"
+        ack, data = (129, b"\6") if asked.payload[8] else (128, more)
+        head = struct.pack("<HBBBBBxI", number + 1, 0, ack, len(data), opcode, 0, asked.payload[8])
+        payload = (head + data).ljust(251, b"\0")
+        vehicle.say(mavlink.MAVLink_file_transfer_protocol_message(0, target, 190, payload))
+
+    def answers() -> bool:
+        answer(7, b"theirs")
+        answer(254, b"ours")
+        return False
+
+    with connect() as session:
+        entries = session.call(ListFolder("logs"), cancelled=answers)
+    assert [entry.name for entry in entries] == ["ours"]

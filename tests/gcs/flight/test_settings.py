@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
@@ -98,12 +99,18 @@ class LosesReads(FakeSession):
 
     lost = 0
 
-    def call(self, procedure: Procedure[T], timeout_s: float | None = None) -> T:
+    def call(
+        self,
+        procedure: Procedure[T],
+        timeout_s: float | None = None,
+        *,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> T:
         if self.lost and isinstance(procedure, ReadParameter) and procedure.name == "SID_T_FADE_IN":
             self.lost -= 1
             self.sleep(0.6)
             raise NoAnswerError("no answer")
-        return super().call(procedure, timeout_s)
+        return super().call(procedure, timeout_s, cancelled=cancelled)
 
 
 def test_a_setting_that_a_poor_link_lost_several_times_is_asked_for_again(

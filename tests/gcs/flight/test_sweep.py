@@ -17,11 +17,12 @@ from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
 from gcs.flight.excitation import abort
 from gcs.flight.flown_card import Briefing, SweepResult
+from gcs.flight.flyable import NotReadyError, require_flyable
 from gcs.flight.folder import FlightFolder, create
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
-from gcs.flight.sweep import NotReadyError, fly_card, require_flyable
+from gcs.flight.sweep import fly_card
 from gcs.link.log_end import LogEnd
 from gcs.link.procedures import ProcedureError
 from gcs.vehicle.profile import CannotFlyError
@@ -732,6 +733,45 @@ def test_a_pilot_who_lands_while_somebody_makes_up_his_mind_is_seen(
     with pytest.raises(NotReadyError, match="not armed"):
         fly(session, folder, CHIRP, confirm=think)
     assert (vehicle.written, vehicle.asked) == ([], [])
+
+
+def test_all_that_stands_against_a_card_is_told_at_once(vehicle: FakeVehicle, session: FakeSession) -> None:
+    vehicle.armed, vehicle.mode, vehicle.status = False, ALT_HOLD, 5
+    vehicle.parameters["LOG_BACKEND_TYPE"] = 1.0
+    for name in [name for name in vehicle.parameters if name.startswith("SIDX_")]:
+        del vehicle.parameters[name]
+    vehicle._beat()
+    with pytest.raises(NotReadyError) as error:
+        require_flyable(session, TestCard(name="x", maneuvers=(CHIRP, DOUBLET)), session)
+    for words in ("not armed", "AltHold", "a failsafe is active", "LOG_BACKEND_TYPE to 3", "no doublet"):
+        assert words in str(error.value)
+
+
+def test_a_failsafe_while_a_run_waits_for_its_start_starts_nothing(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def think(progress: Progress) -> None:
+        if isinstance(progress, RunReady):
+            vehicle.status = 5
+            session.sleep(3.0)
+
+    result = fly(session, folder, CHIRP, on_progress=think)
+    assert "a failsafe is active" in result.stopped
+    assert vehicle.asked == []
+
+
+def test_the_checks_are_made_again_after_somebody_thought(
+    vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    def think(briefing: Briefing) -> bool:
+        assert all(check.ok for check in briefing.seen())
+        vehicle.lean = 0.4
+        assert [check.name for check in briefing.seen() if not check.ok] == ["attitude"]
+        return True
+
+    with pytest.raises(NotReadyError, match="hover level first"):
+        fly(session, folder, CHIRP, confirm=think)
+    assert vehicle.asked == []
 
 
 # ------------------------------------------------------------------------- no false claim, no chirp left running

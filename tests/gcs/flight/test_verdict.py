@@ -178,3 +178,40 @@ def test_where_no_sample_came_no_gaps_are_counted() -> None:
         words = judge(CHIRP, Limits(), Peaks(), nothing, RATE_HZ, interruption=interruption, start_s=0.0).words
         assert "gaps" not in words
         assert "no samples" in words
+
+
+def every(samples: Samples, step: int) -> Samples:
+    return {name: values[::step] for name, values in samples.items()}
+
+
+def test_a_log_slower_than_the_loop_is_judged_by_what_the_sweep_needs() -> None:
+    verdict = judge(CHIRP, Limits(), Peaks(), every(flown(CHIRP), 5), RATE_HZ)
+    assert verdict.keep, verdict.reasons
+    assert (verdict.missing, verdict.expected, verdict.gaps) == (0, 3000, 0)
+    assert "logged at 100 Hz, the vehicle's loop runs at 500: enough for a sweep to 10 Hz" in verdict.words
+    assert "2.2 times as wide" in verdict.words
+    assert "LOG_BITMASK bit 0" in verdict.words
+    assert verdict.to_json()["notes"] == list(verdict.notes)
+
+
+def test_a_log_too_slow_for_the_sweep_is_called_that_and_not_incomplete() -> None:
+    verdict = judge(CHIRP, Limits(), Peaks(), every(flown(CHIRP), 10), RATE_HZ)
+    assert not verdict.keep
+    assert "logged at 50 Hz, too slow" in verdict.reasons[0]
+    assert "missing" not in verdict.words
+
+
+def test_samples_lost_in_a_slow_log_are_still_missing_and_the_remedy_is_named() -> None:
+    slow = every(flown(CHIRP), 5)
+    keep = np.arange(slow["t"].size) % 100 >= 10
+    verdict = judge(CHIRP, Limits(), Peaks(), {name: values[keep] for name, values in slow.items()}, RATE_HZ)
+    assert not verdict.keep
+    assert "300 of 3000 samples are missing" in verdict.reasons[0]
+    assert "LOG_MAV_BUFSIZE to 50" in verdict.words
+
+
+def test_a_log_that_lost_every_other_sample_by_chance_has_not_half_the_rate() -> None:
+    chance = np.random.default_rng(1).random(15000) < 0.5
+    verdict = judge(CHIRP, Limits(), Peaks(), {n: v[chance] for n, v in flown(CHIRP).items()}, RATE_HZ)
+    assert not verdict.keep
+    assert "samples are missing" in verdict.reasons[0]

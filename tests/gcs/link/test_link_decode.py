@@ -117,7 +117,7 @@ def test_sends_are_what_pymavlink_reads() -> None:
 def test_a_block_ending_in_zeros_is_whole() -> None:
     data = [1, 2, 3] + [0] * 197
     event = through(mavlink.MAVLink_remote_log_data_block_message(255, 190, 77, data), component=155)
-    assert event == LogBlock(1, 155, 77, bytes(data))
+    assert event == LogBlock(1, 155, 77, bytes(data), 255, 190)
 
 
 @pytest.mark.parametrize(

@@ -153,7 +153,7 @@ def test_no_damaged_csv_makes_the_reader_fail(saved: Saved) -> None:
     whole = text(rows(60)), text(rows(1200)[::2]).replace(b",", b";").replace(b".", b",")
     read = 0
     pieces = (b",", b"\n", b'"', b"\xff", b"e", b";", b"", b"9", b"#", b"\0", b"-", b"nan", b"\r", b"\t", b"%", b"[")
-    for i in range(300):
+    for i in range(150):
         raw = bytearray(whole[i % 2])
         for _ in range(chance.randrange(1, 6)):
             at = chance.randrange(len(raw) if chance.random() < 0.8 else 60)
@@ -171,7 +171,7 @@ def test_no_damaged_csv_makes_the_reader_fail(saved: Saved) -> None:
         assert all(values.shape == found.lines.shape for values in found.values.values())
         assert opened.damage is not None
         assert 0 <= opened.damage.skipped_bytes <= len(raw)
-    assert read > 50
+    assert read > 25
 
 
 @pytest.mark.parametrize("value", ["1e300", "-3e20", "8000", "nan", "-inf"])

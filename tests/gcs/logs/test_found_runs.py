@@ -97,7 +97,7 @@ def flight(
 
 
 def runs_in(log: Log, **more: object) -> tuple[Run, ...]:
-    return runs.runs_of([(log, PROFILE)], "fake", "0", **more)  # type: ignore[arg-type]
+    return runs.runs_of([(log, PROFILE)], "fake", "0", **more).runs  # type: ignore[arg-type]
 
 
 # ------------------------------------------------------------------------------------------------ the excitation

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fake_app import FLYING, IDLE, app_on, screen_text, settle
+from fake_app import CHECKED, FLYING, IDLE, app_on, screen_text, settle
 from fake_desk import DESKS
 
 from gcs.tui.connections import NOWHERE, SIMULATED, UDP, Connection
@@ -24,6 +24,7 @@ def after(moment: str) -> State:
 
 SHOTS = {
     "connect": ("1", FLOWN, ""),
+    "check": ("c", replace(CHECKED, link="/dev/ttyUSB0,57600"), ""),
     "fly": ("2", FLYING, ""),
     "runs": ("3", after("open"), ""),
     "fit": ("4", after("compared"), ""),

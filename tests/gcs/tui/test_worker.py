@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flown_folder import fly_folder
-from flying import CHIRP, PITCH, ROLL
+from flying import TWO_CHIRPS
 
 import gcs.flight.gains
 import gcs.tui.card_flight
@@ -19,6 +19,7 @@ from gcs.cards.envelope import Limits, Peaks, Use
 from gcs.desk import Choice
 from gcs.errors import LinkError, TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
+from gcs.flight.flyable import NotReadyError
 from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult
 from gcs.flight.live import LiveWindow
@@ -27,7 +28,6 @@ from gcs.flight.prepare import Prepared
 from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.run import RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
-from gcs.flight.sweep import NotReadyError
 from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
 from gcs.tui.state import Mark, Stage
@@ -67,6 +67,9 @@ class FakeSession:
     def __init__(self) -> None:
         self.now = VEHICLE
         self.called: list[str] = []
+        self.asked_together = 0
+        self.settings = {"LOG_BACKEND_TYPE": 1.0}
+        self.answers_log: bool | None = None
         self.closed = threading.Event()
 
     def snapshot(self) -> VehicleSnapshot:
@@ -77,6 +80,10 @@ class FakeSession:
         return LiveWindow(t=none, p=none, q=none, delta_x=none, delta_y=none, excitation_x=none, excitation_y=none)
 
     def call(self, procedure, timeout_s=None, *, cancelled=None):
+        if type(procedure).__name__ == "ReadSeveral":
+            self.asked_together += 1
+            answers = {name: type("Value", (), {"value": value}) for name, value in self.settings.items()}
+            return {name: answers.get(name) for name in procedure._reads}
         self.called.append(type(procedure).__name__)
         if type(procedure).__name__ == "SetMode":
             beats = (beat(2, 0), beat(3, 0))
@@ -85,6 +92,12 @@ class FakeSession:
         return type("Value", (), {"value": 0.0})()
 
     def log_health(self):
+        return None
+
+    def answer_log(self, wanted=True, *, at_once=False):
+        self.answers_log = wanted
+
+    def answered_rate(self):
         return None
 
     def texts_since(self, cursor):
@@ -104,6 +117,8 @@ class FakeCard:
         self.land = threading.Event()
         self.folder: Path | None = None
         self.probe: bool | None = None
+        self.seen = tuple
+        """The checks as they stand later; none: as they were."""
         self.leave = None
         """What flies a log into the folder, where there is to be one."""
 
@@ -111,7 +126,7 @@ class FakeCard:
         self.folder, self.probe = folder.path, probe
         planned = [(run, _plan(run)) for run in card.runs()]
         loss = LinkLoss("RETURNS after 5 s", True)
-        assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None))
+        assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None, self.seen))
         results: list[RunResult] = []
         for run, plan in planned[:2]:
             on_progress(RunReady(run, plan))
@@ -233,11 +248,47 @@ def reach(engine, stage) -> None:
     until(lambda: engine.state().stage is stage)
 
 
+def test_a_log_that_the_vehicle_keeps_is_not_answered_and_one_that_it_streams_after_a_reboot_is(engine):
+    session = engine.fake_session
+    until(lambda: session.answers_log is False)
+    session.settings["LOG_BACKEND_TYPE"] = 3.0
+    session.now = replace(session.now, reboots=1)
+    until(lambda: session.answers_log is True)
+
+
+def test_the_vehicle_is_looked_at_for_the_card_and_a_reboot_makes_that_old(engine):
+    session = engine.fake_session
+    session.settings |= {"SID_AXIS": 0.0, "SID_MAGNITUDE": 0.05}
+    session.now = replace(session.now, lag_s=0.02, answer_age_s=0.1, autopilot=3, vehicle_type=4, status=3)
+    engine.check()
+    found = engine.state().readiness
+    assert {item.name for item in found.items} >= {"LOG_BACKEND_TYPE", "card", "mode"}
+    assert not found.ready, "card quick has doublets, which this vehicle does not fly"
+    session.now = replace(session.now, reboots=1)
+    until(lambda: engine.state().readiness is None)
+
+
+def test_nothing_is_looked_at_while_a_card_is_flown(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    with pytest.raises(TippathError, match="before and after"):
+        engine.check()
+
+
 def test_nothing_starts_without_ready(engine):
     engine.start()
     assert "R first" in engine.state().said
     assert engine.state().stage is Stage.IDLE
     assert engine.fake_card.folder is None
+
+
+def test_the_checks_of_a_run_that_waits_are_made_again(engine):
+    seen: list[Check] = []
+    engine.fake_card.seen = lambda: tuple(seen)
+    engine.ready()
+    reach(engine, Stage.READY)
+    seen.append(Check("trim", "off by now", False))
+    until(lambda: engine.state().checks == (Check("trim", "off by now", False),))
 
 
 def test_ready_then_start_flies_and_each_run_asks_again(engine):
@@ -404,9 +455,7 @@ def test_telemetry_is_shown_until_the_log_comes(engine):
 
 def test_what_was_flown_lies_on_the_desk_by_itself(engine, tmp_path):
     """The card's log is read away from the card's thread; nobody has to open anything."""
-    engine.fake_card.leave = lambda folder: fly_folder(
-        folder, None, ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
-    )
+    engine.fake_card.leave = lambda folder: fly_folder(folder, None, TWO_CHIRPS)
     engine.ready()
     reach(engine, Stage.READY)
     engine.start()
@@ -443,7 +492,7 @@ def test_no_flight_is_no_fit(engine, tmp_path):
 
 
 def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
-    flight = fly_folder(tmp_path / "flight-0007", None, ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0)))
+    flight = fly_folder(tmp_path / "flight-0007", None, TWO_CHIRPS)
     engine.open_flight(str(flight.path))
     engine.fit()
     engine.design()

@@ -37,7 +37,7 @@ def asked(runs: list[Run], *effects: str, base: str = "tpp", validation: list[Re
     [
         ("servo_lag", "gyro_lag"),
         pytest.param("transport_delay", None, marks=pytest.mark.thorough),
-        ("inertia_coupling", "gyro_misalignment"),
+        pytest.param("inertia_coupling", "gyro_misalignment", marks=pytest.mark.thorough),
         pytest.param("hub_gyroscopics", None, marks=pytest.mark.thorough),
         pytest.param("dynamic_inflow", None, marks=pytest.mark.thorough),
         pytest.param("servo_backlash", None, marks=pytest.mark.thorough),
@@ -122,8 +122,8 @@ def test_what_cannot_be_asked_says_why() -> None:
     assert "hardly moves" in str(reasons["yaw_coupling"])
 
 
-@pytest.mark.usefixtures("few_effects")
-@pytest.mark.parametrize("few_effects", [("quadratic_damping",)], indirect=True)
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("angular_damping", "quadratic_damping", "servo_lag")], indirect=True)
 def test_a_user_s_effect_is_asked_beside_the_catalogue(tmp_path: Path) -> None:
     path = tmp_path / "bent_shaft.py"
     path.write_text(

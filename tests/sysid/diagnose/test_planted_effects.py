@@ -12,6 +12,7 @@ from planted_fits import fitted, in_standard_errors, records
 from sysid.fit.identify import identify
 from sysid.model.compose import compose
 
+SECONDS = 15.0
 OF_EACH_KIND = {
     *("second_order_flapping", "hub_gyroscopics", "quadratic_damping", "angle_of_attack"),
     *("servo_lag", "servo_backlash", "transport_delay", "gyro_lag"),
@@ -26,7 +27,7 @@ OF_EACH_KIND = {
     ],
 )
 def test_a_planted_effect_comes_back(effect: str) -> None:
-    fit = fitted(effect, fly(effect, PLANTED[effect], seed=7, forward=effect in FORWARD))
+    fit = fitted(effect, fly(effect, PLANTED[effect], seed=7, duration_s=SECONDS, forward=effect in FORWARD))
     off = in_standard_errors(fit, PLANTED[effect])
     assert off
     assert max(map(abs, off.values())) < 4, off
@@ -35,15 +36,15 @@ def test_a_planted_effect_comes_back(effect: str) -> None:
     assert sum(after.values()) > sum(before.values())
 
 
-@pytest.mark.parametrize("width", [0.0083, 0.0184])
+@pytest.mark.parametrize("width", [0.0083, pytest.param(0.0184, marks=pytest.mark.thorough)])
 def test_a_dead_band_is_found_between_the_points_of_its_grid(width: float) -> None:
-    fit = fitted("servo_deadband", fly("servo_deadband", {"width": width}, seed=7))
+    fit = fitted("servo_deadband", fly("servo_deadband", {"width": width}, seed=7, duration_s=SECONDS))
     assert fit.model["width"] == pytest.approx(width, rel=2e-3)
 
 
 def test_what_is_held_is_held_while_the_rest_is_fitted() -> None:
     """A new parameter at a value of the user's: the others come to their best beside it."""
-    runs = records(fly("servo_backlash", PLANTED["servo_backlash"], seed=7))
+    runs = records(fly("servo_backlash", PLANTED["servo_backlash"], seed=7, duration_s=SECONDS))
     held = {"half_width": 0.012}
     fit = identify(compose("tpp"), runs, effects=["servo_backlash"], fixed=held)
     off = in_standard_errors(fit, TABLE_4)

@@ -20,6 +20,8 @@ from sysid.model.compose import compose
 from sysid.model.effect import Stage, load
 
 PLANTED = tuple(term for term in TERMS if term != "none")
+LIKE_ANOTHER = ("cubic_control", "quadratic_damping")
+"""Of commands as two others are, and of moments."""
 
 
 def suggested(term: str) -> Suggestion:
@@ -48,7 +50,9 @@ def noise_share(term: str) -> float:
     return float(np.sum(clean.residual_power / measured.measured_power))
 
 
-@pytest.mark.parametrize("term", PLANTED)
+@pytest.mark.parametrize(
+    "term", [pytest.param(term, marks=pytest.mark.thorough if term in LIKE_ANOTHER else ()) for term in PLANTED]
+)
 def test_the_written_file_explains_what_was_planted(term: str, with_file: Callable[[str], tuple[Fit, Path]]) -> None:
     parent, _, selection = searched(term)
     written = suggested(term)

@@ -95,11 +95,12 @@ def test_the_helicopter_flown_by_strangers(shared_data: Path) -> None:
     from gcs.logs import resolve_runs
 
     logs = [str(shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN") for axis in ("roll", "pitch")]
-    plain = identify(TPP, resolve_runs(logs))
+    runs = resolve_runs(logs)
+    plain = identify(TPP, runs)
     assert plain.nrmse_percent["p"] == pytest.approx(55, abs=4)
     assert plain.nrmse_percent["q"] == pytest.approx(42, abs=6)
     assert any("a delay of about 50 ms" in text and "delay explains far more" in text for text in plain.warnings)
-    late = identify(TPP, resolve_runs(logs), effects=["transport_delay"])
+    late = identify(TPP, runs, effects=["transport_delay"])
     assert late.nrmse_percent["p"] == pytest.approx(98.8, abs=0.3)
     assert late.nrmse_percent["q"] == pytest.approx(99.3, abs=0.3)
     for name, truth in {"T_d": 0.0508, "tau_f": 0.068232, "L_b": 3588.6, "M_a": 617.5}.items():

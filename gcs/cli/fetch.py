@@ -1,0 +1,260 @@
+"""`tippath fetch`: a log off the vehicle after the flight, byte for byte."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from gcs.cli.options import print_json
+from gcs.cli.push import add_link_options
+from gcs.errors import TippathError, UsageError
+
+if TYPE_CHECKING:
+    from gcs.flight.fetching.fetch import Fetched, Fetching, Progress
+    from gcs.flight.fetching.pick import Choice
+    from gcs.flight.fetching.ways import VehicleLog
+    from gcs.flight.folder import FlightFolder
+
+_HELP = """\
+Into a flight's folder (one with a flight.json) comes the log that covers that flight's runs on the vehicle's clock, as
+fetched-NNNNNNNN.BIN, beside what was streamed; flight.json names it. Into any other folder comes the newest log, or
+--log NUMBER, as NNNNNNNN.BIN. --run N, with a flight's folder, fetches the log's head and that run alone where the
+whole log would take more than a minute: fetched-NNNNNNNN.run-N-only.BIN; --whole does not.
+
+A fetch that was cut (Ctrl-C, a lost link, a full disk) leaves NNNNNNNN.BIN.part; the same command goes on with it, if
+pieces of it are still the vehicle's, else it begins another file. Nothing is written over. What came by MAVFTP, or from
+a vehicle that has it, is checked by the vehicle's own CRC32.
+
+--json prints {"format": "tippath.fetch/1", "file", "log", "on_vehicle", "bytes", "by", "seconds", "bytes_per_s",
+"resumed_from", "crc32", "checked", "grows" (the vehicle was still writing), "already" (it was there), "run" or null,
+"chosen"}, with --list {"format", "logs": [{"log", "on_vehicle", "bytes", "written"}]}, or {"format", "reason"}. Exit
+status: 0 fetched; 1 the vehicle or the disk says no; 2 wrong usage; 130 ended by Ctrl-C.
+"""
+EVERY_S, REDRAW_S = 5.0, 0.2
+FORMAT = "tippath.fetch/1"
+
+
+def add_parser(subparsers: Any) -> None:
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "fetch",
+        help="a log off the vehicle, after the flight",
+        description="Fetch a log from the vehicle's card over the link, by MAVFTP or LOG_REQUEST_DATA, whichever it "
+        "answers and is quicker. The vehicle must be disarmed.",
+        epilog=_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_link_options(parser)
+    parser.add_argument("--list", action="store_true", help="only say which logs there are")
+    parser.add_argument("--log", type=int, metavar="NUMBER", help="this log, whatever flight it is of")
+    parser.add_argument(
+        "--run", dest="number", type=int, metavar="N", help="what is needed for run N of the flight in DIR"
+    )
+    parser.add_argument("--whole", action="store_true", help="with --run, the whole log however long it takes")
+    parser.add_argument("--by", choices=("ftp", "log"), help="one way only: MAVFTP, or LOG_REQUEST_DATA")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="a flight's folder, or any other")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit status 0. Raises TippathError for what a user meets; with --json its words are in the document, too."""
+    try:
+        return _run(args)
+    except UsageError:
+        raise
+    except TippathError as error:
+        if args.json:
+            print_json({"format": FORMAT, "reason": str(error)})
+        raise
+
+
+def _run(args: argparse.Namespace) -> int:
+    from gcs.flight.fetching.fetch import Fetching, require_disarmed
+    from gcs.flight.fetching.ways import list_logs
+    from gcs.flight.session import Session
+
+    flight = None if args.list else _flight(args)
+    lines = ProgressLines()
+    with Session.open(args.connect, primary=args.primary) as session:
+        require_disarmed(session)
+        logs = list_logs(session)
+        if args.list:
+            _print_logs(logs, args.json)
+            return 0
+        fetching = Fetching(session=session, by=args.by, on_progress=lines)
+        choice = _choose(args, fetching, logs, flight)
+        lines.say(f"log {choice.log.number} ({choice.words}): {_bytes(choice.log.size)}")
+        try:
+            done = _fetched(args, fetching, choice.log, flight)
+        except KeyboardInterrupt:
+            lines.say("ended; the vehicle sends no more. What came is kept as .part: the same command goes on with it")
+            raise
+        finally:
+            lines.end()
+    if flight is not None:
+        note(flight, done)
+    if args.json:
+        print_json({"format": FORMAT, **done.to_json(), "chosen": choice.words})
+    else:
+        _print_result(done)
+    return 0
+
+
+def _flight(args: argparse.Namespace) -> FlightFolder | None:
+    """The flight in DIR, which is made where it is not there; None where DIR is no flight's. Raises UsageError."""
+    from gcs.flight.folder import FlightFolder
+
+    if args.output is None:
+        raise UsageError("say with -o DIR where the log goes: a flight's folder, or any other")
+    folder = FlightFolder(args.output)
+    if args.output.exists() and not args.output.is_dir():
+        raise UsageError(f"{args.output} is a file; name a folder with -o DIR")
+    flown = folder.about.is_file()
+    if args.number is not None and not flown:
+        raise UsageError(
+            f"--run {args.number} is of a flight, and {args.output} is no flight's folder (no flight.json)"
+        )
+    if args.number is not None and not 1 <= args.number <= len(folder.runs()):
+        raise UsageError(f"--run {args.number}: the flight in {args.output} has {len(folder.runs())} run(s)")
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TippathError(
+            f"{args.output} cannot be made ({error.strerror or error}); choose another -o DIR"
+        ) from error
+    return folder if flown else None
+
+
+def _choose(
+    args: argparse.Namespace, fetching: Fetching, logs: Sequence[VehicleLog], flight: FlightFolder | None
+) -> Choice:
+    from gcs.flight.fetching import pick
+
+    if args.log is not None:
+        return pick.numbered(logs, args.log)
+    if flight is None:
+        return pick.newest(logs)
+    runs = flight.runs()
+    wanted = runs if args.number is None else [runs[args.number - 1]]
+    return pick.of_flight(logs, wanted, flight.log, fetching.reading)
+
+
+def _fetched(args: argparse.Namespace, fetching: Fetching, log: VehicleLog, flight: FlightFolder | None) -> Fetched:
+    from gcs.flight.fetching.fetch import fetch, fetch_run
+    from gcs.flight.fetching.pick import run_times
+
+    stem = f"{log.number:08}" if flight is None else f"fetched-{log.number:08}"
+    if flight is not None and args.number is not None and not args.whole:
+        times = run_times(flight.runs())[args.number - 1]
+        part = None if times is None else fetch_run(fetching, log, args.output, stem, args.number, times)
+        if part is not None:
+            return part
+    return fetch(fetching, log, args.output, stem)
+
+
+def note(flight: FlightFolder, done: Fetched) -> None:
+    """Name the file in flight.json."""
+    about = flight.read()
+    before = about.get("fetched")
+    kept = [one for one in before if isinstance(one, dict)] if isinstance(before, list) else []
+    entry = {**done.to_json(), "file": done.path.name, "fetched": datetime.now(UTC).isoformat(timespec="seconds")}
+    flight.write({**about, "fetched": [*(one for one in kept if one.get("file") != done.path.name), entry]})
+
+
+def _print_logs(logs: Sequence[VehicleLog], as_json: bool) -> None:
+    if as_json:
+        entries = [
+            {"log": log.number, "on_vehicle": log.path, "bytes": log.size, "written": _written(log)} for log in logs
+        ]
+        print_json({"format": FORMAT, "logs": entries})
+        return
+    for log in logs:
+        print(
+            f"{log.number:>6}  {_bytes(log.size):>10}  {_written(log) or 'time not known'}  {log.path or ''}".rstrip()
+        )
+    if not logs:
+        print("the vehicle has no logs")
+
+
+def _written(log: VehicleLog) -> str | None:
+    if log.utc_s == 0:
+        return None
+    with contextlib.suppress(OverflowError, OSError, ValueError):
+        return datetime.fromtimestamp(log.utc_s, UTC).isoformat(timespec="seconds")
+    return None
+
+
+def _print_result(done: Fetched) -> None:
+    if done.already:
+        print(f" {done.path} is there already, and is the vehicle's")
+    else:
+        from_before = f", {_bytes(done.resumed_from)} of them from before" if done.resumed_from else ""
+        how = f"{_bytes(done.size)}{from_before}, in {done.seconds:.1f} s"
+        print(f" fetched {done.path}  {how}")
+    if done.run is not None:
+        print(f"   run {done.run} alone; --whole fetches the rest, too")
+    elif done.checked:
+        print(f"   CRC32 {done.crc32:08x}, as on the vehicle")
+    elif done.grows:
+        print("   the vehicle still writes this log: here is what it had")
+    else:
+        print(f"   CRC32 {done.crc32:08x}; the vehicle does not tell its own, so only the size is checked")
+
+
+def _bytes(size: int) -> str:
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.1f} kB"
+
+
+class ProgressLines:
+    """How far it is, in lines on standard error; on a terminal drawn over each other."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._terminal = self._stream.isatty()
+        self._next = 0.0
+        self._open = False
+        self._told: tuple[int, str] | None = None
+
+    def __call__(self, progress: Progress) -> None:
+        from gcs.flight.fetching.ways import NAMES
+
+        now = time.monotonic()
+        if progress.rate and self._told != (progress.log.number, progress.way) and progress.lost_s is None:
+            self._told = (progress.log.number, progress.way)
+            self.say(f"by {NAMES[progress.way]}: {_bytes(round(progress.rate))}/s, about {_duration(progress)}")
+        if now < self._next:
+            return
+        self._next = now + (REDRAW_S if self._terminal else EVERY_S)
+        if progress.lost_s is not None:
+            text = f" ✗ link lost for {progress.lost_s:.0f} s, waiting; Ctrl-C ends, and what came is kept"
+        elif progress.rate is None:
+            return
+        else:
+            share = 100 * progress.at // max(1, progress.size)
+            text = f" {_bytes(progress.at)}  {share} %  {_bytes(round(progress.rate))}/s  {_duration(progress)} left"
+        self._stream.write(f"\r\x1b[K{text}" if self._terminal else f"{text}\n")
+        self._open = self._terminal
+        self._stream.flush()
+
+    def say(self, text: str) -> None:
+        self.end()
+        self._stream.write(f" {text}\n")
+        self._stream.flush()
+
+    def end(self) -> None:
+        """No line stays half drawn."""
+        if self._open:
+            self._stream.write("\r\x1b[K")
+            self._open = False
+
+
+def _duration(progress: Progress) -> str:
+    seconds = progress.left_s
+    if seconds is None:
+        return "an unknown time"
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"

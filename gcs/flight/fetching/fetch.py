@@ -1,0 +1,370 @@
+"""A log off the vehicle into a file: the way that is quicker, on from where an earlier attempt was cut, and checked.
+
+Nothing is ever written over. What lies there under the log's name is gone on with, or taken for the log itself, only
+where its bytes are the vehicle's; else the next name is taken.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import TippathError
+from gcs.flight.fetching import ways
+from gcs.flight.fetching.part import PartFile, checksum_of, part_of, piece_of
+from gcs.flight.fetching.times import HEAD_BYTES, Read, layout, offset_of, stamps
+from gcs.flight.fetching.ways import BY_FTP, BY_MESSAGES, Connection, VehicleLog
+from gcs.link.log_files import ListLogs
+from gcs.link.procedures import ProcedureError, RefusedError
+
+TRIAL_BYTES = {BY_FTP: 119_500, BY_MESSAGES: 65_536}
+"""After so many of the log a way's rate is known: of MAVFTP, one burst."""
+WORTH_ASKING_S = 20.0
+"""Where the rest takes longer, the other way is tried."""
+WINDOW_FROM_S = 60.0
+"""Where the whole log takes longer, a run alone is fetched."""
+AROUND_S = 2.0
+"""Before and after a run, fetched with it."""
+HEAD_S = 1.0
+"""After its first stamp a log's head is over: formats, units, parameters."""
+MOST_HEAD_BYTES = 131_072
+SAME_PIECE = 200
+GROWS_FOR_S = 30.0
+"""An ArduPilot writes on for 15 s after disarming; a log that grows longer is taken as it is then."""
+RATE_OVER_S = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """How far it is."""
+
+    log: VehicleLog
+    way: str
+    at: int
+    """Bytes of the log that are there."""
+    size: int
+    rate: float | None
+    """Bytes a second over the last seconds; None while not known."""
+    lost_s: float | None
+    """Since when the vehicle was not heard; None while it is."""
+
+    @property
+    def left_s(self) -> float | None:
+        return None if not self.rate else (self.size - self.at) / self.rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fetched:
+    """A log, or a run of it, on disk."""
+
+    path: Path
+    log: VehicleLog
+    size: int
+    """Bytes of the file."""
+    way: str
+    seconds: float
+    came: int
+    """Bytes that came now."""
+    resumed_from: int = 0
+    crc32: int
+    checked: bool
+    """The vehicle's CRC32 of its file is the same."""
+    grows: bool = False
+    """The vehicle was still writing it."""
+    already: bool = False
+    """It was there."""
+    run: int | None = None
+    """The run that it holds alone, None for the whole log."""
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "file": str(self.path),
+            "log": self.log.number,
+            "on_vehicle": self.log.path,
+            "bytes": self.size,
+            "by": ways.NAMES[self.way],
+            "seconds": round(self.seconds, 2),
+            "bytes_per_s": round(self.came / self.seconds) if self.seconds > 0 else None,
+            "resumed_from": self.resumed_from,
+            "crc32": f"{self.crc32:08x}",
+            "checked": self.checked,
+            "grows": self.grows,
+            "already": self.already,
+            "run": self.run,
+        }
+
+
+@dataclass(kw_only=True)
+class Fetching:
+    """What a fetch needs: the vehicle, whom to tell, and the time."""
+
+    session: Connection
+    by: str | None = None
+    """Admit one way only."""
+    on_progress: Callable[[Progress], None] = lambda progress: None
+    clock: Callable[[], float] = time.monotonic
+    wait: Callable[[float], None] = time.sleep
+    _seen: deque[tuple[float, int]] = field(default_factory=deque)
+
+    def ways_of(self, log: VehicleLog) -> tuple[str, ...]:
+        """By which the log can be read. Raises TippathError where there is none."""
+        offered = tuple(way for way in log.ways if self.by in (None, way))
+        if not offered:
+            raise TippathError(f"log {log.number} is not to be had by {ways.NAMES.get(self.by or '', 'any way')}")
+        return offered
+
+    def reading(self, log: VehicleLog) -> Read:
+        """Some bytes of a log, by the way that is there."""
+        kept: dict[tuple[int, int], bytes] = {}
+
+        def read(start: int, stop: int) -> bytes:
+            if (start, stop) not in kept:
+                came = bytearray()
+                if start < stop:
+                    self.read(log, self.ways_of(log)[0], came.extend, start, stop, stop, lambda: start + len(came))
+                kept[start, stop] = bytes(came)
+            return kept[start, stop]
+
+        return read
+
+    def read(
+        self,
+        log: VehicleLog,
+        way: str,
+        store: Callable[[bytes], Any],
+        start: int,
+        stop: int,
+        size: int,
+        at: Callable[[], int],
+    ) -> None:
+        """Bytes of a log; told as so far of `size`. Raises TippathError where the vehicle was armed meanwhile."""
+        self._seen.clear()
+
+        def watch() -> None:
+            snapshot = self.session.snapshot()
+            if snapshot.armed:
+                raise TippathError("the vehicle was armed under way, so fetching has ended; what came is kept")
+            lost_s = snapshot.link_age_s if snapshot.lost else None
+            self.on_progress(Progress(log=log, way=way, at=at(), size=size, rate=self._rate(at()), lost_s=lost_s))
+
+        ways.read(self.session, log, way, store, start=start, stop=stop, watch=watch)
+
+    def _rate(self, at: int) -> float | None:
+        now, seen = self.clock(), self._seen
+        seen.append((now, at))
+        while now - seen[0][0] > RATE_OVER_S:
+            seen.popleft()
+        took = now - seen[0][0]
+        return (at - seen[0][1]) / took if took > 0.5 else None
+
+    def size_now(self, log: VehicleLog) -> int:
+        """As the vehicle tells it now. Raises TippathError where the log has vanished."""
+        now = next((one for one in ways.list_logs(self.session) if one.number == log.number), None)
+        if now is None:
+            raise TippathError(f"log {log.number} has vanished from the vehicle; what came is kept")
+        return now.size
+
+
+def require_disarmed(session: Connection) -> None:
+    """Raises TippathError, with the vehicle's words, where it is armed."""
+    if not session.snapshot().armed:
+        return
+    words = ""
+    try:
+        session.call(ListLogs(), 2.0)
+    except RefusedError as error:
+        words = f" ({error})"
+    except ProcedureError:
+        pass
+    raise TippathError(
+        f"the vehicle is armed{words}: logs are fetched on the ground. Land, disarm, give it 15 s to end its log, and "
+        "give the same command again"
+    )
+
+
+def fetch(fetching: Fetching, log: VehicleLog, folder: Path, stem: str) -> Fetched:
+    """The whole log into `folder` as `stem`.BIN, or under the next free name.
+
+    Raises TippathError: refused, unanswered, a disk that is full, bytes that are not the vehicle's.
+    """
+    read = fetching.reading(log)
+    target, already = _target(folder, stem, log, read)
+    if already:
+        return _already(fetching, log, target)
+    began = fetching.clock()
+    with PartFile(target, fetching.clock) as part:
+        resumed_from = part.size
+        way, log, grows = _to_its_end(fetching, log, part)
+        crc = part.checksum()
+        theirs = None if grows else ways.checksum_on_board(fetching.session, log)
+        if theirs is not None and theirs != crc:
+            if fetching.size_now(log) == part.size:
+                raise _other_bytes(part, crc, theirs)
+            theirs, grows = None, True
+        part.finish()
+        return Fetched(
+            path=target,
+            log=log,
+            size=part.size,
+            way=way,
+            seconds=fetching.clock() - began,
+            came=part.size - resumed_from,
+            resumed_from=resumed_from,
+            crc32=crc,
+            checked=theirs is not None,
+            grows=grows,
+        )
+
+
+def _other_bytes(part: PartFile, ours: int, theirs: int) -> TippathError:
+    aside = part.path.with_name(f"{part.path.name}.wrong")
+    with contextlib.suppress(OSError):
+        part.path.replace(aside)
+    return TippathError(
+        f"what came is not what the vehicle has: CRC32 {ours:08x}, and {theirs:08x} on board. It is kept as "
+        f"{aside.name}; give the same command again to fetch it anew"
+    )
+
+
+def _already(fetching: Fetching, log: VehicleLog, target: Path) -> Fetched:
+    crc = checksum_of(target)
+    theirs = ways.checksum_on_board(fetching.session, log)
+    way = fetching.ways_of(log)[0]
+    return Fetched(
+        path=target, log=log, size=log.size, way=way, seconds=0.0, came=0, crc32=crc, checked=theirs == crc,
+        already=True,
+    )  # fmt: skip
+
+
+# The name
+
+
+def _target(folder: Path, stem: str, log: VehicleLog, read: Read) -> tuple[Path, bool]:
+    """Where the log goes, and whether it is there already."""
+    number = 1
+    while True:
+        target = folder / (f"{stem}.BIN" if number == 1 else f"{stem}-{number}.BIN")
+        if target.exists():
+            if target.stat().st_size == log.size and is_of(target, log, read):
+                return target, True
+        elif not part_of(target).exists() or is_of(part_of(target), log, read):
+            return target, False
+        number += 1
+
+
+def is_of(path: Path, log: VehicleLog, read: Read) -> bool:
+    """Whether a file is a beginning of the log, by its length and by pieces of it: first, middle, last and between."""
+    size = path.stat().st_size
+    if size > log.size:
+        return False
+    places = sorted({max(0, (size - SAME_PIECE) * share // 8) for share in range(9)}, reverse=True)
+    return all(piece_of(path, at, min(size, at + SAME_PIECE)) == read(at, min(size, at + SAME_PIECE)) for at in places)
+
+
+# The bytes
+
+
+def _to_its_end(fetching: Fetching, log: VehicleLog, part: PartFile) -> tuple[str, VehicleLog, bool]:
+    """Read until the log grows no more: the way, the log with its size, and whether it grows still."""
+    way, grown_since = _fill(fetching, log, part, log.size), fetching.clock()
+    while True:
+        fetching.wait(1.0)
+        size = fetching.size_now(log)
+        if size < part.size:
+            raise TippathError(f"log {log.number} is shorter than what came of it; was the vehicle restarted?")
+        if size == part.size or size >= ways.LARGEST:
+            return way, _with_size(log, part.size), False
+        if fetching.clock() - grown_since > GROWS_FOR_S:
+            return way, _with_size(log, part.size), True
+        log = _with_size(log, size)
+        _read_on(fetching, log, part, way, size)
+
+
+def _with_size(log: VehicleLog, size: int) -> VehicleLog:
+    return VehicleLog(number=log.number, size=size, path=log.path, id=log.id, utc_s=log.utc_s)
+
+
+def _fill(fetching: Fetching, log: VehicleLog, part: PartFile, size: int) -> str:
+    """Read up to `size` by the way that proves quicker; that way."""
+    offered = fetching.ways_of(log)
+    rates: dict[str, float] = {}
+    for way in offered if len(offered) > 1 else ():
+        if part.size < size:
+            rates[way] = _tried(fetching, log, part, way, size)
+        if part.size >= size or (size - part.size) / rates[way] < WORTH_ASKING_S:
+            break
+    way = max(rates, key=lambda way: rates[way], default=offered[0])
+    _read_on(fetching, log, part, way, size)
+    return way
+
+
+def _tried(fetching: Fetching, log: VehicleLog, part: PartFile, way: str, size: int) -> float:
+    """The rate, bytes a second, of a stretch by this way; 0.001 where it does not answer."""
+    began, before = fetching.clock(), part.size
+    try:
+        _read_on(fetching, log, part, way, min(size, part.size + TRIAL_BYTES[way]), size)
+    except ProcedureError:
+        if fetching.session.snapshot().lost or way == fetching.ways_of(log)[0]:
+            raise
+    return max(1e-3, (part.size - before) / max(1e-3, fetching.clock() - began))
+
+
+def _read_on(fetching: Fetching, log: VehicleLog, part: PartFile, way: str, stop: int, size: int | None = None) -> None:
+    if part.size < stop:
+        told = stop if size is None else size
+        fetching.read(log, way, part.append, part.size, stop, told, lambda: part.size)
+
+
+# A run alone
+
+
+def fetch_run(
+    fetching: Fetching, log: VehicleLog, folder: Path, stem: str, number: int, times: tuple[float, float]
+) -> Fetched | None:
+    """The log's head and what it holds around one run, where the whole log would take long; None where not.
+
+    The file is `stem`.run-N-only.BIN. Raises as `fetch`, and where a file of that name is there.
+    """
+    target = folder / f"{stem}.run-{number}-only.BIN"
+    if target.exists():
+        raise TippathError(f"{target} is there already; move it away, or fetch the whole log with --whole")
+    read = fetching.reading(log)
+    began = fetching.clock()
+    known = layout(read(0, min(log.size, HEAD_BYTES)))
+    rate = min(log.size, HEAD_BYTES) / max(1e-3, fetching.clock() - began)
+    first = stamps(read(0, min(log.size, HEAD_BYTES)), known)
+    if log.size / rate < WINDOW_FROM_S or not first:
+        return None
+    head = min(MOST_HEAD_BYTES, offset_of(read, log.size, known, first[0].t + HEAD_S))
+    start = max(head, offset_of(read, log.size, known, times[0] - AROUND_S))
+    stop = min(log.size, offset_of(read, log.size, known, times[1] + AROUND_S) + HEAD_BYTES)
+    content = bytearray()
+    way = fetching.ways_of(log)[0]
+    for low, high in ((0, head), (start, stop)):
+        fetching.read(log, way, content.extend, low, high, head + stop - start, lambda: len(content))
+    whole = _whole_messages(bytes(content[head:]), known.sizes)
+    with PartFile(target, fetching.clock) as part:
+        if part.size:
+            raise TippathError(f"{part.path} is left of an earlier attempt; remove it and give the same command again")
+        part.append(bytes(content[:head]) + whole)
+        part.finish()
+        return Fetched(
+            path=target, log=log, size=part.size, way=way, seconds=fetching.clock() - began, came=len(content),
+            crc32=checksum_of(target), checked=False, run=number,
+        )  # fmt: skip
+
+
+def _whole_messages(data: bytes, sizes: dict[int, int]) -> bytes:
+    """Without the message that is cut at its end."""
+    at = 0
+    while data[at : at + 2] == b"\xa3\x95" and at + 3 <= len(data):
+        size = sizes.get(data[at + 2], 0)
+        if size == 0 or at + size > len(data):
+            break
+        at += size
+    return data[:at]

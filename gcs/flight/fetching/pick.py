@@ -1,0 +1,137 @@
+"""Which of the vehicle's logs is the flight's: by the vehicle's clock, and where two show the same, by its bytes.
+
+The clock begins anew with every start of the vehicle, so that two logs may cover the same seconds. Where the flight has
+its own streamed log, a message of it stands in one of them only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gcs.errors import TippathError
+from gcs.flight.fetching.part import piece_of
+from gcs.flight.fetching.times import HEAD_BYTES, PIECE_BYTES, Read, layout, offset_of, span, stamps
+from gcs.flight.fetching.ways import VehicleLog
+
+LOOKED_AT = 12
+"""Logs, the newest first, of which the times are read."""
+SLACK_S = 1.0
+"""By which a run may stand outside of its log: the last block is written late."""
+SAME_BYTES = 24
+"""A message shorter than this proves nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A log, and why it is the one."""
+
+    log: VehicleLog
+    words: str
+
+
+def numbered(logs: Sequence[VehicleLog], number: int) -> Choice:
+    """The log with this number. Raises TippathError where there is none, or it cannot be read."""
+    log = next((log for log in logs if log.number == number), None)
+    if log is None:
+        raise TippathError(f"the vehicle has no log {number}; it has {_list(logs)}")
+    if not log.readable:
+        raise TippathError(f"log {number} cannot be fetched: the vehicle says that it has {log.size:,} bytes")
+    return Choice(log, "as named")
+
+
+def newest(logs: Sequence[VehicleLog]) -> Choice:
+    """The newest log that has bytes. Raises TippathError where there is none."""
+    log = next((log for log in reversed(logs) if log.readable), None)
+    if log is None:
+        empty = f"of its {len(logs)} logs none has bytes" if logs else "it has no logs"
+        raise TippathError(
+            f"nothing to fetch from this vehicle: {empty}; does it log to its card (on ArduPilot LOG_BACKEND_TYPE 1 or "
+            "3)?"
+        )
+    return Choice(log, "the newest")
+
+
+def run_times(runs: Sequence[Mapping[str, Any]]) -> list[tuple[float, float] | None]:
+    """Begin and end of each run on the vehicle's clock, s; None where flight.json does not tell."""
+    return [_times(run) for run in runs]
+
+
+def _times(run: Mapping[str, Any]) -> tuple[float, float] | None:
+    start, duration = run.get("log_start_s"), run.get("duration_s")
+    if not isinstance(start, int | float) or not isinstance(duration, int | float):
+        return None
+    return float(start), float(start) + float(duration)
+
+
+def of_flight(
+    logs: Sequence[VehicleLog],
+    runs: Sequence[Mapping[str, Any]],
+    streamed: Path,
+    reading: Callable[[VehicleLog], Read],
+) -> Choice:
+    """The log of a flight with these runs; `streamed` is its own log, which need not be there.
+
+    Raises TippathError where none of the logs covers the runs.
+    """
+    known = [times for times in run_times(runs) if times is not None]
+    if not known:
+        choice = newest(logs)
+        return Choice(choice.log, "the newest: the flight tells no times of the vehicle's clock")
+    first, last = min(start for start, _ in known), max(stop for _, stop in known)
+    covering = [log for log in _latest(logs) if _covers(log, reading(log), first, last)]
+    if not covering:
+        raise TippathError(
+            f"none of the vehicle's newest logs covers the flight's runs ({first:.0f} to {last:.0f} s of the vehicle's "
+            f"clock): was it flown with another card, or are they erased? It has {_list(logs)}; --log NUMBER takes one"
+        )
+    if len(covering) == 1:
+        return Choice(covering[0], "by the vehicle's clock")
+    same = [log for log in covering if _holds(log, reading(log), streamed, (first + last) / 2.0)]
+    if len(same) == 1:
+        return Choice(same[0], f"by its bytes, of {len(covering)} logs with the same clock")
+    return Choice(
+        covering[0],
+        f"the newest of {len(covering)} logs that show the same times of the vehicle's clock ({_list(covering)}); "
+        "--log NUMBER takes another",
+    )
+
+
+def _latest(logs: Sequence[VehicleLog]) -> list[VehicleLog]:
+    return [log for log in reversed(logs) if log.readable][:LOOKED_AT]
+
+
+def _covers(log: VehicleLog, read: Read, first: float, last: float) -> bool:
+    times = span(read, log.size, layout(read(0, min(log.size, HEAD_BYTES))))
+    return times is not None and times[0] <= first + SLACK_S and times[1] >= last - SLACK_S
+
+
+def _holds(log: VehicleLog, read: Read, streamed: Path, t: float) -> bool:
+    """Whether the log holds a message that the flight's own has at about this time."""
+    try:
+        size = streamed.stat().st_size
+        ours: Read = lambda start, stop: piece_of(streamed, start, stop)  # noqa: E731
+        message = _message_at(ours, size, t)
+    except (OSError, TippathError):
+        return False
+    if message is None:
+        return False
+    stamp, content = message
+    at = offset_of(read, log.size, layout(read(0, min(log.size, HEAD_BYTES))), stamp)
+    return content in read(max(0, at - PIECE_BYTES), min(log.size, at + 3 * PIECE_BYTES))
+
+
+def _message_at(read: Read, size: int, t: float) -> tuple[float, bytes] | None:
+    known = layout(read(0, min(size, HEAD_BYTES)))
+    at = offset_of(read, size, known, t)
+    piece = read(at, min(size, at + PIECE_BYTES))
+    return next(
+        ((one.t, piece[one.at : one.at + one.size]) for one in stamps(piece, known) if one.size >= SAME_BYTES), None
+    )
+
+
+def _list(logs: Sequence[VehicleLog]) -> str:
+    shown = ", ".join(str(log.number) for log in logs[-8:])
+    return "no logs at all" if not logs else f"{'... ' if len(logs) > 8 else ''}{shown}"
