@@ -613,8 +613,8 @@ MUTATIONS = tuple(
         ),
         (
             "started on a dead log",
-            "self.stopped = self._changed(plan) or self._log_dead()",
-            "self.stopped = self._changed(plan)",
+            "self.stopped = trouble or self._changed(plan) or self._log_dead()",
+            "self.stopped = trouble or self._changed(plan)",
         ),
         ("no last look", "        self.handback.last_look()\n", ""),
         (
@@ -1035,7 +1035,7 @@ def _parameters(own: int) -> dict[str, float]:
     axis, magnitude = OWN_SETTINGS[own]
     values = {"SID_AXIS": axis, "SID_MAGNITUDE": magnitude, "SID_F_START_HZ": 0.5, "SIDX_KIND": 0.0}
     values |= {"SYSID_MYGCS": 254.0, "FS_GCS_ENABLE": 1.0, "LQR_SW": 1.0, "ANGLE_MAX": 3000.0}
-    values |= {"LOG_BACKEND_TYPE": 1.0}
+    values |= {"LOG_BACKEND_TYPE": 3.0}
     values |= {"FS_OPTIONS": 0.0, "FS_GCS_TIMEOUT": 5.0, "SCHED_LOOP_RATE": 100.0}
     return {name: _float32(value) for name, value in values.items()}
 
