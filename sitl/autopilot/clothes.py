@@ -76,6 +76,8 @@ class Clothes:
     sampler: Callable[..., Sampler] = OwnSampler
     rate_gain: Gain = RATE_GAIN
     attitude_gain: Gain = ATTITUDE_GAIN
+    vibration: float = 1.0
+    """Of the gyro, as a factor on that of a helicopter with two stiff blades."""
     yaw_gain: float = 0.0
     """Command per rad/s and per rad of a sweep's target on yaw."""
     forwards: bool = False
@@ -239,6 +241,7 @@ def _stock(
     table: tuple[Parameter, ...],
     rate_gain: Gain = RATE_GAIN,
     attitude_gain: Gain = ATTITUDE_GAIN,
+    vibration: float = 1.0,
 ) -> Clothes:
     return Clothes(
         name=name,
@@ -260,6 +263,7 @@ def _stock(
         sampler=StockSampler,
         rate_gain=rate_gain,
         attitude_gain=attitude_gain,
+        vibration=vibration,
         yaw_gain=0.5,
         forwards=True,
         shows_failsafe=True,
@@ -280,6 +284,7 @@ CLOTHES = {
             table=_QUAD,
             rate_gain=((0.08, 0.0), (0.0, 0.09)),
             attitude_gain=((0.36, 0.0), (0.0, 0.4)),
+            vibration=0.05,  # its rotors' 90 Hz would fold to 10 Hz in a log of 100 Hz
         ),
     )
 }

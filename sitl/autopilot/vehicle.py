@@ -132,7 +132,7 @@ class Vehicle:
         self.recording = self._recording()
         self.systemid = self._systemid()
         self.ground = GroundFailsafe(self.parameters, time_us=lambda: self.time_us, say=self.say)
-        self._gyro = Gyro(seed, self._mounts)
+        self._gyro = Gyro(seed, self._mounts, clothes.vibration)
         self._gyro_filter = RateFilter(self.parameters.__getitem__, self.dt)
         self._sampler = clothes.sampler(self.time_us, self.parameters.__getitem__, 1 / self.dt)
         self._controllers = Controllers(clothes.rate_gain, clothes.attitude_gain)
@@ -146,9 +146,10 @@ class Vehicle:
         if not on_ground:
             self._enter(Phase.HOVERING)
             self.height_m = HOVER_HEIGHT_M
+        self.texts.extend((Severity.INFO, text) for text in clothes.greeting)  # in every log already
         self.recording.keep_on()
-        for text in clothes.greeting or (f"tippath vehicle, plant {self.name}",):
-            self.say(Severity.INFO, text)
+        if not clothes.greeting:
+            self.say(Severity.INFO, f"tippath vehicle, plant {self.name}")
 
     def _recording(self) -> Recording:
         return self.clothes.recording(

@@ -85,7 +85,9 @@ class _Filter:
 class Gyro:
     """Body rates as the autopilot sees them."""
 
-    def __init__(self, seed: int, mounts: Sequence[Mount] = ()) -> None:
+    def __init__(self, seed: int, mounts: Sequence[Mount] = (), vibration: float = 1.0) -> None:
+        """`vibration` is a factor on what the rotor shakes."""
+        self._shaken = (vibration * VIBRATION, vibration * SECOND_HARMONIC, vibration * YAW_VIBRATION)
         self._gauss = random.Random(f"gyro {seed}").gauss
         self._mounts = tuple(mounts)
 
@@ -94,12 +96,13 @@ class Gyro:
         for mount in self._mounts:
             p, q, r = mount.step(p, q, r)
         sine, cosine = math.sin(rotor_angle), math.cos(rotor_angle)
-        second = SECOND_HARMONIC * math.sin(2 * rotor_angle)
+        first, twice, yaw = self._shaken
+        second = twice * math.sin(2 * rotor_angle)
         gauss = self._gauss
         return (
-            p + VIBRATION * cosine + second + gauss(0.0, NOISE),
-            q + VIBRATION * sine - second + gauss(0.0, NOISE),
-            r + YAW_VIBRATION * sine + gauss(0.0, NOISE),
+            p + first * cosine + second + gauss(0.0, NOISE),
+            q + first * sine - second + gauss(0.0, NOISE),
+            r + yaw * sine + gauss(0.0, NOISE),
         )
 
 

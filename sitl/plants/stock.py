@@ -45,7 +45,7 @@ class QuadSize(NamedTuple):
 
 QUAD = QuadSize(L_p=-1.5, M_q=-1.8, L_lat=90.0, M_lon=80.0, tau=0.035)
 """Of a quadrotor of some 2 kg."""
-QUAD_GUSTS = Gusts(roll=0.7, pitch=0.7, corner_hz=1.5)
+QUAD_GUSTS = Gusts(roll=0.05, pitch=0.05, corner_hz=1.5)  # still air: its controller answers gusts, and hides them
 
 
 class Quadrotor:
