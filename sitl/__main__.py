@@ -246,6 +246,8 @@ def _made(
         arguments.plant = CLOTHES[arguments.like].plants[0]
     elif arguments.plant is None:
         arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
+    if arguments.like is None and arguments.plant not in PLANTS:
+        raise _Refused(f"--plant {arguments.plant}: {arguments.plant} flies only with --like ardupilot-quad", 2)
     hidden = _hidden(arguments)
     air = _air(arguments, lambda: vehicle.systemid.first_s)  # asked in flight
     try:

@@ -68,7 +68,9 @@ def add_parser(subparsers: Any) -> None:
         help="default hover; with --hidden or --condition hover-ideal; quad only, and always, --like ardupilot-quad",
     )
     parser.add_argument(
-        "--like", choices=AUTOPILOTS, help="a stock ArduCopter with default parameters, helicopter or quadrotor"
+        "--like",
+        choices=AUTOPILOTS,
+        help="a stock ArduCopter with default parameters; on the ground it can be armed 42 s after it has booted",
     )
     parser.add_argument(
         "--hidden",
@@ -185,7 +187,11 @@ def banner(line: str) -> str:
     try:
         about = json.loads(line)
         forward = about["plant"] == "forward"
-        card, axes = ("forward", "roll|pitch|elevator") if forward else ("quick", "roll|pitch")
+        what = "--card forward, or --axis roll|pitch|elevator" if forward else "--card quick, or --axis roll|pitch"
+        stock = about.get("like")
+        if stock is not None:  # chirps by its own law, and nothing else
+            what = "--axis roll|pitch"
+        plant = about["plant"] if stock is None else f"{about['plant']} · like {stock}"
         sealed = about.get("sealed")
         seal = (
             ""
@@ -195,9 +201,9 @@ def banner(line: str) -> str:
             f"  tippath reveal {about['directory']}, when all is said\n"
         )
         return (
-            f"vehicle on {about['link']} · plant {about['plant']} · its logs in {about['directory']}\n{seal}"
+            f"vehicle on {about['link']} · plant {plant} · its logs in {about['directory']}\n{seal}"
             f"  tippath fly --connect {about['ground_link']}\n"
-            f"  tippath sweep --connect {about['ground_link']} --card {card}, or --axis {axes}\n"
+            f"  tippath sweep --connect {about['ground_link']} {what}\n"
             f"  the pilot hears: {', '.join(PILOT_LINES)}; Ctrl-C ends"
         )
     except (ValueError, KeyError, TypeError):

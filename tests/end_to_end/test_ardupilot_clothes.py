@@ -155,4 +155,5 @@ def test_mavproxy_lists_its_parameters(simulated: dict[str, str], tmp_path: Path
         process.terminate()
         process.communicate(timeout=10)
     assert {"LOG_BACKEND_TYPE", "SID_AXIS", "FRAME_CLASS"} <= listed
+    assert len(listed) == wanted
     assert "SID_MAGNITUDE" not in listed

@@ -28,7 +28,7 @@ START = 2147483646
 LOGGING_FAILED = "PreArm: Logging failed"
 PLANT = {"ardupilot-heli": "hover-ideal", "ardupilot-quad": "quad"}
 BOOT_S = 42
-SHORT = {"SID_MAGNITUDE": 0.05, "SID_F_STOP_HZ": 10.0, "SID_T_FADE_IN": 1.0, "SID_T_REC": 6.0, "SID_T_FADE_OUT": 0.5}
+SHORT: dict[str, Any] = {"SID_MAGNITUDE": 0.05, "SID_F_STOP_HZ": 10.0, "SID_T_FADE_IN": 1.0, "SID_T_REC": 6.0, "SID_T_FADE_OUT": 0.5}
 
 
 def stock(
@@ -250,8 +250,8 @@ def test_every_axis_moves_what_it_is_named_for(axis: int, fly: Fly) -> None:
     for _ in range(1200):
         for vehicle in (still, moved):
             vehicle.step()
-        pairs = ((p.p, p.q, p.r, p.az / 10) for p in (moved.plant, still.plant))
-        apart = np.maximum(apart, np.abs(np.subtract(*pairs)))
+        after, before = (np.array([p.p, p.q, p.r, p.az / 10]) for p in (moved.plant, still.plant))
+        apart = np.maximum(apart, np.abs(after - before))
     expected = 3 if axis == 13 else (axis - 1) % 3
     assert apart.argmax() == expected
     assert apart[expected] > 0.01

@@ -219,6 +219,9 @@ def test_the_pilots_lines_are_all_named(capsys: pytest.CaptureFixture[str]) -> N
         assert line in words
     assert "--card forward, or --axis roll|pitch|elevator" in words
     assert "elevator" not in banner(json.dumps(ready | {"plant": "hover"}))
+    stock = banner(json.dumps(ready | {"plant": "quad", "like": "ardupilot-quad"}))
+    assert "plant quad · like ardupilot-quad" in stock
+    assert "--card" not in stock
 
 
 def test_vehicle_folders_are_numbered(tmp_path: Path) -> None:
