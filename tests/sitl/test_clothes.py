@@ -28,7 +28,13 @@ START = 2147483646
 LOGGING_FAILED = "PreArm: Logging failed"
 PLANT = {"ardupilot-heli": "hover-ideal", "ardupilot-quad": "quad"}
 BOOT_S = 42
-SHORT: dict[str, Any] = {"SID_MAGNITUDE": 0.05, "SID_F_STOP_HZ": 10.0, "SID_T_FADE_IN": 1.0, "SID_T_REC": 6.0, "SID_T_FADE_OUT": 0.5}
+SHORT: dict[str, Any] = {
+    "SID_MAGNITUDE": 0.05,
+    "SID_F_STOP_HZ": 10.0,
+    "SID_T_FADE_IN": 1.0,
+    "SID_T_REC": 6.0,
+    "SID_T_FADE_OUT": 0.5,
+}
 
 
 def stock(
