@@ -16,8 +16,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from sitl.autopilot.clothes import CLOTHES
+from sitl.autopilot.running import run
 from sitl.autopilot.storage import DEFAULT_BYTES_PER_S, WAYS, LogStorage
-from sitl.autopilot.vehicle import Vehicle, make_vehicle, run
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.clock import FreeClock, WallClock
 from sitl.faults import Faults, FaultyLink
 from sitl.faults import words as fault_words
@@ -43,8 +45,11 @@ class _Refused(Exception):
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m sitl", description="The simulated vehicle, until interrupted.")
     parser.add_argument(
-        "--plant", choices=PLANTS, help=f"what flies (default: hover; with --hidden and --condition {HOVER})"
+        "--plant",
+        choices=(*PLANTS, "quad"),
+        help=f"what flies (default: hover; with --hidden and --condition {HOVER}; quad with --like ardupilot-quad)",
     )
+    parser.add_argument("--like", choices=tuple(CLOTHES), help="as which autopilot it behaves, out of the box")
     parser.add_argument("--hidden", metavar="EFFECT|random|none", help="plant it and seal the answer in DIR")
     parser.add_argument("--condition", choices=tuple(CONDITIONS), help="how lively the flight is (default: calm)")
     parser.add_argument(
@@ -120,9 +125,11 @@ def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
             parameters=settings,
             hidden=hidden,
             condition=arguments.condition,
+            like=arguments.like,
         )
     except ValueError as error:
-        raise _Refused(f"--condition {arguments.condition}: {error}", 2) from error
+        option = "condition" if arguments.like is None else "like"
+        raise _Refused(f"--{option} {getattr(arguments, option)}: {error}", 2) from error
     except KeyError as error:
         raise _Refused(f"--set: this vehicle has no parameter {error.args[0]}, or not with that value", 2) from error
     vehicle.storage = storage
@@ -161,7 +168,7 @@ def _server(vehicle: Vehicle, air: tuple[Link, Faults] | None) -> Server | None:
     if air is None:
         return None
     link, faults = air
-    return Server(vehicle, FaultyLink(link, faults, lambda: vehicle.time_s), faults.on_board)
+    return Server(vehicle, FaultyLink(link, faults, lambda: vehicle.elapsed_s), faults.on_board)
 
 
 def _seal(hidden: Hidden, arguments: argparse.Namespace) -> dict[str, str]:
@@ -214,6 +221,7 @@ def _ready(arguments: argparse.Namespace, server: Server | None, sealed: dict[st
             "link": None if server is None else server.link.name,
             "ground_link": None if server is None else server.link.ground_link,
             "plant": arguments.plant,
+            "like": arguments.like,
             "seed": arguments.seed,
             "directory": str(arguments.directory),
             "sealed": sealed,
@@ -234,8 +242,12 @@ def _made(
     arguments: argparse.Namespace,
 ) -> tuple[Vehicle, tuple[Link, Faults] | None, dict[str, str] | None]:
     """The vehicle, its link, and where its sealed answer lies; nothing of them stays open where one is refused."""
-    if arguments.plant is None:
+    if arguments.plant is None and arguments.like is not None:
+        arguments.plant = CLOTHES[arguments.like].plants[0]
+    elif arguments.plant is None:
         arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
+    if arguments.like is None and arguments.plant not in PLANTS:
+        raise _Refused(f"--plant {arguments.plant}: {arguments.plant} flies only with --like ardupilot-quad", 2)
     hidden = _hidden(arguments)
     air = _air(arguments, lambda: vehicle.systemid.first_s)  # asked in flight
     try:

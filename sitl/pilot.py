@@ -13,7 +13,7 @@ from collections.abc import Callable
 from sitl.autopilot.modes import Mode, Reason
 from sitl.autopilot.vehicle import Vehicle
 
-_HELP = "takeoff | land | lqr on|off | mode " + "|".join(mode.name.lower() for mode in Mode) + " | quit"
+_HELP = "takeoff | land | lqr on|off | mode " + "|".join(mode.name.lower() for mode in Mode) + " | reboot | quit"
 
 
 def obey(vehicle: Vehicle, line: str) -> str:
@@ -25,6 +25,8 @@ def obey(vehicle: Vehicle, line: str) -> str:
             refusal = vehicle.land()
         case ["lqr", ("on" | "off") as position]:
             refusal = vehicle.select_lqr(position == "on")
+        case ["reboot"]:
+            refusal = vehicle.reboot()
         case ["mode", name] if name.upper() in Mode.__members__:
             before = len(vehicle.texts)
             accepted = vehicle.set_mode(Mode[name.upper()], Reason.PILOT)

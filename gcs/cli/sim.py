@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 MODES = ("stabilize", "alt_hold", "rtl", "land", "systemid")
-PILOT_LINES = ("takeoff", "land", "lqr on", "lqr off", *(f"mode {name}" for name in MODES), "quit")
+PILOT_LINES = ("takeoff", "land", "lqr on", "lqr off", *(f"mode {name}" for name in MODES), "reboot", "quit")
 """What the simulated pilot hears, as the vehicle's own refusal of an unknown line lists it."""
+AUTOPILOTS = ("ardupilot-heli", "ardupilot-quad")
 CONDITIONS = ("calm", "rpm", "airspeed", "yaw", "collective", "stirring", "lively")
 """As the vehicle knows them."""
 FAULTS = {
@@ -55,14 +56,21 @@ def add_parser(subparsers: Any) -> None:
         "flight, with an elevator, airspeed and rotor speed wandering. With --hidden, one physical effect is planted "
         "in hover-ideal or forward and the answer sealed in DIR; its SHA-256 commits to it, and `tippath reveal DIR` "
         "opens it. random may draw nothing, too, and flies everything in the lively condition, so that a moving rotor "
-        "speed does not tell. --condition stirs rotor speed, airspeed, yaw or collective; by itself it hides nothing.",
-        epilog='--json prints {"ready", "link", "ground_link", "plant", "seed", "directory", "sealed": {"path", '
-        '"sha256"} or null} once it is up.',
+        "speed does not tell. --condition stirs rotor speed, airspeed, yaw or collective; by itself it hides nothing. "
+        "With --like the vehicle is a stock ArduCopter: its parameters, log, sweeps, refusals and words. It flies "
+        "hover or hover-ideal, or quad; hidden effects and conditions are the other vehicle's.",
+        epilog='--json prints {"ready", "link", "ground_link", "plant", "like", "seed", "directory", "sealed": '
+        '{"path", "sha256"} or null} once it is up.',
     )
     parser.add_argument(
         "--plant",
-        choices=("hover", "hover-ideal", "forward"),
-        help="default hover; with --hidden or --condition hover-ideal",
+        choices=("hover", "hover-ideal", "forward", "quad"),
+        help="default hover; with --hidden or --condition hover-ideal; quad only, and always, --like ardupilot-quad",
+    )
+    parser.add_argument(
+        "--like",
+        choices=AUTOPILOTS,
+        help="a stock ArduCopter with default parameters; on the ground it can be armed 42 s after it has booted",
     )
     parser.add_argument(
         "--hidden",
@@ -127,7 +135,7 @@ def run(args: argparse.Namespace) -> int:
         seed = 1 if args.hidden is None else secrets.randbelow(10_000)
     command = [sys.executable, "-m", "sitl", "--listen", args.listen]
     command += ["--seed", str(seed), "-o", str(directory), *_faults(args)]
-    for option in ("plant", "hidden", "condition", "logs_by", "log_rate"):
+    for option in ("plant", "like", "hidden", "condition", "logs_by", "log_rate"):
         given = getattr(args, option)
         command += [] if given is None else [f"--{option.replace('_', '-')}={given}"]
     command += ["--on-ground"] if args.on_ground else []
@@ -179,7 +187,11 @@ def banner(line: str) -> str:
     try:
         about = json.loads(line)
         forward = about["plant"] == "forward"
-        card, axes = ("forward", "roll|pitch|elevator") if forward else ("quick", "roll|pitch")
+        what = "--card forward, or --axis roll|pitch|elevator" if forward else "--card quick, or --axis roll|pitch"
+        stock = about.get("like")
+        if stock is not None:  # chirps by its own law, and nothing else
+            what = "--axis roll|pitch"
+        plant = about["plant"] if stock is None else f"{about['plant']} · like {stock}"
         sealed = about.get("sealed")
         seal = (
             ""
@@ -189,9 +201,9 @@ def banner(line: str) -> str:
             f"  tippath reveal {about['directory']}, when all is said\n"
         )
         return (
-            f"vehicle on {about['link']} · plant {about['plant']} · its logs in {about['directory']}\n{seal}"
+            f"vehicle on {about['link']} · plant {plant} · its logs in {about['directory']}\n{seal}"
             f"  tippath fly --connect {about['ground_link']}\n"
-            f"  tippath sweep --connect {about['ground_link']} --card {card}, or --axis {axes}\n"
+            f"  tippath sweep --connect {about['ground_link']} {what}\n"
             f"  the pilot hears: {', '.join(PILOT_LINES)}; Ctrl-C ends"
         )
     except (ValueError, KeyError, TypeError):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs.cards.envelope import Limits, Peaks, Use, use
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.live import LiveWindow
-from gcs.vehicle.log_rate import LARGER_BUFFER, LOG_EVERY_LOOP, SAMPLES_OF_A_PERIOD, SLOWER, slower_than_loop
+from gcs.vehicle.own_log import LARGER_BUFFER, LOG_EVERY_LOOP, SAMPLES_OF_A_PERIOD, SLOWER, slower_than_loop
 from gcs.vehicle.profile import Plan
 from sysid.data.coherence import coherence
 

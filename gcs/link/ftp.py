@@ -23,6 +23,7 @@ from gcs.link.procedures import Done, Failed
 
 T = TypeVar("T")
 
+NAME = "MAVFTP"
 TERMINATE, LIST, OPEN, READ, CRC32, BURST = 1, 3, 4, 5, 14, 15
 FAIL_ERRNO, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_COMMAND, NOT_FOUND = 2, 4, 5, 6, 7, 10
 REASONS = {

@@ -17,6 +17,7 @@ from gcs.link.patience import Patience
 from gcs.link.pieces import Pieces
 from gcs.link.procedures import Done, Failed
 
+NAME = "LOG_REQUEST_DATA"
 ARMED = "Disarm for log download"
 BUSY = "Log download in progress"
 """How ArduPilot refuses."""

@@ -16,13 +16,14 @@ from enum import Enum
 from typing import Final
 
 from gcs.vehicle.autopilots import LOOP_RATE, RENAMED, lean_limit_deg, link_loss
-from gcs.vehicle.log_rate import ENOUGH_BUFFER, SAMPLES_OF_A_PERIOD
+from gcs.vehicle.own_log import ENOUGH_BUFFER, SAMPLES_OF_A_PERIOD
 from gcs.vehicle.profile import VehicleProfile
 
 BACKEND: Final = "LOG_BACKEND_TYPE"
 BITMASK: Final = "LOG_BITMASK"
 BUFFER: Final = "LOG_MAV_BUFSIZE"
 DISARMED: Final = "LOG_DISARMED"
+LOGS_TO_CARD: Final = f"on ArduPilot {BACKEND} 1 or 3"
 GYRO_FILTER: Final = "INS_GYRO_FILTER"
 ARMING, ARMING_SKIPS = "ARMING_CHECK", "ARMING_SKIPCHK"
 _LINK_LOSS: Final = ("FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "FS_THR_ENABLE")

@@ -11,7 +11,7 @@ import random
 from dataclasses import dataclass, replace
 
 KINDS = ("chirp", "doublet", "quiet")
-AXES = ("roll", "pitch", "elevator", "rate_roll", "rate_pitch")
+AXES = ("roll", "pitch", "yaw", "thrust", "elevator", "rate_roll", "rate_pitch")
 PULSES_PER_DOUBLET = 6  # two pulses, then four of rest, so that the answer dies out
 
 
@@ -62,7 +62,10 @@ class ExcitationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitationSample:
-    """What is added in one sample: x, y, e on the commands (or x, y on the rate commands for rate axes)."""
+    """What is added in one sample: x, y, e on the commands (or x, y on the rate commands for rate axes).
+
+    Yaw and thrust have no noise, and only `target`.
+    """
 
     x: float
     y: float
@@ -117,7 +120,7 @@ class Excitation:
             x += target
         elif s.axis == "elevator":
             e += target
-        else:
+        elif s.axis.endswith("pitch"):
             y += target
         return ExcitationSample(x=x, y=y, e=e, target=target, frequency_hz=frequency_hz, done=False)
 

@@ -31,6 +31,11 @@ class GroundFailsafe:
             self._lost = False
             self._say(Severity.WARNING, "GCS Failsafe Cleared")
 
+    @property
+    def lost(self) -> bool:
+        """Whether the failsafe stands."""
+        return self._lost
+
     def fires(self) -> bool:
         """Whether the station was lost just now, and the vehicle is to return."""
         if self._heard_us is None or self._lost or self._parameters["FS_GCS_ENABLE"] == 0:

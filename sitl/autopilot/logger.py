@@ -8,8 +8,8 @@ file byte for byte.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -81,7 +81,7 @@ FORMATS = tuple(
     for number, name, layout, columns, units, multipliers in _FORMATS
 )
 
-_UNITS = {
+UNITS = {
     "-": "",
     "?": "UNKNOWN",
     "#": "instance",
@@ -97,7 +97,22 @@ _UNITS = {
     "s": "s",
     "z": "Hz",
 }
-_MULTIPLIERS = {"-": 0.0, "?": 1.0, "0": 1.0, "B": 1e-2, "F": 1e-6}
+MULTIPLIERS = {"-": 0.0, "?": 1.0, "0": 1.0, "B": 1e-2, "F": 1e-6}
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """Which messages a vehicle's logs are made of."""
+
+    formats: tuple[Format, ...] = FORMATS
+    units: Mapping[str, str] = field(default_factory=lambda: UNITS)
+    """By letter, as UNIT explains them."""
+    multipliers: Mapping[str, float] = field(default_factory=lambda: MULTIPLIERS)
+    padded: bool = True
+    """Whether a log is filled to a whole block when it is closed."""
+
+
+OWN = Dialect()
 
 
 class Sink(Protocol):
@@ -136,26 +151,45 @@ def filler(size: int) -> tuple[int, int]:
 class DataFlashLog:
     """One log being written. `write` only packs; `flush` hands the bytes to the sinks."""
 
-    def __init__(self, sinks: Sequence[Sink], time_us: int) -> None:
+    def __init__(self, sinks: Sequence[Sink], time_us: int, dialect: Dialect = OWN) -> None:
         self._sinks = list(sinks)
         self._buffer = bytearray()
         self._size = 0
-        self._pack = {f.name: (f.struct.pack, f.number) for f in FORMATS}
+        self._dialect = dialect
+        self._pack = {f.name: (f.struct.pack, f.number) for f in dialect.formats}
         self.trouble: str | None = None
         """Why a sink was given up, until somebody reads and clears it."""
-        for f in FORMATS:
+        self._begin(time_us)
+
+    def _begin(self, time_us: int) -> None:
+        """All formats, then what their units are."""
+        dialect = self._dialect
+        for f in dialect.formats:
             self.write("FMT", f.number, f.length, f.name.encode(), f.layout.encode(), f.columns.encode())
-        for letter, label in _UNITS.items():
+        for letter, label in dialect.units.items():
             self.write("UNIT", time_us, ord(letter), label.encode())
-        for letter, factor in _MULTIPLIERS.items():
+        for letter, factor in dialect.multipliers.items():
             self.write("MULT", time_us, ord(letter), factor)
-        for f in FORMATS:
+        for f in dialect.formats:
             self.write("FMTU", time_us, f.number, f.units.encode(), f.multipliers.encode())
 
+    def attach(self, sink: Sink, time_us: int, write_first: Callable[[], None]) -> None:
+        """This sink takes all that comes; the formats, and what `write_first` writes, go to it alone."""
+        self.flush()
+        others, self._sinks = self._sinks, [sink]
+        self._begin(time_us)
+        write_first()
+        self.flush()
+        self._sinks = [*others, *self._sinks]
+
     def write(self, name: str, *values: int | float | bytes) -> None:
-        """One message, values in the order of its columns. Text is cut to its field."""
-        pack, number = self._pack[name]
-        self._buffer += pack(*_HEAD, number, *values)
+        """One message, values in the order of its columns. Text is cut to its field.
+
+        A message that the dialect does not have is left out.
+        """
+        known = self._pack.get(name)
+        if known is not None:
+            self._buffer += known[0](*_HEAD, known[1], *values)
 
     def flush(self) -> None:
         """Hand over what was written since the last time."""
@@ -177,8 +211,8 @@ class DataFlashLog:
             sink.close()
 
     def close(self) -> None:
-        """Fill up to a whole block and end all sinks."""
-        fours, fives = filler(self._size + len(self._buffer))
+        """Fill up to a whole block, where the dialect does, and end all sinks."""
+        fours, fives = filler(self._size + len(self._buffer)) if self._dialect.padded else (0, 0)
         for _ in range(fours):
             self.write("PAD4", 0)
         for _ in range(fives):

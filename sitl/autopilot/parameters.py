@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -63,7 +63,7 @@ HIDDEN_WITHOUT_AXIS = frozenset(
 _ALIASES = {"MAV_SYSID": "SYSID_THISMAV", "MAV_GCS_SYSID": "SYSID_MYGCS"}
 """ArduPilot renamed these in 4.7; a ground station may know either name."""
 
-_TABLE = (
+TABLE = (
     Parameter("SYSID_THISMAV", 1, Kind.INT16, read_only=True),
     Parameter("SYSID_MYGCS", 255, Kind.INT16),
     Parameter("MAV_SYSID", 1, Kind.INT16, read_only=True),
@@ -148,14 +148,24 @@ class Parameters:
     """All parameters with their present values."""
 
     def __init__(
-        self, check_bank: Callable[[Sequence[float]], object], defaults: Mapping[str, float] | None = None
+        self,
+        check_bank: Callable[[Sequence[float]], object],
+        defaults: Mapping[str, float] | None = None,
+        *,
+        table: Sequence[Parameter] = TABLE,
+        after_reboot: Collection[str] = (),
     ) -> None:
         """`check_bank` raises ValueError with a reason where a bank cannot be flown.
 
-        `defaults` replaces defaults of the table. Raises KeyError for a name that is not in it.
+        `defaults` replaces defaults of the table. Raises KeyError for a name that is not in it. What is written to a
+        name of `after_reboot` acts only when the vehicle has booted again.
         """
         self._check_bank = check_bank
-        self.table = {parameter.name: parameter for parameter in _TABLE}
+        self._after_reboot = frozenset(after_reboot)
+        self.table = {parameter.name: parameter for parameter in table}
+        self._aliases = {
+            name: old if old in self.table else new for new, old in _ALIASES.items() for name in (new, old)
+        }
         for name, value in (defaults or {}).items():
             self.table[name] = replace(self.table[name], default=cast(self.table[name].kind, value))
         self._values = {parameter.name: float32(parameter.default) for parameter in self.table.values()}
@@ -163,9 +173,18 @@ class Parameters:
         """Counts every write that may have changed something, for whoever holds values derived from them."""
         self._previous: tuple[float, ...] | None = None
         self._just_reverted = False
+        self.boot()
 
     def __getitem__(self, name: str) -> float:
-        return self._values[_ALIASES.get(name, name)]
+        return self._values[self._aliases.get(name, name)]
+
+    def boot(self) -> None:
+        """The vehicle starts: what was written until now acts."""
+        self._booted = {name: self._values[name] for name in self._after_reboot}
+
+    def acting(self, name: str) -> float:
+        """The value that the vehicle goes by; a newer one may wait for a reboot."""
+        return self._booted[name] if name in self._booted else self[name]
 
     def __contains__(self, name: str) -> bool:
         return name in self.table
@@ -204,16 +223,17 @@ class Parameters:
             return self._commit(value, armed)
         if not parameter.read_only:
             self.writes += 1
-            self._values[_ALIASES.get(name, name)] = cast(parameter.kind, value)
+            self._values[self._aliases.get(name, name)] = cast(parameter.kind, value)
         return Answer(name, self[name], parameter.kind)
 
     def show_switch(self, selected: bool) -> None:
         """LQR_SW follows the pilot's switch."""
-        self._values["LQR_SW"] = 1.0 if selected else 0.0
+        if "LQR_SW" in self._values:
+            self._values["LQR_SW"] = 1.0 if selected else 0.0
 
     def active_bank(self) -> tuple[float, ...] | None:
         """The 29 values that the LQR flies, or None before the first commit."""
-        return None if self._values["LQR_ACTIVE"] == 0 else self._bank(_ACTIVE)
+        return None if self._values.get("LQR_ACTIVE", 0.0) == 0 else self._bank(_ACTIVE)
 
     def _bank(self, names: Sequence[str]) -> tuple[float, ...]:
         return tuple(self._values[name] for name in names)

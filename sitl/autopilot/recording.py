@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from sitl.autopilot.blocks import BlockStream
-from sitl.autopilot.logger import DataFlashLog, FileSink, Sink, next_log_path
+from sitl.autopilot.logger import OWN, DataFlashLog, Dialect, FileSink, Sink, next_log_path
 from sitl.autopilot.modes import LogEvent, Mode, Reason, Severity
 from sitl.autopilot.parameters import Parameters
+
+TO_CARD, TO_GROUND = 1, 2
+"""Bits of LOG_BACKEND_TYPE."""
 
 
 class Recording:
@@ -23,8 +26,10 @@ class Recording:
         armed: Callable[[], bool],
         mode: Callable[[], Mode],
         say: Callable[[Severity, str], None],
+        dialect: Dialect = OWN,
+        greeting: Sequence[str] = (),
     ) -> None:
-        """`directory` takes the files; None keeps none."""
+        """`directory` takes the files; None keeps none. Every log begins with the `greeting`, too."""
         self.log: DataFlashLog | None = None
         self.stream: BlockStream | None = None
         self.offered = True
@@ -35,6 +40,13 @@ class Recording:
         self._armed = armed
         self._mode = mode
         self._say = say
+        self._dialect = dialect
+        self._greeting = tuple(greeting)
+
+    @property
+    def refuses_arming(self) -> bool:
+        """Whether a log that is wanted cannot be written, in the eyes of a check before arming."""
+        return False
 
     def write(self, name: str, *values: int | float | bytes) -> None:
         """A message with the time of this sample; nothing while no log is open."""
@@ -53,7 +65,7 @@ class Recording:
 
     def start_stream(self) -> BlockStream | None:
         """A new log that also goes out as blocks; a stream under way ends. None where there is none to be had."""
-        if not self.offered or not int(self._parameters["LOG_BACKEND_TYPE"]) & 2:
+        if not self.offered or not int(self._parameters["LOG_BACKEND_TYPE"]) & TO_GROUND:
             return None
         self._close_log()
         self.stream = BlockStream(int(self._parameters["LOG_MAV_BUFSIZE"]) * 1024, self._time_us() * 1e-6)
@@ -105,19 +117,30 @@ class Recording:
 
     def _open_log(self, stream: BlockStream | None) -> None:
         sinks: list[Sink] = [] if stream is None else [stream]
-        trouble = None
-        if self._directory is not None and int(self._parameters["LOG_BACKEND_TYPE"]) & 1:
-            try:
-                sinks.append(FileSink(next_log_path(self._directory)))
-            except OSError as error:
-                trouble = error.strerror or type(error).__name__
+        card, trouble = self._card()
+        sinks += [] if card is None else [card]
         if sinks:
-            self.log = DataFlashLog(sinks, self._time_us())
-            for name in self._parameters.table:
-                self.write_parameter(name)
-            self.write_mode(Reason.START)
+            self.log = DataFlashLog(sinks, self._time_us(), self._dialect)
+            self._write_first()
         if trouble is not None:
             self._say(Severity.CRITICAL, f"Logging failed: {trouble}")
+
+    def _card(self) -> tuple[FileSink | None, str | None]:
+        """A new file, where one is wanted, or why there is none."""
+        if self._directory is None or not int(self._parameters.acting("LOG_BACKEND_TYPE")) & TO_CARD:
+            return None, None
+        try:
+            return FileSink(next_log_path(self._directory)), None
+        except OSError as error:
+            return None, error.strerror or type(error).__name__
+
+    def _write_first(self) -> None:
+        """What a log begins with after its formats."""
+        for text in self._greeting:
+            self.write("MSG", text.encode("ascii", "replace"))
+        for name in self._parameters.table:
+            self.write_parameter(name)
+        self.write_mode(Reason.START)
 
     def _close_log(self) -> None:
         if self.log is not None:

@@ -10,18 +10,19 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from sitl.autopilot.excitation import Excitation, ExcitationSettings
+from sitl.autopilot.clothes import OWN_CLOTHES, Axis, Clothes
+from sitl.autopilot.excitation import Excitation, ExcitationSample, ExcitationSettings
 from sitl.autopilot.modes import Mode, Severity
 from sitl.autopilot.parameters import Parameters
 
-_LEAD_SAMPLES = 500  # of nothing before a maneuver, and from its end to "Finished"
+_LEAD_S = 1.0  # of nothing before a maneuver
 _LARGEST_SETTING = 1e6  # what is logged stays within float32 whatever the ground has written
 _DEG = 180 / math.pi
 
-# ArduPilot ends at 19; 20 is this vehicle's own.
-_AXES = {10: "roll", 11: "pitch", 7: "rate_roll", 8: "rate_pitch", 20: "elevator"}
-_RATE_AXES = (7, 8)
+_WITHOUT = {"SIDX_KIND": 0.0, "SIDX_LAW": 0.0, "SIDX_C1": 4.0, "SIDX_NOISE": 0.0, "SIDX_PULSE_S": 0.3, "SIDX_SEED": 0.0}
+"""What flies where a vehicle does not have these parameters: ArduPilot's own chirp."""
 _KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
 _LAWS = {0: "ardupilot", 1: "tischler"}
 
@@ -32,16 +33,52 @@ class Sweep:
 
     excitation: Excitation | None
     """None once it is over, or where its settings were refused."""
-    on_rate: bool
-    """Added to the rate command, not to the mixer."""
+    axis: Axis
     frequency_hz: float
     start_us: int
+    tail_samples: int
+    """From the maneuver's end to "Finished"."""
     writes: int
     """`Parameters.writes` when its settings were read."""
     sample: int = 0
     lead_out: int = 0
     """Samples since the maneuver's end."""
     running: bool = True
+
+    @property
+    def in_degrees(self) -> bool:
+        """SID_MAGNITUDE and the logged target of this axis, where the target itself is in rad or rad/s."""
+        return self.axis.place != "mixer"
+
+
+class Added(NamedTuple):
+    """What a sweep adds in one sample: to the commands of roll, pitch, elevator, tail and collective, or as targets."""
+
+    x: float = 0.0
+    y: float = 0.0
+    e: float = 0.0
+    tail: float = 0.0
+    collective: float = 0.0
+    rate: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rad/s, to what is asked for."""
+    angle: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """rad."""
+    target: float = 0.0
+
+
+NOTHING = Added()
+
+
+def _placed(axis: Axis, sample: ExcitationSample) -> Added:
+    target = sample.target
+    if axis.place == "mixer":
+        if axis.channel == "yaw":
+            return Added(tail=target, target=target)
+        if axis.channel == "thrust":
+            return Added(collective=target, target=target)
+        return Added(sample.x, sample.y, sample.e, target=target)
+    turn = (sample.x, sample.y, target if axis.channel == "yaw" else 0.0)
+    return Added(rate=turn, target=target) if axis.place == "rate" else Added(angle=turn, target=target)
 
 
 class SystemId:
@@ -56,6 +93,7 @@ class SystemId:
         time_us: Callable[[], int],
         say: Callable[[Severity, str], None],
         write: Callable[..., None],
+        clothes: Clothes = OWN_CLOTHES,
     ) -> None:
         """`write` takes a message of the log by its name and what follows its time."""
         self.sweep: Sweep | None = None
@@ -68,6 +106,8 @@ class SystemId:
         self._time_us = time_us
         self._say = say
         self._write = write
+        self._clothes = clothes
+        self._lead_samples = round(_LEAD_S / dt)
         self._runs = 0
 
     def refusal(self, mode: Mode, landed: bool) -> str | None:
@@ -75,24 +115,28 @@ class SystemId:
         axis = int(self._parameters["SID_AXIS"])
         if axis == 0:
             return "No axis selected, SID_AXIS = 0"
-        if axis not in _AXES:
-            return f"SID_AXIS = {axis}: this vehicle has 7, 8, 10, 11, 20"
+        if axis not in self._clothes.axes:
+            return self._clothes.other_axis.format(axis)
         if landed:
             return "Aircraft must be flying"
         if mode is not Mode.STABILIZE:
             return "Axis requires manual throttle"
         return None
 
+    def _get(self, name: str) -> float:
+        return self._parameters[name] if name in self._parameters else _WITHOUT[name]
+
     def _settings(self, axis: int) -> tuple[ExcitationSettings, str | None]:
         """What the parameters ask for on an axis that there is, and why it cannot be flown, or None."""
-        get = self._parameters.__getitem__
+        get = self._get
         kind, law = int(get("SIDX_KIND")), int(get("SIDX_LAW"))
+        place = self._clothes.axes[axis]
         settings = ExcitationSettings(
             kind=_KINDS.get(kind, f"SIDX_KIND {kind}"),
             law=_LAWS.get(law, f"SIDX_LAW {law}"),
-            axis=_AXES[axis],
-            # ArduPilot counts the rate axes in deg/s.
-            magnitude=get("SID_MAGNITUDE") / _DEG if axis in _RATE_AXES else get("SID_MAGNITUDE"),
+            axis=place.channel,
+            # ArduPilot counts angles in degrees and rates in deg/s.
+            magnitude=get("SID_MAGNITUDE") / _DEG if place.place != "mixer" else get("SID_MAGNITUDE"),
             f_start_hz=get("SID_F_START_HZ"),
             f_stop_hz=get("SID_F_STOP_HZ"),
             fade_in_s=get("SID_T_FADE_IN"),
@@ -114,21 +158,28 @@ class SystemId:
         self._runs += 1
         self.first_s = min(self.first_s, self._time_us() * 1e-6)
         drawn = random.Random(f"{self._seed} {self._runs}").getrandbits(31)
-        seed = int(self._parameters["SIDX_SEED"]) or drawn
+        seed = int(self._get("SIDX_SEED")) or drawn
         self._say(Severity.INFO, f"SystemID Starting: axis={axis}")
         self.sweep = Sweep(
             excitation=None if problem is not None else Excitation(settings, seed),
-            on_rate=axis in _RATE_AXES,
+            axis=self._clothes.axes[axis],
             frequency_hz=settings.f_start_hz if settings.kind == "chirp" else 0.0,
             start_us=self._time_us(),
+            tail_samples=round(self._tail_s(settings) / self._dt),
             writes=self._parameters.writes,
         )
         self._log(axis, settings)
         if problem is not None:
             self._refuse(self.sweep, problem)
 
+    def _tail_s(self, settings: ExcitationSettings) -> float:
+        if self._clothes.tail_s is not None:
+            return self._clothes.tail_s
+        constant_s = 2 / settings.f_start_hz if settings.f_start_hz > 0 else 0.0
+        return settings.fade_in_s + constant_s + settings.fade_out_s
+
     def _log(self, axis: int, settings: ExcitationSettings) -> None:
-        get = self._parameters.__getitem__
+        get = self._get
         kind, law = int(get("SIDX_KIND")), int(get("SIDX_LAW"))
         constant_s = 2 / settings.f_start_hz if law == 0 and settings.f_start_hz > 0 else 0.0
         self._write(
@@ -144,34 +195,35 @@ class SystemId:
         """A write into a running sweep acts at once: ArduPilot reads magnitude, axis and end in every loop."""
         sweep.writes = self._parameters.writes
         axis = int(self._parameters["SID_AXIS"])
-        if axis not in _AXES:
+        if axis not in self._clothes.axes:
             self._end(sweep, f"SystemID Stopped: axis = {axis}")
             return
         settings, problem = self._settings(axis)
         if problem is not None:
             self._refuse(sweep, problem)
             return
-        sweep.on_rate = axis in _RATE_AXES
+        sweep.axis = self._clothes.axes[axis]
         if sweep.excitation is not None:
             sweep.excitation.change(settings)
 
     def _refuse(self, sweep: Sweep, problem: str) -> None:
         self._end(sweep, "SystemID Parameter Error")
-        self._say(Severity.INFO, f"SystemID: {problem}")
+        if self._clothes.explains:
+            self._say(Severity.INFO, f"SystemID: {problem}")
 
     def _end(self, sweep: Sweep, text: str) -> None:
         sweep.excitation = None
         sweep.running = False
         self._say(Severity.INFO, text)
 
-    def excite(self, sweep: Sweep, landed: bool, phi: float, theta: float) -> tuple[float, float, float, float]:
-        """x, y, e and the target of this sample, and the bookkeeping of the stay in SYSTEMID."""
+    def excite(self, sweep: Sweep, landed: bool, phi: float, theta: float) -> Added:
+        """What is added in this sample, and the bookkeeping of the stay in SYSTEMID."""
         n = sweep.sample
         sweep.sample += 1
         if sweep.running and sweep.writes != self._parameters.writes:
             self._change(sweep)
         if not sweep.running:
-            return 0.0, 0.0, 0.0, 0.0
+            return NOTHING
         lean_deg = math.acos(math.cos(phi) * math.cos(theta)) * _DEG
         limit_deg = self._parameters["ANGLE_MAX"] * 0.01
         if landed:
@@ -180,12 +232,12 @@ class SystemId:
             self._end(sweep, f"SystemID Stopped: lean={lean_deg:f} max={limit_deg:f}")
         elif sweep.excitation is None:
             sweep.lead_out += 1
-            if sweep.lead_out >= _LEAD_SAMPLES:
+            if sweep.lead_out >= sweep.tail_samples:
                 self._end(sweep, "SystemID Finished")
-        elif n >= _LEAD_SAMPLES:
+        elif n >= self._lead_samples:
             sample = sweep.excitation.step()
             if not sample.done:
                 sweep.frequency_hz = sample.frequency_hz
-                return sample.x, sample.y, sample.e, sample.target
+                return _placed(sweep.axis, sample)
             sweep.excitation = None
-        return 0.0, 0.0, 0.0, 0.0
+        return NOTHING

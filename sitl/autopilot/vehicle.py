@@ -1,6 +1,6 @@
 """The vehicle: modes, safety, sweeps and logging around one plant and its control laws.
 
-It needs no socket and no clock: `step` advances it by 2 ms, so a minute of flight takes a few seconds in a test.
+It needs no socket and no clock: `step` advances it by one loop, so a minute of flight takes a few seconds in a test.
 A sample is one instant t_k: the gyro is read, the command computed from it and held until t_(k+1); both are logged
 with t_k.
 
@@ -16,29 +16,29 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from sitl.autopilot.control_laws import AttitudeController, LqrController, LqrGains, attitude_hold
+from sitl.autopilot import arming
+from sitl.autopilot.clothes import CLOTHES, OWN_CLOTHES, Clothes
+from sitl.autopilot.control_laws import LqrGains
 from sitl.autopilot.failsafe import GroundFailsafe
+from sitl.autopilot.flying import Controllers
 from sitl.autopilot.hands import PilotHands
-from sitl.autopilot.logger import DataFlashLog
 from sitl.autopilot.modes import FLYING, MANUAL_THROTTLE, LogEvent, Mode, Phase, Reason, Severity
 from sitl.autopilot.parameters import Answer, Parameters
 from sitl.autopilot.recording import Recording
+from sitl.autopilot.samples import Rates, Sample, SweepSample
 from sitl.autopilot.storage import LogStorage
-from sitl.autopilot.systemid import Sweep, SystemId
-from sitl.clock import Clock
+from sitl.autopilot.systemid import NOTHING, Added, SystemId
 from sitl.hidden import Hidden
 from sitl.plants import Plant, make_plant
+from sitl.plants.actuators import clip
 from sitl.plants.conditions import CALM, CONDITIONS, Condition
-from sitl.plants.sensors import Gyro, Mount
-
-PERIOD_US = 2000
-DT = PERIOD_US * 1e-6
+from sitl.plants.sensors import Gyro, Mount, RateFilter
+from sitl.plants.stock import make_stock_plant
 
 _FIRST_SAMPLE_US = 1_000_000  # a real autopilot has been up for a while, too, before its first sample
-_HOUSEKEEPING_STEPS = 5
-_ATT_US = 100_000
-_RPM_US = 25_000
-_ARSP_US = 20_000
+_HOUSEKEEPING_S = 0.01
+DT = 0.002
+_LOOP_RATES = (50.0, 1000.0)  # Hz; ArduPilot holds SCHED_LOOP_RATE within limits, too
 
 _SPOOL_US = 2_000_000
 _CLIMB_US = 2_000_000
@@ -56,8 +56,11 @@ _CRASH_RATE = 25.0  # rad/s
 
 _DEG = 180 / math.pi
 
-_AIR_DENSITY = 1.225
-_AIR_TEMPERATURE_CDEG = 1500
+
+def period_us(loop_rate_hz: float) -> int:
+    """Of one loop, for a value of SCHED_LOOP_RATE."""
+    low, high = _LOOP_RATES
+    return round(1e6 / max(low, min(high, loop_rate_hz)))
 
 
 class Vehicle:
@@ -74,9 +77,12 @@ class Vehicle:
         parameters: Mapping[str, float] | None = None,
         mounts: Sequence[Mount] = (),
         condition: Condition = CALM,
+        clothes: Clothes = OWN_CLOTHES,
+        rebuild: Callable[[float], Plant] | None = None,
     ) -> None:
         """`directory` takes the logs; None keeps none. `parameters` sets them as the ground could. `mounts` lie between
-        airframe and gyro; `condition` is what the pilot's hands do besides.
+        airframe and gyro; `condition` is what the pilot's hands do besides. `rebuild` makes a plant for a loop of so
+        many seconds; without it the plant has a step of its own.
 
         Raises KeyError for an unknown parameter or a value that is not finite. A log that cannot be written is
         said in a text, as in flight.
@@ -86,13 +92,19 @@ class Vehicle:
         self.seed = seed
         self.directory = directory
         self.storage = LogStorage(directory)
-        self.parameters = Parameters(LqrGains.from_values, {"H_RSC_GOV_RPM": plant.nominal_rpm})
+        self.clothes = clothes
+        of_plant = {"H_RSC_GOV_RPM": plant.nominal_rpm}
+        defaults = {name: value for name, value in of_plant.items() if any(p.name == name for p in clothes.table)}
+        self.parameters = Parameters(
+            LqrGains.from_values, defaults, table=clothes.table, after_reboot=clothes.after_reboot
+        )
         for parameter, value in (parameters or {}).items():
             if self.parameters.write(parameter, value, armed=False) is None:
                 raise KeyError(parameter)
-        self.time_us = _FIRST_SAMPLE_US
-        self.mode = Mode.STABILIZE
-        self.phase = Phase.DISARMED
+        self._rebuild = rebuild
+        self._condition = condition
+        self._mounts = mounts
+        self._before_boot_us = 0
         self.texts: deque[tuple[Severity, str]] = deque(maxlen=500)
         """What was said and not yet taken by a server, oldest first."""
         self.lqr_selected = False
@@ -102,44 +114,64 @@ class Vehicle:
         self.height_m = 0.0
         self.commands = (0.0, 0.0, 0.0, 0.0)
         """Sent to the servos in this sample: delta_x, delta_y, delta_e, delta_c."""
-        self.hands = PilotHands(condition, seed)
+        self._boot(on_ground)
+
+    def _boot(self, on_ground: bool) -> None:
+        """All that a power-up sets; parameters stay."""
+        seed, clothes = self.seed, self.clothes
+        self.parameters.boot()
+        self.time_us = _FIRST_SAMPLE_US
+        self.period_us = period_us(self.parameters.acting("SCHED_LOOP_RATE"))
+        self.dt = self.period_us * 1e-6
+        """Of one step, s."""
+        if self._rebuild is not None:
+            self.plant = self._rebuild(self.dt)
+        self.mode = Mode.STABILIZE
+        self.phase = Phase.DISARMED
+        self.hands = PilotHands(self._condition, seed)
         self.recording = self._recording()
         self.systemid = self._systemid()
         self.ground = GroundFailsafe(self.parameters, time_us=lambda: self.time_us, say=self.say)
-        self._gyro = Gyro(seed, mounts)
-        self._attitude = AttitudeController()
-        self._lqr: LqrController | None = None
-        self._lqr_flies = False
+        self._gyro = Gyro(seed, self._mounts, clothes.vibration)
+        self._gyro_filter = RateFilter(self.parameters.__getitem__, self.dt)
+        self._sampler = clothes.sampler(self.time_us, self.parameters.__getitem__, 1 / self.dt)
+        self._controllers = Controllers(clothes.rate_gain, clothes.attitude_gain)
+        self._controllers.take_bank(self.parameters.active_bank())
         self._rotor_angle = 0.0
         self._phase_since_us = self.time_us
         self._rotor_speed = 0.0
         self._airborne_s = 0.0
+        self._housekeeping_steps = max(1, round(_HOUSEKEEPING_S / self.dt))
         self._until_housekeeping = 1
-        self._next_att_us = self._next_rpm_us = self._next_arsp_us = self.time_us
         if not on_ground:
             self._enter(Phase.HOVERING)
             self.height_m = HOVER_HEIGHT_M
+        self.texts.extend((Severity.INFO, text) for text in clothes.greeting)  # in every log already
         self.recording.keep_on()
-        self.say(Severity.INFO, f"tippath vehicle, plant {name}")
+        if not clothes.greeting:
+            self.say(Severity.INFO, f"tippath vehicle, plant {self.name}")
 
     def _recording(self) -> Recording:
-        return Recording(
+        return self.clothes.recording(
             self.directory,
             self.parameters,
             time_us=lambda: self.time_us,
             armed=lambda: self.armed,
             mode=lambda: self.mode,
             say=self.say,
+            dialect=self.clothes.dialect,
+            greeting=self.clothes.greeting,
         )
 
     def _systemid(self) -> SystemId:
         return SystemId(
             self.parameters,
             seed=self.seed,
-            dt=DT,
+            dt=self.dt,
             time_us=lambda: self.time_us,
             say=self.say,
             write=self.recording.write,
+            clothes=self.clothes,
         )
 
     # What it is doing
@@ -147,6 +179,11 @@ class Vehicle:
     @property
     def time_s(self) -> float:
         return self.time_us * 1e-6
+
+    @property
+    def elapsed_s(self) -> float:
+        """As `time_s`, and never back: a reboot does not show in it."""
+        return (self._before_boot_us + self.time_us) * 1e-6
 
     @property
     def armed(self) -> bool:
@@ -221,10 +258,13 @@ class Vehicle:
         """The pilot arms and lifts off into a hover. Returns why not, or None."""
         if self.phase is not Phase.DISARMED:
             return f"not on the ground and disarmed, but {self.phase.value}"
+        refusal = arming.refusal(self.clothes, self.parameters, self.recording, self.time_s)
+        if refusal is not None:
+            self.say(Severity.CRITICAL, refusal)
+            return refusal
         if self.mode is not Mode.STABILIZE:
             self.set_mode(Mode.STABILIZE, Reason.PILOT)
         self.plant.reset()
-        self._attitude.reset()
         self._enter(Phase.SPOOLING)
         self.recording.keep_on()
         self.recording.write_event(LogEvent.ARMED)
@@ -241,9 +281,22 @@ class Vehicle:
             self.set_mode(Mode.LAND, Reason.PILOT)
         return None
 
+    def reboot(self) -> str | None:
+        """The pilot switches it off and on again. Returns why not, or None."""
+        if self.armed:
+            return f"armed, and {self.phase.value}"
+        self.recording.close()
+        self._before_boot_us += self.time_us - _FIRST_SAMPLE_US
+        self.lqr_selected = False
+        self.parameters.show_switch(False)
+        self.yaw = self.height_m = 0.0
+        self.plant.reset()
+        self._boot(on_ground=True)
+        return None
+
     def select_lqr(self, on: bool) -> str | None:
         """The pilot's switch between the attitude controller and the LQR. Returns why not, or None."""
-        if on and self._lqr is None:
+        if on and not self._controllers.has_lqr:
             return "no gains have been committed"
         if on != self.lqr_selected:
             self.lqr_selected = on
@@ -259,9 +312,7 @@ class Vehicle:
         if answer.text is not None:
             self.say(Severity.WARNING, answer.text)
         if answer.bank_changed:
-            bank = self.parameters.active_bank()
-            self._lqr = None if bank is None else LqrController(LqrGains.from_values(bank))
-            self._lqr_flies = False
+            self._controllers.take_bank(self.parameters.active_bank())
         self.recording.write_parameter(name)
         self.recording.keep_on()
         return answer
@@ -273,109 +324,64 @@ class Vehicle:
     # Flight
 
     def step(self) -> None:
-        """Advance by 2 ms."""
+        """Advance by one loop of the autopilot, 2 ms on this project's own."""
         self._until_housekeeping -= 1
         if self._until_housekeeping <= 0:
-            self._until_housekeeping = _HOUSEKEEPING_STEPS
+            self._until_housekeeping = self._housekeeping_steps
             self._keep_house()
         plant = self.plant
         flying = self.phase in FLYING
         sweep = self.systemid.sweep
-        ex = ey = ee = target = rate_x = rate_y = 0.0
-        if sweep is not None:
-            ex, ey, ee, target = self.systemid.excite(sweep, self.landed, *self.attitude)
-            if sweep.on_rate:
-                rate_x, rate_y, ex, ey, ee = ex, ey, 0.0, 0.0, 0.0
-        self._rotor_angle = (self._rotor_angle + DT * self._rotor_speed) % (2 * math.pi)
+        added = NOTHING if sweep is None else self.systemid.excite(sweep, self.landed, *self.attitude)
+        self._rotor_angle = (self._rotor_angle + self.dt * self._rotor_speed) % (2 * math.pi)
+        yaw = self.hands.yaw
         if flying:
             self._rotor_speed = plant.omega
-            self.gyro = self._gyro.measure(plant.p, plant.q, plant.r, self._rotor_angle)
-            x, y, p_ref, q_ref = self._control(rate_x, rate_y, ex, ey)
-            e = -1.0 if ee < -1.0 else 1.0 if ee > 1.0 else ee
-            c = self.hands.collective
+            raw = self._gyro.measure(plant.p, plant.q, plant.r, self._rotor_angle)
+            self.gyro = self._gyro_filter.step(raw)
+            x, y, *wanted = self._controllers.step(plant, self.gyro, added, self.lqr_selected)
+            e = clip(added.e)
+            c = clip(self.hands.collective + added.collective)
+            yaw = clip(yaw + added.tail + self.clothes.yaw_gain * (added.rate[2] + added.angle[2]))
         else:
-            self.gyro = self._gyro.measure(0.0, 0.0, 0.0, 0.0)
-            x = y = e = p_ref = q_ref = 0.0
+            raw = self._gyro.measure(0.0, 0.0, 0.0, 0.0)
+            self.gyro = self._gyro_filter.step(raw)
+            x = y = e = 0.0
+            wanted = [0.0, 0.0]
             c = -1.0
         self.commands = (x, y, e, c)
         if self.recording.log is not None:
-            self._log_sample(self.recording.log, sweep, target, (ex, ey, ee), p_ref, q_ref)
+            p_ref, q_ref = wanted
+            self._sampler.write(self.recording.log, self._sample(raw, (p_ref, q_ref, added.rate[2]), added, yaw))
         if flying:
-            plant.step(x, y, e, c, self.hands.yaw)
-            self.yaw += DT * plant.r
+            plant.step(x, y, e, c, yaw)
+            self.yaw += self.dt * plant.r
             if not (abs(plant.phi) < _CRASH_LEAN and abs(plant.theta) < _CRASH_LEAN) or not (
                 abs(plant.p) < _CRASH_RATE and abs(plant.q) < _CRASH_RATE
             ):
                 self._crash()
-        self.time_us += PERIOD_US
+        self.time_us += self.period_us
 
-    def _control(self, rate_x: float, rate_y: float, ex: float, ey: float) -> tuple[float, float, float, float]:
-        """Commands really sent, excitation and limits included, and the rates asked for."""
-        plant, lqr = self.plant, self._lqr
-        p, q, _ = self.gyro
-        if self.lqr_selected and lqr is not None:
-            if not self._lqr_flies:
-                lqr.reset()
-                self._lqr_flies = True
-            p_ref, q_ref = attitude_hold(plant.phi, plant.theta)
-            p_ref += rate_x
-            q_ref += rate_y
-            x, y = lqr.step(p, q, p_ref, q_ref)
-        else:
-            self._lqr_flies = False
-            p_ref, q_ref = rate_x, rate_y
-            x, y = self._attitude.step(plant.phi, plant.theta, p, q, p_ref, q_ref)
-        x += ex
-        y += ey
-        x = -1.0 if x < -1.0 else 1.0 if x > 1.0 else x
-        y = -1.0 if y < -1.0 else 1.0 if y > 1.0 else y
-        if self._lqr_flies and lqr is not None:
-            lqr.applied(x, y)
-        return x, y, p_ref, q_ref
-
-    def _log_sample(
-        self,
-        log: DataFlashLog,
-        sweep: Sweep | None,
-        target: float,
-        excitation: tuple[float, float, float],
-        p_ref: float,
-        q_ref: float,
-    ) -> None:
-        time_us = self.time_us
-        p, q, r = self.gyro
-        p, q, r = p * _DEG, q * _DEG, r * _DEG
-        x, y, e, c = self.commands
+    def _sample(self, raw_gyro: Rates, wanted: Rates, added: Added, yaw: float) -> Sample:
+        sweep, told = self.systemid.sweep, None
         if sweep is not None:
-            plant = self.plant
-            log.write(
-                "SIDD",
-                time_us,
-                (time_us - sweep.start_us) * 1e-6,
-                target * _DEG if sweep.on_rate else target,
-                sweep.frequency_hz,
-                p,
-                q,
-                r,
-                plant.ax,
-                plant.ay,
-                plant.az,
-            )
-        log.write("RATE", time_us, p_ref * _DEG, p, x, q_ref * _DEG, q, y, 0.0, r, self.hands.yaw, 0.0, 0.0, c, 0.0)
-        log.write("TPEX", time_us, *excitation, e, c)
-        if time_us >= self._next_rpm_us:
-            self._next_rpm_us = time_us - time_us % _RPM_US + _RPM_US
-            log.write("RPM", time_us, 0, self.rotor_rpm, 1.0, 1)
-        if self.plant.has_pitot and time_us >= self._next_arsp_us:
-            self._next_arsp_us = time_us - time_us % _ARSP_US + _ARSP_US
-            pressure = 0.5 * _AIR_DENSITY * self.airspeed**2
-            air = (self.airspeed, pressure, _AIR_TEMPERATURE_CDEG, pressure)
-            log.write("ARSP", time_us, 0, *air, 0.0, 1, 1, 1.0, 0.0, 0)
-        if time_us >= self._next_att_us:
-            self._next_att_us = time_us - time_us % _ATT_US + _ATT_US
-            phi, theta = self.attitude
-            yaw = self.yaw * _DEG % 360
-            log.write("ATT", time_us, 0.0, phi * _DEG, 0.0, theta * _DEG, yaw, yaw, 3)
+            target = added.target * _DEG if sweep.in_degrees else added.target
+            time_s = (self.time_us - sweep.start_us) * 1e-6
+            told = SweepSample(time_s=time_s, target=target, frequency_hz=sweep.frequency_hz)
+        return Sample(
+            time_us=self.time_us,
+            sweep=told,
+            raw_gyro=raw_gyro,
+            gyro=self.gyro,
+            wanted=wanted,
+            commands=self.commands,
+            yaw_command=yaw,
+            excitation=added[:3],
+            attitude=(*self.attitude, self.yaw),
+            rotor_rpm=self.rotor_rpm,
+            airspeed=self.airspeed,
+            plant=self.plant,
+        )
 
     # Once in 10 ms
 
@@ -384,7 +390,7 @@ class Vehicle:
         if self.ground.fires() and self.phase in FLYING and self.mode is not Mode.LAND:
             self.set_mode(Mode.RTL, Reason.GCS_FAILSAFE)
         if self.phase in FLYING:
-            self._airborne_s += _HOUSEKEEPING_STEPS * DT
+            self._airborne_s += self._housekeeping_steps * self.dt
             self.hands.move()
         self.recording.flush()
 
@@ -445,12 +451,30 @@ def make_vehicle(
     hidden: Hidden | None = None,
     condition: str | None = None,
     gust_scale: float = 1.0,
+    like: str | None = None,
 ) -> Vehicle:
     """A vehicle with the plant of that name, carrying what is hidden. Raises as `make_plant` and `Vehicle` do.
 
     `condition` is a name of `sitl.plants.conditions`; None takes the hidden effect's own, or the calm one. ValueError
     where that name does not exist, or where the effect was drawn for another plant.
+
+    `like` is a name of `sitl.autopilot.clothes.CLOTHES`; such a vehicle hides nothing and is calm (ValueError).
     """
+    if like is not None:
+        if hidden is not None or condition not in (None, "calm"):
+            raise ValueError(f"{like} flies as it is: nothing is hidden in it, and no condition stirs it")
+        if plant not in CLOTHES[like].plants:
+            raise ValueError(f"{like} flies {' or '.join(CLOTHES[like].plants)}, not {plant}")
+        return Vehicle(
+            make_stock_plant(plant, seed, DT),
+            seed=seed,
+            directory=directory,
+            on_ground=on_ground,
+            name=plant,
+            parameters=parameters,
+            clothes=CLOTHES[like],
+            rebuild=lambda dt: make_stock_plant(plant, seed, dt),
+        )
     if hidden is not None and hidden.plant != plant:
         raise ValueError(f"what is hidden was drawn for {hidden.plant}, not for {plant}")
     if condition is None:
@@ -469,23 +493,3 @@ def make_vehicle(
         mounts=() if parts is None else parts.gyro,
         condition=flown,
     )
-
-
-LATE_STEPS = 25
-"""So many overdue steps before the link gets its turn."""
-STANDSTILL_S = 2.0
-"""Overdue by more (a suspended machine), the vehicle's time stands still instead: no sample is ever skipped."""
-
-
-def run(vehicle: Vehicle, clock: Clock, between: Callable[[], None], ended: Callable[[], bool]) -> None:
-    """Step the vehicle as the clock goes until `ended`; `between` steps it calls for the link and the pilot."""
-    offset_s = vehicle.time_s - clock.now()
-    while not ended():
-        late_s = clock.now() + offset_s - vehicle.time_s
-        if late_s > STANDSTILL_S:
-            offset_s -= late_s
-            late_s = 0.0
-        for _ in range(min(LATE_STEPS, int(late_s / DT + 1e-6))):
-            vehicle.step()
-        between()
-        clock.wait_until(vehicle.time_s + DT - offset_s)

@@ -60,22 +60,25 @@ LIGHT_GUSTS = Gusts(roll=0.16, pitch=0.7, corner_hz=1.5)
 
 
 class HoverPlant:
-    """States p, q, a, b, inflow and attitude, advanced by 2 ms with commands held."""
+    """States p, q, a, b, inflow and attitude, advanced by `dt` (2 ms) with commands held."""
 
     nominal_rpm = NOMINAL_RPM
     has_pitot = False
 
-    def __init__(self, missing: Missing, gusts: Gusts, seed: int, rotor: TipPathPlane = TABLE_4) -> None:
+    def __init__(
+        self, missing: Missing, gusts: Gusts, seed: int, rotor: TipPathPlane = TABLE_4, *, dt: float = DT
+    ) -> None:
         self.rotor = rotor
+        self._dt = dt
         self.missing = missing
         self._gauss = random.Random(seed).gauss
         self._gusts = gusts
-        pole = math.exp(-2 * math.pi * gusts.corner_hz * DT)
+        pole = math.exp(-2 * math.pi * gusts.corner_hz * dt)
         self._gust_pole = pole
         self._gust_drive = math.sqrt(1 - pole * pole)
         self._delays = [Delay(missing.delay_samples) for _ in range(2)]
         self._servos = (
-            [SecondOrderServo(missing.servo_frequency_hz, missing.servo_zeta, DT) for _ in range(2)]
+            [SecondOrderServo(missing.servo_frequency_hz, missing.servo_zeta, dt) for _ in range(2)]
             if missing.servo_frequency_hz is not None
             else None
         )
@@ -143,16 +146,17 @@ class HoverPlant:
             )
 
         p, q, a, b, ls, lc = self.p, self.q, self.a, self.b, self._inflow_s, self._inflow_c
-        h = 0.5 * DT
+        dt = self._dt
+        h = 0.5 * dt
         p1, q1, a1, b1, s1, c1 = derivatives(p, q, a, b, ls, lc)
         p2, q2, a2, b2, s2, c2 = derivatives(p + h * p1, q + h * q1, a + h * a1, b + h * b1, ls + h * s1, lc + h * c1)
         p3, q3, a3, b3, s3, c3 = derivatives(p + h * p2, q + h * q2, a + h * a2, b + h * b2, ls + h * s2, lc + h * c2)
         p4, q4, a4, b4, s4, c4 = derivatives(
-            p + DT * p3, q + DT * q3, a + DT * a3, b + DT * b3, ls + DT * s3, lc + DT * c3
+            p + dt * p3, q + dt * q3, a + dt * a3, b + dt * b3, ls + dt * s3, lc + dt * c3
         )
-        w = DT / 6
-        self.phi += DT * (p + h / 3 * (p1 + p2 + p3))
-        self.theta += DT * (q + h / 3 * (q1 + q2 + q3))
+        w = dt / 6
+        self.phi += dt * (p + h / 3 * (p1 + p2 + p3))
+        self.theta += dt * (q + h / 3 * (q1 + q2 + q3))
         self.p = p + w * (p1 + 2 * (p2 + p3) + p4)
         self.q = q + w * (q1 + 2 * (q2 + q3) + q4)
         self.a = a + w * (a1 + 2 * (a2 + a3) + a4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -85,7 +85,9 @@ class _Filter:
 class Gyro:
     """Body rates as the autopilot sees them."""
 
-    def __init__(self, seed: int, mounts: Sequence[Mount] = ()) -> None:
+    def __init__(self, seed: int, mounts: Sequence[Mount] = (), vibration: float = 1.0) -> None:
+        """`vibration` is a factor on what the rotor shakes."""
+        self._shaken = (vibration * VIBRATION, vibration * SECOND_HARMONIC, vibration * YAW_VIBRATION)
         self._gauss = random.Random(f"gyro {seed}").gauss
         self._mounts = tuple(mounts)
 
@@ -94,10 +96,49 @@ class Gyro:
         for mount in self._mounts:
             p, q, r = mount.step(p, q, r)
         sine, cosine = math.sin(rotor_angle), math.cos(rotor_angle)
-        second = SECOND_HARMONIC * math.sin(2 * rotor_angle)
+        first, twice, yaw = self._shaken
+        second = twice * math.sin(2 * rotor_angle)
         gauss = self._gauss
         return (
-            p + VIBRATION * cosine + second + gauss(0.0, NOISE),
-            q + VIBRATION * sine - second + gauss(0.0, NOISE),
-            r + YAW_VIBRATION * sine + gauss(0.0, NOISE),
+            p + first * cosine + second + gauss(0.0, NOISE),
+            q + first * sine - second + gauss(0.0, NOISE),
+            r + yaw * sine + gauss(0.0, NOISE),
         )
+
+
+class RateFilter:
+    """ArduPilot's low-pass on the gyro: of second order, Butterworth, at INS_GYRO_FILTER Hz; 0 filters nothing.
+
+    The parameter is read in every step.
+    """
+
+    def __init__(self, parameter: Callable[[str], float], dt: float) -> None:
+        self._parameter = parameter
+        self._dt = dt
+        self._corner_hz = 0.0
+        self._c = (0.0, 0.0, 0.0, 0.0, 0.0)
+        self._states = [(0.0, 0.0), (0.0, 0.0), (0.0, 0.0)]
+
+    def step(self, rates: Rates) -> Rates:
+        """Measured rates -> filtered ones."""
+        corner_hz = self._parameter("INS_GYRO_FILTER")
+        if corner_hz <= 0:
+            return rates
+        if corner_hz != self._corner_hz:
+            self._corner_hz = corner_hz
+            self._c = self._coefficients(min(corner_hz, 0.45 / self._dt))
+        p, q, r = (self._one(axis, rate) for axis, rate in enumerate(rates))
+        return p, q, r
+
+    def _coefficients(self, corner_hz: float) -> tuple[float, float, float, float, float]:
+        warped = math.tan(math.pi * corner_hz * self._dt)
+        c = 1 + 2 * math.cos(math.pi / 4) * warped + warped**2
+        b0 = warped**2 / c
+        return b0, 2 * b0, b0, 2 * (warped**2 - 1) / c, (1 - 2 * math.cos(math.pi / 4) * warped + warped**2) / c
+
+    def _one(self, axis: int, rate: float) -> float:
+        b0, b1, b2, a1, a2 = self._c
+        first, second = self._states[axis]
+        now = rate - first * a1 - second * a2
+        self._states[axis] = (now, first)
+        return now * b0 + first * b1 + second * b2

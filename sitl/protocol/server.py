@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from sitl.autopilot.blocks import BlockStream
 from sitl.autopilot.modes import Reason
 from sitl.autopilot.parameters import Answer
-from sitl.autopilot.vehicle import DT, Vehicle
+from sitl.autopilot.vehicle import Vehicle
 from sitl.protocol.ftp import FtpServer
 from sitl.protocol.links import Address, Link
 from sitl.protocol.log_download import LogDownload
@@ -37,7 +37,6 @@ _PEERS = 8
 _FORGET_S = 30.0
 _PARAMETERS_A_TURN = 5
 _TEXT_BYTES = 50
-_SHORTEST_INTERVAL_MS = DT * 1000 / 0.8
 _LONGEST_INTERVAL_MS = 60_000
 
 
@@ -55,7 +54,9 @@ class _Outlet:
 class _Peer:
     """One ground station: its own sequence numbers, intervals and half-received frames."""
 
-    def __init__(self, link: Link, address: Address, now_s: float) -> None:
+    def __init__(self, link: Link, address: Address, now_s: float, shortest_ms: float) -> None:
+        """`shortest_ms` is the least interval of a message, in milliseconds."""
+        self._shortest_ms = shortest_ms
         outlet = _Outlet(link, address)
         self.address = address
         self.autopilot = mavlink.MAVLink(outlet, SYSTEM, AUTOPILOT)
@@ -96,7 +97,7 @@ class _Peer:
                 return self.set_interval(number, -1, now_s)
         else:
             interval_ms = min(_LONGEST_INTERVAL_MS, max(1, int(interval_us / 1000)))
-            if interval_ms < _SHORTEST_INTERVAL_MS:
+            if interval_ms < self._shortest_ms:
                 return False
             period_s = interval_ms * 1e-3
         self.period_s[number] = period_s
@@ -123,7 +124,8 @@ class Server:
         self.vehicle = vehicle
         self.link = link
         self._troubles = tuple(troubles)
-        self._peers = {address: _Peer(link, address, vehicle.time_s) for address in link.known}
+        self._peers = {address: self._made(address) for address in link.known}
+        self._polled_s = vehicle.time_s
         self._delivery: _Delivery | None = None
         self._downloads = (LogDownload(vehicle), FtpServer(vehicle))
         logs, files = self._downloads
@@ -152,6 +154,9 @@ class Server:
     def poll(self) -> None:
         """Take in what came, send what is due. Never waits."""
         now_s = self.vehicle.time_s
+        if now_s < self._polled_s:
+            self._start_again()
+        self._polled_s = now_s
         for trouble in self._troubles:
             trouble(self.vehicle)
         for address, data in self.link.receive():
@@ -177,6 +182,19 @@ class Server:
         self._peers.pop(address, None)
         for download in self._downloads:
             download.forget(address)
+
+    def _made(self, address: Address) -> _Peer:
+        vehicle = self.vehicle
+        shortest_ms = vehicle.clothes.shortest_interval(1000 * vehicle.dt / 0.8)
+        return _Peer(self.link, address, vehicle.time_s, shortest_ms)
+
+    def _start_again(self) -> None:
+        """The vehicle has booted: nothing is left of what it knew of its links but that they are there."""
+        self._delivery = None
+        for address in self._peers:
+            for download in self._downloads:
+                download.forget(address)
+        self._peers = {address: self._made(address) for address in self._peers}
 
     def close(self) -> None:
         """End the log whole, send what is left of a stream once, and hang up."""
@@ -209,7 +227,7 @@ class Server:
             strangers = [peer for peer in self._peers.values() if peer.address not in self.link.known]
             if strangers:
                 del self._peers[min(strangers, key=lambda peer: peer.heard_s).address]
-        peer = self._peers[address] = _Peer(self.link, address, now_s)
+        peer = self._peers[address] = self._made(address)
         return peer
 
     def _frames(self, buffer: bytearray) -> list[Message]:
@@ -246,6 +264,10 @@ class Server:
 
     def _hear_heartbeat(self, peer: _Peer, message: Message) -> None:
         self.vehicle.ground.hear(message.get_srcSystem())
+        if self.vehicle.clothes.forwards:
+            for other in self._peers.values():
+                if other is not peer:
+                    self.link.send(other.address, bytes(message.get_msgbuf()))
 
     def _synchronise(self, peer: _Peer, message: Message) -> None:
         if message.tc1 == 0:

@@ -48,12 +48,15 @@ def _pulse(command: float) -> int:
 def heartbeat(vehicle: Vehicle) -> Message:
     armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if vehicle.armed else 0
     stabilised = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED | mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    state = mavlink.MAV_STATE_STANDBY if vehicle.landed else mavlink.MAV_STATE_ACTIVE
+    if vehicle.ground.lost and vehicle.clothes.shows_failsafe:
+        state = mavlink.MAV_STATE_CRITICAL
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_HELICOPTER,
+        vehicle.clothes.mav_type,
         mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
         mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | stabilised | armed,
         int(vehicle.mode),
-        mavlink.MAV_STATE_STANDBY if vehicle.landed else mavlink.MAV_STATE_ACTIVE,
+        state,
         3,
     )
 
@@ -128,14 +131,15 @@ def extended_sys_state(vehicle: Vehicle) -> Message:
 def autopilot_version(vehicle: Vehicle) -> Message:
     """With FTP where this vehicle offers its logs by it."""
     ftp = mavlink.MAV_PROTOCOL_CAPABILITY_FTP if vehicle.storage.offers(BY_FTP) else 0
+    major, minor, patch = vehicle.clothes.version
     return mavlink.MAVLink_autopilot_version_message(
         mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | ftp,
-        (0 << 24) | (1 << 16) | (0 << 8) | mavlink.FIRMWARE_VERSION_TYPE_DEV,
+        (major << 24) | (minor << 16) | (patch << 8) | mavlink.FIRMWARE_VERSION_TYPE_DEV,
         *(0,) * 3,
-        *(bytearray(b"tippath\0"), bytes(8), bytes(8)),
+        *(bytearray(vehicle.clothes.git_hash.ljust(8, b"\0")), bytes(8), bytes(8)),
         *(0, 0, vehicle.seed & 0xFFFFFFFF),
     )
 

@@ -45,13 +45,17 @@ def held_stable(free: Model, stacks: Sequence[Stack]) -> tuple[Model, OutputErro
                     parts += [project(rows(E[..., part]), rows(e[None, :, part]))[0] for part in group.slices]
                 return np.concatenate(parts)
 
-            values = least_squares(residuals, values, x_scale=scale, max_nfev=40).x
-        model = Model(structure, values)
-        if model.stable:
-            error = output_error(model, stacks)
-            cost = float(np.sum(error.residual_power / error.measured_power))
-            if best is None or cost < best[0]:
-                best = (cost, model)
+            try:
+                values = least_squares(residuals, values, x_scale=scale, max_nfev=40).x
+            except np.linalg.LinAlgError:
+                break  # a step led to where there is no response
+        else:
+            model = Model(structure, values)
+            if model.stable:
+                error = output_error(model, stacks)
+                cost = float(np.sum(error.residual_power / error.measured_power))
+                if best is None or cost < best[0]:
+                    best = (cost, model)
     if best is None:
         raise FitError("no stable model was found near the data")
     return best[1], output_error(best[1], stacks)

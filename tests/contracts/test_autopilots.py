@@ -18,7 +18,9 @@ TELLS = {
     "logs/runs/systemid.py",  # what an ArduPilot log says, to its reader
     "logs/runs/told.py",
     "logs/runs/health.py",
-    "cli/check.py",  # its help: what is looked at
+    "cli/check.py",  # help: what is looked at
+    "cli/fetch.py",  # help: MAVLink's names of the ways
+    "cli/sim.py",
 }
 """Sentences that name a setting to the user; they decide nothing by it."""
 

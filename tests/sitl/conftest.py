@@ -81,7 +81,7 @@ class Radio:
             self.link.to_vehicle.append((address or self.address, data))
 
     def fly(self, seconds: float) -> None:
-        for _ in range(round(seconds / 0.002)):
+        for _ in range(round(seconds / self.vehicle.dt)):
             self.vehicle.step()
             self.server.poll()
 
@@ -172,7 +172,7 @@ def fly() -> Callable[[Vehicle, float], list[str]]:
     """Advance a vehicle by seconds; what it said meanwhile."""
 
     def advance(vehicle: Vehicle, seconds: float) -> list[str]:
-        for _ in range(round(seconds / 0.002)):
+        for _ in range(round(seconds / vehicle.dt)):
             vehicle.step()
         said = [text for _, text in vehicle.texts]
         vehicle.texts.clear()

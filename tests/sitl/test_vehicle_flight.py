@@ -12,7 +12,8 @@ import pytest
 
 from sitl.autopilot.modes import Mode, Phase, Reason
 from sitl.autopilot.parameters import BANK_ORDER, bank_crc
-from sitl.autopilot.vehicle import Vehicle, make_vehicle, run
+from sitl.autopilot.running import run
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.clock import FreeClock, WallClock
 from sitl.pilot import obey
 

@@ -170,6 +170,9 @@ def test_it_can_end_with_the_program_that_started_it(start: Start) -> None:
         (["--set", "SID_AXIS"], 2, "NAME=VALUE"),
         (["--set", "NOTHING=1"], 2, "no parameter NOTHING"),
         (["--plant", "balloon"], 2, "invalid choice"),
+        (["--plant", "forward", "--like", "ardupilot-heli"], 2, "--like ardupilot-heli: ardupilot-heli flies hover or"),
+        (["--like", "ardupilot-heli", "--condition", "lively"], 2, "no condition stirs it"),
+        (["--plant", "quad"], 2, "quad flies only with --like"),
     ],
 )
 def test_wrong_usage_is_a_sentence(

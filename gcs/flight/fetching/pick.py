@@ -15,6 +15,7 @@ from gcs.errors import TippathError
 from gcs.flight.fetching.part import piece_of
 from gcs.flight.fetching.times import HEAD_BYTES, PIECE_BYTES, Read, layout, offset_of, span, stamps
 from gcs.flight.fetching.ways import VehicleLog
+from gcs.vehicle.readiness import LOGS_TO_CARD
 
 LOOKED_AT = 12
 """Logs, the newest first, of which the times are read."""
@@ -47,10 +48,7 @@ def newest(logs: Sequence[VehicleLog]) -> Choice:
     log = next((log for log in reversed(logs) if log.readable), None)
     if log is None:
         empty = f"of its {len(logs)} logs none has bytes" if logs else "it has no logs"
-        raise TippathError(
-            f"nothing to fetch from this vehicle: {empty}; does it log to its card (on ArduPilot LOG_BACKEND_TYPE 1 or "
-            "3)?"
-        )
+        raise TippathError(f"nothing to fetch from this vehicle: {empty}; does it log to its card ({LOGS_TO_CARD})?")
     return Choice(log, "the newest")
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from gcs.errors import TippathError
+from gcs.link import ftp, log_files
 from gcs.link.encode import Send
 from gcs.link.events import CAPABILITY_FTP, LogEntry
 from gcs.link.ftp import FileChecksum, FtpEntry, ListFolder, ReadFile
@@ -22,7 +23,7 @@ from gcs.vehicle.snapshot import VehicleSnapshot
 T = TypeVar("T")
 
 BY_FTP, BY_MESSAGES = "ftp", "log"
-NAMES = {BY_FTP: "MAVFTP", BY_MESSAGES: "LOG_REQUEST_DATA"}
+NAMES = {BY_FTP: ftp.NAME, BY_MESSAGES: log_files.NAME}
 FOLDERS = ("/APM/LOGS", "logs")
 """Where ArduPilot keeps logs: on a card, and in its simulator."""
 _LOG_NAME = re.compile(r"(\d{1,9})\.(?:BIN|bin)")
@@ -101,8 +102,8 @@ def _neither(first: ProcedureError | None, second: ProcedureError) -> ProcedureE
     if first is None or isinstance(second, RefusedError):
         return second
     return NoAnswerError(
-        f"the vehicle gives its logs neither by MAVFTP ({first}) nor by LOG_REQUEST_DATA ({second}); take them off its "
-        "card"
+        f"the vehicle gives its logs neither by {ftp.NAME} ({first}) nor by {log_files.NAME} ({second}); take them off "
+        "its card"
     )
 
 

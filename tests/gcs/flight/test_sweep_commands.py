@@ -207,7 +207,7 @@ def test_the_sweeps_help_holds_a_card_that_can_be_flown(capsys: pytest.CaptureFi
 def test_the_pilots_lines_are_all_named(capsys: pytest.CaptureFixture[str]) -> None:
     from sitl.autopilot.modes import Mode
 
-    assert set(PILOT_LINES) == {"takeoff", "land", "lqr on", "lqr off", "quit"} | {
+    assert set(PILOT_LINES) == {"takeoff", "land", "lqr on", "lqr off", "reboot", "quit"} | {
         f"mode {m.name.lower()}" for m in Mode
     }
     with pytest.raises(SystemExit):
@@ -220,6 +220,9 @@ def test_the_pilots_lines_are_all_named(capsys: pytest.CaptureFixture[str]) -> N
         assert line in words
     assert "--card forward, or --axis roll|pitch|elevator" in words
     assert "elevator" not in banner(json.dumps(ready | {"plant": "hover"}))
+    stock = banner(json.dumps(ready | {"plant": "quad", "like": "ardupilot-quad"}))
+    assert "plant quad · like ardupilot-quad" in stock
+    assert "--card" not in stock
 
 
 def test_vehicle_folders_are_numbered(tmp_path: Path) -> None:

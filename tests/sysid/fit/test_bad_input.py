@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import cache
+from typing import NoReturn
 
 import numpy as np
 import planted
@@ -13,11 +14,13 @@ from planted import PLANTED, TABLE_4, fly
 from scipy.signal import lsim
 
 from gcs.analysis.text.checks import check_text
+from sysid.data.dataset import Dataset
 from sysid.data.record import Record
 from sysid.errors import FitError
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
+from sysid.fit.stable import held_stable
 from sysid.model.effect import EffectError
 from sysid.model.paper import CD, TPP
 from sysid.model.structure import Model
@@ -234,3 +237,19 @@ def test_held_parameters_do_not_count_as_spread() -> None:
     assert spread is not None
     assert "L_b" not in dict(spread.moves)
     assert len(spread.moves) == 8
+
+
+def test_a_stable_model_is_sought_without_a_traceback_where_a_step_has_no_response(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Far from the data a trial's matrices overflow: then there is none, and that is said."""
+    stacks = Dataset(records=flown(), band_hz=(0.0, 15.0)).viewed(TPP.inputs).stacks
+    unstable = Model(TPP, TPP.vector({**TABLE_4, "L_b": -TABLE_4["L_b"]}))
+    assert not unstable.stable
+
+    def overflows(*_: object) -> NoReturn:
+        raise np.linalg.LinAlgError("the matrix to be exponentiated is not finite")
+
+    monkeypatch.setattr("sysid.fit.stable.respond", overflows)
+    with pytest.raises(FitError, match="no stable model"):
+        held_stable(unstable, stacks)
