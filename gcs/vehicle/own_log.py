@@ -27,11 +27,17 @@ OVER_LINK, ON_CARD = DROPPED = ("DMS.Dp", "DSF.Dp")
 
 def slower_than_loop(rate_hz: float, loop_hz: float) -> str:
     """What it means that a log has `rate_hz` of a loop's `loop_hz`."""
-    wider = (loop_hz / rate_hz) ** 0.5  # so many fewer samples average the noise
     return (
         f"logged at {rate_hz:.0f} Hz, the vehicle's loop runs at {loop_hz:.0f}: enough for a sweep to "
-        f"{rate_hz / SAMPLES_OF_A_PERIOD:.0f} Hz, with error bounds up to {wider:.1f} times as wide"
+        f"{rate_hz / SAMPLES_OF_A_PERIOD:.0f} Hz, with {cost_of(rate_hz, loop_hz)}"
     )
+
+
+def cost_of(rate_hz: float, loop_hz: float) -> str:
+    """What a fit loses by a log of `rate_hz` of a loop's `loop_hz`."""
+    wider = (loop_hz / rate_hz) ** 0.5  # so many fewer samples average the noise
+    short_s = 0.5 / rate_hz - 0.5 / loop_hz  # it takes commands as held from sample to sample
+    return f"error bounds up to {wider:.1f} times as wide, and lags or delays up to {1000 * short_s:.1f} ms too short"
 
 
 def identity(settings: Mapping[str, float]) -> dict[str, str]:

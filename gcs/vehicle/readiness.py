@@ -16,7 +16,7 @@ from enum import Enum
 from typing import Final
 
 from gcs.vehicle.autopilots import LOOP_RATE, RENAMED, lean_limit_deg, link_loss
-from gcs.vehicle.own_log import ENOUGH_BUFFER, SAMPLES_OF_A_PERIOD
+from gcs.vehicle.own_log import ENOUGH_BUFFER, SAMPLES_OF_A_PERIOD, cost_of
 from gcs.vehicle.profile import VehicleProfile
 
 BACKEND: Final = "LOG_BACKEND_TYPE"
@@ -204,9 +204,8 @@ def _bitmask(settings: Mapping[str, float], asked: Asked, stream: bool) -> Item 
         words = f"a sweep to {asked.f_stop_hz:g} Hz needs {min(needed, loop_hz):g} Hz: set bits 0 and 1"
     elif hz < loop_hz:
         standing = Standing.BETTER if carried else Standing.FINE
-        words = f"enough for a sweep to {asked.f_stop_hz:g} Hz; its bounds are up to {math.sqrt(loop_hz / hz):.1f} "
-        words += f"times as wide as with all {loop_hz:g} Hz"
-        words += " (bit 0)" if carried else ", which this link does not carry"
+        words = f"enough for a sweep to {asked.f_stop_hz:g} Hz, but {cost_of(hz, loop_hz)}"
+        words += "; bit 0 logs every loop" if carried else "; this link does not carry every loop"
     return Item(
         name=BITMASK,
         standing=standing,
