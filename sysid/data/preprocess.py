@@ -7,7 +7,7 @@ A gap splits the run; it is never interpolated over.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,8 +76,6 @@ class Spectrum:
     """Number of the first bin kept."""
     inputs: tuple[str, ...]
     """Names of the rows of U."""
-    acted: dict[Hashable, ComplexArray] = field(init=False, repr=False, default_factory=dict)
-    """Bins of commands as they lately acted, by what acted on them; what is made of this spectrum begins without."""
 
     def transform(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n) of this segment to the same bins, (rows, bins)."""

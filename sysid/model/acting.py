@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from sysid.data.preprocess import ComplexArray, Segment, Spectrum
+from sysid.data.preprocess import ComplexArray, Segment
 from sysid.data.stacks import Stack
 from sysid.model.effect import Effect, Signals
 from sysid.model.structure import FloatArray, Structure, discretise
@@ -19,8 +19,6 @@ STEP = 1e-3
 """Of a parameter, for differences."""
 LARGE_STEP = 1e-2
 """Of a parameter, to see whether it moves the commands steadily."""
-MOST_KNOWN = 32
-"""Answers kept beside each run."""
 
 
 @lru_cache(maxsize=256)
@@ -106,19 +104,8 @@ def _behind(
     """Inputs (m, bins) as they act behind `front`."""
     found, commands = logged.copy(), len(structure.commands)
     for one, part in zip(stack.spectra, stack.slices, strict=True):
-        found[:commands, part] = _acted(structure, front, one, named)
+        found[:commands, part] = one.transform(in_time(structure, front, one.segment, named))
     return found
-
-
-def _acted(structure: Structure, front: Sequence[Effect], one: Spectrum, named: Mapping[str, float]) -> ComplexArray:
-    """Bins of a run's commands as they act behind `front`. A fit asks for the same more than once, at every step."""
-    asked = (structure.commands, tuple(front), tuple(named[name] for effect in front for name in effect.names))
-    known = one.acted.get(asked)
-    if known is None:
-        if len(one.acted) >= MOST_KNOWN:
-            one.acted.clear()
-        known = one.acted[asked] = one.transform(in_time(structure, front, one.segment, named))
-    return known
 
 
 def either_side(structure: Structure, named: Mapping[str, float], name: str) -> tuple[float, float]:
