@@ -77,7 +77,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
     from gcs.cli.counting import ReadingBar
-    from gcs.cli.listing import explanation, table, write_records
+    from gcs.cli.listing import write_records
     from gcs.logs import Ingest, UnreadableError, ingest, parse_window
     from gcs.logs.runs.of_flight import of_flight
     from gcs.logs.words import printable
@@ -99,14 +99,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(_document(found, written, flight, explain=args.explain), indent=1, allow_nan=False))
     else:
-        if found.runs or found.sources:
-            print("\n".join(table(found)))
-        for words in [] if flight is None else [flight.problem] if flight.problem else flight_words(flight):
-            print(f" {words}")
-        for path in written.values():
-            print(f" wrote {printable(path)}")
-        if args.explain and (lines := explanation(found)):
-            print("\n".join(lines))
+        _print(found, written, flight, explain=args.explain)
     for reason in found.refused.values():
         print(f"not read: {printable(reason)}", file=sys.stderr)
     if flight is not None and flight.problem:
@@ -116,6 +109,20 @@ def run(args: argparse.Namespace) -> int:
         print("no run is usable", file=sys.stderr)
         return 1
     return 0
+
+
+def _print(found: Ingest, written: Mapping[str, str], flight: FlightRuns | None, *, explain: bool) -> None:
+    from gcs.cli.listing import explanation, table  # as in `run`
+    from gcs.logs.words import printable
+
+    if found.runs or found.sources:
+        print("\n".join(table(found)))
+    for words in [] if flight is None else [flight.problem] if flight.problem else flight_words(flight):
+        print(f" {words}")
+    for path in written.values():
+        print(f" wrote {printable(path)}")
+    if explain and (lines := explanation(found)):
+        print("\n".join(lines))
 
 
 def flight_words(flight: FlightRuns) -> list[str]:

@@ -99,15 +99,19 @@ def add_parser(subparsers: Any) -> None:
         "-o", "--output", type=Path, metavar="DIR", help="its own logs (default: the next vehicle-NNNN)"
     )
     parser.add_argument("--on-ground", action="store_true", help="start disarmed, waiting for takeoff")
+    _add_log_ways(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    _add_faults(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_log_ways(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--logs-by",
         choices=("both", "log", "ftp", "none"),
         help="how `tippath fetch` may have its logs: LOG_REQUEST_DATA, MAVFTP (default both)",
     )
     parser.add_argument("--log-rate", metavar="RATE", help="bytes a second that it sends of them (default 250000)")
-    parser.add_argument("--json", action="store_true", help="print one JSON document")
-    _add_faults(parser)
-    parser.set_defaults(run=run)
 
 
 def _add_faults(parser: argparse.ArgumentParser) -> None:

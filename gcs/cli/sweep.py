@@ -198,19 +198,26 @@ def run(args: argparse.Namespace) -> int:
             log=args.log,
             left_out=ready.left_out,
         )
-        if result.link_loss is not None and result.link_loss.ends_sweep and session.snapshot().armed:
+        loss = result.link_loss
+        if loss is not None and loss.ends_sweep and session.snapshot().armed:
             # We hold its failsafe, and are about to leave.
-            answer = result.link_loss.answer
-            print(f" the vehicle is still in the air and {answer} once this program has ended", file=sys.stderr)
+            print(f" the vehicle is still in the air and {loss.answer} once this program has ended", file=sys.stderr)
     args.flown = folder.path
+    tell(result, as_json=args.json)
+    return exit_status(result, wishes() is not None, say_why=args.json)
+
+
+def tell(result: SweepResult, *, as_json: bool) -> None:
+    """Print what was flown, and how the rates followed where a card asked for rates."""
+    from gcs.logs.words import printable  # as in `run`
+
     followed, unknown = rates_followed(result)
-    if args.json:
+    if as_json:
         print_document(result, followed)
     else:
         print_result(result, followed)
     if unknown:
         print(f" how the rates followed is not known: {printable(unknown)}", file=sys.stderr)
-    return exit_status(result, wishes() is not None, say_why=args.json)
 
 
 def waited(

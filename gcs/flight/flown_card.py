@@ -23,7 +23,7 @@ from gcs.vehicle.profile import Plan, VehicleProfile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Briefing:
     """What is about to happen, for whoever confirms it."""
 

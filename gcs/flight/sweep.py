@@ -100,9 +100,7 @@ def fly_card(
     CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens later is in the
     result. flight.json is written in every case where recording began.
     """
-    clock = clock or WallClock()
-    limits = limits or card.limits
-    disk_free = disk_free or free_bytes
+    clock, limits, disk_free = clock or WallClock(), limits or card.limits, disk_free or free_bytes
     profile = require_flyable(session, card, clock, profile=profile, stream=log == "stream")
     probes = probe_card(card, profile).runs() if probe and log == "stream" else ()
     planned = tuple((run, profile.plan(run.maneuver)) for run in preceded(card.runs(), probes))
@@ -128,7 +126,7 @@ def fly_card(
     with flight:
         checks = flight.look(disk_free, before_it, parameters.get(LOOP_RATE))
         require(checks)
-        if not confirm(Briefing(card, tuple(planned), checks, loss, profile, flight.seen)):
+        if not confirm(flight.briefing(checks)):
             raise NotReadyError("not confirmed: nothing was flown")
         flight.look_again()  # somebody may have thought for minutes
         flight.fly(parameters, aborted, interruptions)
@@ -169,6 +167,17 @@ class _Flight:
             profile=self.profile,
             clock=self.clock,
             tell=lambda words: self.on_progress(Note(words)),
+        )
+
+    def briefing(self, checks: tuple[Check, ...]) -> Briefing:
+        """For whoever confirms it, with what was looked at."""
+        return Briefing(
+            card=self.card,
+            plans=tuple(self.planned),
+            checks=checks,
+            link_loss=self.loss,
+            profile=self.profile,
+            seen=self.seen,
         )
 
     def __enter__(self) -> Self:

@@ -31,7 +31,7 @@ FEWEST_BEYOND = 10
 KINDS = {0: "chirp", 1: "doublet", 2: "quiet"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Entry:
     """One entry into mode SYSTEMID."""
 
@@ -74,18 +74,18 @@ def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
             )
             entries.append(
                 _Entry(
-                    at,
-                    _number(columns["Ax"][i]),
-                    magnitude if 0 < magnitude < math.inf else None,
-                    (low, high) if 0 < low < high < math.inf else None,
-                    duration if 0 < duration < 3600 else None,
+                    t=at,
+                    axis=_number(columns["Ax"][i]),
+                    magnitude=magnitude if 0 < magnitude < math.inf else None,
+                    band=(low, high) if 0 < low < high < math.inf else None,
+                    duration_s=duration if 0 < duration < 3600 else None,
                 )
             )
     if sidd is not None:
         clock = log.series("SIDD.Time").values
         for at in _restarts(sidd.t, clock):
             if not any(abs(at - entry.t) < 1.5 for entry in entries):
-                entries.append(_Entry(at, lost=True))
+                entries.append(_Entry(t=at, lost=True))
     return sorted(entries, key=lambda entry: entry.t)
 
 

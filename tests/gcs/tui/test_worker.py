@@ -126,7 +126,16 @@ class FakeCard:
         self.folder, self.probe = folder.path, probe
         planned = [(run, _plan(run)) for run in card.runs()]
         loss = LinkLoss("RETURNS after 5 s", True)
-        assert confirm(Briefing(card, tuple(planned), (Check("trim", "centred"),), loss, None, self.seen))
+        assert confirm(
+            Briefing(
+                card=card,
+                plans=tuple(planned),
+                checks=(Check("trim", "centred"),),
+                link_loss=loss,
+                profile=None,
+                seen=self.seen,
+            )
+        )
         results: list[RunResult] = []
         for run, plan in planned[:2]:
             on_progress(RunReady(run, plan))
