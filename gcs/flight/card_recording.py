@@ -9,11 +9,12 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from gcs.flight.live import LiveWindow
+from gcs.flight.live import LiveWindow, rates_alone
 from gcs.flight.log_health import LogHealth
 from gcs.flight.recorder import Recorder, RecordingSummary
 from gcs.link.clock import REBOOT_STEP_S
@@ -86,20 +87,8 @@ class Attitudes:
     def window(self, last_s: float) -> LiveWindow:
         """The attitudes of the last `last_s` seconds of the vehicle's clock: rates; commands are not known."""
         with self._lock:
-            rows = np.array(self._rows, dtype=float).reshape(-1, 3)
-        rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
-        unknown = np.full(len(rows), np.nan)
-        return LiveWindow(
-            t=rows[:, 0],
-            p=rows[:, 1],
-            q=rows[:, 2],
-            delta_x=unknown,
-            delta_y=unknown,
-            excitation_x=unknown,
-            excitation_y=unknown,
-            received=self.count,
-            log_s=float(rows[-1, 0]) if len(rows) else None,
-        )
+            rows = tuple(self._rows)
+        return replace(rates_alone(rows, last_s), received=self.count, log_s=rows[-1][0] if rows else None)
 
 
 class CardRecording:

@@ -105,6 +105,22 @@ class LiveWindow:
     """The newest time stamp of any message, on the log's clock, which is the vehicle's since it booted."""
 
 
+def rates_alone(rows: Sequence[tuple[float, float, float]], last_s: float) -> LiveWindow:
+    """The last seconds of (t, p, q) as telemetry tells them, s and rad/s; commands are not known."""
+    told = np.array(rows, dtype=float).reshape(-1, 3)
+    told = told[told[:, 0] >= told[-1, 0] - last_s] if len(told) else told
+    unknown = np.full(len(told), np.nan)
+    return LiveWindow(
+        t=told[:, 0],
+        p=told[:, 1],
+        q=told[:, 2],
+        delta_x=unknown,
+        delta_y=unknown,
+        excitation_x=unknown,
+        excitation_y=unknown,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class _Reader:
     name: str

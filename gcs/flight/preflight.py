@@ -17,6 +17,7 @@ from gcs.link.clock import LOST_AFTER_S
 from gcs.vehicle.autopilots import (
     IN_THE_AIR,
     LEAN_LIMIT,
+    LOG_BACKEND,
     LOG_LESS,
     LOG_TO_MAVLINK,
     SWITCH,
@@ -25,7 +26,7 @@ from gcs.vehicle.autopilots import (
     state_trouble,
 )
 from gcs.vehicle.profile import Plan, VehicleProfile
-from gcs.vehicle.readiness import BACKEND, LEAST_NEED, log_need, streams_log, tells_of_log, too_slow
+from gcs.vehicle.readiness import LEAST_NEED, log_need, streams_log, tells_of_log, too_slow
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 LAG_LIMIT_S = 0.5
@@ -139,7 +140,7 @@ def streamed(settings: Mapping[str, float], carries: float | None = None) -> tup
         words = (
             f"the link carries {(carries or 0.0) / 1e3:.1f} kB/s and the log needs about {need:.0f}: orders would wait "
             "behind it; use a faster link (USB, UDP), or let the vehicle keep its log on its card "
-            f"({BACKEND} 1) and fly `tippath sweep --log card`"
+            f"({LOG_BACKEND} 1) and fly `tippath sweep --log card`"
         )
         return (Check("log rate", words, False),)
     if not tells_of_log(settings) or streams_log(settings):

@@ -8,12 +8,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-import numpy as np
-
 from gcs.cards.maneuver import TestCard
 from gcs.errors import LinkError, TippathError
 from gcs.flight.connection import WallClock
-from gcs.flight.live import LiveWindow
+from gcs.flight.live import LiveWindow, rates_alone
 from gcs.flight.readiness import answer_where_needed, look
 from gcs.flight.session import Session
 from gcs.link.procedures import ProcedureError, ReadParameter
@@ -95,18 +93,8 @@ class VehicleLink:
                     if window.t.size:
                         return window
         with self._moment.lock:
-            rows = np.array(self._telemetry, dtype=float).reshape(-1, 3)
-        rows = rows[rows[:, 0] >= rows[-1, 0] - last_s] if len(rows) else rows
-        unknown = np.full(len(rows), np.nan)
-        return LiveWindow(
-            t=rows[:, 0],
-            p=rows[:, 1],
-            q=rows[:, 2],
-            delta_x=unknown,
-            delta_y=unknown,
-            excitation_x=unknown,
-            excitation_y=unknown,
-        )
+            rows = tuple(self._telemetry)
+        return rates_alone(rows, last_s)
 
     def pilot(self, line: str) -> None:
         """A line to the pilot of the simulated vehicle that this app started; there is none on any other link.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gcs.vehicle.autopilots import LOOP_RATE
+from gcs.vehicle.autopilots import LOG_BACKEND, LOOP_RATE
 
 SAMPLES_OF_A_PERIOD = 10.0
 """Of the highest frequency swept: fewer, and the hold between them is a large part of the phase."""
@@ -69,7 +69,7 @@ def dropped(counts: Mapping[str, int], settings: Mapping[str, float]) -> str | N
             f"the vehicle itself dropped {on_card} messages of its log in this run ({ON_CARD}), because its card was "
             "too slow: raise LOG_FILE_BUFSIZE, log less beside the rates (LOG_BITMASK), or take a faster card"
         )
-    sends = int(settings.get("LOG_BACKEND_TYPE", 0.0)) & _BY_LINK
+    sends = int(settings.get(LOG_BACKEND, 0.0)) & _BY_LINK
     if counts or not sends or buffer is None or buffer >= ENOUGH_BUFFER:
         return None
     return f"what is missing in gaps was most likely dropped by the vehicle itself, before it sent its log: {do}"

@@ -15,19 +15,18 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from gcs.vehicle.autopilots import LOOP_RATE, RENAMED, lean_limit_deg, link_loss
+from gcs.vehicle.autopilots import LOG_BACKEND, LOOP_RATE, RENAMED, lean_limit_deg, link_loss
 from gcs.vehicle.own_log import ENOUGH_BUFFER, SAMPLES_OF_A_PERIOD, cost_of
 from gcs.vehicle.profile import VehicleProfile
 
-BACKEND: Final = "LOG_BACKEND_TYPE"
 BITMASK: Final = "LOG_BITMASK"
 BUFFER: Final = "LOG_MAV_BUFSIZE"
 DISARMED: Final = "LOG_DISARMED"
-LOGS_TO_CARD: Final = f"on ArduPilot {BACKEND} 1 or 3"
+LOGS_TO_CARD: Final = f"on ArduPilot {LOG_BACKEND} 1 or 3"
 GYRO_FILTER: Final = "INS_GYRO_FILTER"
 ARMING, ARMING_SKIPS = "ARMING_CHECK", "ARMING_SKIPCHK"
 _LINK_LOSS: Final = ("FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "FS_THR_ENABLE")
-OF_LOG: Final = (BACKEND, BITMASK, BUFFER, DISARMED, LOOP_RATE)
+OF_LOG: Final = (LOG_BACKEND, BITMASK, BUFFER, DISARMED, LOOP_RATE)
 ASKED: Final = (
     *(*OF_LOG, GYRO_FILTER, ARMING, ARMING_SKIPS),
     *(*_LINK_LOSS, *(name for pair in RENAMED for name in pair)),
@@ -94,17 +93,17 @@ class Asked:
 
 def asked_of_log(carries: float | None) -> tuple[str, ...]:
     """What must be asked to know where the log goes, and whether a link that carries so much carries it, too."""
-    return (BACKEND,) if carries is None else OF_LOG
+    return (LOG_BACKEND,) if carries is None else OF_LOG
 
 
 def streams_log(settings: Mapping[str, float]) -> bool:
     """Whether the vehicle sends its log to a station that asks for it, as far as it tells."""
-    return bool(int(settings.get(BACKEND, 0)) & _STREAM)
+    return bool(int(settings.get(LOG_BACKEND, 0)) & _STREAM)
 
 
 def tells_of_log(settings: Mapping[str, float]) -> bool:
     """Whether it says where its log goes."""
-    return BACKEND in settings
+    return LOG_BACKEND in settings
 
 
 def logged_hz(settings: Mapping[str, float]) -> float | None:
@@ -128,7 +127,7 @@ def way_of_log(settings: Mapping[str, float], asked: Asked) -> bool:
     """Whether the log comes over the link: as asked for, else as the vehicle is set, where the link carries it."""
     if asked.stream is not None:
         return asked.stream
-    return (BACKEND not in settings or streams_log(settings)) and not too_slow(settings, asked.carries)
+    return (LOG_BACKEND not in settings or streams_log(settings)) and not too_slow(settings, asked.carries)
 
 
 def items(settings: Mapping[str, float], asked: Asked, profile: VehicleProfile | None) -> tuple[Item, ...]:
@@ -154,7 +153,7 @@ def items(settings: Mapping[str, float], asked: Asked, profile: VehicleProfile |
 
 
 def _backend(settings: Mapping[str, float], asked: Asked, stream: bool) -> Item | None:
-    value = settings.get(BACKEND)
+    value = settings.get(LOG_BACKEND)
     if value is None:
         return None
     bits, slow = int(value), too_slow(settings, asked.carries)
@@ -177,11 +176,11 @@ def _backend(settings: Mapping[str, float], asked: Asked, stream: bool) -> Item 
         words = "the log stays on the card: fly `tippath sweep --log card`, `tippath fetch` brings it after landing"
         words += "" if slow else f"; {bits | _STREAM} would stream it"
     return Item(
-        name=BACKEND,
+        name=LOG_BACKEND,
         standing=standing,
         value=f"{bits}",
         words=words,
-        wanted=((BACKEND, float(wanted)),) if wanted != bits else (),
+        wanted=((LOG_BACKEND, float(wanted)),) if wanted != bits else (),
         restart=wanted != bits,
     )
 

@@ -10,7 +10,7 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -278,15 +278,11 @@ def _to_its_end(fetching: Fetching, log: VehicleLog, part: PartFile) -> tuple[st
         if size < part.size:
             raise TippathError(f"log {log.number} is shorter than what came of it; was the vehicle restarted?")
         if size == part.size or size >= ways.LARGEST:
-            return way, _with_size(log, part.size), False
+            return way, replace(log, size=part.size), False
         if fetching.clock() - grown_since > GROWS_FOR_S:
-            return way, _with_size(log, part.size), True
-        log = _with_size(log, size)
+            return way, replace(log, size=part.size), True
+        log = replace(log, size=size)
         _read_on(fetching, log, part, way, size)
-
-
-def _with_size(log: VehicleLog, size: int) -> VehicleLog:
-    return VehicleLog(number=log.number, size=size, path=log.path, id=log.id, utc_s=log.utc_s)
 
 
 def _fill(fetching: Fetching, log: VehicleLog, part: PartFile, size: int) -> str:
