@@ -8,7 +8,7 @@ STAMP := $(VENV)/.stamp
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly demo test lint types contracts tests bench study blind clean
+.PHONY: help setup fly demo test lint types types-packages types-tests contracts tests quick flights bench study blind clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -27,22 +27,33 @@ fly: $(STAMP)  ## open the app on the bundled simulated vehicle
 demo: $(STAMP)  ## the whole flight test, unattended, without a terminal
 	$(BIN)/tippath demo
 
-test: lint types contracts tests  ## every check
+test: $(STAMP)  ## every check
+	@$(MAKE) --no-print-directory -j2 lint types contracts
+	@$(MAKE) --no-print-directory tests
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 
-types: $(STAMP)
+types: types-packages types-tests
+
+types-packages: $(STAMP)
 	$(BIN)/mypy
+
+types-tests: $(STAMP)
 	$(BIN)/mypy --config-file tests/mypy.ini
 
 contracts: $(STAMP)
 	$(BIN)/lint-imports
 
-tests: $(STAMP)  # what flies in real time comes last, with the machine to itself
+tests: $(STAMP)  # what flies in real time mostly waits: it has a process of its own beside the others
+	@$(MAKE) --no-print-directory -j2 flights quick
+
+quick: $(STAMP)
 	$(BIN)/python -m pytest -m 'not realtime and not thorough' --numprocesses auto --dist loadfile
-	$(BIN)/python -m pytest -m realtime
+
+flights: $(STAMP)
+	@$(BIN)/python -m pytest -m realtime > $(VENV)/flights.log 2>&1; status=$$?; echo; cat $(VENV)/flights.log; exit $$status
 
 bench: $(STAMP)  ## speed, as ratios against peers in the same run
 	$(BIN)/python -m pytest tests/benchmarks --override-ini 'python_files=bench_*.py' --override-ini 'python_functions=bench_*' -s -q

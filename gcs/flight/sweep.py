@@ -43,7 +43,6 @@ from gcs.flight.probe import (
     ProbeStep,
     Samples,
     finding_words,
-    judge_probe,
     probe_card,
     result_document,
     result_words,
@@ -158,6 +157,7 @@ class _Flight:
     started: str = ""
     quiet: Samples | None = None
     """Hover before the first probe."""
+    judge: Callable[[Samples, Sequence[ProbeStep], float | None], ProbeResult] | None = None
     steps: list[ProbeStep] = field(default_factory=list)
     probed: ProbeResult | None = None
 
@@ -283,7 +283,8 @@ class _Flight:
                 if not self.handback.clear(interruptions):
                     self.stopped = joined(f"after {run.label} nothing more is written", self.handback.uncleared)
                     return
-                self._rest(mode_before, aborted)
+                if run.probe or run.number < self.planned[-1][0].number:
+                    self._rest(mode_before, aborted)
                 if run.probe:
                     self.stopped = self._probed(run, result)
                     if self.stopped:
@@ -334,7 +335,10 @@ class _Flight:
         return result
 
     def _look_at_hover(self) -> None:
-        """The quiet seconds that a probe's answers are measured against."""
+        """The quiet seconds that a probe's answers are measured against; what judges them is loaded meanwhile."""
+        from gcs.flight.probe.judge import judge_probe  # not above: a second at the start of what flies no probe
+
+        self.judge = judge_probe
         end = self.clock.now() + 2 * QUIET_S
         while self.clock.now() < end:
             window = self.session.samples(QUIET_S)
@@ -350,9 +354,11 @@ class _Flight:
         window = self.session.samples(around + self.card.rest_s + 10.0)
         samples = cut(window, start - PROBE_AROUND_S, start + around - PROBE_AROUND_S)
         self.steps.append(ProbeStep(run.maneuver, samples, start if math.isfinite(start) else None))
-        if any(later.probe and later.number > run.number for later, _ in self.planned) or self.quiet is None:
+        if any(later.probe and later.number > run.number for later, _ in self.planned):
             return ""
-        self.probed = judge_probe(self.quiet, self.steps, self.handback.settings.get(LOOP_RATE))
+        assert self.quiet is not None
+        assert self.judge is not None
+        self.probed = self.judge(self.quiet, self.steps, self.handback.settings.get(LOOP_RATE))
         self.write()
         self._audit(f"probe: {'; '.join(result_words(self.probed))}")
         self.on_progress(Probed(self.probed))

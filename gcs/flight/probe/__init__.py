@@ -6,10 +6,11 @@ said to be so: it is neither right nor wrong.
 
 Ignored: play and friction, which make a small step's answer smaller than the card's (see `prediction.SAFETY`), the sign
 of an elevator, for which there is no convention, and yaw.
+
+`judge` is not handed on here: scipy.signal, which it needs, takes a second to import, and most flights have no probe.
 """
 
 from gcs.flight.probe.card import QUIET_S, probe_card
-from gcs.flight.probe.judge import judge_probe
 from gcs.flight.probe.prediction import largest_amplitude, too_large_words
 from gcs.flight.probe.values import ProbeResult, ProbeStep, Samples
 from gcs.flight.probe.words import finding_words, result_document, result_words
@@ -20,7 +21,6 @@ __all__ = [
     "ProbeStep",
     "Samples",
     "finding_words",
-    "judge_probe",
     "largest_amplitude",
     "probe_card",
     "result_document",

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import signal
 
-from gcs.flight.probe.fit import LATE_S, SEEN, Fit
+from gcs.flight.probe.fit import SEEN, Fit
 from gcs.flight.probe.grid import GRID_S
-from gcs.flight.probe.values import LETTERS, RATES, AxisAnswer, FloatArray, ProbeFinding, ProbeStep
+from gcs.flight.probe.values import LATE_S, LETTERS, RATES, AxisAnswer, FloatArray, ProbeFinding, ProbeStep
 
 SURE_LATE = 2.5
 """Standard errors beyond `LATE_S` from which a delay is wrong; below, it is said to seem so."""

@@ -20,12 +20,10 @@ import numpy as np
 from gcs.flight.probe.errors import Solution, autocovariance, delay_error_s, evidence, hover_rate
 from gcs.flight.probe.grid import GRID_S, Gridded, gridded
 from gcs.flight.probe.regression import Dynamics, Regression, lag, late, regression, solve
-from gcs.flight.probe.values import LETTERS, FloatArray, ProbeStep, Samples
+from gcs.flight.probe.values import LATE_S, LETTERS, FloatArray, ProbeStep, Samples
 
 SEEN = 4.5
 """Answer over its standard error from which it is taken for one."""
-LATE_S = 0.15
-"""A command that is answered later than this leaves no controller enough margin."""
 
 _REACHED_S = (0.25, 0.75)
 """After a step of the command: what is reached there is called the gain."""

@@ -19,6 +19,8 @@ RATES = {"roll": "p", "pitch": "q", "elevator": "q"}
 """The rate that should answer it."""
 MEASURED = tuple(dict.fromkeys(RATES.values()))
 """Each of them once."""
+LATE_S = 0.15
+"""A command that is answered later than this leaves no controller enough margin."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from gcs.flight.probe.fit import LATE_S
-from gcs.flight.probe.values import LETTERS, MEASURED, RATES, AxisAnswer, ProbeFinding, ProbeResult
+from gcs.flight.probe.values import LATE_S, LETTERS, MEASURED, RATES, AxisAnswer, ProbeFinding, ProbeResult
 
 
 def result_words(result: ProbeResult) -> tuple[str, ...]:

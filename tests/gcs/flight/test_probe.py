@@ -25,13 +25,13 @@ from gcs.flight.live import LiveLog, LiveWindow
 from gcs.flight.probe import (
     ProbeResult,
     ProbeStep,
-    judge_probe,
     largest_amplitude,
     probe_card,
     result_document,
     result_words,
 )
 from gcs.flight.probe.card import FRACTION, LEAST_AMPLITUDE
+from gcs.flight.probe.judge import judge_probe
 from gcs.flight.probe.prediction import predicted_attitude
 from gcs.flight.verdict import cut
 from gcs.logs import ingest
