@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.addition import add_effect
     from gcs.analysis.comparison import flown_with_validation
     from gcs.analysis.ladder import rungs_of
+    from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.ladder import ladder_picture
     from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.text.addition import addition_document, addition_text
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--with {strange[0]}: {args.fit} does not use it; what to add is named without --with")
     effect = effect_to_add(fit, args.effect, str(args.fit))
     records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window)
-    print_notes([*records, *validation])
+    print_notes(note_lines([*records, *validation]))
     with Counting("asking") as say:
         found = add_effect(fit, effect, records, validation, band_hz=band, say=say)
     text = addition_text(found, str(args.fit), None if args.output is None else str(args.output))

@@ -55,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from gcs.analysis.comparison import flown
+    from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.pictures import compare_picture, picture_kind, write_picture
     from gcs.analysis.text.comparison import compare_text
     from gcs.analysis.text.documents import comparison_document
@@ -71,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     if band is not None:
         fit = replace(fit, band_hz=band)
     records, quiet = flown(fit, args.runs, profile, window)
-    print_notes([*records, *quiet])
+    print_notes(note_lines([*records, *quiet]))
     found = compare(fit.model, records, fit.band_hz, quiet, own_runs=not args.runs)
     doubts = doubted(records)
     text = with_warnings(compare_text(found, fit), doubts)

@@ -92,6 +92,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.comparison import flown_with_validation
     from gcs.analysis.diagnosis import diagnose_fit
+    from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.pictures import picture_kind
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
@@ -117,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     used = {Path(one).resolve() for one in fit.model.structure.files}
     mine = [load(Path(word)) for word in words if Path(word).resolve() not in used]
     records, validation, quiet = flown_with_validation(fit, args.runs, args.validate, profile, window)
-    print_notes([*records, *validation])
+    print_notes(note_lines([*records, *validation]))
     with Counting("asking") as say:
         found = diagnose_fit(
             fit,

@@ -24,7 +24,6 @@ from gcs.cli.options import (
 from sysid.model.bases import NAMES
 
 if TYPE_CHECKING:
-    from sysid.data.record import Record
     from sysid.model.base import Base
     from sysid.model.effect import Effect
 
@@ -95,6 +94,7 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from gcs.analysis.fits import assess, load_vehicle
+    from gcs.analysis.notes import note_lines
     from gcs.analysis.text.fit import fit_text, implied_text, judgement_document
     from gcs.analysis.vehicles import doubted, not_of_one_model
     from gcs.errors import TippathError
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     if not records:
         raise TippathError("no run is left to fit: they are quiet hover or validation runs")
-    print_notes([*records, *validation])
+    print_notes(note_lines([*records, *validation]))
     fitted = prepared(records, band)
     fit = identify(
         compose(base),
@@ -151,14 +151,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def print_notes(records: Sequence[Record]) -> None:
-    """What the readers of the logs want the user to know, each once, on standard error."""
-    said: dict[str, list[str]] = {}
-    for record in records:
-        for note in record.notes:
-            said.setdefault(note, []).append(record.id)
-    for note, ids in said.items():
-        print(f"note: {note}  ({', '.join(ids)})", file=sys.stderr)
+def print_notes(lines: Sequence[str]) -> None:
+    """Notes on what was read, on standard error."""
+    for line in lines:
+        print(line, file=sys.stderr)
 
 
 def with_warnings(text: str, doubts: Sequence[str]) -> str:
