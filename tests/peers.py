@@ -109,7 +109,7 @@ class MavProxy:
 
 
 def with_mavsdk(python: Path, program: Callable[..., None], *words: str, patience_s: float = 90.0) -> Any:
-    """What the program prints as JSON; another Python runs it, so it stands alone. Raises subprocess.SubprocessError."""
+    """What the program prints as JSON; another Python runs it, alone. Raises subprocess.SubprocessError."""
     source = f"{inspect.getsource(program)}\n{program.__name__}(*{words!r})"
     ran = subprocess.run([python, "-c", source], capture_output=True, text=True, timeout=patience_s, check=True)
     return json.loads(ran.stdout.splitlines()[-1])
