@@ -48,7 +48,16 @@ def _installed(home: Path) -> Path:
         return python
     try:
         venv.create(home, clear=True, with_pip=True)
-        pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", *PINS]
+        pip: list[str | Path] = [
+            python,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            "--no-deps",
+            *PINS,
+        ]
         ran = subprocess.run(pip, capture_output=True, text=True, timeout=INSTALL_S, check=False)
     except (OSError, subprocess.SubprocessError) as error:
         raise MissingError(f"MAVProxy and MAVSDK cannot be installed in {home}: {error}") from error
@@ -108,11 +117,14 @@ class MavProxy:
         raise TimeoutError(f"{pattern} did not come in {patience_s:.0f} s:\n{self.printed[-2000:]}")
 
 
-def with_mavsdk(python: Path, program: Callable[..., None], *words: str, patience_s: float = 90.0) -> Any:
+def with_peer(python: Path, program: Callable[..., None], *words: str, patience_s: float = 90.0) -> Any:
     """What the program prints as JSON; another Python runs it, alone. Raises subprocess.SubprocessError."""
     source = f"{inspect.getsource(program)}\n{program.__name__}(*{words!r})"
     ran = subprocess.run([python, "-c", source], capture_output=True, text=True, timeout=patience_s, check=True)
-    return json.loads(ran.stdout.splitlines()[-1])
+    lines = ran.stdout.splitlines()
+    if not lines:
+        raise subprocess.SubprocessError(ran.stderr)
+    return json.loads(lines[-1])
 
 
 def mavsdk_logs(link: str, number: str, target: str) -> None:

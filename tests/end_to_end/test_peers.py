@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from fetched import noise
-from peers import MavProxy, MissingError, mavsdk_files, mavsdk_logs, peers_python, with_mavsdk
+from peers import MavProxy, MissingError, mavsdk_files, mavsdk_logs, peers_python, with_peer
 
 from sitl.autopilot.clothes import CLOTHES
 from sitl.autopilot.vehicle import make_vehicle
@@ -112,7 +112,7 @@ def test_mavproxy_lists_and_fetches_logs_both_ways(python: Path, link: str, tmp_
 
 def test_mavsdk_lists_and_fetches_logs(python: Path, link: str, tmp_path: Path) -> None:
     target = tmp_path / "log.bin"
-    answer = with_mavsdk(python, mavsdk_logs, link.replace(":", "://", 1), "1", str(target))
+    answer = with_peer(python, mavsdk_logs, link.replace(":", "://", 1), "1", str(target))
     assert (answer["sizes"], answer["ended"]) == (list(SIZES.values()), ["SUCCESS"])
     assert target.read_bytes() == noise(SIZES[12], 12)
 
@@ -121,7 +121,7 @@ def test_mavsdk_fetches_files_and_reads_the_parameters(
     python: Path, link: str, values: dict[str, float], tmp_path: Path
 ) -> None:
     words = (link.replace(":", "://", 1), "logs/00000012.BIN", str(tmp_path))
-    answer = with_mavsdk(python, mavsdk_files, *words)
+    answer = with_peer(python, mavsdk_files, *words)
     assert (answer["listed"], answer["ended"]) == (["00000003.BIN", "00000012.BIN"], ["SUCCESS"])
     assert (tmp_path / "00000012.BIN").read_bytes() == noise(SIZES[12], 12)
     assert answer["values"] == pytest.approx(values)
