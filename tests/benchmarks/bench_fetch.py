@@ -1,9 +1,10 @@
 """A log over loopback from the simulated vehicle: ours beside pymavlink's MAVFTP, MAVProxy's and MAVSDK's.
 
-Each runs as a process of its own, one after the other, against a vehicle of its own, which sends as fast as it can and,
-as on an autopilot's UDP, whether or not the other end keeps up. MAVProxy and MAVSDK are no dependencies: `peers`
-installs them, or says why it cannot. The time is from the request or the first byte to the last, so that nobody's start
-counts, nor our CRC32 and wait for a log that may grow. What came must be the vehicle's, byte for byte.
+Each runs as a process of its own, one after the other, against a vehicle of its own, which sends, as on an autopilot's
+UDP, whether or not the other end keeps up: as fast as it can, or at the rate that it has by default. MAVProxy and
+MAVSDK are no dependencies: `peers` installs them, or says why it cannot. The time is from the request or the first byte
+to the last, so that nobody's start counts, nor our CRC32 and wait for a log that may grow. What came must be the
+vehicle's, byte for byte.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ import pytest
 from peers import MavProxy, MissingError, mavsdk_files, mavsdk_logs, peers_python, with_peer
 
 SIZE = 1_000_000
+FASTEST = 5e6
+"""Bytes a second, more than the vehicle can."""
 PATIENCE_S = 120.0
 FILES, MESSAGES = "MAVFTP", "LOG_REQUEST_DATA"
 LOG = "00000001.BIN"
@@ -32,10 +35,10 @@ Raises TimeoutError or subprocess.SubprocessError where it does not come.
 
 
 @contextlib.contextmanager
-def vehicle(folder: Path, loss: float) -> Iterator[str]:
-    """A vehicle on the ground with one log, as fast as it can; the ground's LINK."""
+def vehicle(folder: Path, loss: float, rate: float) -> Iterator[str]:
+    """A vehicle on the ground with one log, given away at so many bytes a second; the ground's LINK."""
     command = [sys.executable, "-m", "sitl", "-o", str(folder), "--on-ground", "--listen", "udpin:127.0.0.1:0"]
-    command += ["--like", "ardupilot-heli", "--log-rate", "5e6", "--loss", str(loss)]
+    command += ["--like", "ardupilot-heli", "--log-rate", str(rate), "--loss", str(loss)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         try:
@@ -129,8 +132,8 @@ def outcome(fetch: Fetch, link: str, out: Path, content: bytes) -> float | str:
     return SIZE / took_s if [path.read_bytes() for path in came] == [content] else "ended with other bytes"
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.02])
-def bench_fetch_beside_peers(loss: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("loss", "rate"), [(0.0, FASTEST), (0.02, FASTEST), (0.0, 250_000.0)])
+def bench_fetch_beside_peers(loss: float, rate: float, tmp_path: Path) -> None:
     content = random.Random(1).randbytes(SIZE)
     card = tmp_path / "card"
     card.mkdir()
@@ -139,9 +142,10 @@ def bench_fetch_beside_peers(loss: float, tmp_path: Path) -> None:
     for number, (name, (_, fetch)) in enumerate(FETCHES.items()):
         out = tmp_path / str(number)
         out.mkdir()
-        with vehicle(card, loss) as link:
+        with vehicle(card, loss, rate) as link:
             rates[name] = outcome(fetch, link, out, content)
-    print(f"\n{SIZE / 1e6:.0f} MB over loopback, {loss:.0%} of packets lost each way")
+    speed = "as fast as the vehicle can" if rate == FASTEST else f"{rate / 1e3:.0f} kB/s of the link"
+    print(f"\n{SIZE / 1e6:.0f} MB over loopback, {speed}, {loss:.0%} of packets lost each way")
     best = {way: rates[name] for name, (way, _) in FETCHES.items() if name.startswith("ours")}
     for name, (way, _) in FETCHES.items():
         rate, own = rates[name], best[way]
