@@ -8,10 +8,10 @@ must be of one size, the first one's; any other fails.
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 from sitl.autopilot.parameters import Kind, Parameters, cast
 
@@ -86,7 +86,8 @@ def packed(entries: Sequence[Entry], part: Part, read_size: int) -> bytes:
 
 def _entry(entry: Entry, before: str, with_defaults: bool) -> bytes:
     number, layout = _KINDS[entry.kind]
-    shared = min(len(os.path.commonprefix((entry.name, before))), len(entry.name) - 1)
+    alike = takewhile(lambda pair: pair[0] == pair[1], zip(entry.name, before, strict=False))
+    shared = min(sum(1 for _ in alike), len(entry.name) - 1)
     rest = entry.name[shared:].encode()
     values = [entry.value]
     if with_defaults and entry.value != entry.default:

@@ -148,12 +148,12 @@ def bench_fetch_beside_peers(loss: float, rate: float, tmp_path: Path) -> None:
     print(f"\n{SIZE / 1e6:.0f} MB over loopback, {speed}, {loss:.0%} of packets lost each way")
     best = {way: rates[name] for name, (way, _) in FETCHES.items() if name.startswith("ours")}
     for name, (way, _) in FETCHES.items():
-        rate, own = rates[name], best[way]
-        if isinstance(rate, str) or isinstance(own, str):
-            print(f"  {name:24} {rate}")
+        its, own = rates[name], best[way]
+        if isinstance(its, str) or isinstance(own, str):
+            print(f"  {name:24} {its}")
         else:
-            print(f"  {name:24} {rate / 1e3:6.0f} kB/s" + (f", ours {own / rate:.1f} times" if rate != own else ""))
-    assert all(isinstance(rate, float) for rate in best.values())
+            print(f"  {name:24} {its / 1e3:6.0f} kB/s" + (f", ours {own / its:.1f} times" if its != own else ""))
+    assert all(isinstance(own, float) for own in best.values())
 
 
 # ------------------------------------------------------------------------------------------------ the peers' programs
