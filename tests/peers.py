@@ -6,6 +6,7 @@ They go into `peers` inside this Python's environment, once, without what only t
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import json
 import os
@@ -84,14 +85,17 @@ class MavProxy:
         )
         self._lines: queue.Queue[str] = queue.Queue()
         self.printed = ""
-        threading.Thread(target=self._read, daemon=True).start()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
 
     def __enter__(self) -> MavProxy:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._process.kill()
-        self._process.communicate()
+        self._reader.join(5.0)  # what is printed ends with the process
+        with contextlib.suppress(OSError):  # a line that it did not take
+            self._process.communicate()
 
     def _read(self) -> None:
         assert self._process.stdout is not None
