@@ -2,16 +2,18 @@
 
 Only reading: listing, opening, ReadFile, BurstReadFile, CRC32, ending. A request that comes again with the number of
 the last one gets the last answer again. A session that was silent for 3 s may be taken over. Whatever is not offered is
-an unknown command. Files: `logs/00000001.BIN` and so on.
+an unknown command. Files: `logs/00000001.BIN` and so on, and the parameters as `@PARAM/param.pck`.
 """
 
 from __future__ import annotations
 
+import errno
 import struct
 import zlib
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -19,6 +21,7 @@ from sitl.autopilot.storage import BY_FTP, Allowance, StoredLog, read
 from sitl.autopilot.vehicle import Vehicle
 from sitl.protocol.links import Address
 from sitl.protocol.log_download import Peer
+from sitl.protocol.param_file import FOLDER, ParamFile, part_of
 from sitl.protocol.telemetry import Message
 
 HEADER = struct.Struct("<HBBBBBxI")
@@ -31,8 +34,11 @@ _FRAME = 251 + 15
 _MOST_A_POLL = 60
 
 ACK, NAK = 128, 129
-FAIL, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_COMMAND, NOT_FOUND = 1, 4, 5, 6, 7, 10
+FAIL_ERRNO, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_COMMAND, NOT_FOUND = 2, 4, 5, 6, 7, 10
 LOGS = "logs"
+
+Reader = Callable[[int, int], bytes | None]
+"""Of an open file: up to so many bytes from an offset, fewer at the end; None where it cannot be read so."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +105,7 @@ class FtpServer:
         self._vehicle = vehicle
         self._waiting: deque[_Asked] = deque()
         self._burst: _Burst | None = None
-        self._open: Path | None = None
+        self._open: Reader | None = None
         self._session: int | None = None
         self._used_s = 0.0
         self._last: tuple[_Asked, Packet] | None = None
@@ -141,7 +147,8 @@ class FtpServer:
         asked.peer.send(message)
 
     def _reply(self, asked: _Asked, data: bytes = b"", error: int | None = None) -> None:
-        data = data if error is None else bytes([error])
+        if error is not None:
+            data = bytes((error, errno.EINVAL)) if error == FAIL_ERRNO else bytes([error])
         self._send(
             asked,
             Packet(
@@ -198,7 +205,7 @@ class FtpServer:
         if name == LOGS:
             entries = [f"F{log.number:08}.BIN\t{log.size}" for log in self._vehicle.storage.logs()]
         elif not name:
-            entries = [f"D{LOGS}"]
+            entries = [f"D{LOGS}", f"D{FOLDER}"]
         else:
             self._reply(asked, error=NOT_FOUND)
             return
@@ -215,12 +222,25 @@ class FtpServer:
         if taken and now_s - self._used_s < SESSION_TIMEOUT_S:
             self._reply(asked, error=NO_SESSIONS)
             return
-        log = self._log(asked.text)
-        if log is None:
+        try:
+            file = self._file(asked.text)
+        except ValueError:
+            self._reply(asked, error=FAIL_ERRNO)
+            return
+        if file is None:
             self._reply(asked, error=NOT_FOUND)
             return
-        self._open, self._session = log.path, asked.packet.session
-        self._reply(asked, struct.pack("<I", min(log.size, 0xFFFFFFFF)))
+        (self._open, size), self._session = file, asked.packet.session
+        self._reply(asked, struct.pack("<I", min(size, 0xFFFFFFFF)))
+
+    def _file(self, name: str) -> tuple[Reader, int] | None:
+        """The file and its size, bytes; None where there is none. Raises ValueError for what cannot be asked of it."""
+        part = part_of(name)
+        if part is not None:
+            parameters = ParamFile(self._vehicle.parameters, part)
+            return parameters.read, parameters.size
+        log = self._log(name)
+        return None if log is None else (partial(read, log.path), log.size)
 
     def _checksum(self, asked: _Asked) -> None:
         log = self._log(asked.text)
@@ -241,18 +261,18 @@ class FtpServer:
             self._burst = _Burst(asked, packet.number + 1, packet.offset)
             self._burst_on(self._burst)
         else:
-            data = read(self._open, packet.offset, min(packet.size, DATA))
-            error = FAIL if data is None else None if data else END_OF_FILE
+            data = self._open(packet.offset, min(packet.size, DATA))
+            error = FAIL_ERRNO if data is None else None if data else END_OF_FILE
             self._reply(asked, data or b"", error)
 
     def _burst_on(self, burst: _Burst) -> None:
-        """The next packet of a burst. At the end of the file it ends without having said that it is complete."""
-        size = burst.asked.packet.size or DATA
-        data = None if self._open is None else read(self._open, burst.offset, min(size, DATA))
+        """The next packet of a burst. A file's end is told as such, behind its last packet, and completes no burst."""
+        size = min(burst.asked.packet.size or DATA, DATA)
+        data = None if self._open is None else self._open(burst.offset, size)
         if not data:
-            asked = replace(burst.asked, packet=replace(burst.asked.packet, number=burst.number - 1))
+            packet = replace(burst.asked.packet, number=burst.number - 1, offset=burst.offset)
             self._burst = None
-            self._reply(asked, error=FAIL if data is None else END_OF_FILE)
+            self._reply(replace(burst.asked, packet=packet), error=FAIL_ERRNO if data is None else END_OF_FILE)
             return
         burst.left -= 1
         self._send(
@@ -270,5 +290,5 @@ class FtpServer:
         )
         burst.number += 1
         burst.offset += len(data)
-        if burst.left == 0 or len(data) < min(size, DATA):
+        if burst.left == 0:
             self._burst = None

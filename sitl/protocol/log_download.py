@@ -1,5 +1,6 @@
 """LOG_REQUEST_LIST, _DATA and _END as ArduPilot answers them: one download at a time, in slices, until told to end.
 
+A request's first slice goes out with it, so several short requests at once are all answered: MAVProxy fills gaps so.
 While something is being sent, further requests are dropped without a word, and another station's with a text. While
 armed everything is refused with a text. Entries are numbered from 1, the oldest log first, whatever its file is called.
 Nothing is erased here.
@@ -41,6 +42,8 @@ class _Sending:
     peer: Peer
     entries: deque[tuple[int, StoredLog]]
     count: int
+    last: int
+    """Of the list: the last entry asked for, or the last there is."""
     log: StoredLog | None = None
     id: int = 0
     offset: int = 0
@@ -56,14 +59,27 @@ class LogDownload:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
+        self._waiting: deque[tuple[Peer, Message]] = deque()
         self._sending: _Sending | None = None
         self._allowance = Allowance(vehicle.storage.bytes_per_s)
         self._warned_s: float | None = None
 
     def hear(self, peer: Peer, message: Message) -> None:
-        """One of the four messages."""
-        if not self._vehicle.storage.offers(BY_MESSAGES) or self._refuses(self._vehicle.time_s):
-            return
+        """One of the four messages; it is answered at the next poll."""
+        if self._vehicle.storage.offers(BY_MESSAGES) and not self._refuses(self._vehicle.time_s):
+            self._waiting.append((peer, message))
+
+    def poll(self, now_s: float, room: bool) -> None:
+        """Take what was asked for meanwhile, each with its first slice, and send the next one."""
+        self._allowance.grow(now_s)
+        while self._waiting:
+            before = self._sending
+            self._take(*self._waiting.popleft())
+            if self._sending is not before:
+                self._send_slice(room)
+        self._send_slice(room)
+
+    def _take(self, peer: Peer, message: Message) -> None:
         match message.get_msgId():
             case mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST:
                 self._list(peer, message)
@@ -74,9 +90,7 @@ class LogDownload:
             case _:
                 self._vehicle.say(Severity.WARNING, "Erasing logs is not possible here")
 
-    def poll(self, now_s: float, room: bool) -> None:
-        """Send the next slice."""
-        self._allowance.grow(now_s)
+    def _send_slice(self, room: bool) -> None:
         sending = self._sending
         if sending is None or not room or self._vehicle.armed:
             return
@@ -90,11 +104,13 @@ class LogDownload:
     @property
     def address(self) -> Address | None:
         """Whom it sends to."""
-        return None if self._sending is None else self._sending.peer.address
+        peer = self._sending.peer if self._sending is not None else self._waiting[0][0] if self._waiting else None
+        return None if peer is None else peer.address
 
     def forget(self, address: Address) -> None:
         """Nobody listens there any more."""
-        if self.address == address:
+        self._waiting = deque(asked for asked in self._waiting if asked[0].address != address)
+        if self._sending is not None and self._sending.peer.address == address:
             self._sending = None
 
     def _refuses(self, now_s: float) -> bool:
@@ -119,7 +135,7 @@ class LogDownload:
             return
         numbered = enumerate(logs, 1)
         wanted = deque((id, log) for id, log in numbered if message.start <= id <= message.end)
-        self._sending = _Sending(peer=peer, entries=wanted, count=len(logs))
+        self._sending = _Sending(peer=peer, entries=wanted, count=len(logs), last=min(message.end, len(logs)))
 
     def _read(self, peer: Peer, message: Message) -> None:
         if self._is_busy(peer):
@@ -130,15 +146,21 @@ class LogDownload:
         log = logs[message.id - 1]
         left = min(message.count, max(0, log.size - message.ofs))
         self._sending = _Sending(
-            peer=peer, entries=deque(), count=len(logs), log=log, id=message.id, offset=message.ofs, left=left
+            peer=peer,
+            entries=deque(),
+            count=len(logs),
+            last=len(logs),
+            log=log,
+            id=message.id,
+            offset=message.ofs,
+            left=left,
         )
 
     def _send_next(self, sending: _Sending) -> None:
         if sending.entries:
             id, log = sending.entries.popleft()
             size = min(log.size, 0xFFFFFFFF)
-            last = sending.count
-            sending.peer.send(mavlink.MAVLink_log_entry_message(id, sending.count, last, log.written_s, size))
+            sending.peer.send(mavlink.MAVLink_log_entry_message(id, sending.count, sending.last, log.written_s, size))
             return
         assert sending.log is not None
         data = read(sending.log.path, sending.offset, min(PIECE, sending.left)) or b""

@@ -6,11 +6,9 @@ says nothing of real vehicles; those are in `../shared/data/ardupilot`.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -121,39 +119,3 @@ def test_the_command_starts_it_and_a_session_lists_its_parameters(simulated: dic
         "SID_T_REC",
         "SID_T_FADE_OUT",
     }
-
-
-@pytest.mark.realtime
-@pytest.mark.skipif(
-    importlib.util.find_spec("MAVProxy") is None, reason="MAVProxy is not installed: pip install MAVProxy"
-)
-def test_mavproxy_lists_its_parameters(simulated: dict[str, str], tmp_path: Path) -> None:
-    """MAVProxy saves what it has listed in STATE/mav.parm."""
-    address = simulated["ground_link"].removeprefix("tcpout:").removeprefix("tcp:")
-    words = [
-        f"--master=tcp:{address}",
-        "--non-interactive",
-        "--state-basedir",
-        str(tmp_path),
-        "--logfile",
-        str(tmp_path / "t"),
-    ]
-    listed: set[str] = set()
-    wanted = len(CLOTHES["ardupilot-quad"].table) - 6
-    with subprocess.Popen(
-        [sys.executable, "-m", "MAVProxy.mavproxy", *words],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        cwd=tmp_path,
-    ) as process:
-        end = time.monotonic() + 30
-        while len(listed) < wanted and time.monotonic() < end:
-            time.sleep(0.2)
-            listed = {
-                line.split()[0] for path in tmp_path.rglob("mav.parm") for line in path.read_text().splitlines() if line
-            }
-        process.terminate()
-        process.communicate(timeout=10)
-    assert {"LOG_BACKEND_TYPE", "SID_AXIS", "FRAME_CLASS"} <= listed
-    assert len(listed) == wanted
-    assert "SID_MAGNITUDE" not in listed

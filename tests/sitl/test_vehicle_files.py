@@ -126,7 +126,7 @@ def test_a_folder_is_listed_by_entries(station: Any) -> None:
     assert ftp(station, request(7, LIST, offset=1, data=b"/logs\0"))[0][6] == b"F00000012.BIN\t200000\0"
     assert ftp(station, request(9, LIST, offset=2, data=b"logs\0"))[0][2:] == (NAK, LIST, False, 2, b"\x06")
     assert ftp(station, request(11, LIST, data=b"elsewhere\0"))[0][6] == b"\x0a"
-    assert ftp(station, request(13, LIST, data=b"/\0"))[0][6] == b"Dlogs\0"
+    assert ftp(station, request(13, LIST, data=b"/\0"))[0][6] == b"Dlogs\0D@PARAM\0"
 
 
 def test_a_file_is_opened_read_and_closed(station: Any) -> None:
