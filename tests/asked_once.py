@@ -55,7 +55,8 @@ def asked(what: Any) -> Any:
             samples = hashlib.sha256()
             for name in sorted(what.channels):
                 samples.update(name.encode() + np.ascontiguousarray(what.channels[name]).tobytes())
-            return what.id, what.path, what.sha256, what.maneuver, what.axis, what.notes, samples.digest()
+            flown = what.maneuver, what.axis, what.airframe
+            return what.id, what.path, what.sha256, *flown, what.notes, samples.digest()
         case Effect():
             return what.id, what.path, what.sha256
         case list() | tuple():

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gcs.analysis.fits import runs_of
+from gcs.analysis.fits import on_airframe, runs_of
 from gcs.errors import TippathError
 from gcs.logs import AnyWindow, FromStart, Run, ingest, resolve_runs
+from sysid.data.airframe import Airframe
 from sysid.data.record import Record
 from sysid.fit.result import Fit
 
@@ -75,9 +76,15 @@ def quiet_among(runs: Sequence[Run], fit: Fit, records: Sequence[Record]) -> lis
 
 
 def flown_with_validation(
-    fit: Fit, runs: Sequence[str], validate: Sequence[str], profile: Path | None, window: AnyWindow | None
+    fit: Fit,
+    runs: Sequence[str],
+    validate: Sequence[str],
+    profile: Path | None,
+    window: AnyWindow | None,
+    airframe: Airframe | None = None,
 ) -> tuple[list[Record], list[Record], list[Record]]:
-    """Runs to fit, runs that only judge, and quiet hover; the fit's own where none are named.
+    """Runs to fit, runs that only judge, and quiet hover; the fit's own where none are named. They are of the airframe
+    that is named, else of the fit's where it has one.
 
     Raises TippathError where a log is gone, changed or holds nothing usable, and where every run validates.
     """
@@ -98,4 +105,5 @@ def flown_with_validation(
             if judging
             else "no run to fit: quiet hover shows the noise only"
         )
-    return fitted, judging, quiet
+    airframe = airframe or fit.airframe
+    return on_airframe(fitted, airframe), on_airframe(judging, airframe), quiet

@@ -6,19 +6,21 @@ The same functions serve the command line, the app and the demo.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 from msgspec import Meta
 
 from gcs import documents
+from gcs.analysis.band import chosen_band
 from gcs.errors import TippathError
 from gcs.logs import AnyWindow, FromStart, ingest
 from gcs.logs.runs.run import split_mark
 from sysid.compare.metrics import Mismatches, mismatch
-from sysid.data.dataset import Runs, prepared
-from sysid.data.preprocess import DEFAULT_BAND_HZ
+from sysid.data.airframe import Airframe
+from sysid.data.band import BandFrom, ChosenBand
+from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import CHANNELS, Record
 from sysid.fit.checks import Check, Spread, eigenfrequency_checks, fit_checks
 from sysid.fit.identify import identify, judge
@@ -29,7 +31,6 @@ from sysid.model.effect import find
 from sysid.model.paper import CD, TPP, reduce_to_cd
 from sysid.model.structure import Model, Structure
 
-Band = tuple[float, float]
 _SIZE = Meta(gt=0.0, lt=1e6)
 
 GUIDE_CRAMER_RAO = 20.0
@@ -70,18 +71,22 @@ def split_runs(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
 def identify_flight(
     records: Runs,
     validation: Runs = (),
-    band_hz: Band = DEFAULT_BAND_HZ,
+    band: ChosenBand | None = None,
     *,
     effects: Sequence[str] = (),
 ) -> Identification:
     """Fit TPP and CD to the records together and judge both, and the reduced CD, on the validation records.
 
-    `effects` are composed onto the TPP, and onto the CD those that its own parameters do not stand for. Raises
-    sysid.errors.FitError where an axis is not identifiable.
+    Without a band it is that in which the runs are prepared, else that of `gcs.analysis.band`. `effects` are composed
+    onto the TPP, and onto the CD those that its own parameters do not stand for. Raises sysid.errors.FitError where an
+    axis is not identifiable.
     """
-    fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
-    tpp = identify(TPP, fitted, judging, band_hz, effects=effects)
-    cd = identify(CD, fitted, judging, band_hz, effects=on_cd(effects))
+    if band is None:
+        band = ChosenBand(records.band_hz, BandFrom.GIVEN) if isinstance(records, Dataset) else chosen_band(records)
+    fitted, judging = prepared(records, band.hz), prepared(validation, band.hz)
+    tpp = identify(TPP, fitted, judging, band.hz, effects=effects)
+    cd = identify(CD, fitted, judging, band.hz, effects=on_cd(effects))
+    tpp, cd = (replace(one, band_from=band.source) for one in (tpp, cd))
     return side_by_side(tpp, cd, fitted, judging)
 
 
@@ -150,6 +155,11 @@ def load_vehicle(path: Path) -> Vehicle:
             f"{path}: mass and arm go together, their product is what the thrust adds to k_beta"
         )
     return Vehicle(**{name: getattr(vehicle, name) for name in vehicle.__struct_fields__})
+
+
+def on_airframe(records: Sequence[Record], airframe: Airframe | None) -> list[Record]:
+    """The runs as of this airframe, whatever their logs tell; None leaves them as they are."""
+    return [*records] if airframe is None else [replace(record, airframe=airframe) for record in records]
 
 
 def runs_of(fit: Fit, which: Sequence[RecordUsed], cut: FromStart | None = None) -> list[Record]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gcs.analysis.quantities import quantity
+from sysid.data.band import BandFrom
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.fit.identify import identify, on_runs
@@ -35,7 +37,7 @@ def refitted(
         # flapping makes another base, whose parameters have no beginning in the old one
         own = [one for one in composed.composed if one.id != "flapping"]
         begin = identify(composed.bare, fitted, (), band, effects=own).model
-    return identify(
+    made = identify(
         structure.bare,
         fitted,
         judging,
@@ -47,6 +49,7 @@ def refitted(
         grown=grown,
         begin=begin,
     )
+    return replace(made, band_from=fit.band_from if band == fit.band_hz else BandFrom.GIVEN)
 
 
 def made_from(fit: Fit, fitted: Dataset, judging: Dataset) -> bool:

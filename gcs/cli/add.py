@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from gcs.cli.options import (
+    add_airframe_option,
     add_effects_option,
     add_output_options,
     add_reading_options,
+    parse_airframe,
     parse_reading,
     parse_words,
     print_json,
@@ -45,6 +47,7 @@ def add_parser(subparsers: Any) -> None:
     )
     add_effects_option(parser, "paths of your own files that the fit uses already, base or effects (their code runs)")
     add_reading_options(parser)
+    add_airframe_option(parser)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the ladder: .png, .svg, or .html")
     add_output_options(parser, "FIT2.json")
     parser.set_defaults(run=run)
@@ -78,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     if strange:
         raise UsageError(f"--with {strange[0]}: {args.fit} does not use it; what to add is named without --with")
     effect = effect_to_add(fit, args.effect, str(args.fit))
-    records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window)
+    records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window, parse_airframe(args))
     print_notes(note_lines([*records, *validation]))
     with Counting("asking") as say:
         found = add_effect(fit, effect, records, validation, band_hz=band, say=say)

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import (
+    add_airframe_option,
     add_effects_option,
     add_output_options,
     add_reading_options,
+    parse_airframe,
     parse_reading,
     parse_words,
     print_json,
@@ -40,12 +42,13 @@ The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often
 answers like this one were right on flights whose answer was known.
 
---json prints {"format": "tippath.diagnosis/1", "verdict", "effect", "chain", "stands_in", "indistinguishable",
-"confidence", "explained_share", "candidates": [{"effect", "explained_share", "delta_bic", "nrmse_percent",
-"validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best first, "pairs",
-"placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}], "could_hide": [text],
-"character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation", "suspicions", "warnings",
-"remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
+--json prints {"format": "tippath.diagnosis/1", "airframe", "verdict", "effect", "chain", "stands_in",
+"indistinguishable", "confidence", "explained_share", "candidates": [{"effect", "explained_share", "delta_bic",
+"nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best
+first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}],
+"could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation",
+"suspicions", "warnings", "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict",
+"effect", "confidence"}]}.
 """
 
 
@@ -84,6 +87,7 @@ def add_parser(subparsers: Any) -> None:
         "paths of your own files (their code runs): those that the fit uses, base or effects; others are asked as well",
     )
     add_reading_options(parser)
+    add_airframe_option(parser)
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw it: .png, .svg, or .html")
     add_output_options(parser, "FIT2.json")
     parser.set_defaults(run=run)
@@ -117,7 +121,8 @@ def run(args: argparse.Namespace) -> int:
     fit = Fit.load(args.fit, words)
     used = {Path(one).resolve() for one in fit.model.structure.files}
     mine = [load(Path(word)) for word in words if Path(word).resolve() not in used]
-    records, validation, quiet = flown_with_validation(fit, args.runs, args.validate, profile, window)
+    airframe = parse_airframe(args)
+    records, validation, quiet = flown_with_validation(fit, args.runs, args.validate, profile, window, airframe)
     print_notes(note_lines([*records, *validation]))
     with Counting("asking") as say:
         found = diagnose_fit(

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import print_json
+from sysid.data.airframe import Airframe
 
 if TYPE_CHECKING:
     from sysid.model.effect import Effect
@@ -27,8 +28,8 @@ GROUPS = {
 _FORMAT_HELP = """\
 --json prints {"format": "tippath.effects/1", "effects": [{"id", "title", "group", "equation", "source", "signature",
 "parameters": [{"name", "unit", "meaning", "null", "null_is_infinite", "bounds": [low, high], "plausible": [low, high],
-"typical", "grid"}], "channels", "attitude", "states", "needs", "absorbed_by", "replaces", "slot", "stage", "order",
-"linear", "path", "sha256"}]}; null in a range is an open end, null as a parameter's "null" is none or infinite.
+"typical", "grid"}], "channels", "attitude", "states", "needs", "absorbed_by", "airframes", "replaces", "slot", "stage",
+"order", "linear", "path", "sha256"}]}; null in a range is an open end, null as a parameter's "null" none or infinite.
 """
 
 
@@ -85,6 +86,7 @@ def entry(effect: Effect) -> dict[str, Any]:
         "states": list(effect.states),
         "needs": [name.split("|") if "|" in name else name for name in effect.needs],
         "absorbed_by": list(effect.absorbed_by),
+        "airframes": list(effect.airframes),
         "replaces": list(effect.replaces),
         "slot": effect.slot,
         "stage": effect.stage.name.lower(),
@@ -140,6 +142,8 @@ def explanation(effect: Effect) -> str:
         ("needs", _alternatives(effect.needs)),
         ("part of", _alternatives(effect.absorbed_by)),
         ("in place of", _alternatives(effect.replaces)),
+        ("never on", ", ".join(f"a {one}" for one in Airframe if not effect.can_be_on(one))),
+        ("multirotor", _on_multirotor(effect)),
         ("file", effect.path or ""),
     ):
         if text:
@@ -152,6 +156,12 @@ def explanation(effect: Effect) -> str:
         ranges = f"null {_null(one.null)}; plausible {_range(one.plausible)}; bounds {_range(one.bounds)}"
         lines += _wrapped(ranges, width + 6)
     return "\n".join(lines)
+
+
+def _on_multirotor(effect: Effect) -> str:
+    """What it is there, where that is something else."""
+    words = effect.on_multirotor
+    return "" if words is None else f"{words.title}; {words.source}"
 
 
 def _channels(effect: Effect) -> str:

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import (
+    add_airframe_option,
     add_band_option,
     add_effects_option,
     add_log_options,
     add_output_options,
+    parse_airframe,
     parse_band,
     parse_profile,
     parse_words,
@@ -24,6 +26,8 @@ from gcs.cli.options import (
 from sysid.model.bases import NAMES
 
 if TYPE_CHECKING:
+    from gcs.logs import AnyWindow
+    from sysid.data.record import Record
     from sysid.model.base import Base
     from sysid.model.effect import Effect
 
@@ -38,9 +42,10 @@ VEHICLE.toml holds what was measured on the ground, in SI units; only k_beta is 
 From L_b and M_a follow I_xx and I_yy, from tau_f, A_b, B_a the Lock number and the flap frequency ratio. One that is
 implausible, or off the measured one by more than a factor of 1.4, is a clue that something is missing.
 
-FIT.json has, beside the keys every fit has, "responses" (model less measured, in dB and degrees, where the partial
-coherence is at least 0.6, and the integrated cost), "checks", "spread" (parameters between sets of runs, in standard
-errors), "correlations", "guides", and "implied" with a vehicle file.
+FIT.json has, beside the keys every fit has, "band_from" ("given", "swept", "noise": chirps with noise on them,
+"coherent", or "usual") and the "airframe" of each of its records, "responses" (model less measured, in dB and degrees,
+where the partial coherence is at least 0.6, and the integrated cost), "checks", "spread" (parameters between sets of
+runs, in standard errors), "correlations", "guides", and "implied" with a vehicle file.
 """
 
 
@@ -85,6 +90,7 @@ def add_parser(subparsers: Any) -> None:
         "--validate", nargs="+", default=[], metavar="RUN", help="runs that only judge; they never enter the fit"
     )
     add_band_option(parser)
+    add_airframe_option(parser)
     add_log_options(parser)
     add_output_options(parser, "FIT.json")
     parser.set_defaults(run=run)
@@ -93,17 +99,18 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    from gcs.analysis.band import chosen_band
     from gcs.analysis.fits import assess, load_vehicle
     from gcs.analysis.notes import note_lines
     from gcs.analysis.text.fit import fit_text, implied_text, judgement_document
     from gcs.analysis.vehicles import doubted, not_of_one_model
-    from gcs.errors import TippathError
-    from gcs.logs import FromStart, parse_window, resolve_runs
+    from gcs.logs import FromStart, parse_window
+    from sysid.data.band import USUAL, BandFrom, ChosenBand
     from sysid.data.dataset import prepared
     from sysid.fit.identify import identify
     from sysid.model.compose import compose
 
-    band = parse_band(args.band)
+    asked = None if args.band is None else ChosenBand(parse_band(args.band), BandFrom.GIVEN)
     window = None if args.window is None else parse_window(args.window)
     profile = parse_profile(args.profile)
     refuse_existing(args.output, args.force)
@@ -112,29 +119,22 @@ def run(args: argparse.Namespace) -> int:
     held = parse_fixed(args.fix, args.fix_from, [word for word in (args.model, *words) if word.endswith(".py")])
     base = parse_base(args.model)
     effects = parse_effects(base, words, held)
-    validation = resolve_runs(args.validate, profile, window, f_high_hz=band[1]) if args.validate else []
-    judging = {(record.path, record.id) for record in validation}
-    records = [
-        record
-        for record in resolve_runs(args.runs, profile, window, f_high_hz=band[1])
-        if (record.path, record.id) not in judging and record.maneuver != "quiet"
-    ]
-    if not records:
-        raise TippathError("no run is left to fit: they are quiet hover or validation runs")
+    records, validation = runs_to_fit(args, profile, window, (asked or USUAL).hz[1])
     print_notes(note_lines([*records, *validation]))
-    fitted = prepared(records, band)
+    band = asked or chosen_band(records)
+    fitted = prepared(records, band.hz)
     fit = identify(
         compose(base),
         fitted,
         validation,
-        band,
+        band.hz,
         effects=effects,
         fixed=held,
         profile=args.profile,
         window_s=None if isinstance(window, FromStart) else window,  # else the runs' own ids tell it
     )
     doubts = doubted([*records, *validation]) or not_of_one_model(fit, records)
-    fit = replace(fit, warnings=(*doubts, *fit.warnings))
+    fit = replace(fit, band_from=band.source, warnings=(*doubts, *fit.warnings))
     judged = assess(fit, fitted, vehicle)
     document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judgement_document(judged)}
     if args.output:
@@ -149,6 +149,30 @@ def run(args: argparse.Namespace) -> int:
         if vehicle is not None:
             print("\n" + implied_text(judged.implied))
     return 0
+
+
+def runs_to_fit(
+    args: argparse.Namespace, profile: Path | None, window: AnyWindow | None, f_high_hz: float
+) -> tuple[list[Record], list[Record]]:
+    """The runs that are fitted and those that only judge, of the airframe that is named where one is.
+
+    Raises TippathError where nothing is left to fit.
+    """
+    from gcs.analysis.fits import on_airframe
+    from gcs.errors import TippathError
+    from gcs.logs import resolve_runs
+
+    def named(words: Sequence[str]) -> list[Record]:
+        return on_airframe(resolve_runs(words, profile, window, f_high_hz=f_high_hz), parse_airframe(args))
+
+    validation = named(args.validate) if args.validate else []
+    judging = {(record.path, record.id) for record in validation}
+    records = [
+        record for record in named(args.runs) if (record.path, record.id) not in judging and record.maneuver != "quiet"
+    ]
+    if not records:
+        raise TippathError("no run is left to fit: they are quiet hover or validation runs")
+    return records, validation
 
 
 def print_notes(lines: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.errors import UsageError
 from gcs.files import write_whole
+from sysid.data.airframe import Airframe
 
 if TYPE_CHECKING:
     from gcs.logs import AnyWindow
@@ -28,8 +29,25 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 def add_band_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--band", metavar="LOW:HIGH", default="0:15", help="Hz, the frequencies that count (default 0:15)"
+        "--band",
+        metavar="LOW:HIGH",
+        help="Hz, the frequencies that count (default: what was swept; where noise was flown with the chirps, 0:15; "
+        "where nothing was swept, where the rates follow the commands)",
     )
+
+
+def add_airframe_option(parser: argparse.ArgumentParser) -> None:
+    """--airframe, of every command that asks for effects."""
+    parser.add_argument(
+        "--airframe",
+        choices=[one.value for one in Airframe],
+        help="what flew, where the log does not tell: what it cannot have is not offered",
+    )
+
+
+def parse_airframe(args: argparse.Namespace) -> Airframe | None:
+    """As given; None where the logs' own word counts."""
+    return None if args.airframe is None else Airframe(args.airframe)
 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:

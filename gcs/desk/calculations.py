@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from gcs.analysis.addition import Addition, add_effect
+from gcs.analysis.band import chosen_band
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
-from gcs.analysis.fits import PAIR, assess, identify_flight, on_cd, side_by_side
+from gcs.analysis.fits import PAIR, assess, identify_flight, on_airframe, on_cd, side_by_side
 from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
@@ -127,8 +128,9 @@ class Calculations:
     def fit(self, records: Sequence[Record], validation: Sequence[Record], base: Base) -> FittedFlight:
         """TPP, CD and the CD that the TPP reduces to."""
         self._step("TPP and CD")
-        fitted = prepared(records, DEFAULT_BAND_HZ)
-        fits = identify_flight(fitted, validation, effects=base.effects)
+        band = chosen_band(records)
+        fitted = prepared(records, band.hz)
+        fits = identify_flight(fitted, validation, band, effects=base.effects)
         self._step("judging them", 0.5)
         judged = {one: judgement_document(assess(one, fitted)) for one in (fits.tpp, fits.cd)}
         self._step("", 0.9)
@@ -200,11 +202,12 @@ class Calculations:
 
     def flown_by(self, fit: Fit, runs: Sequence[Run]) -> Flown:
         """The runs that a fit was made from, those that judged it, and quiet hover, as its command would read them."""
-        if _own_reading(fit):
-            return flown_with_validation(fit, (), (), None, None)
         known = [record for run in runs if (record := choices.record_of(run)) is not None]
+        if _own_reading(fit, known):
+            return flown_with_validation(fit, (), (), None, None)
         records = _named(fit.records, known)
-        return records, _named(fit.validation, known), quiet_among(runs, fit, records)
+        quiet = quiet_among(runs, fit, records)
+        return on_airframe(records, fit.airframe), on_airframe(_named(fit.validation, known), fit.airframe), quiet
 
     def as_read(self, fit: Fit, place: Path | None) -> Fit:
         """A kept fit with the paths of the user's effects as a command finds them in its file."""
@@ -244,7 +247,7 @@ class Calculations:
 
 def _fitted_before(kept: saved.SavedResults, records: Sequence[Record]) -> Fitted | None:
     """The tables of the fits that were kept; None where one of the two is missing."""
-    if kept.tpp is None or kept.cd is None or _own_reading(kept.tpp.fit):
+    if kept.tpp is None or kept.cd is None or _own_reading(kept.tpp.fit, records):
         return None
     try:
         fit = kept.tpp.fit
@@ -254,9 +257,16 @@ def _fitted_before(kept: saved.SavedResults, records: Sequence[Record]) -> Fitte
     return ladder.tables(both, (kept.tpp.path, kept.cd.path))
 
 
-def _own_reading(fit: Fit) -> bool:
-    """Whether a fit reads its logs in another way than the desk does."""
-    return fit.profile is not None or fit.window_s is not None or fit.band_hz[1] != DEFAULT_BAND_HZ[1]
+def _own_reading(fit: Fit, records: Sequence[Record]) -> bool:
+    """Whether a fit reads its logs in another way than the desk does, which has these runs of them.
+
+    In a band that ends lower, runs are usable that the desk does not take.
+    """
+    if fit.profile is not None or fit.window_s is not None or fit.band_hz[1] > DEFAULT_BAND_HZ[1]:
+        return True
+    known = {record.id for record in records}
+    lower = fit.band_hz[1] < DEFAULT_BAND_HZ[1]
+    return lower and any(one.id not in known for one in (*fit.records, *fit.validation))
 
 
 def _named(used: Sequence[RecordUsed], records: Sequence[Record]) -> list[Record]:

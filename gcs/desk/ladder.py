@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gcs.analysis.fits import Identification
 from gcs.analysis.ladder import added, rung_names
-from gcs.analysis.text.fit import checks_text, modes_table, nrmse_table, parameter_table
+from gcs.analysis.text.fit import another_band, checks_text, modes_table, nrmse_table, parameter_table
 from gcs.desk.state import Fitted, Rung
 from gcs.errors import UsageError
 from sysid.fit.result import Fit
@@ -35,7 +35,9 @@ def effect_to_add(fit: Fit, word: str, name: str = "the fit") -> Effect:
 def tables(found: Identification, kept: tuple[Path, Path] | None = None) -> Fitted:
     """TPP, CD and the reduced CD in the paper's tables; `kept` are the files of TPP and CD."""
     # The checks before the long table of parameters: they say whether to read it.
-    text = "\n\n".join((nrmse_table(found), modes_table(found), checks_text(found.checks), parameter_table(found)))
+    checks = checks_text(found.checks)
+    shown = (*another_band(found.tpp), nrmse_table(found), modes_table(found), checks, parameter_table(found))
+    text = "\n\n".join(shown)
     return Fitted(
         found=found,
         tables=text,

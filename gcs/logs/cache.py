@@ -127,6 +127,8 @@ def _reader() -> str:
         for entry in sorted(room.iterdir(), key=lambda entry: entry.name):
             if entry.name.endswith((".py", ".toml")):
                 digest.update(entry.name.encode() + b"\0" + entry.read_bytes())
+    for name in ("autopilots.py", "own_log.py"):
+        digest.update((resources.files("gcs.vehicle") / name).read_bytes())
     digest.update((resources.files("gcs") / "documents.py").read_bytes())
     return digest.hexdigest()
 

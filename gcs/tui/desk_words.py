@@ -246,7 +246,11 @@ def candidates(found: FitDiagnosis | None) -> list[tuple[str, float | None, str]
         for one in ranked(last)[:MOST_CANDIDATES]
         if shows(one, last)
     ]
-    rows += [(short_name(one.effects), None, "") for one in last.candidates if one.not_testable is not None]
+    rows += [
+        (short_name(one.effects), None, "")
+        for one in last.candidates
+        if one.not_testable is not None and not one.not_offered
+    ]
     return rows
 
 

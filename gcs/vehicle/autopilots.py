@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from sysid.data.airframe import Airframe
+
 # ------------------------------------------------------------------------------------------------ what flies
 
 ARDUPILOT: Final = 3
@@ -30,6 +32,7 @@ KINDS: Final = {
 """MAV_TYPE."""
 _ROTORCRAFT: Final = {2, 3, 4, 13, 14, 15, 29, 35}
 _ONE_ROTOR: Final = {4}
+_COAXIAL: Final = {3}
 
 
 def rotorcraft(vehicle_type: int) -> str:
@@ -37,6 +40,13 @@ def rotorcraft(vehicle_type: int) -> str:
     if vehicle_type in _ONE_ROTOR:
         return "helicopter"
     return "multirotor" if vehicle_type in _ROTORCRAFT else ""
+
+
+def airframe_of_type(vehicle_type: int) -> Airframe | None:
+    """What a MAV_TYPE says of how rotors are moved; None where it leaves that open (coaxial) or is no rotorcraft."""
+    if vehicle_type in _ONE_ROTOR:
+        return Airframe.HELICOPTER
+    return Airframe.MULTIROTOR if vehicle_type in _ROTORCRAFT - _COAXIAL else None
 
 
 IN_THE_AIR: Final = 4

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gcs.vehicle.autopilots import LOG_BACKEND, LOOP_RATE
+from sysid.data.airframe import Airframe
 
 SAMPLES_OF_A_PERIOD = 10.0
 """Of the highest frequency swept: fewer, and the hold between them is a large part of the phase."""
@@ -21,6 +22,18 @@ LOG_EVERY_LOOP = "LOG_BITMASK bit 0 (ATTITUDE_FAST) logs every loop"
 SYSTEM_IDS = ("MAV_SYSID", "SYSID_THISMAV")
 SETUP = ("FRAME_CLASS", "FRAME_TYPE", LOOP_RATE, "INS_GYRO_FILTER", "H_SW_TYPE", "H_CYC_MAX", "MOT_THST_EXPO")
 """Settings that make another vehicle of one, or another command of the same number."""
+_CLASSES = {Airframe.MULTIROTOR: (1, 2, 3, 4, 5, 7, 12, 14), Airframe.HELICOPTER: (6, 11)}
+"""ArduPilot's FRAME_CLASS: quad, hexa, octa, octaquad, Y6, tri, dodeca-hexa, deca; single and dual helicopter. What
+steers with flaps or tilting rotors is neither."""
+_FRAMES = {
+    Airframe.MULTIROTOR: ("QUAD", "HEXA", "OCTA", "OCTAQUAD", "Y6", "TRI", "DODECAHEXA", "DECA"),
+    Airframe.HELICOPTER: ("HELI", "HELI_DUAL"),
+}
+"""The same as it says them after `Frame:`, before the type."""
+SWASHPLATE = "SWSH"
+"""Its message of what goes to a swashplate."""
+TYPES = ("HEARTBEAT.type", "vehicle_status.system_type")
+"""Where telemetry and PX4 tell the MAV_TYPE."""
 OVER_LINK, ON_CARD = DROPPED = ("DMS.Dp", "DSF.Dp")
 """Its counters of messages that it wrote neither to the link nor to the card."""
 
@@ -49,6 +62,15 @@ def identity(settings: Mapping[str, float]) -> dict[str, str]:
     if settings.get("BRD_SERIAL_NUM"):
         known["BRD_SERIAL_NUM"] = f"{settings['BRD_SERIAL_NUM']:g}"
     return known | {name: f"{settings[name]:g}" for name in SETUP if name in settings}
+
+
+def airframe(settings: Mapping[str, float], frame: str = "") -> Airframe | None:
+    """What parameters and the frame's name, as ArduPilot gives them, say of the vehicle; None for nothing."""
+    number, word = settings.get("FRAME_CLASS"), frame.partition("/")[0]
+    for kind in Airframe:
+        if number in _CLASSES[kind] if number else word in _FRAMES[kind]:
+            return kind
+    return None
 
 
 def dropped(counts: Mapping[str, int], settings: Mapping[str, float]) -> str | None:

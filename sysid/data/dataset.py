@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from sysid.data.airframe import Airframe, agreed
 from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes, instruments
 from sysid.data.preprocess import ComplexArray, Piece, Spectrum, pieces
 from sysid.data.record import COMMANDS, CYCLIC, RATES, Record
@@ -130,6 +131,11 @@ class Dataset:
         if self.like is not None:
             return self.like.still
         return (self.common & {*COMMANDS, *CHANNELS_READ}) - self._moving
+
+    @cached_property
+    def airframe(self) -> Airframe | None:
+        """What kind of rotorcraft all these runs are of, as far as they tell."""
+        return agreed(record.airframe for record in self.records)
 
     @cached_property
     def constants(self) -> Mapping[str, float]:

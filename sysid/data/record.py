@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.airframe import Airframe
 from sysid.errors import SysidError
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +82,10 @@ class Record:
     """Of that log's bytes, hexadecimal."""
     swept_band_hz: tuple[float, float] | None = None
     """First and last frequency of the chirp, where known."""
+    chirp_noise: float | None = None
+    """Of the noise flown with the chirp, over its amplitude; None where the log does not tell."""
+    airframe: Airframe | None = None
+    """What kind of rotorcraft flew; None where neither log nor user tells."""
     notes: tuple[str, ...] = field(default=())
     """What the reader of the log wants the user to know."""
     vehicle: Mapping[str, str] = field(default_factory=dict)
@@ -141,6 +146,8 @@ class Record:
             path=self.path,
             sha256=self.sha256,
             swept_band_hz=self.swept_band_hz,
+            chirp_noise=self.chirp_noise,
+            airframe=self.airframe,
             notes=self.notes,
             vehicle=self.vehicle,
         )
@@ -159,6 +166,8 @@ class Record:
             "path": self.path,
             "sha256": self.sha256,
             "swept_band_hz": self.swept_band_hz,
+            "chirp_noise": self.chirp_noise,
+            "airframe": self.airframe,
             "notes": list(self.notes),
             "vehicle": dict(self.vehicle),
         }
@@ -183,7 +192,7 @@ class Record:
             raise RecordError(f"{path}: not a record ({error})") from error
         if about.get("format") != FORMAT:
             raise RecordError(f"{path}: not a {FORMAT} file")
-        band = about["swept_band_hz"]
+        band, airframe = about["swept_band_hz"], about.get("airframe")
         return cls(
             about["id"],
             channels,
@@ -193,6 +202,8 @@ class Record:
             path=about["path"],
             sha256=about["sha256"],
             swept_band_hz=None if band is None else (band[0], band[1]),
+            chirp_noise=about.get("chirp_noise"),
+            airframe=None if airframe is None else Airframe(airframe),
             notes=tuple(about["notes"]),
             vehicle={str(key): str(value) for key, value in about.get("vehicle", {}).items()},
         )

@@ -19,6 +19,7 @@ from sysid.errors import FitError
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
+from sysid.model.airframe import not_offered
 from sysid.model.compose import adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.relaxation import RelaxationError
@@ -56,6 +57,8 @@ class Ranked:
     score: Score | None
     not_testable: str | None
     """Why it was not asked, or not answered; None where it was."""
+    not_offered: bool = False
+    """Whether that is because the airframe cannot have it."""
     fit: Candidate | None = None
     stepped: Stepped | None = None
     chi_squared: float = 0.0
@@ -157,6 +160,10 @@ def score_effects(
     for effect in (*catalogue().values(), *users):
         name = effect.path or effect.id
         if name in structure.effects or effect.id in present or effect.id in structure.base_.contains:
+            continue
+        elsewhere = not_offered(effect, on.airframe)
+        if elsewhere is not None:
+            found.append(Ranked(effects=(name,), score=None, not_testable=elsewhere, not_offered=True))
             continue
         reason = _reason(effect, parent)
         if reason is not None:

@@ -84,6 +84,8 @@ def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, 
             continue
         if effect.group == "forward" and not forward:
             continue
+        if not effect.can_be_on(parent.dataset.airframe):
+            continue
         if not_testable(effect, structure.base_, [*present, effect.id], available) is not None:
             continue
         try:
@@ -172,7 +174,7 @@ class _Asking:
         vehicle = Model(composed, composed.vector(true))
         return Hidden(
             effect=effect.path or effect.id,
-            title=effect.title,
+            title=effect.worded(self.parent.dataset.airframe).title,
             size=size,
             sized=tuple(sized[i] for i in told),
             visible=visible,

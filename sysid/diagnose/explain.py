@@ -105,7 +105,7 @@ def explain(
 def _own(judged: Ranked) -> list[Effect]:
     assert judged.fit is not None
     composed = judged.fit.model.structure.composed
-    by_name = {one.path or one.id: one for one in composed}
+    by_name = {one.path or one.id: one.worded(judged.fit.dataset.airframe) for one in composed}
     return [by_name[name] for name in judged.effects if name in by_name]
 
 

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.data.airframe import Airframe
 from sysid.data.record import CHANNELS, axis_of
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.maneuver_plans import Flown, Plan, plans_by_hand, possible_plans
@@ -196,7 +197,8 @@ def _measurement(pairs: Sequence[Rivals], most: Sequence[float]) -> NextManeuver
     told = [i for i, sigma in enumerate(each) if sigma >= NEEDED]
     names = (pairs[0].names[0], *(pairs[i].names[1] for i in told))
     same = all(most[i] < SAME_WHATEVER for i in told)
-    return NextManeuver(LogSignal(signal), names, SignalTells(least, same), least, None)
+    by_motors = signal == "servo" and pairs[0].truth.dataset.airframe is Airframe.MULTIROTOR
+    return NextManeuver(LogSignal("motors" if by_motors else signal), names, SignalTells(least, same), least, None)
 
 
 def _own_signal(pairs: Sequence[Rivals]) -> NextManeuver | None:

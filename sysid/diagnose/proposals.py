@@ -29,7 +29,7 @@ class LogSignal:
     """The flown maneuvers again, with another signal logged."""
 
     signal: str
-    """`servo`, `flapping` or `attitude`."""
+    """`servo`, or `motors` in its place on a multirotor; `flapping`, `attitude`."""
 
 
 @dataclass(frozen=True, slots=True)

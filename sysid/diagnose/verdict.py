@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
 from sysid.diagnose.candidates import REMAINDER, SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
 from sysid.diagnose.evidence import Candidate, Stepped, error_share, gain
@@ -84,6 +85,11 @@ class Diagnosis:
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
 
     @property
+    def airframe(self) -> Airframe | None:
+        """Of the fitted runs: what it cannot have was not asked."""
+        return self.parent.dataset.airframe
+
+    @property
     def sizes_that_differ(self) -> tuple[Size, ...]:
         """Sizes that the validation runs contradict."""
         return tuple(one for one in self.sizes if one.off > LARGEST_DIFFERENCE)
@@ -120,6 +126,7 @@ class Diagnosis:
         placebo = self.placebo
         return {
             "format": FORMAT,
+            "airframe": self.airframe,
             "verdict": self.verdict,
             "effect": self.effect,
             "chain": list(self.chain),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage, Surroundings
 from sysid.model.parameter import Parameter
 
@@ -54,6 +55,7 @@ EFFECT = Effect(
             typical=1.0,
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.SCHEDULE,
     order=1,
     equations=None,  # made by adapt

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage, Surroundings
 from sysid.model.parameter import Parameter
 
@@ -57,6 +58,7 @@ EFFECT = Effect(
             typical=-20.0,
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.DYNAMICS,
     equations=equations,
     states=("alpha",),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage, Surroundings
 from sysid.model.parameter import Parameter
 
@@ -51,6 +52,7 @@ EFFECT = Effect(
             typical=0.3,
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.DYNAMICS,
     equations=equations,
     needs=("flapping", "angle_of_attack"),

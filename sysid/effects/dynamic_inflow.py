@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
@@ -45,6 +46,7 @@ EFFECT = Effect(
             grid=(0.005, 0.01, 0.03, 0.1),
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.DYNAMICS,
     equations=equations,
     states=("l_s", "l_c"),

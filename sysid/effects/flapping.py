@@ -5,6 +5,7 @@ Its equations are the base `tpp` itself; `sysid.model.compose` takes that base i
 
 from __future__ import annotations
 
+from sysid.data.airframe import Airframe
 from sysid.model.bases import cd, tpp
 from sysid.model.effect import Effect, Stage
 
@@ -17,6 +18,7 @@ EFFECT = Effect(
     source="the paper, eq. 5-7; Mettler 2003, section 2.3",
     signature="CD follows the slow mode only: above 2 Hz the error is a second resonance near 5 Hz, mostly in pitch",
     parameters=tpp.BASE.parameters,
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.DYNAMICS,
     absorbed_by=("tpp",),
     replaces=tuple(parameter.name for parameter in cd.BASE.parameters),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
@@ -34,6 +35,7 @@ EFFECT = Effect(
             typical=0.1,
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.INERTIA,
     equations=equations,
     needs=("flapping",),

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from sysid.model.effect import Effect, Signals, Stage, Surroundings
+from sysid.model.effect import Effect, Signals, Stage, Surroundings, Words
 from sysid.model.parameter import Parameter
 
 OTHERS = {
@@ -62,6 +62,10 @@ EFFECT = Effect(
     source="collective, tip propellers, elevons in the slipstream, in hover too",
     signature="the error is coherent with a command that the model does not read",
     parameters=tuple(one for name in OTHERS for one in _parameters(name)),
+    on_multirotor=Words(
+        title="moments of the other commands",
+        source="throttle and yaw, which the motors share with roll and pitch",
+    ),
     stage=Stage.DYNAMICS,
     equations=None,  # made by adapt
     channels=("|".join(OTHERS),),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
@@ -47,6 +48,7 @@ EFFECT = Effect(
             typical=1.0,
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.SCHEDULE,
     equations=equations,
     channels=("omega",),

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from math import pi, sqrt
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage, magnitude
 from sysid.model.parameter import Parameter
 
@@ -77,6 +78,7 @@ EFFECT = Effect(
             typical=1.086,
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.DYNAMICS,
     order=-1,
     equations=equations,

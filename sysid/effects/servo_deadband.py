@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from sysid.data.airframe import Airframe
 from sysid.data.record import FloatArray
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter
@@ -45,6 +46,7 @@ EFFECT = Effect(
             grid=(0.002, 0.005, 0.01, 0.02, 0.05),
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.COMMAND,
     order=3,
     linear=False,

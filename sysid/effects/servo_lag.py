@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.model.effect import Effect, Signals, Stage
+from sysid.model.effect import Effect, Signals, Stage, Words
 from sysid.model.parameter import Parameter
 
 
@@ -30,6 +30,10 @@ EFFECT = Effect(
             bounds=(0.0, 1.0),
             typical=0.03,
         ),
+    ),
+    on_multirotor=Words(
+        title="first-order lag of the motors",
+        source="brushless motors with their propellers answer a small step in 10 to 150 ms",
     ),
     stage=Stage.COMMAND,
     order=4,

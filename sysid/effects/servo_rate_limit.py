@@ -12,7 +12,7 @@ from math import inf
 import numpy as np
 
 from sysid.data.record import FloatArray
-from sysid.model.effect import Effect, Stage
+from sysid.model.effect import Effect, Stage, Words
 from sysid.model.parameter import Parameter
 
 
@@ -65,6 +65,10 @@ EFFECT = Effect(
             typical=3.0,
             grid=(1.0, 2.0, 4.0, 8.0, 16.0),
         ),
+    ),
+    on_multirotor=Words(
+        title="rate limit of the motors",
+        source="a motor controller's limit of acceleration, or a slew limit that the autopilot applies after logging",
     ),
     stage=Stage.COMMAND,
     order=4,

@@ -12,7 +12,7 @@ from math import inf
 import numpy as np
 
 from sysid.data.record import FloatArray
-from sysid.model.effect import Effect, Stage
+from sysid.model.effect import Effect, Stage, Words
 from sysid.model.parameter import Parameter
 
 
@@ -44,6 +44,10 @@ EFFECT = Effect(
             typical=0.2,
             grid=(0.05, 0.1, 0.15, 0.2, 0.3, 0.5),
         ),
+    ),
+    on_multirotor=Words(
+        title="limit of the commands",
+        source="what the motors can give, or a limit that the autopilot applies after logging",
     ),
     stage=Stage.COMMAND,
     order=1,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import inf, pi
 from typing import Any
 
-from sysid.model.effect import Effect, Signals, Stage
+from sysid.model.effect import Effect, Signals, Stage, Words
 from sysid.model.parameter import Parameter
 
 
@@ -42,6 +42,10 @@ EFFECT = Effect(
             typical=0.7,
             grid=(0.7,),
         ),
+    ),
+    on_multirotor=Words(
+        title="second-order lag of the motors",
+        source="a speed loop round a motor",
     ),
     stage=Stage.COMMAND,
     order=4,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from sysid.data.airframe import Airframe
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
@@ -65,6 +66,7 @@ EFFECT = Effect(
             grid=(-3.0, 3.0),
         ),
     ),
+    airframes=(Airframe.HELICOPTER,),
     stage=Stage.DYNAMICS,
     equations=equations,
     states=("u", "v"),

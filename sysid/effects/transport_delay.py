@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.model.effect import Effect, Stage
+from sysid.model.effect import Effect, Stage, Words
 from sysid.model.parameter import Parameter
 
 
@@ -34,6 +34,10 @@ EFFECT = Effect(
             typical=0.02,
             grid=(0.005, 0.02, 0.05, 0.1),
         ),
+    ),
+    on_multirotor=Words(
+        title="delay of the commands",
+        source="frames of the link to the motor controllers and of the control loop",
     ),
     stage=Stage.COMMAND,
     order=2,

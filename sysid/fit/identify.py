@@ -16,6 +16,7 @@ from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural, vague
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.result import Fit, RecordUsed, Rung
+from sysid.model.airframe import misfits
 from sysid.model.base import Base
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError
@@ -77,7 +78,7 @@ def identify(
         records=tuple(RecordUsed.of(record, band_hz[1]) for record in fitted.records),
         validation=tuple(RecordUsed.of(record, band_hz[1]) for record in judging.records),
         band_hz=band_hz,
-        warnings=tuple(dict.fromkeys(step.warnings(fitted.records))),
+        warnings=tuple(dict.fromkeys(step.warnings(fitted))),
         profile=profile,
         window_s=window_s,
         at_bound=step.found.at_bound,
@@ -115,7 +116,7 @@ class _Step:
         remarks = [*runs.remarks, *judging.remarks]
         return cls(found, fitted, Rung(composed.effects, by_output(composed, found.error), validated), remarks)
 
-    def warnings(self, records: Sequence[Record]) -> list[str]:
+    def warnings(self, runs: Dataset) -> list[str]:
         """What the user should know of this fit."""
         model = self.found.model
         explained = (
@@ -124,12 +125,13 @@ class _Step:
             else explain_instability(model, self.fitted)
         )
         return [
+            *misfits(model.structure, runs.airframe),
             *self.remarks,
             *_resampling(self.fitted.spectra),
             *_suspicious_signs(model),
             *explained,
             *_vague_directions(self.found),
-            *_missing_sweeps(records, model.structure),
+            *_missing_sweeps(runs.records, model.structure),
             *_failed_validation(self.rung.validation_nrmse_percent),
         ]
 

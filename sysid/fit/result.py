@@ -5,16 +5,19 @@ The JSON is what other programs read (`tippath.fit/1`); keys are added, never ch
 
 from __future__ import annotations
 
+import enum
 import json
 import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from sysid.data.airframe import Airframe, agreed
+from sysid.data.band import BandFrom
 from sysid.data.preprocess import gaps, rate_hz
 from sysid.data.record import Record
 from sysid.errors import SysidError
@@ -26,6 +29,7 @@ from sysid.model.structure import FloatArray, Model
 
 FORMAT = "tippath.fit/1"
 HIGH_CORRELATION = 0.9
+Kind = TypeVar("Kind", bound=enum.Enum)
 
 
 class ResultError(SysidError):
@@ -45,6 +49,7 @@ class RecordUsed:
     samples: int
     rate_hz: float
     gaps: tuple[tuple[float, float], ...]
+    airframe: Airframe | None = None
 
     @classmethod
     def of(cls, record: Record, high_hz: float) -> RecordUsed:
@@ -59,6 +64,7 @@ class RecordUsed:
             samples=record.t.size,
             rate_hz=rate_hz(record.t, found),
             gaps=found,
+            airframe=record.airframe,
         )
 
 
@@ -102,6 +108,13 @@ class Fit:
     """Parameters that were held."""
     lineage: tuple[Rung, ...] = ()
     """From the first structure to this one."""
+    band_from: BandFrom | None = None
+    """Why the band is this; None where whoever fitted does not tell."""
+
+    @property
+    def airframe(self) -> Airframe | None:
+        """What kind of rotorcraft the fitted runs are of, where log or user tell."""
+        return agreed(one.airframe for one in self.records)
 
     @property
     def standard_errors(self) -> FloatArray:
@@ -183,6 +196,8 @@ class Fit:
                 {"parameters": [one, other], "correlation": finite(value)} for one, other, value in self.correlations
             ],
             "band_hz": list(self.band_hz),
+            "band_from": self.band_from,
+            "airframe": self.airframe,
             "profile": self.profile,
             "window_s": None if self.window_s is None else list(self.window_s),
             "warnings": list(self.warnings),
@@ -246,6 +261,7 @@ class Fit:
                 records=tuple(_record_from(one, directory) for one in document["records"]),
                 validation=tuple(_record_from(one, directory) for one in document.get("validation_records", ())),
                 band_hz=(float(document["band_hz"][0]), float(document["band_hz"][1])),
+                band_from=_kind_or_none(BandFrom, document.get("band_from")),
                 warnings=tuple(document["warnings"]),
                 profile=document["profile"],
                 window_s=None if window is None else (window[0], window[1]),
@@ -272,6 +288,14 @@ class Fit:
             return cls.from_json(document, path.parent, named)
         except ResultError as error:
             raise ResultError(f"{path}: {error}") from error
+
+
+def _kind_or_none(kind: type[Kind], word: str | None) -> Kind | None:
+    """A saved word as what it stands for. Raises ResultError for one that stands for nothing."""
+    try:
+        return None if word is None else kind(word)
+    except ValueError as error:
+        raise ResultError(str(error)) from error
 
 
 def _base(said: Any, directory: Path, named: Sequence[str]) -> str | Base:
@@ -347,6 +371,7 @@ def _record_json(one: RecordUsed, directory: Path) -> dict[str, Any]:
         "samples": one.samples,
         "rate_hz": one.rate_hz,
         "gaps": [list(gap) for gap in one.gaps],
+        "airframe": one.airframe,
     }
 
 
@@ -363,4 +388,5 @@ def _record_from(one: Any, directory: Path) -> RecordUsed:
         samples=one["samples"],
         rate_hz=one["rate_hz"],
         gaps=tuple((gap[0], gap[1]) for gap in gaps_of),
+        airframe=_kind_or_none(Airframe, one.get("airframe")),
     )

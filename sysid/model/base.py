@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from sysid.data.airframe import ANY, Airframe
 from sysid.data.record import CHANNELS, CYCLIC, RATES
 from sysid.model.bases import NAMES
 from sysid.model.declaration import declared_in
@@ -47,6 +48,8 @@ class Base:
     """Effects whose physics it has already: what needs them may act on it."""
     absorbs: tuple[str, ...] = ()
     """Effects that its own parameters do as well, so that they are not testable on it."""
+    airframes: tuple[Airframe, ...] = ANY
+    """That can be described so."""
     reduces_to: str | None = None
     """The base that it becomes when the states it has beyond that one's have settled; that one with an effect that this
     one contains is this one."""

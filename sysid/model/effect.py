@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.airframe import ANY, Airframe
 from sysid.data.record import FloatArray
 from sysid.errors import SysidError
 from sysid.model.declaration import declared_in
@@ -87,6 +88,14 @@ class Surroundings:
     """Channels that every run has."""
 
 
+@dataclass(frozen=True, slots=True)
+class Words:
+    """What an effect is called on another airframe than the one it was written for."""
+
+    title: str
+    source: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """One entry of the catalogue."""
@@ -111,6 +120,10 @@ class Effect:
     """Reads phi and theta: logged ones where there are, else integrated from p and q."""
     needs: tuple[str, ...] = ()
     """Effects that must be there too; a tuple's member may name alternatives as `a|b`."""
+    airframes: tuple[Airframe, ...] = ANY
+    """That can have it, as it is written here: on others it is not offered."""
+    on_multirotor: Words | None = None
+    """For people, where those of a helicopter are wrong there."""
     absorbed_by: tuple[str, ...] = ()
     """Bases that contain it already, beside those that say so themselves."""
     replaces: tuple[str, ...] = ()
@@ -150,6 +163,17 @@ class Effect:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(parameter.name for parameter in self.parameters)
+
+    def can_be_on(self, airframe: Airframe | None) -> bool:
+        """Whether such an airframe can have it; an unknown one can have everything."""
+        return airframe is None or airframe in self.airframes
+
+    def worded(self, airframe: Airframe | None) -> Effect:
+        """With its words for people as they are right on this airframe."""
+        words = self.on_multirotor
+        if words is None or airframe is not Airframe.MULTIROTOR:
+            return self
+        return replace(self, title=words.title, source=words.source)
 
     @property
     def has_null(self) -> bool:

@@ -14,6 +14,7 @@ import pytest
 
 import sysid.model.effect
 from gcs.analysis.fits import PAPER_PARAMETERS
+from sysid.data.airframe import Airframe
 from sysid.data.record import CHANNELS
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import FOLDER, Effect, EffectError, Stage, catalogue, find, load
@@ -546,3 +547,34 @@ def test_a_users_broken_file_is_an_error_and_not_a_crash(content: str, says: str
     path.write_text(content, encoding="utf-8")
     with pytest.raises(EffectError, match=says):
         load(path)
+
+
+# ---------------------------------------------------------------------------------------------- airframes
+
+
+@pytest.mark.parametrize("airframe", list(Airframe))
+def test_what_needs_an_effect_that_an_airframe_cannot_have_is_not_on_it(airframe: Airframe) -> None:
+    known = catalogue()
+    for effect in known.values():
+        for need in effect.needs:
+            possible = any(known[name].can_be_on(airframe) for name in need.split("|"))
+            assert possible or not effect.can_be_on(airframe), f"{effect.id} on a {airframe} needs {need}"
+
+
+def test_a_multirotor_has_no_disc_no_linkage_and_no_wing() -> None:
+    absent = {one.id for one in catalogue().values() if not one.can_be_on(Airframe.MULTIROTOR)}
+    wing = {one.id for one in catalogue().values() if one.group == "forward"}
+    assert absent == NEED_A_DISC | wing | {"flapping", "servo_backlash", "servo_deadband"}
+    assert all(one.can_be_on(Airframe.HELICOPTER) and one.can_be_on(None) for one in catalogue().values())
+
+
+def test_on_a_multirotor_words_say_motors() -> None:
+    for effect in catalogue().values():
+        if not effect.can_be_on(Airframe.MULTIROTOR):
+            continue
+        there = effect.worded(Airframe.MULTIROTOR)
+        said = f"{there.title} {there.source} {there.signature}"
+        assert not re.search(r"servo|swash|linkage|cyclic|disc\b", said), f"{effect.id}: {said}"
+        assert effect.worded(Airframe.HELICOPTER) is effect
+        assert effect.worded(None) is effect
+    assert catalogue()["servo_lag"].worded(Airframe.MULTIROTOR).title == "first-order lag of the motors"

@@ -87,7 +87,7 @@ def test_the_diagnosis_names_something_late_and_what_it_cannot_tell_apart(fit: P
     assert "excitation is not logged" in out
 
 
-@pytest.mark.parametrize(("model", "p", "q"), [("cd", 85.6, 90.6), ("tpp", 86.3, 91.2)])
+@pytest.mark.parametrize(("model", "p", "q"), [("cd", 94.9, 95.4), ("tpp", 95.6, 96.2)])
 def test_two_sweeps_are_fitted_together_straight_from_their_logs(
     shared_data: Path, tmp_path: Path, tippath: Tippath, model: str, p: float, q: float
 ) -> None:
@@ -99,8 +99,11 @@ def test_two_sweeps_are_fitted_together_straight_from_their_logs(
     assert [record["id"] for record in document["records"]] == ["quad_roll_sweep.BIN#1", "quad_pitch_sweep.BIN#1"]
     assert [record["maneuver"] for record in document["records"]] == ["chirp", "chirp"]
     assert document["stable"]
-    assert document["nrmse_percent"]["p"] == pytest.approx(p, abs=1)
-    assert document["nrmse_percent"]["q"] == pytest.approx(q, abs=1)
+    assert document["nrmse_percent"]["p"] == pytest.approx(p, abs=0.3)
+    assert document["nrmse_percent"]["q"] == pytest.approx(q, abs=0.3)
+    assert (document["band_hz"], document["band_from"]) == ([0.5, 10.0], "swept")
+    assert {record["airframe"] for record in document["records"]} == {"multirotor"}
+    assert ("a multirotor has no tip path plane" in " ".join(document["warnings"])) == (model == "tpp")
     if model == "cd":  # an X frame of equal arms answers alike on both axes, and hardly across
         roll, pitch = (document["parameters"][name]["value"] for name in ("L_lat", "M_lon"))
         assert roll == pytest.approx(pitch, rel=0.05)
@@ -108,9 +111,29 @@ def test_two_sweeps_are_fitted_together_straight_from_their_logs(
         assert max(across) < 0.03 * roll
 
 
-def test_the_sweeps_fit_better_within_the_band_they_swept(shared_data: Path, tmp_path: Path, tippath: Tippath) -> None:
+def test_a_quadrotor_lacks_a_filter_and_nothing_that_only_a_helicopter_has(
+    shared_data: Path, tmp_path: Path, tippath: Tippath
+) -> None:
     logs = [shared_data / "ardupilot" / f"quad_{axis}_sweep.BIN" for axis in ("roll", "pitch")]
     path = tmp_path / "quad.json"
-    assert tippath("fit", *logs, "--model", "cd", "--band", "0.5:10", "-o", path)[0] == 0
-    document = json.loads(path.read_text("utf-8"))
-    assert min(document["nrmse_percent"].values()) > 94
+    assert tippath("fit", *logs, "--model", "cd", "-o", path)[0] == 0
+    status, page, _ = tippath("diagnose", path)
+    assert status == 0
+    assert page.startswith("missing: gyro_lag"), "its simulator filters the gyro"
+    assert "tau_g = 1.5" in page
+    assert not [word for word in ("flapping", "play", "backlash", "linkage", "swashplate", "servos") if word in page]
+    assert max(map(len, page.replace(str(tmp_path), "").splitlines())) <= 78
+
+
+def test_a_helicopter_keeps_its_known_answer_in_the_band_it_swept(
+    shared_data: Path, tmp_path: Path, tippath: Tippath
+) -> None:
+    logs = [shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN" for axis in ("roll", "pitch")]
+    status, out, _ = tippath("fit", *logs, "--model", "tpp", "--with", "transport_delay", "--json")
+    assert status == 0
+    document = json.loads(out)
+    assert (document["band_hz"], document["records"][0]["airframe"]) == ([0.5, 10.0], "helicopter")
+    assert document["nrmse_percent"]["p"] == pytest.approx(98.8, abs=0.3)
+    assert document["nrmse_percent"]["q"] == pytest.approx(99.3, abs=0.3)
+    assert document["parameters"]["T_d"]["value"] == pytest.approx(0.0507, abs=0.0003)
+    assert not [text for text in document["warnings"] if "helicopter" in text]

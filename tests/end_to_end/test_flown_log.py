@@ -5,6 +5,7 @@ The issue's figures for both plants are proved here, through the files a user wo
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,12 @@ from flying import CHIRP, DOUBLET, fly_maneuver, log_of
 
 from gcs.analysis.fits import Identification, identify_flight, split_runs
 from gcs.analysis.text.checks import check_text
-from gcs.analysis.text.fit import identification_text
+from gcs.analysis.text.fit import another_band, identification_text
 from gcs.logs import ingest, resolve_runs
 from sitl.autopilot.parameters import BANK_ORDER, bank_crc
 from sitl.autopilot.vehicle import make_vehicle
 from sysid.control.regulator import design
+from sysid.data.band import BandFrom
 
 CHIRPS = [(10, 0.10, 30.0), (10, 0.10, 30.0), (11, 0.15, 30.0), (11, 0.15, 30.0)]
 DOUBLETS = [(10, 0.10, 8.0), (11, 0.15, 8.0)]
@@ -90,6 +92,14 @@ def test_tables_fit_a_terminal_and_show_the_paper(found: tuple[str, Identificati
     assert max(len(line) for line in text.splitlines()) <= 80
     for figure in ("77.8", "25.9", "5.04 Hz", "713.378", "paper 0.9 and 1.8 %"):
         assert figure in text
+
+
+def test_the_paper_s_chirps_keep_the_paper_s_band_and_another_is_told(found: tuple[str, Identification]) -> None:
+    result = found[1]
+    assert (result.tpp.band_hz, result.tpp.band_from) == ((0.0, 15.0), BandFrom.NOISE)
+    assert another_band(result.tpp) == []
+    swept = replace(result, tpp=replace(result.tpp, band_hz=(0.5, 10.0), band_from=BandFrom.SWEPT))
+    assert identification_text(swept).startswith("band 0.5 to 10 Hz: what was swept\n\nNRMSE fit")
 
 
 def test_designed_gains_hold_the_vehicle_they_came_from(found: tuple[str, Identification], tmp_path: Path) -> None:

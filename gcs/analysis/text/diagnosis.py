@@ -123,14 +123,22 @@ def _hidden(found: FitDiagnosis, full: bool) -> list[Line]:
 
 
 def _untestable(last: Diagnosis, full: bool) -> list[Line]:
-    each = [one for one in last.candidates if one.not_testable is not None]
+    each = [one for one in last.candidates if one.not_testable is not None and not one.not_offered]
+    elsewhere = _not_offered(last)
     if not each:
-        return []
+        return elsewhere
     if not full:
         names = short_names([one.effect for one in each])
-        return [Sentence(f"not testable here: {', '.join(names)}", " ", "   ")]
+        return [Sentence(f"not testable here: {', '.join(names)}", " ", "   "), *elsewhere]
     why = [Sentence(f"{Path(one.effect).name}: {one.not_testable}", "   ", "     ") for one in each]
-    return [" not testable here", *why]
+    return [" not testable here", *why, *elsewhere]
+
+
+def _not_offered(last: Diagnosis) -> list[Line]:
+    """How much of the catalogue this airframe cannot have: what that is would only fill the page."""
+    count = sum(one.not_offered for one in last.candidates)
+    effects = "1 effect" if count == 1 else f"{count} effects"
+    return [f" not asked: {effects} that a {last.airframe} cannot have; --json names them"] if count else []
 
 
 def _remarks(found: FitDiagnosis) -> list[Line]:

@@ -11,6 +11,8 @@ from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAM
 from gcs.analysis.text.blocks import wrapped
 from gcs.analysis.text.checks import check_text, checks_document
 from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches
+from sysid.data.band import Band, BandFrom
+from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.fit.checks import Check
 from sysid.fit.implied import Implied
 from sysid.fit.result import HIGH_CORRELATION, Fit
@@ -26,10 +28,27 @@ PAPER_NRMSE = {
     ("cd", "doublets"): (76.7, 20.0),
 }
 
+BAND_REASONS = {
+    BandFrom.GIVEN: "as asked for",
+    BandFrom.SWEPT: "what was swept",
+    BandFrom.NOISE: "the usual one, for the chirps were flown with noise on them",
+    BandFrom.COHERENT: "no sweep is known, there the rates follow the commands",
+    BandFrom.USUAL: "the usual one, for no sweep and no coherence tell of another",
+}
+
 
 def identification_text(found: Identification) -> str:
-    """The paper's Tables 2, 3 and 4 with ours beside, and the eigenfrequency check."""
-    return "\n\n".join([nrmse_table(found), modes_table(found), parameter_table(found), checks_text(found.checks)])
+    """The paper's Tables 2, 3 and 4 with ours beside, and the eigenfrequency check; first the band where it is another
+    than the paper's."""
+    tables = [nrmse_table(found), modes_table(found), parameter_table(found), checks_text(found.checks)]
+    return "\n\n".join([*another_band(found.tpp), *tables])
+
+
+def another_band(fit: Fit) -> list[str]:
+    """The band and why it is this, where it is another than the paper's; else nothing."""
+    if fit.band_from is None or fit.band_hz == DEFAULT_BAND_HZ:
+        return []
+    return [band_line(fit.band_hz, fit.band_from)]
 
 
 def nrmse_table(found: Identification) -> str:
@@ -128,7 +147,9 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
     structure = fit.model.structure
     count = f"{len(fit.records)} run{'s' if len(fit.records) != 1 else ''}"
     title = f"{' + '.join([structure.base_.label, *structure.effects])} fitted to {count}"
-    lines = [*wrapped(f"{title}, {fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz", rest="  "), ""]
+    lines = [*wrapped(f"{title}, {fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz", rest="  ")]
+    lines += [] if fit.band_from is None else wrapped(band_line(fit.band_hz, fit.band_from), "  ", "    ")
+    lines += [""]
     lines.append(f"NRMSE fit, %  {''.join(f'{name:>7}   ' for name in structure.outputs)}".rstrip())
     lines.append(f"  fitted      {_by_output(fit.nrmse_percent)}")
     if fit.validation_nrmse_percent is not None:
@@ -153,6 +174,11 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
     for text in fit.warnings:
         lines += ["", *wrapped(f"warning: {text}", rest="  ")]
     return "\n".join(lines)
+
+
+def band_line(band_hz: Band, source: BandFrom) -> str:
+    """`band 0.5 to 10 Hz: what was swept`."""
+    return f"band {band_hz[0]:.3g} to {band_hz[1]:.3g} Hz: {BAND_REASONS[source]}"
 
 
 def _by_output(nrmse_percent: Mapping[str, float]) -> str:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 SIGNALS = {
     "servo": "log the servo's position",
+    "motors": "log the motors' speeds",
     "flapping": "measure the flapping (a and b)",
     "attitude": "log the attitude by another sensor than these gyros",
 }

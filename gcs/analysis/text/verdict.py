@@ -8,6 +8,7 @@ from gcs.analysis.quantities import listed, plausible_range, quantity
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
 from gcs.analysis.text.ladder import LEFT, nrmse_row
+from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
 from sysid.model.effect import catalogue
@@ -34,7 +35,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     if winner is None or winner.fit is None or last.verdict == "complete":
         return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_before(found)]
     share = f"explains {100 * (last.explained_share or 0.0):.0f} % of what can be explained"
-    lines: list[Line] = [*_which(winner), nrmse_row(share, before, winner.fit.nrmse_percent)]
+    lines: list[Line] = [*_which(winner, last.airframe), nrmse_row(share, before, winner.fit.nrmse_percent)]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
     lines.append(nrmse_row("noise alone would allow", None, floor))
@@ -75,10 +76,11 @@ def a_trace(last: Diagnosis) -> bool:
     return together(last.noise_floor_percent) - together(last.parent.nrmse_percent) < NO_CHANGE
 
 
-def _which(winner: Ranked) -> list[Line]:
+def _which(winner: Ranked, airframe: Airframe | None) -> list[Line]:
     """What the ids stand for."""
     assert winner.fit is not None
-    titles = {one.path or one.id: one.title for one in (*catalogue().values(), *winner.fit.model.structure.composed)}
+    known = (*catalogue().values(), *winner.fit.model.structure.composed)
+    titles = {one.path or one.id: one.worded(airframe).title for one in known}
     said = [titles[name] for name in winner.effects if titles[name] != name]
     return [Sentence(f"which is: {', and '.join(said)}", "  ", "    ")] if said else []
 

@@ -27,6 +27,7 @@ from gcs.documents import Strict
 from gcs.errors import TippathError
 from gcs.logs.formats.tables import Log
 from gcs.logs.words import printable
+from sysid.data.airframe import Airframe
 from sysid.data.record import CHANNELS
 
 Kind = Literal["dataflash", "ulog", "tlog", "csv"]
@@ -101,6 +102,8 @@ class Profile:
     settings: Settings | None = None
     notes: tuple[str, ...] = field(default=())
     """What a user of the profile must know; goes into every record."""
+    airframe: Airframe | None = None
+    """What flew, where such logs are of one kind only; the log is asked where it is left out."""
 
     def fits(self, log: Log) -> bool:
         """Whether the log holds everything this profile needs."""
@@ -157,6 +160,7 @@ class Document(Strict, frozen=True):
 
     name: str | None = None
     """The file's name where left out."""
+    airframe: Airframe | None = None
     log: LogTable = LogTable()
     time: TimeTable = TimeTable()
     axes: AxesTable = AxesTable()
@@ -201,6 +205,7 @@ def parse(text: str, path: str) -> Profile:
         cuts=document.runs or (),
         settings=document.settings,
         notes=tuple(map(printable, document.notes)),
+        airframe=document.airframe,
     )
 
 

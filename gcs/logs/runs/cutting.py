@@ -146,6 +146,8 @@ class Cutting:
             path=self.log.path,
             sha256=self.sha256,
             swept_band_hz=band,
+            chirp_noise=span.chirp_noise,
+            airframe=self.profile.airframe or onboard.airframe_of(self.log, span.start_s),
             notes=tuple(notes),
             vehicle=onboard.vehicle_of(self.log, span.start_s),
         )

@@ -14,6 +14,8 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import Log
 from gcs.logs.words import printable
 from gcs.vehicle import own_log
+from gcs.vehicle.autopilots import airframe_of_type
+from sysid.data.airframe import Airframe
 
 _FRAME = re.compile(r"Frame: (\S+)")
 _FIRMWARE = re.compile(r"(Ardu[A-Z]\w+|APM:\w+|PX4)\b")
@@ -29,6 +31,17 @@ def vehicle_of(log: Log, at_s: float) -> dict[str, str]:
         if said is not None:
             known[name] = printable(said)
     return known | own_log.identity(log.parameters(at_s))
+
+
+def airframe_of(log: Log, at_s: float) -> Airframe | None:
+    """What kind of rotorcraft the log says it is of; None where it does not say."""
+    if isinstance(log, DataFlashTables):
+        frame = vehicle_of(log, at_s).get("frame", "")
+        known = own_log.airframe(log.parameters(at_s), frame)
+        tilts = any(name.startswith(f"{own_log.SWASHPLATE}.") for name in log.fields())
+        return Airframe.HELICOPTER if known is None and not frame and tilts else known
+    types = (log.series(key).values[-1] for key in own_log.TYPES if log.has(key))
+    return next((airframe_of_type(int(number)) for number in types if np.isfinite(number)), None)
 
 
 def dropped(log: Log, start_s: float, stop_s: float) -> str | None:

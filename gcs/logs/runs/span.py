@@ -20,6 +20,8 @@ class Span:
     maneuver: str = "unknown"
     axis: str | None = None
     swept_band_hz: tuple[float, float] | None = None
+    chirp_noise: float | None = None
+    """As `Record.chirp_noise`."""
     planned_s: float | None = None
     excites_command: bool = True
     reasons: tuple[str, ...] = ()

@@ -132,6 +132,8 @@ class _Maneuver:
     start_s: float
     stop_s: float
     band: tuple[float, float] | None
+    noise: float | None = None
+    """Over the chirp's amplitude."""
     last_s: float | None = None
     """The record must end here, where that is before the mode was left."""
     notes: tuple[str, ...] = ()
@@ -172,6 +174,7 @@ class _Flown:
             maneuver=maneuver.kind,
             axis=axis,
             swept_band_hz=maneuver.band if maneuver.kind in ("chirp", "unknown") else None,
+            chirp_noise=maneuver.noise,
             planned_s=entry.duration_s,
             excites_command=entry.axis not in RATE_AXES,
             reasons=reasons,
@@ -185,17 +188,20 @@ class _Flown:
         log, entry = self.log, self.entry
         kind = "chirp"
         notes: list[str] = []
+        noise: float | None = None
         if log.has("SIDY.Kind"):
             kinds = log.series("SIDY.Kind")
             nearest = int(np.argmin(np.abs(kinds.t - entry.t)))
             if abs(kinds.t[nearest] - entry.t) < 0.5:
                 kind = KINDS.get(_number(kinds.values[nearest]), "unknown")
-                notes += [_law(log, nearest)] if kind == "chirp" else []
+                law, noise = _law(log, nearest)
+                notes += [law] if kind == "chirp" else []
         elif not entry.lost:
             notes.append("ArduPilot's law, no noise")
+            noise = 0.0
         start = entry.t + LEAD_S
         stop = self.end_s if entry.duration_s is None else min(start + entry.duration_s, self.end_s)
-        return _Maneuver(kind=kind, start_s=start, stop_s=stop, band=entry.band, notes=tuple(notes))
+        return _Maneuver(kind=kind, start_s=start, stop_s=stop, band=entry.band, noise=noise, notes=tuple(notes))
 
     def _as_told(self, maneuver: _Maneuver, texts: Sequence[tuple[float, str]]) -> _Maneuver:
         """By the vehicle's own words about its end."""
@@ -271,13 +277,16 @@ def other_axis(number: int) -> str:
     )
 
 
-def _law(log: DataFlashTables, row: int) -> str:
+def _law(log: DataFlashTables, row: int) -> tuple[str, float]:
+    """In words, and its noise over its amplitude."""
+
     def setting(name: str) -> float:
         return float(log.series(f"SIDY.{name}").values[row]) if log.has(f"SIDY.{name}") else math.nan
 
     if setting("Law") == 1:
-        return f"Tischler's law, C1 {setting('C1'):g}, noise {setting('Noise'):g}"
-    return "ArduPilot's law"
+        noise = setting("Noise")
+        return f"Tischler's law, C1 {setting('C1'):g}, noise {noise:g}", noise
+    return "ArduPilot's law", 0.0
 
 
 def _moved(sidd: Series, entry: _Entry, end: float) -> tuple[float, float] | None:

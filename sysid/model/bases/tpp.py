@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.airframe import Airframe
 from sysid.data.preprocess import ComplexArray
 from sysid.data.record import FloatArray
 from sysid.model.base import Base
@@ -83,6 +84,7 @@ BASE = Base(
     title="Tip-Path Plane",
     rank=2,
     contains=("flapping",),
+    airframes=(Airframe.HELICOPTER,),
     reduces_to="cd",
     states=("p", "q", "a", "b"),
     parameters=(

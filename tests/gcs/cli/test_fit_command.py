@@ -63,6 +63,7 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
                 path=str(path),
                 sha256="0" * 64,
                 swept_band_hz=(0.5, 10.0),
+                chirp_noise=0.2,
             ).save(path)
             found[name].append(path)
             if name == "base" and number < 2:
@@ -115,6 +116,35 @@ def test_one_sweep_gives_no_mismatch(flights: dict[str, list[Path]], tippath: Ti
     status, out, _ = tippath("fit", path, "--model", "tpp")
     assert status == 0
     assert out.count("the runs do not separate the commands") == 4
+    assert out.splitlines()[:2] == ["TPP fitted to 1 run, 0.5-10 Hz", "  band 0.5 to 10 Hz: what was swept"]
+    assert json.loads(tippath("fit", path, "--model", "tpp", "--json")[1])["band_from"] == "swept"
+
+
+def test_the_band_is_told_with_its_reason(flights: dict[str, list[Path]], tippath: Tippath) -> None:
+    for runs, words, said, source in (
+        ("base", ("--band", "0.3:12"), "band 0.3 to 12 Hz: as asked for", "given"),
+        ("base", (), "band 0 to 15 Hz: the usual one, for the chirps were flown with noise on them", "noise"),
+        ("bare", (), " Hz: what was swept", "swept"),
+    ):
+        out = tippath("fit", *flights[runs], "--model", "cd", *words)[1]
+        assert said in " ".join(" ".join(out.splitlines()[1:3]).split()), runs
+        document = json.loads(tippath("fit", *flights[runs], "--model", "cd", "--json", *words)[1])
+        assert document["band_from"] == source
+
+
+def test_a_multirotor_fitted_as_what_it_is_not_is_warned_of(flights: dict[str, list[Path]], tippath: Tippath) -> None:
+    words = ("--with", "servo_backlash", "--airframe", "multirotor", "--json")
+    status, out, _ = tippath("fit", *flights["base"], "--model", "tpp", *words)
+    assert status == 0
+    document = json.loads(out)
+    assert document["warnings"][:2] == [
+        "a multirotor has no tip path plane: what TPP tells of it is of something else; fit --model cd",
+        "a multirotor cannot have servo_backlash (play in the linkages): what it explains here is something else",
+    ]
+    assert {one["airframe"] for one in document["records"]} == {"multirotor"}
+    alone = json.loads(tippath("fit", *flights["base"], "--model", "cd", "--json")[1])
+    assert {one["airframe"] for one in alone["records"]} == {None}
+    assert not [text for text in alone["warnings"] if "cannot have" in text]
 
 
 def test_json_has_the_same(flights: dict[str, list[Path]], tippath: Tippath, tmp_path: Path) -> None:

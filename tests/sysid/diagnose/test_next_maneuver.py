@@ -16,6 +16,7 @@ from planted_fits import records
 from gcs.analysis.text.documents import next_maneuver_document
 from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.cards.maneuver import parse_card
+from sysid.data.airframe import Airframe
 from sysid.data.dataset import dataset
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
 from sysid.diagnose.maneuver_plans import Flown, chirp, possible_plans
@@ -130,6 +131,14 @@ def test_what_no_input_separates_asks_for_a_signal() -> None:
     assert "whatever these inputs do" in why_text(found.why)
     assert found.card is None
     assert found.toml is None
+
+
+def test_a_multirotor_is_asked_for_its_motors(monkeypatch: pytest.MonkeyPatch) -> None:
+    candidates, *noise = commuting()
+    monkeypatch.setitem(vars(candidates[0].dataset), "airframe", Airframe.MULTIROTOR)  # as if its runs told it
+    found = next_maneuver(candidates, *noise)
+    assert found is not None
+    assert "motors' speeds" in proposal_text(found.proposal)
 
 
 def test_the_integrator_says_so_too() -> None:
