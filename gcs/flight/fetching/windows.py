@@ -17,8 +17,8 @@ from gcs.flight.fetching.ways import VehicleLog
 
 SLOW_FROM_S = 60.0
 """Where the whole log takes longer, the runs alone are fetched."""
-AROUND_S = 2.0
-"""Before and after a run, fetched with it."""
+AROUND_S = 1.0
+"""Before and after a run, fetched with it: a record holds half a second before and one after its maneuver."""
 HEAD_S = 1.0
 """After its first stamp a log's head is over: formats, units, parameters."""
 MOST_HEAD_BYTES = 131_072
