@@ -23,7 +23,7 @@ from gcs.flight.session import Session
 from gcs.link.transport import Frame, FrameFinder
 from sitl.autopilot.storage import LogStorage
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
-from sitl.faults.air import Bandwidth, FaultyLink, Faults
+from sitl.faults.air import Bandwidth, Faults, FaultyLink
 from sitl.pilot import obey
 from sitl.protocol.server import Server
 

@@ -160,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
 
     card = card_of(args)
     if args.log == "card" and args.probe:
-        raise UsageError("--probe judges samples of the log, and with --log card none come; leave one of them out")
+        raise UsageError("--probe judges the commands in the log, and with --log card none come; leave one of them out")
     profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
 
     def consent(left_out: Sequence[str]) -> bool:
