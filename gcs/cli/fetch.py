@@ -145,7 +145,15 @@ def _choose(
         return pick.newest(logs)
     runs = flight.runs()
     wanted = runs if args.number is None else [runs[args.number - 1]]
-    return pick.of_flight(logs, wanted, flight.log, fetching.reading)
+    return pick.of_flight(logs, wanted, flight.log, fetching.reading, booted_s=_booted_s(flight))
+
+
+def _booted_s(flight: FlightFolder) -> float | None:
+    """When the vehicle's clock began, seconds since 1970; None where flight.json does not tell."""
+    boot = flight.read().get("boot")
+    with contextlib.suppress(TypeError, ValueError):
+        return datetime.fromisoformat(boot["booted"]).timestamp() if isinstance(boot, dict) else None
+    return None
 
 
 def _fetched(

@@ -265,6 +265,20 @@ def test_of_two_logs_with_the_same_clock_the_one_with_its_bytes_is_taken(tmp_pat
     assert (chosen.log.number, "--log NUMBER" in chosen.words) == (2, True)
 
 
+@pytest.mark.parametrize(("booted_s", "number"), [(1000.0, 1), (4000.0, 2), (9000.0, 2), (None, 2)])
+def test_after_a_reboot_the_log_of_the_flights_boot_is_taken(booted_s: float | None, number: int) -> None:
+    contents = {1: dataflash(100.0, seed=1), 2: dataflash(100.0, seed=2)}
+    logs = [
+        VehicleLog(number=1, size=len(contents[1]), id=1, utc_s=1116),  # 101 s after booting, and a little late
+        VehicleLog(number=2, size=len(contents[2]), id=2, utc_s=4101),
+    ]
+    chosen = pick.of_flight(
+        logs, runs(10.0), Path("none"), lambda log: read_of(contents[log.number]), booted_s=booted_s
+    )
+    assert chosen.log.number == number
+    assert ("by its date" in chosen.words) == (booted_s in (1000.0, 4000.0))
+
+
 # The runs alone
 
 TIMES = [(50.0, 60.0), (20.0, 25.0), (64.5, 70.0)]
@@ -290,9 +304,9 @@ def test_runs_alone_are_the_head_and_their_messages(card: Path, out: Path) -> No
     assert (len(got) - 2 * 89) % 27 == 0, "whole messages"
     times = [stamp.t for stamp in stamps(got, layout(got))]
     for start, stop in TIMES:
-        inside = [t for t in times if start - 1.5 <= t <= stop + 1.0]
-        assert inside == pytest.approx([start - 1.5 + i / 100 for i in range(len(inside))])
-        assert len(inside) == pytest.approx(100 * (stop - start + 2.5), abs=1)
+        inside = [t for t in times if start - 1.0 <= t <= stop + 0.2]
+        assert inside == pytest.approx([start - 1.0 + i / 100 for i in range(len(inside))])
+        assert len(inside) == pytest.approx(100 * (stop - start + 1.2), abs=1)
     assert runs_alone(FileSession(FileVehicle(card)), out)[1].already
 
 
