@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -25,6 +24,7 @@ from sitl.autopilot.storage import LogStorage
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.faults.air import Bandwidth, Faults, FaultyLink
 from sitl.pilot import obey
+from sitl.protocol.links import Address
 from sitl.protocol.server import Server
 
 BYTES_S = 5760.0
@@ -36,14 +36,9 @@ TURN_S = 0.02
 class Wire:
     """Both ends of the radio: the server's link, and the session's transport."""
 
-    name = LINK
-    ground_link = LINK
-    strangers = 0
-    receive_buffer: int | None = None
-    problem: str | None = None
-
     def __init__(self) -> None:
-        self.known: tuple[str, ...] = ("radio",)
+        self.name = self.ground_link = LINK
+        self.known: tuple[Address, ...] = ("radio",)
         self._up: list[bytes] = []
         self._down: list[bytes] = []
         self._finder = FrameFinder()
@@ -74,17 +69,17 @@ class Wire:
         def close(self) -> None:
             """The radio stays on."""
 
-    def receive(self) -> list[tuple[Any, bytes]]:
+    def receive(self) -> list[tuple[Address, bytes]]:
         up, self._up = self._up, []
         return [("radio", data) for data in up]
 
-    def gone(self) -> list[Any]:
+    def gone(self) -> list[Address]:
         return []
 
-    def room(self, address: Any) -> bool:
+    def room(self, address: Address) -> bool:
         return True
 
-    def send(self, address: Any, data: bytes) -> None:
+    def send(self, address: Address, data: bytes) -> None:
         self._down.append(data)
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ import pty
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -117,15 +117,26 @@ def study_57600_baud(
     assert walk.tippath("ingest", "flight-0001", "--flight", "flight-0001")[0] == 0
     runs = [f"{log['file']}#{number}" for number in (1, 2)]
     assert walk.tippath("fit", *runs, *model, "-o", "fit.json")[0] == 0
+    print_fit(tmp_path / "fit.json", truth)
     status, out = walk.tippath("diagnose", "fit.json", "--json")
     assert status == 0
-    fit, verdict = json.loads((tmp_path / "fit.json").read_text()), json.loads(out)
+    verdict = json.loads(out)
+    print(f"  diagnose: {verdict['verdict']} {verdict['effect']}")
+    if verdict["effect"] is not None:
+        assert walk.tippath("add", "fit.json", verdict["effect"], "-o", "fit-2.json")[0] == 0
+        print_fit(tmp_path / "fit-2.json", truth)
     print(f"\n{like}: " + ", ".join(f"{name} {seconds:.0f} s" for name, seconds in walk.took))
     print(f"  fetched {log['bytes']:,} of {source:,} bytes at {log['bytes_per_s']} B/s, runs {log['runs']}")
-    fitted = {name: fit["parameters"][name] for name in truth}
-    for name, value in truth.items():
-        off = 100 * (fitted[name]["value"] / value - 1)
-        print(f"  {name:6} {fitted[name]['value']:10.4f} ± {fitted[name]['standard_error']:.4f}  {off:+.1f} %")
-    print(f"  NRMSE fit {fit['nrmse_percent']}; diagnose: {verdict['verdict']} {verdict['effect']}")
     assert log["runs"] == [1, 2, 3, 4]
+    fitted = json.loads((tmp_path / "fit.json").read_text())["parameters"]
     assert {name: fitted[name]["value"] for name in truth} == pytest.approx(truth, rel=0.15)
+
+
+def print_fit(path: Path, truth: Mapping[str, float]) -> None:
+    """Its numbers beside the truth's."""
+    fit = json.loads(path.read_text())
+    print(f"  {' + '.join([fit['structure']['base'], *fit['structure']['effects']])}: {fit['nrmse_percent']}")
+    for name, value in truth.items():
+        fitted = fit["parameters"][name]
+        off = 100 * (fitted["value"] / value - 1)
+        print(f"  {name:6} {fitted['value']:10.4f} ± {fitted['standard_error']:.4f}  {off:+.1f} %")
