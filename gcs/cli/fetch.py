@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -19,13 +19,15 @@ if TYPE_CHECKING:
     from gcs.flight.fetching.fetch import Fetched, Fetching, Progress
     from gcs.flight.fetching.pick import Choice
     from gcs.flight.fetching.ways import VehicleLog
+    from gcs.flight.fetching.windows import Windows
     from gcs.flight.folder import FlightFolder
 
 _HELP = """\
 Into a flight's folder (one with a flight.json) comes the log that covers that flight's runs on the vehicle's clock, as
 fetched-NNNNNNNN.BIN, beside what was streamed; flight.json names it. Into any other folder comes the newest log, or
---log NUMBER, as NNNNNNNN.BIN. --run N, with a flight's folder, fetches the log's head and that run alone where the
-whole log would take more than a minute: fetched-NNNNNNNN.run-N-only.BIN; --whole does not.
+--log NUMBER, as NNNNNNNN.BIN. Where a flight's whole log would take more than a minute, its head and what it holds
+around the flight's runs come alone, as fetched-NNNNNNNN.runs-only.BIN, or with --run N that run's, as
+fetched-NNNNNNNN.run-N-only.BIN; --whole fetches all of it. How long it will take is said first.
 
 A fetch that was cut (Ctrl-C, a lost link, a full disk) leaves NNNNNNNN.BIN.part; the same command goes on with it, if
 pieces of it are still the vehicle's, else it begins another file. Nothing is written over. What came by MAVFTP, or from
@@ -33,8 +35,9 @@ a vehicle that has it, is checked by the vehicle's own CRC32.
 
 --json prints {"format": "tippath.fetch/1", "file", "log", "on_vehicle", "bytes", "by", "seconds", "bytes_per_s",
 "resumed_from", "crc32", "checked", "grows" (the vehicle was still writing), "already" (it was there), "run" or null,
-"chosen"}, with --list {"format", "logs": [{"log", "on_vehicle", "bytes", "written"}]}, or {"format", "reason"}. Exit
-status: 0 fetched; 1 the vehicle or the disk says no; 2 wrong usage; 130 ended by Ctrl-C.
+"runs" (those that came alone) or null, "chosen"}, with --list {"format", "logs": [{"log", "on_vehicle", "bytes",
+"written"}]}, or {"format", "reason"}. Exit status: 0 fetched; 1 the vehicle or the disk says no; 2 wrong usage; 130
+ended by Ctrl-C.
 """
 EVERY_S, REDRAW_S = 5.0, 0.2
 FORMAT = "tippath.fetch/1"
@@ -55,7 +58,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--run", dest="number", type=int, metavar="N", help="what is needed for run N of the flight in DIR"
     )
-    parser.add_argument("--whole", action="store_true", help="with --run, the whole log however long it takes")
+    parser.add_argument("--whole", action="store_true", help="the whole log of a flight, however long it takes")
     parser.add_argument("--by", choices=("ftp", "log"), help="one way only: MAVFTP, or LOG_REQUEST_DATA")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="a flight's folder, or any other")
     parser.set_defaults(run=run)
@@ -82,6 +85,7 @@ def _run(args: argparse.Namespace) -> int:
     lines = ProgressLines()
     with Session.open(args.connect, primary=args.primary) as session:
         require_disarmed(session)
+        lines.say("asking the vehicle for its logs")
         logs = list_logs(session)
         if args.list:
             _print_logs(logs, args.json)
@@ -90,7 +94,7 @@ def _run(args: argparse.Namespace) -> int:
         choice = _choose(args, fetching, logs, flight)
         lines.say(f"log {choice.log.number} ({choice.words}): {_bytes(choice.log.size)}")
         try:
-            done = _fetched(args, fetching, choice.log, flight)
+            done = _fetched(args, fetching, choice.log, flight, lines.say)
         except KeyboardInterrupt:
             lines.say("ended; the vehicle sends no more. What came is kept as .part: the same command goes on with it")
             raise
@@ -141,20 +145,59 @@ def _choose(
         return pick.newest(logs)
     runs = flight.runs()
     wanted = runs if args.number is None else [runs[args.number - 1]]
-    return pick.of_flight(logs, wanted, flight.log, fetching.reading)
+    return pick.of_flight(logs, wanted, flight.log, fetching.reading, booted_s=_booted_s(flight))
 
 
-def _fetched(args: argparse.Namespace, fetching: Fetching, log: VehicleLog, flight: FlightFolder | None) -> Fetched:
-    from gcs.flight.fetching.fetch import fetch, fetch_run
-    from gcs.flight.fetching.pick import run_times
+def _booted_s(flight: FlightFolder) -> float | None:
+    """When the vehicle's clock began, seconds since 1970; None where flight.json does not tell."""
+    boot = flight.read().get("boot")
+    with contextlib.suppress(TypeError, ValueError):
+        return datetime.fromisoformat(boot["booted"]).timestamp() if isinstance(boot, dict) else None
+    return None
+
+
+def _fetched(
+    args: argparse.Namespace,
+    fetching: Fetching,
+    log: VehicleLog,
+    flight: FlightFolder | None,
+    say: Callable[[str], None],
+) -> Fetched:
+    from gcs.flight.fetching.fetch import fetch
+    from gcs.flight.fetching.windows import fetch_runs
 
     stem = f"{log.number:08}" if flight is None else f"fetched-{log.number:08}"
-    if flight is not None and args.number is not None and not args.whole:
-        times = run_times(flight.runs())[args.number - 1]
-        part = None if times is None else fetch_run(fetching, log, args.output, stem, args.number, times)
-        if part is not None:
-            return part
-    return fetch(fetching, log, args.output, stem)
+    whole = flight is None or args.whole or (args.log is not None and args.number is None)
+    alone = None if whole or flight is None else _alone(args, fetching, log, flight)
+    if alone is None:
+        if fetching.rate is not None:
+            say(f"about {_time(log.size / fetching.rate)} at {_bytes(round(fetching.rate))}/s")
+        return fetch(fetching, log, args.output, stem)
+    numbers, wanted, rate = alone
+    what = f"run {numbers[0]}" if len(numbers) == 1 else f"its {len(numbers)} runs"
+    say(
+        f"this link carries {_bytes(round(rate))}/s: {what} alone, {_bytes(wanted.size)}, in about "
+        f"{_time(wanted.size / rate)}"
+    )
+    say(f"(the whole log would take {_time(log.size / rate)}: --whole)")
+    name = f"run-{args.number}-only" if args.number is not None else "runs-only"
+    return fetch_runs(fetching, log, wanted, args.output, f"{stem}.{name}", numbers)
+
+
+def _alone(
+    args: argparse.Namespace, fetching: Fetching, log: VehicleLog, flight: FlightFolder
+) -> tuple[list[int], Windows, float] | None:
+    """The runs to fetch alone, the pieces of the log, and the link's rate; None where the whole log is no matter, or
+    its times are not known."""
+    from gcs.flight.fetching.pick import run_times
+    from gcs.flight.fetching.windows import SLOW_FROM_S, windows
+
+    numbered = enumerate(run_times(flight.runs()), 1)
+    known = {number: times for number, times in numbered if times is not None and args.number in (None, number)}
+    if not known or fetching.rate is None or log.size / fetching.rate < SLOW_FROM_S:
+        return None
+    wanted = windows(fetching, log, list(known.values()))
+    return None if wanted is None else (list(known), wanted, fetching.rate)
 
 
 def note(flight: FlightFolder, done: Fetched) -> None:
@@ -196,14 +239,19 @@ def _print_result(done: Fetched) -> None:
         from_before = f", {_bytes(done.resumed_from)} of them from before" if done.resumed_from else ""
         how = f"{_bytes(done.size)}{from_before}, in {done.seconds:.1f} s"
         print(f" fetched {done.path}  {how}")
-    if done.run is not None:
-        print(f"   run {done.run} alone; --whole fetches the rest, too")
+    if done.runs:
+        print(f"   {_runs(done.runs)} alone; --whole fetches the rest, too")
     elif done.checked:
         print(f"   CRC32 {done.crc32:08x}, as on the vehicle")
     elif done.grows:
         print("   the vehicle still writes this log: here is what it had")
     else:
         print(f"   CRC32 {done.crc32:08x}; the vehicle does not tell its own, so only the size is checked")
+
+
+def _runs(numbers: Sequence[int]) -> str:
+    listed = ", ".join(str(number) for number in numbers)
+    return f"run {listed}" if len(numbers) == 1 else f"runs {listed}"
 
 
 def _bytes(size: int) -> str:
@@ -254,7 +302,8 @@ class ProgressLines:
 
 
 def _duration(progress: Progress) -> str:
-    seconds = progress.left_s
-    if seconds is None:
-        return "an unknown time"
+    return "an unknown time" if progress.left_s is None else _time(progress.left_s)
+
+
+def _time(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"

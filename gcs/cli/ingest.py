@@ -49,7 +49,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="list the runs in logs with their health; write records",
         description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
         "telemetry .tlog and .csv, whole or damaged. A folder is searched for them, and so are those in it; "
-        "of a flight folder its flight*.BIN are taken.",
+        "of a flight folder its flight*.BIN are taken, or what `tippath fetch` brought.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

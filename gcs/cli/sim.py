@@ -193,8 +193,8 @@ def banner(line: str) -> str:
         forward = about["plant"] == "forward"
         what = "--card forward, or --axis roll|pitch|elevator" if forward else "--card quick, or --axis roll|pitch"
         stock = about.get("like")
-        if stock is not None:  # chirps by its own law, and nothing else
-            what = "--axis roll|pitch"
+        if stock is not None:  # its own card, and its log stays on the vehicle by default
+            what = "--log card"
         plant = about["plant"] if stock is None else f"{about['plant']} · like {stock}"
         sealed = about.get("sealed")
         seal = (
@@ -206,7 +206,7 @@ def banner(line: str) -> str:
         )
         return (
             f"vehicle on {about['link']} · plant {plant} · its logs in {about['directory']}\n{seal}"
-            f"  tippath fly --connect {about['ground_link']}\n"
+            f"  tippath {'fly' if stock is None else 'check'} --connect {about['ground_link']}\n"
             f"  tippath sweep --connect {about['ground_link']} {what}\n"
             f"  the pilot hears: {', '.join(PILOT_LINES)}; Ctrl-C ends"
         )

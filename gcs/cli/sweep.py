@@ -47,9 +47,10 @@ commands and gyros, lag, noise and a faulty log before 30 s are flown, and the a
 predicted to stay within its limits, an abort's delay included. Where something is wrong, the card is not flown.
 
 --log card needs no more of a link than telemetry (57,600 baud): nothing of the log is sent. Limits, start and end come
-from attitudes, heartbeats and texts; the vehicle must keep its log by itself (where it does not, the refusal names the
-setting) and tell of no failure, and dead telemetry ends a run as a dead log does. Commands are not watched, there is no
-probe, and whether a run is worth keeping is known when the log was read: `tippath ingest LOG --flight DIR`.
+from attitudes (10 to 50 a second, as many as the link carries), heartbeats and texts; the vehicle must keep its log by
+itself (where it does not, the refusal names the setting) and tell of no failure, and dead telemetry ends a run as a
+dead log does. Commands are not watched, there is no probe, and whether a run is worth keeping is known when the log was
+read: `tippath fetch`, then `tippath ingest DIR`.
 
 A card in the paper's words is flown as far as the vehicle can: what it cannot fly (on ArduPilot doublets and the noise)
 is listed, and left out only after --leave-out or a typed answer. ArduPilot has cards of its own, ardupilot-heli and
@@ -160,7 +161,7 @@ def run(args: argparse.Namespace) -> int:
 
     card = card_of(args)
     if args.log == "card" and args.probe:
-        raise UsageError("--probe judges samples of the log, and with --log card none come; leave one of them out")
+        raise UsageError("--probe judges the commands in the log, and with --log card none come; leave one of them out")
     profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
 
     def consent(left_out: Sequence[str]) -> bool:

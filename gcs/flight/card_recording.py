@@ -14,16 +14,20 @@ from typing import Any
 
 import numpy as np
 
+from gcs.flight.attitude_rate import AttitudeRate
 from gcs.flight.live import LiveWindow, rates_alone
 from gcs.flight.log_health import LogHealth
 from gcs.flight.recorder import Recorder, RecordingSummary
-from gcs.link.clock import REBOOT_STEP_S
-from gcs.link.encode import Send
-from gcs.link.events import Attitude, Battery, Event, StatusText
+from gcs.flight.telemetry import TelemetryRequests
+from gcs.link.clock import REBOOT_STEP_S, LinkClock
+from gcs.link.encode import ATTITUDE, SERVO_OUTPUT_RAW, Send
+from gcs.link.events import Attitude, Battery, Event, Heartbeat, StatusText
 from gcs.vehicle.autopilots import says_log_failed
 
-KEPT = 4096
-"""Attitudes: a run of two minutes at 25 a second, and what lies around it."""
+KEPT = 8192
+"""Attitudes: a run of two minutes at 50 a second, and what lies around it."""
+SERVOS_S = 0.2
+"""Interval of SERVO_OUTPUT_RAW, for the record."""
 UNHEALTHY = "its logging is off or has failed (SYS_STATUS)"
 
 
@@ -38,6 +42,8 @@ class Attitudes:
         """New ones: a copy, or one overtaken on its way, is none."""
         self.kept_at: float | None = None
         """When the newest was heard, on the session's clock."""
+        self.modes: set[int] = set()
+        """That were seen."""
         self._told = ""
         self._healthy: bool | None = None
         self._lock = threading.Lock()
@@ -61,6 +67,8 @@ class Attitudes:
                 self._told = event.text
             case Battery():
                 self._healthy = event.logs
+            case Heartbeat():
+                self.modes.add(event.mode)
         return []
 
     def _keep(self, event: Attitude, now: float) -> None:
@@ -92,22 +100,36 @@ class Attitudes:
 
 
 class CardRecording:
-    """Begins at once. `vehicle_s` gives the vehicle's clock at a moment of the session's, None while not known."""
+    """Begins at once. `carries` is what the link carries in bytes a second, where that is known."""
 
     def __init__(
-        self, recorder: Recorder, clock: Callable[[], float], vehicle_s: Callable[[float], float | None]
+        self,
+        recorder: Recorder,
+        clock: Callable[[], float],
+        link_clock: LinkClock,
+        telemetry: TelemetryRequests,
+        carries: float | None,
     ) -> None:
         self.recorder = recorder
         self.blocks = Attitudes()
         self.over = threading.Event()
         self._clock = clock
-        self._vehicle_s = vehicle_s
+        self._link_clock = link_clock
+        self._telemetry = telemetry
+        self._rate = AttitudeRate(carries, clock())
+
+    def ask(self, now: float) -> list[Send]:
+        """For what is to be heard instead of the log, from now on."""
+        return self._telemetry.want({ATTITUDE: self._rate.interval_s, SERVO_OUTPUT_RAW: SERVOS_S}, now)
 
     def poll(self, now: float) -> list[Send]:
-        """Nothing is ever due."""
+        """Attitudes as often as the link carries them; more only in the mode that it was begun in."""
         if self.blocks.outcome is not None:
             self.over.set()
-        return []
+            return []
+        may_raise = len(self.blocks.modes) <= 1
+        changed = self._rate.look(now, self.blocks.count, self._link_clock.lag_s, may_raise=may_raise)
+        return self.ask(now) if changed else []
 
     def health(self) -> LogHealth:
         """How telemetry arrives, at this moment."""
@@ -118,7 +140,7 @@ class CardRecording:
             open=0,
             silent_s=None if heard.kept_at is None else max(0.0, now - heard.kept_at),
             log_s=heard.newest_s,
-            clock_s=self._vehicle_s(now),
+            clock_s=self._link_clock.vehicle_s(now),
             capacity=None,
             reported=heard.reported,
             problem=self.recorder.problem,

@@ -17,7 +17,6 @@ from gcs.flight.log_health import LogHealth
 from gcs.flight.preflight import Check
 from gcs.flight.rules import LOG_SILENCE_S, TICK_S
 from gcs.flight.settings import ask
-from gcs.link.encode import CARD_TELEMETRY
 from gcs.vehicle.autopilots import LOG_BACKEND, no_card_log, says_log_failed
 from gcs.vehicle.snapshot import VehicleSnapshot
 
@@ -85,10 +84,9 @@ def _telemetry(look: Look) -> tuple[Check, ...]:
     words = f"{rate:.0f} attitudes a second"
     if rate >= LEAST_ATTITUDES:
         return (Check("telemetry", words),)
-    wanted = 1 / CARD_TELEMETRY[30]
     words += (
-        f", and the limits are watched by at least {LEAST_ATTITUDES:g} ({wanted:.0f} were asked for): let the vehicle "
-        "send less else on this link (SRx_*), or use a faster one"
+        f", and the limits are watched by at least {LEAST_ATTITUDES:g} (more were asked for): let the vehicle send "
+        "less else on this link (SRx_*), or use a faster one"
     )
     return (Check("telemetry", words, False),)
 
@@ -96,7 +94,10 @@ def _telemetry(look: Look) -> tuple[Check, ...]:
 def _in_words(snapshot: VehicleSnapshot) -> tuple[Check, ...]:
     if snapshot.recording_problem is not None:
         return (Check("record", snapshot.recording_problem, False),)
-    return (Check("limits", "rates and attitude by telemetry; the commands are known only from the card's log"),)
+    return (
+        Check("limits", "rates and attitude by telemetry; the commands are known only from the card's log"),
+        Check("probe", "no small step first: it is judged by the commands, which telemetry does not tell"),
+    )
 
 
 def silent(session: Connection, clock: Clock, log: LogWay) -> str:

@@ -224,7 +224,11 @@ def _of_rate(rate: AnsweredRate | None, settings: Mapping[str, float], asked: As
     else:
         enough, value = True, "rate not counted"
         needs = ", ".join(filter(None, [needs, "nothing of the log came yet"]))
-    standing = Standing.FINE if enough or not stream else Standing.MUST
+    if not stream:
+        needs = "" if need is None else f"a sweep's log needs about {need / 1e3:.0f} kB/s: "
+        needs += "it stays on the card, telemetry alone crosses this link"
+        return (Item(name="link", standing=Standing.FINE, value=value, words=needs),)
+    standing = Standing.FINE if enough else Standing.MUST
     if not enough:
         needs = "; ".join(filter(None, [needs, "a faster link (USB, UDP), or `tippath sweep --log card`"]))
     return (Item(name="link", standing=standing, value=value, words=needs),)

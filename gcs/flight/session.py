@@ -34,7 +34,6 @@ from gcs.flight.telemetry import TelemetryRequests
 from gcs.link.clock import LOST_AFTER_S, LinkClock
 from gcs.link.decode import TextAssembly, decode
 from gcs.link.encode import (
-    CARD_TELEMETRY,
     STATION_COMPONENT,
     STOP_BLOCKS,
     BlockStatus,
@@ -61,7 +60,7 @@ from gcs.link.procedures import (
     ProcedureError,
     RequestAutopilotVersion,
 )
-from gcs.link.transport import Frame, Transport, open_transport
+from gcs.link.transport import Frame, Transport, carries, open_transport
 from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
@@ -276,8 +275,9 @@ class Session:
             self._refuse_second()
             self._sent.clear()
             if log == "card":
-                self._recording = CardRecording(recorder, self._clock, self._link_clock.vehicle_s)
-                self._say(self._telemetry.want(CARD_TELEMETRY, self._clock()))
+                told = (self._clock, self._link_clock, self._telemetry, carries(self.link))
+                self._recording = CardRecording(recorder, *told)
+                self._say(self._recording.ask(self._clock()))
             else:
                 self._recording = Recording(recorder, self._live, self._clock)
             self._window = self._recording.window

@@ -26,9 +26,7 @@ TELEMETRY = {30: 0.1, 1: 1.0, 226: 0.2}
 """Message -> wanted interval, s: ATTITUDE, SYS_STATUS, RPM. Asked for only while the vehicle does not send it, because
 intervals outlive us."""
 
-CARD_TELEMETRY = {30: 0.04, 36: 0.2}
-"""Instead of the log, where that stays on the vehicle: ATTITUDE, which the limits are watched by, and SERVO_OUTPUT_RAW
-for the record. 1.3 kB/s, a quarter of 57,600 baud, beside what the vehicle sends by itself."""
+ATTITUDE, SERVO_OUTPUT_RAW = 30, 36
 
 
 @dataclass(frozen=True, slots=True)

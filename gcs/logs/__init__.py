@@ -113,7 +113,8 @@ DEPTH = 4  # folders within folders, as /log/2026-11-20/*.ulg on a PX4 card
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """The logs of a folder and of its subfolders; of each that is a flight folder its flight*.BIN alone.
+    """The logs of a folder and of its subfolders; of each that is a flight folder its flight*.BIN alone, or where the
+    log was fetched off the vehicle, that: whole, or else the runs' parts.
 
     Of files that differ in their ending only (a .BIN and the .log it was converted to) the one that holds most is
     taken. Hidden files and folders are left out. Raises TippathError where there is none, OSError where the folder
@@ -125,7 +126,7 @@ def logs_in(folder: Path) -> list[Path]:
     for files in _files_within(folder):
         logs = [path for path in files if path.suffix.lower() in ranks and path.is_file()]
         records |= any(path.suffix.lower() == ".npz" for path in files)
-        flight = [path for path in logs if _is_flight(path)]
+        flight = [path for path in logs if _is_flight(path)] or _fetched(logs)
         for path in sorted(flight or logs, key=lambda path: (reading.size_of(path) == 0, ranks[path.suffix.lower()])):
             best.setdefault((path.parent, path.stem if path in flight else path.stem.lower()), path)
     if best:
@@ -157,6 +158,13 @@ def _files_within(folder: Path) -> Iterator[list[Path]]:
 
 def _is_flight(path: Path) -> bool:
     return path.stem.lower().startswith("flight") and path.suffix.lower() == ".bin" and path.is_file()
+
+
+def _fetched(logs: Sequence[Path]) -> list[Path]:
+    """Those that `tippath fetch` brought, each run once: a whole log holds them all, `runs-only` all of one flight."""
+    came = [path for path in logs if path.name.startswith("fetched-") and path.suffix == ".BIN"]
+    whole = [path for path in came if "-only" not in path.name]
+    return whole or [path for path in came if ".runs-only" in path.name] or came
 
 
 def _in_order(path: Path) -> tuple[object, ...]:

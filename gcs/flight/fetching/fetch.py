@@ -17,7 +17,7 @@ from typing import Any
 from gcs.errors import TippathError
 from gcs.flight.fetching import ways
 from gcs.flight.fetching.part import PartFile, checksum_of, part_of, piece_of
-from gcs.flight.fetching.times import HEAD_BYTES, Read, layout, offset_of, stamps
+from gcs.flight.fetching.times import Read
 from gcs.flight.fetching.ways import BY_FTP, BY_MESSAGES, Connection, VehicleLog
 from gcs.link.log_files import ListLogs
 from gcs.link.procedures import ProcedureError, RefusedError
@@ -26,13 +26,6 @@ TRIAL_BYTES = {BY_FTP: 119_500, BY_MESSAGES: 65_536}
 """After so many of the log a way's rate is known: of MAVFTP, one burst."""
 WORTH_ASKING_S = 20.0
 """Where the rest takes longer, the other way is tried."""
-WINDOW_FROM_S = 60.0
-"""Where the whole log takes longer, a run alone is fetched."""
-AROUND_S = 2.0
-"""Before and after a run, fetched with it."""
-HEAD_S = 1.0
-"""After its first stamp a log's head is over: formats, units, parameters."""
-MOST_HEAD_BYTES = 131_072
 SAME_PIECE = 200
 GROWS_FOR_S = 30.0
 """An ArduPilot writes on for 15 s after disarming; a log that grows longer is taken as it is then."""
@@ -78,8 +71,8 @@ class Fetched:
     """The vehicle was still writing it."""
     already: bool = False
     """It was there."""
-    run: int | None = None
-    """The run that it holds alone, None for the whole log."""
+    runs: tuple[int, ...] = ()
+    """The flight's runs that it holds alone; none for the whole log."""
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -95,7 +88,8 @@ class Fetched:
             "checked": self.checked,
             "grows": self.grows,
             "already": self.already,
-            "run": self.run,
+            "run": self.runs[0] if len(self.runs) == 1 else None,
+            "runs": list(self.runs) or None,
         }
 
 
@@ -109,7 +103,11 @@ class Fetching:
     on_progress: Callable[[Progress], None] = lambda progress: None
     clock: Callable[[], float] = time.monotonic
     wait: Callable[[float], None] = time.sleep
+    rate: float | None = None
+    """Bytes a second of the longest reading so far; None before there was one."""
+    _longest: int = 0
     _seen: deque[tuple[float, int]] = field(default_factory=deque)
+    _kept: dict[tuple[int, int, int], bytes] = field(default_factory=dict)
 
     def ways_of(self, log: VehicleLog) -> tuple[str, ...]:
         """By which the log can be read. Raises TippathError where there is none."""
@@ -119,16 +117,16 @@ class Fetching:
         return offered
 
     def reading(self, log: VehicleLog) -> Read:
-        """Some bytes of a log, by the way that is there."""
-        kept: dict[tuple[int, int], bytes] = {}
+        """Some bytes of a log, by the way that is there, each once; how far that is is not told."""
 
         def read(start: int, stop: int) -> bytes:
-            if (start, stop) not in kept:
+            key = (log.number, start, stop)
+            if key not in self._kept:
                 came = bytearray()
                 if start < stop:
-                    self.read(log, self.ways_of(log)[0], came.extend, start, stop, stop, lambda: start + len(came))
-                kept[start, stop] = bytes(came)
-            return kept[start, stop]
+                    self.read(log, self.ways_of(log)[0], came.extend, start, stop, None, lambda: start + len(came))
+                self._kept[key] = bytes(came)
+            return self._kept[key]
 
         return read
 
@@ -139,20 +137,25 @@ class Fetching:
         store: Callable[[bytes], Any],
         start: int,
         stop: int,
-        size: int,
+        size: int | None,
         at: Callable[[], int],
     ) -> None:
         """Bytes of a log; told as so far of `size`. Raises TippathError where the vehicle was armed meanwhile."""
         self._seen.clear()
+        began = self.clock()
 
         def watch() -> None:
             snapshot = self.session.snapshot()
             if snapshot.armed:
                 raise TippathError("the vehicle was armed under way, so fetching has ended; what came is kept")
             lost_s = snapshot.link_age_s if snapshot.lost else None
-            self.on_progress(Progress(log=log, way=way, at=at(), size=size, rate=self._rate(at()), lost_s=lost_s))
+            rate = None if size is None else self._rate(at())
+            self.on_progress(Progress(log=log, way=way, at=at(), size=size or stop, rate=rate, lost_s=lost_s))
 
         ways.read(self.session, log, way, store, start=start, stop=stop, watch=watch)
+        took = self.clock() - began
+        if stop - start > self._longest and took > 0:
+            self._longest, self.rate = stop - start, (stop - start) / took
 
     def _rate(self, at: int) -> float | None:
         now, seen = self.clock(), self._seen
@@ -193,7 +196,7 @@ def fetch(fetching: Fetching, log: VehicleLog, folder: Path, stem: str) -> Fetch
     Raises TippathError: refused, unanswered, a disk that is full, bytes that are not the vehicle's.
     """
     read = fetching.reading(log)
-    target, already = _target(folder, stem, log, read)
+    target, already = target_of(folder, stem, log, read)
     if already:
         return _already(fetching, log, target)
     began = fetching.clock()
@@ -244,7 +247,7 @@ def _already(fetching: Fetching, log: VehicleLog, target: Path) -> Fetched:
 # The name
 
 
-def _target(folder: Path, stem: str, log: VehicleLog, read: Read) -> tuple[Path, bool]:
+def target_of(folder: Path, stem: str, log: VehicleLog, read: Read) -> tuple[Path, bool]:
     """Where the log goes, and whether it is there already."""
     number = 1
     while True:
@@ -314,53 +317,3 @@ def _read_on(fetching: Fetching, log: VehicleLog, part: PartFile, way: str, stop
     if part.size < stop:
         told = stop if size is None else size
         fetching.read(log, way, part.append, part.size, stop, told, lambda: part.size)
-
-
-# A run alone
-
-
-def fetch_run(
-    fetching: Fetching, log: VehicleLog, folder: Path, stem: str, number: int, times: tuple[float, float]
-) -> Fetched | None:
-    """The log's head and what it holds around one run, where the whole log would take long; None where not.
-
-    The file is `stem`.run-N-only.BIN. Raises as `fetch`, and where a file of that name is there.
-    """
-    target = folder / f"{stem}.run-{number}-only.BIN"
-    if target.exists():
-        raise TippathError(f"{target} is there already; move it away, or fetch the whole log with --whole")
-    read = fetching.reading(log)
-    began = fetching.clock()
-    known = layout(read(0, min(log.size, HEAD_BYTES)))
-    rate = min(log.size, HEAD_BYTES) / max(1e-3, fetching.clock() - began)
-    first = stamps(read(0, min(log.size, HEAD_BYTES)), known)
-    if log.size / rate < WINDOW_FROM_S or not first:
-        return None
-    head = min(MOST_HEAD_BYTES, offset_of(read, log.size, known, first[0].t + HEAD_S))
-    start = max(head, offset_of(read, log.size, known, times[0] - AROUND_S))
-    stop = min(log.size, offset_of(read, log.size, known, times[1] + AROUND_S) + HEAD_BYTES)
-    content = bytearray()
-    way = fetching.ways_of(log)[0]
-    for low, high in ((0, head), (start, stop)):
-        fetching.read(log, way, content.extend, low, high, head + stop - start, lambda: len(content))
-    whole = _whole_messages(bytes(content[head:]), known.sizes)
-    with PartFile(target, fetching.clock) as part:
-        if part.size:
-            raise TippathError(f"{part.path} is left of an earlier attempt; remove it and give the same command again")
-        part.append(bytes(content[:head]) + whole)
-        part.finish()
-        return Fetched(
-            path=target, log=log, size=part.size, way=way, seconds=fetching.clock() - began, came=len(content),
-            crc32=checksum_of(target), checked=False, run=number,
-        )  # fmt: skip
-
-
-def _whole_messages(data: bytes, sizes: dict[int, int]) -> bytes:
-    """Without the message that is cut at its end."""
-    at = 0
-    while data[at : at + 2] == b"\xa3\x95" and at + 3 <= len(data):
-        size = sizes.get(data[at + 2], 0)
-        if size == 0 or at + size > len(data):
-            break
-        at += size
-    return data[:at]

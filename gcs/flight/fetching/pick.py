@@ -1,7 +1,8 @@
 """Which of the vehicle's logs is the flight's: by the vehicle's clock, and where two show the same, by its bytes.
 
 The clock begins anew with every start of the vehicle, so that two logs may cover the same seconds. Where the flight has
-its own streamed log, a message of it stands in one of them only.
+its own streamed log, a message of it stands in one of them only; else the one that was written when the flight was
+flown is taken, where the vehicle knows the date.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ LOOKED_AT = 12
 """Logs, the newest first, of which the times are read."""
 SLACK_S = 1.0
 """By which a run may stand outside of its log: the last block is written late."""
+SAME_BOOT_S = 60.0
+"""By which the vehicle's date of a log may be off, a log going on for 15 s after disarming; another boot is farther."""
 SAME_BYTES = 24
 """A message shorter than this proves nothing."""
 
@@ -69,8 +72,11 @@ def of_flight(
     runs: Sequence[Mapping[str, Any]],
     streamed: Path,
     reading: Callable[[VehicleLog], Read],
+    *,
+    booted_s: float | None = None,
 ) -> Choice:
-    """The log of a flight with these runs; `streamed` is its own log, which need not be there.
+    """The log of a flight with these runs; `streamed` is its own log, which need not be there. `booted_s` is when the
+    vehicle's clock began, seconds since 1970, None where that is not known.
 
     Raises TippathError where none of the logs covers the runs.
     """
@@ -90,6 +96,9 @@ def of_flight(
     same = [log for log in covering if _holds(log, reading(log), streamed, (first + last) / 2.0)]
     if len(same) == 1:
         return Choice(same[0], f"by its bytes, of {len(covering)} logs with the same clock")
+    dated = _of_boot(covering, reading, booted_s)
+    if dated is not None:
+        return Choice(dated, f"by its date, of {len(covering)} logs with the same clock")
     return Choice(
         covering[0],
         f"the newest of {len(covering)} logs that show the same times of the vehicle's clock ({_list(covering)}); "
@@ -99,6 +108,17 @@ def of_flight(
 
 def _latest(logs: Sequence[VehicleLog]) -> list[VehicleLog]:
     return [log for log in reversed(logs) if log.readable][:LOOKED_AT]
+
+
+def _of_boot(
+    logs: Sequence[VehicleLog], reading: Callable[[VehicleLog], Read], booted_s: float | None
+) -> VehicleLog | None:
+    """The only one of these whose last message is as old as its date says; None where there is not one."""
+    if booted_s is None or not all(log.utc_s for log in logs):
+        return None
+    ends = [(log, span(read := reading(log), log.size, layout(read(0, min(log.size, HEAD_BYTES))))) for log in logs]
+    near = [log for log, times in ends if times and abs(log.utc_s - times[1] - booted_s) <= SAME_BOOT_S]
+    return near[0] if len(near) == 1 else None
 
 
 def _covers(log: VehicleLog, read: Read, first: float, last: float) -> bool:

@@ -14,6 +14,8 @@ HEAD_BYTES = 32_768
 """Holds an ArduPilot's formats."""
 PIECE_BYTES = 4_096
 """Holds some tens of messages, far more than are needed to find their beat."""
+BLOCK_BYTES = 2_048
+"""Where a time is looked for: it comes in some tenths of a second over 57,600 baud."""
 _MARK = b"\xa3\x95"
 _FORMAT, _FORMAT_SIZE = 128, 89
 _IN_A_ROW = 3
@@ -100,14 +102,20 @@ def span(read: Read, size: int, known: Layout) -> tuple[float, float] | None:
 def offset_of(read: Read, size: int, known: Layout, t: float) -> int:
     """A byte at which a message begins, with none before it that is later than `t`, and not far before `t`.
 
-    By bisection: times are taken to grow over the log, but for messages that stand a little out of order.
+    The same wherever the log ends, so that a fetch can be gone on with after it has grown. Times are taken to grow over
+    the log, but for messages that stand a little out of order; where they grow evenly, few pieces are read.
     """
-    low, high = 0, size
-    while high - low > PIECE_BYTES:
-        middle = (low + high) // 2
-        found = stamps(read(middle, min(size, middle + PIECE_BYTES)), known)
+    first, times = stamps(read(0, min(size, HEAD_BYTES)), known), span(read, size, known)
+    if not first or times is None or first[0].t >= t:
+        return 0
+    at = first[0].at  # what stands before has no times
+    low, high, (earlier, later) = at // BLOCK_BYTES, -(-size // BLOCK_BYTES), times
+    while high - low > 1:
+        share = (t - earlier) / max(1e-9, later - earlier)
+        block = min(high - 1, max(low + 1, low + int(min(0.9, max(0.1, share)) * (high - low))))
+        found = stamps(read(block * BLOCK_BYTES, min(size, (block + 1) * BLOCK_BYTES)), known)
         if found and found[0].t < t:
-            low = middle + found[0].at
+            low, at, earlier = block, block * BLOCK_BYTES + found[0].at, found[0].t
         else:
-            high = middle
-    return low
+            high, later = block, found[0].t if found else later
+    return at

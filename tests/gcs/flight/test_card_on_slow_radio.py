@@ -50,6 +50,7 @@ class StockVehicle:
     link = "/dev/ttyUSB0,57600"
 
     def __init__(self) -> None:
+        self.bytes_s = BYTES_S
         self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self.parser = mavlink.MAVLink(None)
         self.parser.robust_parsing = True
@@ -77,13 +78,13 @@ class StockVehicle:
         passed, self._now = now - self._now, now
         self._stream(now)
         self._fly()
-        self._credit = min(self._credit + BYTES_S * passed, BYTES_S * 0.05)
+        self._credit = min(self._credit + self.bytes_s * passed, self.bytes_s * 0.05)
         gone = min(len(self._waiting), int(self._credit))
         self._credit -= gone
         self.said += self._waiting[:gone]
         self._waiting = self._waiting[gone:]
         self.down_bytes.append((now, gone))
-        self._up_credit = min(self._up_credit + BYTES_S * passed, BYTES_S * 0.05)
+        self._up_credit = min(self._up_credit + self.bytes_s * passed, self.bytes_s * 0.05)
         self._rising += b"".join(self.told)
         self.told = []
         risen = min(len(self._rising), int(self._up_credit))
@@ -262,3 +263,50 @@ def test_a_rate_that_another_station_took_is_asked_for_again(
         vehicle.intervals[30] = 0.25
         Clock(fake_time).sleep(6.0)
         assert vehicle.intervals[30] == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(
+    ("link", "bytes_s", "interval_s"),
+    [
+        ("/dev/ttyUSB0,57600", 5760.0, 0.04),
+        ("/dev/ttyUSB0,19200", 1920.0, 0.1),
+        ("/dev/ttyUSB0,115200", 11520.0, 0.02),
+        ("udpout:127.0.0.1:14550", 100_000.0, 0.02),
+        ("udpout:127.0.0.1:14550", 2_200.0, 0.05),
+        ("udpout:127.0.0.1:14550", 1_300.0, 0.1),
+    ],
+)
+def test_attitudes_are_asked_for_as_often_as_the_link_carries_them(
+    link: str,
+    bytes_s: float,
+    interval_s: float,
+    fake_time: Any,
+    vehicle: StockVehicle,
+    connect: Callable[..., Session],
+    tmp_path: Path,
+) -> None:
+    vehicle.link, vehicle.bytes_s = link, bytes_s
+    with connect() as session:
+        session.start_recording(tmp_path, "card")
+        Clock(fake_time).sleep(15.0)
+        assert vehicle.intervals[30] == pytest.approx(interval_s)
+        before, now = session.log_health(), fake_time.at
+        Clock(fake_time).sleep(5.0)
+        after = session.log_health()
+        assert before is not None
+        assert after is not None
+        assert (after.blocks - before.blocks) / (fake_time.at - now) > 0.6 / interval_s
+
+
+def test_more_is_asked_for_only_in_the_mode_that_the_pilot_chose(
+    fake_time: Any, vehicle: StockVehicle, connect: Callable[..., Session], tmp_path: Path
+) -> None:
+    vehicle.link, vehicle.bytes_s = "udpout:127.0.0.1:14550", 100_000.0
+    with connect() as session:
+        session.start_recording(tmp_path, "card")
+        Clock(fake_time).sleep(1.2)
+        vehicle.mode = 25
+        Clock(fake_time).sleep(1.5)
+        asked = vehicle.intervals[30]
+        Clock(fake_time).sleep(10.0)
+        assert vehicle.intervals[30] == asked > 0.03

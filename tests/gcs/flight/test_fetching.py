@@ -12,10 +12,11 @@ from fetched import Air, FileSession, FileVehicle, dataflash, noise
 
 from gcs.errors import TippathError
 from gcs.flight.fetching import pick
-from gcs.flight.fetching.fetch import Fetched, Fetching, Progress, fetch, fetch_run, require_disarmed
+from gcs.flight.fetching.fetch import Fetched, Fetching, Progress, fetch, require_disarmed
 from gcs.flight.fetching.part import PartFile
-from gcs.flight.fetching.times import layout, offset_of, span, stamps
+from gcs.flight.fetching.times import HEAD_BYTES, layout, offset_of, span, stamps
 from gcs.flight.fetching.ways import VehicleLog, list_logs
+from gcs.flight.fetching.windows import Windows, fetch_runs, windows
 from gcs.link.procedures import ProcedureError
 
 SIZE = 40_003
@@ -264,23 +265,77 @@ def test_of_two_logs_with_the_same_clock_the_one_with_its_bytes_is_taken(tmp_pat
     assert (chosen.log.number, "--log NUMBER" in chosen.words) == (2, True)
 
 
-# A run alone
+@pytest.mark.parametrize(("booted_s", "number"), [(1000.0, 1), (4000.0, 2), (9000.0, 2), (None, 2)])
+def test_after_a_reboot_the_log_of_the_flights_boot_is_taken(booted_s: float | None, number: int) -> None:
+    contents = {1: dataflash(100.0, seed=1), 2: dataflash(100.0, seed=2)}
+    logs = [
+        VehicleLog(number=1, size=len(contents[1]), id=1, utc_s=1116),  # 101 s after booting, and a little late
+        VehicleLog(number=2, size=len(contents[2]), id=2, utc_s=4101),
+    ]
+    chosen = pick.of_flight(
+        logs, runs(10.0), Path("none"), lambda log: read_of(contents[log.number]), booted_s=booted_s
+    )
+    assert chosen.log.number == number
+    assert ("by its date" in chosen.words) == (booted_s in (1000.0, 4000.0))
 
 
-def test_a_run_alone_is_the_head_and_its_messages(card: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+# The runs alone
+
+TIMES = [(50.0, 60.0), (20.0, 25.0), (64.5, 70.0)]
+
+
+def runs_alone(session: FileSession, out: Path) -> tuple[Windows, Fetched]:
+    fetches = fetching(session, by="ftp")
+    log = list_logs(session)[0]
+    wanted = windows(fetches, log, TIMES)
+    assert wanted is not None
+    return wanted, fetch_runs(fetches, log, wanted, out, "log.runs-only", [1, 2, 3])
+
+
+def test_runs_alone_are_the_head_and_their_messages(card: Path, out: Path) -> None:
     content = dataflash(100.0)
     (card / "vehicle-7.BIN").write_bytes(content)
-    session = FileSession(FileVehicle(card))
-    log = list_logs(session)[0]
-    assert fetch_run(fetching(session), log, out, "log", 2, (50.0, 60.0)) is None, "the whole log takes no minute"
-    monkeypatch.setattr("gcs.flight.fetching.fetch.WINDOW_FROM_S", 0.0)
-    done = fetch_run(fetching(session), log, out, "log", 2, (50.0, 60.0))
-    assert done is not None
+    wanted, done = runs_alone(FileSession(FileVehicle(card)), out)
     got = done.path.read_bytes()
-    assert (done.path.name, done.run, done.size) == ("log.run-2-only.BIN", 2, len(got))
-    assert len(got) < 0.8 * len(content)
-    times = [stamp.t for stamp in stamps(got, layout(got))]
+    assert got == b"".join(content[start:stop] for start, stop in wanted.pieces), "the vehicle's bytes"
+    assert len(wanted.pieces) == 3, "head, the earlier run, and two that nearly touch"
+    assert (done.path.name, done.runs, done.size) == ("log.runs-only.BIN", (1, 2, 3), len(got))
+    assert len(got) < 0.5 * len(content)
     assert (len(got) - 2 * 89) % 27 == 0, "whole messages"
-    assert [t for t in times if 48.0 <= t <= 62.0] == pytest.approx([48.0 + i / 100 for i in range(1401)])
-    with pytest.raises(TippathError, match="there already"):
-        fetch_run(fetching(session), log, out, "log", 2, (50.0, 60.0))
+    times = [stamp.t for stamp in stamps(got, layout(got))]
+    for start, stop in TIMES:
+        inside = [t for t in times if start - 1.0 <= t <= stop + 0.2]
+        assert inside == pytest.approx([start - 1.0 + i / 100 for i in range(len(inside))])
+        assert len(inside) == pytest.approx(100 * (stop - start + 1.2), abs=1)
+    assert runs_alone(FileSession(FileVehicle(card)), out)[1].already
+
+
+@pytest.mark.parametrize("share", [0.0001, 0.2, 0.4, 0.7, 0.9999])
+def test_runs_alone_are_gone_on_with_wherever_cut_and_however_the_log_has_grown(
+    share: float, card: Path, out: Path
+) -> None:
+    content = dataflash(100.0)
+    (card / "vehicle-7.BIN").write_bytes(content[: 27 * 8000])
+    whole = runs_alone(FileSession(FileVehicle(card)), out)[1]
+    got = whole.path.read_bytes()
+    whole.path.unlink()
+    at = max(1, round(share * len(got)))
+    (out / "log.runs-only.BIN.part").write_bytes(got[:at])
+    (card / "vehicle-7.BIN").write_bytes(content)
+    done = runs_alone(FileSession(FileVehicle(card)), out)[1]
+    assert done.path.read_bytes() == got
+    assert (done.resumed_from, done.came) == (at, len(got) - at)
+    assert [path.name for path in out.iterdir()] == ["log.runs-only.BIN"]
+
+
+def test_little_is_read_to_find_a_time() -> None:
+    content, asked = dataflash(1000.0), set()
+    known = layout(content[:4096])
+
+    def counted(start: int, stop: int) -> bytes:
+        asked.add((start, stop))
+        return content[start:stop]
+
+    at = offset_of(counted, len(content), known, 700.0)
+    assert stamps(content[at : at + 2048], known)[0].t == pytest.approx(700.0, abs=0.8)
+    assert sum(stop - start for start, stop in asked) < HEAD_BYTES + 16_000

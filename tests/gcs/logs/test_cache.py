@@ -208,6 +208,24 @@ def test_logs_of_a_card(tmp_path: Path, two_chirps: bytes) -> None:
     assert set(logs_in(tmp_path)) == set(flight)
 
 
+def test_of_a_flight_without_its_own_log_what_was_fetched_is_taken_each_run_once(tmp_path: Path) -> None:
+    def put(name: str) -> Path:
+        (tmp_path / name).write_bytes(b"x")
+        return tmp_path / name
+
+    telemetry = put("flight.tlog")
+    assert logs_in(tmp_path) == [telemetry]
+    one = put("fetched-00000001.run-2-only.BIN")
+    assert logs_in(tmp_path) == [one]
+    put("fetched-00000001.BIN.part")
+    all_runs = put("fetched-00000001.runs-only.BIN")
+    assert logs_in(tmp_path) == [all_runs]
+    whole = put("fetched-00000001.BIN")
+    assert logs_in(tmp_path) == [whole]
+    streamed = put("flight.BIN")
+    assert logs_in(tmp_path) == [streamed]
+
+
 def test_a_file_that_is_empty_hides_none_of_its_name(tmp_path: Path, two_chirps: bytes) -> None:
     (tmp_path / "1.BIN").write_bytes(b"")
     (tmp_path / "1.log").write_bytes(two_chirps)

@@ -1,0 +1,155 @@
+"""A stock ArduCopter behind a telemetry radio, in fake time: the simulated vehicle, its server, and the commands.
+
+Time goes by only while a command waits. The radio carries `BYTES_S` each way, as `tippath sim --bandwidth` does, and
+the pilot hears the lines of the simulated vehicle's terminal.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import gcs.flight.connection
+from gcs.cli import main
+from gcs.flight.fetching import fetch as fetching
+from gcs.flight.session import Session
+from gcs.link.transport import Frame, FrameFinder
+from sitl.autopilot.storage import LogStorage
+from sitl.autopilot.vehicle import Vehicle, make_vehicle
+from sitl.faults.air import Bandwidth, Faults, FaultyLink
+from sitl.pilot import obey
+from sitl.protocol.links import Address
+from sitl.protocol.server import Server
+
+BYTES_S = 5760.0
+"""57,600 baud."""
+LINK = "/dev/ttyUSB0,57600"
+TURN_S = 0.02
+
+
+class Wire:
+    """Both ends of the radio: the server's link, and the session's transport."""
+
+    def __init__(self) -> None:
+        self.name = self.ground_link = LINK
+        self.known: tuple[Address, ...] = ("radio",)
+        self._up: list[bytes] = []
+        self._down: list[bytes] = []
+        self._finder = FrameFinder()
+        self.at_ground = self.Ground(self)
+
+    class Ground:
+        """The session's."""
+
+        name = LINK
+        strangers = 0
+        receive_buffer: int | None = None
+        problem: str | None = None
+
+        def __init__(self, wire: Wire) -> None:
+            self._wire = wire
+
+        @property
+        def counts(self) -> tuple[int, int]:
+            return self._wire._finder.frames, self._wire._finder.bad_bytes
+
+        def receive(self, timeout_s: float) -> list[Frame]:
+            down, self._wire._down = self._wire._down, []
+            return self._wire._finder.feed(b"".join(down))
+
+        def send(self, data: bytes) -> None:
+            self._wire._up.append(data)
+
+        def close(self) -> None:
+            """The radio stays on."""
+
+    def receive(self) -> list[tuple[Address, bytes]]:
+        up, self._up = self._up, []
+        return [("radio", data) for data in up]
+
+    def gone(self) -> list[Address]:
+        return []
+
+    def room(self, address: Address) -> bool:
+        return True
+
+    def send(self, address: Address, data: bytes) -> None:
+        self._down.append(data)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class SlowFlight:
+    """A vehicle on the ground, its pilot, and `tippath` at the other end of the radio; a session's pace, too."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, plant: str, like: str, card: Path) -> None:
+        card.mkdir()
+        self.vehicle: Vehicle = make_vehicle(plant, 5, directory=card, on_ground=True, like=like)
+        self.vehicle.storage = LogStorage(card)
+        self.wire = Wire()
+        faults = Faults(up=(Bandwidth(BYTES_S),), down=(Bandwidth(BYTES_S),))
+        self._server = Server(self.vehicle, FaultyLink(self.wire, faults, lambda: self.vehicle.elapsed_s))
+        self._steps = round(TURN_S / self.vehicle.dt)
+        self._turns: list[Callable[[], None]] = []
+        self._beat: Callable[[], None] = lambda: None
+        self._next_beat = 0.0
+        self.between: Callable[[], None] = lambda: None
+        """Called after every turn."""
+        time = SimpleNamespace(monotonic=self.now, sleep=self.sleep)
+        monkeypatch.setattr(gcs.flight.connection, "time", time)
+        monkeypatch.setattr(Session, "open", self._open)
+        in_fake_time = functools.partial(fetching.Fetching, clock=self.now, wait=self.sleep)
+        monkeypatch.setattr(fetching, "Fetching", in_fake_time)
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: "fly\n"))
+
+    def _open(self, link: str, *, primary: bool = False) -> Session:
+        session = Session(self.wire.at_ground, primary=primary, pace=self, wall_clock=lambda: 1.7e9 + self.now())
+        session.wait_for_vehicle(5.0)
+        return session
+
+    def now(self) -> float:
+        return 1000.0 + self.vehicle.elapsed_s
+
+    def begin(self, turn: Callable[[], None], beat: Callable[[], None]) -> None:
+        self._turns, self._beat, self._next_beat = [turn], beat, self.now()
+
+    def end(self) -> None:
+        """What was said last still arrives."""
+        self._turns, self._beat = [], lambda: None
+        self.sleep(0.5)
+
+    def wait(self, event: threading.Event, seconds: float) -> bool:
+        end = self.now() + seconds
+        while not event.is_set() and self.now() < end:
+            self.pass_by()
+        return event.is_set()
+
+    def sleep(self, seconds: float) -> None:
+        end = self.now() + seconds
+        while self.now() < end:
+            self.pass_by()
+
+    def pass_by(self) -> None:
+        for _ in range(self._steps):
+            self.vehicle.step()
+        self._server.poll()
+        if self.now() >= self._next_beat:
+            self._next_beat = self.now() + 1.0
+            self._beat()
+        for turn in self._turns:
+            turn()
+        self.between()
+
+    def pilot(self, line: str) -> None:
+        assert obey(self.vehicle, line) == "ok"
+
+    def tippath(self, command: str, *words: str | Path) -> int:
+        """The exit status of a command that speaks to the vehicle."""
+        return main([command, "--connect", LINK, *map(str, words)])
