@@ -104,6 +104,9 @@ class Profile:
     """What a user of the profile must know; goes into every record."""
     airframe: Airframe | None = None
     """What flew, where such logs are of one kind only; the log is asked where it is left out."""
+    loop_rate_hz: float | None = None
+    """How often the vehicle's loop gave a command, where the log has fewer of them and does not tell."""
+    loop_told_by: str = "profile"
 
     def fits(self, log: Log) -> bool:
         """Whether the log holds everything this profile needs."""
@@ -126,6 +129,8 @@ class TimeTable(Strict, frozen=True):
 
     source: str | None = None
     scale: Annotated[float, Meta(gt=0)] | None = None
+    loop_rate_hz: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+    """How often the vehicle's loop gives a command, which it holds until the next."""
 
 
 class AxesTable(Strict, frozen=True):
@@ -202,6 +207,7 @@ def parse(text: str, path: str) -> Profile:
         priority=document.log.priority,
         time_source=document.time.source,
         time_scale=document.time.scale,
+        loop_rate_hz=document.time.loop_rate_hz,
         cuts=document.runs or (),
         settings=document.settings,
         notes=tuple(map(printable, document.notes)),
