@@ -104,7 +104,8 @@ def apply(
     for channel in sorted(profile.channels.values(), key=lambda channel: channel.channel not in REQUIRED):
         name = channel.channel
         texts = {"p": (p,), "q": (q,)}.get(name, channel.sources)
-        values = _aligned(channel, texts, clock, stretch, loop_s)
+        late_s = profile.commands_late_s if name.startswith(COMMANDS) else 0.0
+        values = _aligned(channel, texts, clock, stretch, loop_s, late_s)
         if isinstance(values, str):
             absent[name] = values
             continue
@@ -166,7 +167,12 @@ class _Aligned:
 
 
 def _aligned(
-    channel: ChannelSource, texts: Sequence[str], clock: Series, stretch: Stretch, loop_s: float | None
+    channel: ChannelSource,
+    texts: Sequence[str],
+    clock: Series,
+    stretch: Stretch,
+    loop_s: float | None,
+    late_s: float,
 ) -> _Aligned | str:
     """A channel on the record's clock, or why there is none."""
     text = stretch.first_of(texts)
@@ -178,8 +184,8 @@ def _aligned(
     if channel.channel not in REQUIRED and channel.min_rate_hz and coarsest > 1 / channel.min_rate_hz:
         return f"{text} is logged at {1 / coarsest:.0f} Hz, {channel.min_rate_hz:.0f} Hz are needed"
     held = channel.channel.startswith(COMMANDS) and (loop_s is None or loop_s >= EVERY_LOOP * coarsest)
-    if channel.channel.startswith(COMMANDS) and not held:
-        result = expression.evaluate({key: moving_onto(clock, each) for key, each in series.items()})
+    if late_s or (channel.channel.startswith(COMMANDS) and not held):
+        result = expression.evaluate({key: moving_onto(clock, each, late_s) for key, each in series.items()})
     else:
         result = expression.evaluate({key: onto(clock, each, held) for key, each in series.items()})
     return _Aligned(np.broadcast_to(channel.scale * result + channel.offset, clock.t.shape), text, coarsest)
@@ -282,13 +288,17 @@ def onto(clock: Series, series: Series, held: bool) -> FloatArray:
     return np.where(inside, values, np.nan)
 
 
-def moving_onto(clock: Series, series: Series) -> FloatArray:
-    """The values of a command that moved on between its samples, at the clock's times, shape (n,); NaN at its gaps."""
+def moving_onto(clock: Series, series: Series, late_s: float = 0.0) -> FloatArray:
+    """The values of a command that moved on between its samples, at the clock's times, shape (n,); NaN at its gaps.
+
+    late_s: by which it was stamped too late.
+    """
+    clock = Series(clock.t + late_s, clock.values, clock.clock) if late_s else clock
     near = 4 * series.spacing_s
     part = series.part(float(clock.t[0]) - near, float(clock.t[-1]) + near)
     finite = np.isfinite(part.values)
     t, known = part.t[finite], part.values[finite]
-    if t.size < FEWEST_BETWEEN or spacing_near(clock, series) <= SLOWER * clock.spacing_s:
+    if t.size < FEWEST_BETWEEN or (not late_s and spacing_near(clock, series) <= SLOWER * clock.spacing_s):
         return onto(clock, series, held=True)
     # heavier than NumPy itself to load: only where it is needed
     from scipy.interpolate import CubicSpline

@@ -107,6 +107,8 @@ class Profile:
     loop_rate_hz: float | None = None
     """How often the vehicle's loop gave a command, where the log has fewer of them and does not tell."""
     loop_told_by: str = "profile"
+    commands_late_s: float = 0.0
+    """By which the log stamps commands too late, as its clock for rates has it."""
 
     def fits(self, log: Log) -> bool:
         """Whether the log holds everything this profile needs."""
@@ -131,6 +133,8 @@ class TimeTable(Strict, frozen=True):
     scale: Annotated[float, Meta(gt=0)] | None = None
     loop_rate_hz: Annotated[float, Meta(gt=0, le=1e5)] | None = None
     """How often the vehicle's loop gives a command, which it holds until the next."""
+    commands_late_s: Annotated[float, Meta(ge=-0.1, le=0.1)] = 0.0
+    """By which commands are stamped too late beside the rates."""
 
 
 class AxesTable(Strict, frozen=True):
@@ -208,6 +212,7 @@ def parse(text: str, path: str) -> Profile:
         time_source=document.time.source,
         time_scale=document.time.scale,
         loop_rate_hz=document.time.loop_rate_hz,
+        commands_late_s=document.time.commands_late_s,
         cuts=document.runs or (),
         settings=document.settings,
         notes=tuple(map(printable, document.notes)),
