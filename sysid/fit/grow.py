@@ -26,7 +26,7 @@ LARGEST_SEARCH = 24
 SEARCH_ROUNDS = 2
 MOST_PROMISING = 2
 NEAR_NULL = 0.9
-LATE_S = (0.02, 0.05, 0.1)
+LATE_S = (0.02, 0.06)
 """How late commands may act on a vehicle whose bare base comes out unstable."""
 
 

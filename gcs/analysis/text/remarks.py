@@ -39,5 +39,5 @@ def _text(remark: Remark) -> str:
                 "that loop lets them: fly a chirp with noise on every axis, with the excitation logged, and ask that"
             )
         case ClocksDiffer(early):
-            return f"{early_text(early)}. That explains what the model leaves at least as well as any effect"
+            return f"{early_text(early)}. That explains what the model leaves, and no effect does it better"
     assert_never(remark)
