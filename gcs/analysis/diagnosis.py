@@ -147,10 +147,7 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks: list[Remark] = [*remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
-    early = clocks(answer)
-    if early is not None:
-        remarks.insert(0, ClocksDiffer(early))
+    remarks = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
     if repeat and wild:
         remarks.append(NotAdded(str(answer.effect), wild))
         grown = None
@@ -272,6 +269,11 @@ def rival(found: Diagnosis) -> Ranked | None:
 def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[Remark]:
     """What these runs cost any answer."""
     return [*([] if validation else [NoValidation()]), *([OneRun()] if len(records) == 1 else [])]
+
+
+def _clocks_differ(found: Diagnosis) -> list[Remark]:
+    early = clocks(found)
+    return [] if early is None else [ClocksDiffer(early)]
 
 
 def _in_a_loop(found: Diagnosis) -> list[Remark]:

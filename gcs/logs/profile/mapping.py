@@ -74,12 +74,7 @@ class OutsideLog(TippathError):
 
 
 def apply(
-    profile: Profile,
-    log: Log,
-    start_s: float = -math.inf,
-    stop_s: float = math.inf,
-    *,
-    loop_s: float | None = None,
+    profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float = math.inf, *, loop_s: float | None = None
 ) -> Mapped:
     """The channels between two times of the log's own clock; `loop_s` is how long the vehicle held a command.
 
@@ -104,8 +99,7 @@ def apply(
     for channel in sorted(profile.channels.values(), key=lambda channel: channel.channel not in REQUIRED):
         name = channel.channel
         texts = {"p": (p,), "q": (q,)}.get(name, channel.sources)
-        late_s = profile.commands_late_s if name.startswith(COMMANDS) else 0.0
-        values = _aligned(channel, texts, clock, stretch, loop_s, late_s)
+        values = _aligned(channel, texts, clock, stretch, loop_s, late_s=profile.commands_late_s)
         if isinstance(values, str):
             absent[name] = values
             continue
@@ -172,6 +166,7 @@ def _aligned(
     clock: Series,
     stretch: Stretch,
     loop_s: float | None,
+    *,
     late_s: float,
 ) -> _Aligned | str:
     """A channel on the record's clock, or why there is none."""
@@ -183,8 +178,9 @@ def _aligned(
     coarsest = max((spacing_near(clock, each) for each in series.values() if each.t.size > 1), default=clock.spacing_s)
     if channel.channel not in REQUIRED and channel.min_rate_hz and coarsest > 1 / channel.min_rate_hz:
         return f"{text} is logged at {1 / coarsest:.0f} Hz, {channel.min_rate_hz:.0f} Hz are needed"
-    held = channel.channel.startswith(COMMANDS) and (loop_s is None or loop_s >= EVERY_LOOP * coarsest)
-    if late_s or (channel.channel.startswith(COMMANDS) and not held):
+    command = channel.channel.startswith(COMMANDS)
+    held = command and (loop_s is None or loop_s >= EVERY_LOOP * coarsest)
+    if command and (late_s or not held):
         result = expression.evaluate({key: moving_onto(clock, each, late_s) for key, each in series.items()})
     else:
         result = expression.evaluate({key: onto(clock, each, held) for key, each in series.items()})
