@@ -148,3 +148,23 @@ def test_commands_logged_more_slowly_than_rates_move_between_their_samples() -> 
     gap = (slow < 1.0) | (slow > 1.2)
     holed = moving_onto(Series(fast, fast, "gyro"), Series(slow[gap], wave(slow[gap]), "motors"))
     assert np.all(np.isnan(holed[(fast > 1.0) & (fast < 1.2)])), "nothing is invented in a gap"
+
+
+@pytest.mark.parametrize("only_effects", [["servo_lag"]], indirect=True)
+@pytest.mark.usefixtures("only_effects")
+def test_a_diagnosis_names_the_clocks(tippath: Command, tmp_path: Path) -> None:
+    paths = []
+    for number, run in enumerate(planted.fly(None, {}, seed=1, duration_s=15.0)[:2]):
+        paths.append(tmp_path / f"{number}.csv")
+        columns = [run[name][:-3] if name.startswith(("delta", "exc")) else run[name][3:] for name in CHANNELS]
+        np.savetxt(paths[-1], np.stack(columns, 1), "%.8g", ",", header=",".join(CHANNELS), comments="")
+    assert tippath("fit", *paths, "--model", "tpp", "-o", tmp_path / "fit.json")[0] == 0
+    status, out, _ = tippath("diagnose", tmp_path / "fit.json", "--json")
+    assert status == 0
+    found = json.loads(out)
+    assert found["verdict"] == "unexplained"
+    assert found["reason"] == "clocks"
+    assert found["remarks"][0].startswith("commands are stamped 6.")
+    status, out, _ = tippath("diagnose", tmp_path / "fit.json")
+    assert out.index("unexplained") < out.index("but commands are stamped") < out.index("explains")
+    assert max(map(len, out.splitlines())) <= 78

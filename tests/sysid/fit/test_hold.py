@@ -20,6 +20,7 @@ from sysid.fit.checks import fit_checks
 from sysid.fit.clocks import early_commands
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit
+from sysid.model.acting import divided, in_time
 from sysid.model.compose import compose
 from sysid.model.predict import respond
 
@@ -90,6 +91,24 @@ def test_limits_act_on_the_loops_commands() -> None:
     fit = identify(TPP, logged(flown("servo_saturation", 0.08, "limit"), 5, LOOP_S), effects=["servo_saturation"])
     assert fit.model["limit"] == pytest.approx(0.08, rel=0.02)
     assert fit.model["M_a"] == pytest.approx(planted.TABLE_4["M_a"], rel=0.005)
+
+
+@pytest.mark.parametrize("effects", [["servo_rate_limit"], ["servo_lag", "servo_backlash"]])
+def test_what_acts_on_samples_sees_those_of_the_loop(effects: list[str]) -> None:
+    t = np.arange(0, 8, LOOP_S)
+    x, y = 0.1 * np.sin(2 * np.pi * (0.3 + 0.4 * t) * t), 0.08 * np.sin(2 * np.pi * 2.0 * t)
+    channels = dict.fromkeys(("p", "q"), 0 * t) | {"t": t, "delta_x": x, "delta_y": y}
+    structure = compose("tpp", effects)
+    sizes = {"rate": 1.0, "tau_s": 0.02, "half_width": 0.01}
+    named = {**planted.TABLE_4, **{name: sizes[name] for name in structure.names if name in sizes}}
+    front, _ = divided(structure)
+    acting = []
+    for every in (1, 5):
+        record = Record("#0", {name: values[::every] for name, values in channels.items()}, loop_dt_s=LOOP_S)
+        segment = prepared([record], BAND).viewed(TPP.inputs).stacks[0].spectra[0].segment
+        acting.append(in_time(structure, front, segment, named))
+    assert acting[0].shape == acting[1].shape
+    assert np.max(np.abs(acting[1] - acting[0])[:, 10:-10]) < 0.002
 
 
 def test_what_is_not_linear_is_driven_by_the_loops_commands() -> None:
