@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gcs.analysis.fits import on_airframe, runs_of
+from gcs.analysis.fits import on_airframe, runs_of, told_loop_rate
 from gcs.errors import TippathError
 from gcs.logs import AnyWindow, FromStart, Run, ingest, resolve_runs
 from sysid.data.airframe import Airframe
@@ -31,7 +31,7 @@ def flown(
     """
     if runs:
         own = None if fit.profile is None else Path(fit.profile)
-        found = resolve_runs(runs, profile or own, window, f_high_hz=fit.band_hz[1])
+        found = resolve_runs(runs, profile or own, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit))
         return split(found)
     if profile is not None:
         fit = replace(fit, profile=str(profile))
@@ -54,7 +54,8 @@ def _quiet_beside(fit: Fit, records: Sequence[Record]) -> list[Record]:
     logs = [Path(path) for path in dict.fromkeys(record.path for record in records) if not path.endswith(".npz")]
     if not logs:
         return []
-    return quiet_among(ingest(logs, profile, fit.window_s, f_high_hz=fit.band_hz[1]).runs, fit, records)
+    read = ingest(logs, profile, fit.window_s, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit))
+    return quiet_among(read.runs, fit, records)
 
 
 def quiet_among(runs: Sequence[Run], fit: Fit, records: Sequence[Record]) -> list[Record]:
@@ -91,7 +92,9 @@ def flown_with_validation(
     records, quiet = flown(fit, runs, profile, window)
     if validate:
         own = None if fit.profile is None else Path(fit.profile)
-        judging = resolve_runs(validate, profile or own, window, f_high_hz=fit.band_hz[1])
+        judging = resolve_runs(
+            validate, profile or own, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit)
+        )
     elif runs:
         judging = []
     else:

@@ -22,6 +22,7 @@ from sysid.compare.values import Comparison
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.clocks import clocks
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import instrumental_step
@@ -30,6 +31,7 @@ from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
+from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit
 from sysid.model.effect import Effect, named_effect
@@ -74,7 +76,14 @@ class InALoop:
     """1/s, the fastest growing."""
 
 
-Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop
+@dataclass(frozen=True, slots=True)
+class ClocksDiffer:
+    """Not the vehicle, but the time of its commands explains what the model leaves."""
+
+    early: CommandsLate | CommandsThinned
+
+
+Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | ClocksDiffer
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -138,7 +147,7 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks: list[Remark] = [*remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
+    remarks = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
     if repeat and wild:
         remarks.append(NotAdded(str(answer.effect), wild))
         grown = None
@@ -260,6 +269,11 @@ def rival(found: Diagnosis) -> Ranked | None:
 def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[Remark]:
     """What these runs cost any answer."""
     return [*([] if validation else [NoValidation()]), *([OneRun()] if len(records) == 1 else [])]
+
+
+def _clocks_differ(found: Diagnosis) -> list[Remark]:
+    early = clocks(found)
+    return [] if early is None else [ClocksDiffer(early)]
 
 
 def _in_a_loop(found: Diagnosis) -> list[Remark]:

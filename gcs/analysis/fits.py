@@ -16,6 +16,7 @@ from gcs import documents
 from gcs.analysis.band import chosen_band
 from gcs.errors import TippathError
 from gcs.logs import AnyWindow, FromStart, ingest
+from gcs.logs.runs.loop import TOLD
 from gcs.logs.runs.run import split_mark
 from sysid.compare.metrics import Mismatches, mismatch
 from sysid.data.airframe import Airframe
@@ -162,6 +163,11 @@ def on_airframe(records: Sequence[Record], airframe: Airframe | None) -> list[Re
     return [*records] if airframe is None else [replace(record, airframe=airframe) for record in records]
 
 
+def told_loop_rate(fit: Fit) -> float | None:
+    """The loop's rate that the user gave with the fit's runs, Hz; None where none was given."""
+    return next((one.loop_rate_hz for one in fit.records if one.loop_told_by == TOLD), None)
+
+
 def runs_of(fit: Fit, which: Sequence[RecordUsed], cut: FromStart | None = None) -> list[Record]:
     """The records a fit was made from, read again from their logs; `cut` takes another part of each.
 
@@ -176,7 +182,8 @@ def runs_of(fit: Fit, which: Sequence[RecordUsed], cut: FromStart | None = None)
         plain, own_cut = split_mark(one.id)
         window = cut or own_cut or fit.window_s
         if (one.path, window) not in logs:
-            read = ingest([Path(one.path)], profile, window, f_high_hz=fit.band_hz[1])
+            told = told_loop_rate(fit)
+            read = ingest([Path(one.path)], profile, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told)
             logs[one.path, window] = (
                 {source.sha256 for source in read.sources},
                 {run.id: run.record for run in read.runs},

@@ -47,8 +47,8 @@ answers like this one were right on flights whose answer was known.
 "nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best
 first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}],
 "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation",
-"suspicions", "warnings", "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict",
-"effect", "confidence"}]}.
+"suspicions", "warnings", "reason" ("clocks" where the commands' time stamps are the cause, or null), "remarks",
+"rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
 """
 
 

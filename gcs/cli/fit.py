@@ -14,6 +14,7 @@ from gcs.cli.options import (
     add_band_option,
     add_effects_option,
     add_log_options,
+    add_loop_option,
     add_output_options,
     parse_airframe,
     parse_band,
@@ -92,6 +93,7 @@ def add_parser(subparsers: Any) -> None:
     add_band_option(parser)
     add_airframe_option(parser)
     add_log_options(parser)
+    add_loop_option(parser)
     add_output_options(parser, "FIT.json")
     parser.set_defaults(run=run)
 
@@ -163,7 +165,8 @@ def runs_to_fit(
     from gcs.logs import resolve_runs
 
     def named(words: Sequence[str]) -> list[Record]:
-        return on_airframe(resolve_runs(words, profile, window, f_high_hz=f_high_hz), parse_airframe(args))
+        read = resolve_runs(words, profile, window, f_high_hz=f_high_hz, loop_rate_hz=args.loop_rate)
+        return on_airframe(read, parse_airframe(args))
 
     validation = named(args.validate) if args.validate else []
     judging = {(record.path, record.id) for record in validation}

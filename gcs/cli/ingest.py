@@ -15,6 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gcs.cli.options import add_loop_option
+
 if TYPE_CHECKING:
     from gcs.logs import Ingest
     from gcs.logs.runs.of_flight import FlightRuns
@@ -68,6 +70,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="[@]START:STOP",
         help="seconds of the log's own time, or with @ from each run's start (@5:25); ends may be left open",
     )
+    add_loop_option(parser)
     parser.add_argument("--force", action="store_true", help="overwrite records that exist")
     parser.add_argument("--json", action="store_true", help="one JSON document on stdout")
     parser.set_defaults(run=run)
@@ -85,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     window = None if args.window is None else parse_window(args.window)
     try:
         with ReadingBar() as bar:
-            found = ingest(args.logs, args.profile, window, progress=bar)
+            found = ingest(args.logs, args.profile, window, loop_rate_hz=args.loop_rate, progress=bar)
     except UnreadableError as error:
         if not (args.json or args.explain):
             raise

@@ -27,6 +27,28 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_loop_option(parser: argparse.ArgumentParser) -> None:
+    """--loop-rate, of commands that make records of logs."""
+    parser.add_argument(
+        "--loop-rate",
+        metavar="HZ",
+        type=parse_rate,
+        help="how often the vehicle's control loop gave a command, where the log has fewer of them and does not say "
+        "(ArduPilot's and PX4's say it)",
+    )
+
+
+def parse_rate(text: str) -> float:
+    """A rate in Hz. Raises argparse.ArgumentTypeError."""
+    try:
+        rate_hz = float(text)
+    except ValueError:
+        rate_hz = 0.0
+    if not 1 <= rate_hz <= 1e5:
+        raise argparse.ArgumentTypeError(f"{text}: wants a rate in Hz, such as 400")
+    return rate_hz
+
+
 def add_band_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--band",

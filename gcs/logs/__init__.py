@@ -179,6 +179,7 @@ def ingest(
     window: AnyWindow | None = None,
     *,
     f_high_hz: float = F_HIGH_HZ,
+    loop_rate_hz: float | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Ingest:
     """Find the runs in logs and flight folders, cut their records, check their health.
@@ -186,7 +187,8 @@ def ingest(
     A log that cannot be read goes into `refused`; where all are, UnreadableError is raised. A file that occurs twice in
     one folder (equal bytes) is read once. `profile` is a TOML file, the name of a bundled one, or a Profile; without it
     one is chosen by what each log holds. Runs that the flight.json beside a log says are to be flown again are not
-    usable. Raises TippathError for a profile that makes no sense.
+    usable. `loop_rate_hz`, how often the vehicle's loop gave a command, goes before what a log tells. Raises
+    TippathError for a profile that makes no sense.
     """
     chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
     logs: list[Path] = []
@@ -206,7 +208,7 @@ def ingest(
     runs: list[Run] = []
     sources: list[Source] = []
     known: dict[tuple[Path, str], int] = {}
-    for path, content in reading.read_all(logs, reading.Reading(chosen, window, f_high_hz), progress):
+    for path, content in reading.read_all(logs, reading.Reading(chosen, window, f_high_hz, loop_rate_hz), progress):
         if not isinstance(content, Content):
             refused[str(path)] = str(content)
             continue
@@ -245,6 +247,7 @@ def resolve_runs(
     window: AnyWindow | None = None,
     *,
     f_high_hz: float = F_HIGH_HZ,
+    loop_rate_hz: float | None = None,
 ) -> list[Record]:
     """RUN words to usable records, in the order given, each run once.
 
@@ -263,7 +266,7 @@ def resolve_runs(
         its_window = own_window or window
         path, number = split_run_word(plain)
         if (path, its_window) not in read:
-            read[path, its_window] = ingest([path], profile, its_window, f_high_hz=f_high_hz)
+            read[path, its_window] = ingest([path], profile, its_window, f_high_hz=f_high_hz, loop_rate_hz=loop_rate_hz)
         found = read[path, its_window]
         meant = found.runs if number is None else _numbered(found.runs, number, word, its_window)
         usable = [(run, run.record) for run in meant if run.usable and run.record is not None]

@@ -21,6 +21,7 @@ from gcs.logs.formats.raw import unreadable
 from gcs.logs.formats.tables import Log
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import cutting, runs
+from gcs.logs.runs.loop import TOLD
 from gcs.logs.runs.run import AnyWindow, Run
 from gcs.logs.source import Source
 from gcs.logs.words import printable
@@ -37,6 +38,8 @@ class Reading:
     profile: Profile | None
     window: AnyWindow | None
     f_high_hz: float
+    loop_rate_hz: float | None = None
+    """How often the vehicle's loop gave a command, where the user says so."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def read(path: Path, how: Reading) -> Content:
         record = Record.load(path)
         return Content(
             Source(path=str(path), sha256=record.sha256, kind="record"),
-            (cutting.of_record(record, how.window, how.f_high_hz),),
+            (cutting.of_record(record, how.window, how.f_high_hz, how.loop_rate_hz),),
         )
     kept: Path | None = None
     sha256 = ""
@@ -93,7 +96,11 @@ def _is_record(path: Path) -> bool:
 def _parse(path: Path, how: Reading) -> Content:
     opened = opening.open_log(path, how.profile)
     name = printable(path.name)
-    flown = runs.runs_of(opened.parts, name, opened.sha256, how.window, how.f_high_hz)
+    parts = opened.parts
+    if how.loop_rate_hz is not None:
+        told = [replace(profile, loop_rate_hz=how.loop_rate_hz, loop_told_by=TOLD) for _, profile in parts]
+        parts = [(log, profile) for (log, _), profile in zip(parts, told, strict=True)]
+    flown = runs.runs_of(parts, name, opened.sha256, how.window, how.f_high_hz)
     fields = dict.fromkeys(field for log in opened.boots for field in log.fields())
     # Asked for after the runs: what breaks the order of time is found when a series is read.
     notes = [*opened.notes]

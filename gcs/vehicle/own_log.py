@@ -8,7 +8,7 @@ from gcs.vehicle.autopilots import LOG_BACKEND, LOOP_RATE
 from sysid.data.airframe import Airframe
 
 SAMPLES_OF_A_PERIOD = 10.0
-"""Of the highest frequency swept: fewer, and the hold between them is a large part of the phase."""
+"""Of the highest frequency swept: fewer, and what moved between them is a large part of it."""
 SLOWER = 0.8
 """Share of the loop's rate; a log that misses a few samples is not slow."""
 ENOUGH_BUFFER = 50
@@ -20,6 +20,8 @@ _BY_LINK = 2
 """The bit of LOG_BACKEND_TYPE that sends the log over the link."""
 LOG_EVERY_LOOP = "LOG_BITMASK bit 0 (ATTITUDE_FAST) logs every loop"
 SYSTEM_IDS = ("MAV_SYSID", "SYSID_THISMAV")
+LOOP_RATES = (LOOP_RATE, "IMU_GYRO_RATEMAX")
+"""ArduPilot's and PX4's; zero is none."""
 SETUP = ("FRAME_CLASS", "FRAME_TYPE", LOOP_RATE, "INS_GYRO_FILTER", "H_SW_TYPE", "H_CYC_MAX", "MOT_THST_EXPO")
 """Settings that make another vehicle of one, or another command of the same number."""
 _CLASSES = {Airframe.MULTIROTOR: (1, 2, 3, 4, 5, 7, 12, 14), Airframe.HELICOPTER: (6, 11)}
@@ -38,6 +40,11 @@ OVER_LINK, ON_CARD = DROPPED = ("DMS.Dp", "DSF.Dp")
 """Its counters of messages that it wrote neither to the link nor to the card."""
 
 
+def loop_rate(settings: Mapping[str, float]) -> tuple[str, float] | None:
+    """The setting that says how often the control loop gave a command, and how often, Hz; None where none does."""
+    return next(((name, settings[name]) for name in LOOP_RATES if settings.get(name, 0.0) > 0), None)
+
+
 def slower_than_loop(rate_hz: float, loop_hz: float) -> str:
     """What it means that a log has `rate_hz` of a loop's `loop_hz`."""
     return (
@@ -49,8 +56,7 @@ def slower_than_loop(rate_hz: float, loop_hz: float) -> str:
 def cost_of(rate_hz: float, loop_hz: float) -> str:
     """What a fit loses by a log of `rate_hz` of a loop's `loop_hz`."""
     wider = (loop_hz / rate_hz) ** 0.5  # so many fewer samples average the noise
-    short_s = 0.5 / rate_hz - 0.5 / loop_hz  # it takes commands as held from sample to sample
-    return f"error bounds up to {wider:.1f} times as wide, and lags or delays up to {1000 * short_s:.1f} ms too short"
+    return f"error bounds up to {wider:.1f} times as wide"
 
 
 def identity(settings: Mapping[str, float]) -> dict[str, str]:

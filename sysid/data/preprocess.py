@@ -3,6 +3,9 @@
 The paper's ideal low-pass and centring become a choice of bins: by Parseval, least squares over the low-passed
 samples is least squares over the bins up to the cut-off, and leaving out bin zero removes every constant trim.
 A gap splits the run; it is never interpolated over.
+
+Commands are held by the vehicle's loop. Where a log has not every loop, its samples are still those of a command that
+moves on between them: their bins inside the band are the command's, and what holds it is `held_s`, not the sample.
 """
 
 from __future__ import annotations
@@ -18,6 +21,8 @@ from sysid.data.record import FloatArray, Record
 ComplexArray = NDArray[np.complex128]
 MINIMUM_SEGMENT_S = 2.0
 OFF_CLOCK = 0.1  # of a sample
+EVERY_LOOP = 0.8
+"""Of a sample: a loop that takes longer was logged whole, but for a few samples."""
 DEFAULT_BAND_HZ = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 
@@ -56,6 +61,40 @@ class Segment:
     def t(self) -> FloatArray:
         return np.asarray(self.start_s + self.dt * np.arange(self.samples))
 
+    @property
+    def held_s(self) -> float:
+        """How long a command was held, s."""
+        return held_s(self.dt, self.record)
+
+    @property
+    def finer(self) -> int:
+        """Loops in a sample."""
+        return max(1, round(self.dt / self.held_s))
+
+    @property
+    def loop_dt(self) -> float:
+        """Spacing of `as_held`, s."""
+        return self.dt / self.finer
+
+    def as_held(self, names: Sequence[str]) -> FloatArray:
+        """Commands as the loop held them, (names, n finer): what acts on their samples is simulated on these."""
+        logged = np.stack([self.channels[name] for name in names])
+        if self.finer == 1:
+            return logged
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.interpolate import CubicSpline
+
+        at = np.arange(self.samples * self.finer) / self.finer
+        between = CubicSpline(np.arange(self.samples), logged, axis=1)
+        return np.asarray(between(np.minimum(at, self.samples - 1)))
+
+    def bins(self, rows: FloatArray) -> ComplexArray:
+        """Samples (rows, n), or those of `as_held`, to Fourier bins from zero on, (rows, bins)."""
+        from scipy.fft import rfft
+
+        made = np.asarray(rfft(rows, axis=1))
+        return made if rows.shape[1] == self.samples else made * (self.samples / rows.shape[1])
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Spectrum:
@@ -78,11 +117,8 @@ class Spectrum:
     """Names of the rows of U."""
 
     def transform(self, rows: FloatArray) -> ComplexArray:
-        """Samples (rows, n) of this segment to the same bins, (rows, bins)."""
-        # heavier than NumPy itself to load: only where it is needed
-        from scipy.fft import rfft
-
-        return np.asarray(rfft(rows, axis=1)[:, self.first : self.first + self.frequency_hz.size])
+        """Samples (rows, n) of this segment, or `Segment.as_held`, to the same bins, (rows, bins)."""
+        return self.segment.bins(rows)[:, self.first : self.first + self.frequency_hz.size]
 
     def in_time(self, bins: ComplexArray) -> FloatArray:
         """Bins (rows, bins) back to samples, (rows, n): nothing outside the band, no mean."""
@@ -91,6 +127,12 @@ class Spectrum:
         whole = np.zeros((bins.shape[0], self.samples // 2 + 1), dtype=complex)
         whole[:, self.first : self.first + bins.shape[1]] = bins
         return np.asarray(irfft(whole, self.samples, axis=1))
+
+
+def held_s(dt: float, record: Record) -> float:
+    """How long a command was held, s: a sample, or the vehicle's loop where that is known to be shorter."""
+    loop_s = record.loop_dt_s
+    return dt if loop_s is None or loop_s >= EVERY_LOOP * dt else loop_s
 
 
 def gap_threshold_s(spacing: FloatArray, high_hz: float) -> float:
@@ -142,12 +184,12 @@ class Piece:
         return Segment(self.record, float(self.record.t[self.part.start]), self.dt, channels, self.resampled)
 
     def _channel(self, name: str) -> FloatArray:
-        """Commands are held, rates interpolated linearly where a time stamp is off the grid."""
+        """Where a time stamp is off the grid commands are held, those of a thinned log and rates interpolated."""
         if name not in self._channels:
             values = self.record.channels[name][self.part]
             if self.resampled:
                 t = self.record.t[self.part]
-                held = _is_held(name)
+                held = _is_held(name) and held_s(self.dt, self.record) == self.dt
                 values = _held(t, values, self.grid, self.dt) if held else np.interp(self.grid, t, values)
             self._channels[name] = values
         return self._channels[name]

@@ -90,6 +90,11 @@ class Record:
     """What the reader of the log wants the user to know."""
     vehicle: Mapping[str, str] = field(default_factory=dict)
     """What the log says of the vehicle and how it was set up, by name; empty where it says nothing."""
+    loop_dt_s: float | None = None
+    """How long the vehicle's loop held each command, s, where that is known: shorter than a sample of a log that has
+    not every loop. None: not known, and taken as held from sample to sample."""
+    loop_told_by: str = ""
+    """Where that is from: a setting in the log, a profile, the user."""
 
     def __post_init__(self) -> None:
         missing = [name for name in REQUIRED if name not in self.channels]
@@ -99,6 +104,8 @@ class Record:
         if unknown:
             raise RecordError(f"{self.id}: unknown channel {', '.join(unknown)}")
         channels = {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in self.channels.items()}
+        if self.loop_dt_s is not None and not 0 < self.loop_dt_s < float("inf"):
+            raise RecordError(f"{self.id}: a loop of {self.loop_dt_s:g} s holds no command")
         n = channels["t"].size
         for name, values in channels.items():
             if values.shape != (n,):
@@ -150,6 +157,8 @@ class Record:
             airframe=self.airframe,
             notes=self.notes,
             vehicle=self.vehicle,
+            loop_dt_s=self.loop_dt_s,
+            loop_told_by=self.loop_told_by,
         )
 
     def save(self, path: Path) -> None:
@@ -170,6 +179,8 @@ class Record:
             "airframe": self.airframe,
             "notes": list(self.notes),
             "vehicle": dict(self.vehicle),
+            "loop_dt_s": self.loop_dt_s,
+            "loop_told_by": self.loop_told_by,
         }
         part = path.with_name(path.name + ".part")
         arrays: dict[str, Any] = dict(self.channels)
@@ -206,6 +217,8 @@ class Record:
             airframe=None if airframe is None else Airframe(airframe),
             notes=tuple(about["notes"]),
             vehicle={str(key): str(value) for key, value in about.get("vehicle", {}).items()},
+            loop_dt_s=about.get("loop_dt_s"),
+            loop_told_by=about.get("loop_told_by", ""),
         )
 
 

@@ -41,6 +41,21 @@ class Stack:
     def samples(self) -> int:
         return sum(one.samples for one in self.spectra)
 
+    @property
+    def thinned_log(self) -> bool:
+        """Whether the vehicle's loop held commands for less than a sample."""
+        return self.spectra[0].segment.held_s < self.spectra[0].dt
+
+    @property
+    def held_s(self) -> float:
+        """How long a command was held, s."""
+        return self.spectra[0].segment.held_s if self.thinned_log else self.dt
+
+    @property
+    def z_held(self) -> ComplexArray:
+        """exp(j omega held_s), (bins,)."""
+        return np.asarray(np.exp(2j * np.pi * self.held_s * self.frequency_hz)) if self.thinned_log else self.z
+
     def thinned(self, every: int) -> Stack:
         """Every so many bins of each segment, at least FEWEST_BINS: enough for a first look."""
         kept, slices, length = [], [], 0
@@ -71,16 +86,21 @@ class Stack:
 
 
 def stack(spectra: Sequence[Spectrum]) -> list[Stack]:
-    """Segments of equal sample spacing together."""
+    """Segments of equal sample spacing, and commands held equally long, together."""
     groups: list[list[Spectrum]] = []
     for one in spectra:
         for group in groups:
-            if abs(group[0].dt - one.dt) < 1e-6 * one.dt:
+            if _alike(group[0], one):
                 group.append(one)
                 break
         else:
             groups.append([one])
     return [_stacked(group) for group in groups]
+
+
+def _alike(one: Spectrum, other: Spectrum) -> bool:
+    near = abs(one.dt - other.dt) < 1e-6 * other.dt
+    return near and abs(one.segment.held_s - other.segment.held_s) < 1e-6 * other.dt
 
 
 def _stacked(group: Sequence[Spectrum]) -> Stack:
@@ -130,11 +150,19 @@ class Sampling(NamedTuple):
 
 def sampling(stack: Stack, order: int) -> Sampling:
     """Sums over all images of the spectrum, in closed form: trigonometric functions of half a sample."""
-    dt, omega = stack.dt, 2 * np.pi * stack.frequency_hz
+    held_s, omega = stack.held_s, 2 * np.pi * stack.frequency_hz
     s = np.asarray(1j * omega, dtype=np.complex128)
-    sine, cosine = np.sin(0.5 * omega * dt) / (0.5 * dt), np.cos(0.5 * omega * dt)
-    back = 1 - 1 / stack.z
-    bend = 1 / omega**2 - 1 / sine**2
+    sine, cosine, bend = _half(omega, held_s)
+    back = 1 - 1 / stack.z_held
     every = 1j * (cosine / (sine * sine**2) - 1 / (omega * omega**2)) if order == 2 else bend
-    jump = np.asarray(0.5 * dt + 1j * (1 / omega - cosine / sine), dtype=np.complex128)
-    return Sampling(s, back / (s * dt), back / dt * every, jump, bend)
+    images = back / held_s * every
+    if stack.thinned_log:  # an end state moves on from sample to sample of the log
+        sine, cosine, bend = _half(omega, stack.dt)
+    jump = np.asarray(0.5 * stack.dt + 1j * (1 / omega - cosine / sine), dtype=np.complex128)
+    return Sampling(s, back / (s * held_s), images, jump, bend)
+
+
+def _half(omega: FloatArray, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sine over half a sample, and cosine, of half a sample, and what sampling adds to 1/s^2."""
+    sine, cosine = np.sin(0.5 * omega * dt) / (0.5 * dt), np.cos(0.5 * omega * dt)
+    return sine, cosine, 1 / omega**2 - 1 / sine**2

@@ -228,12 +228,13 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
     bins = min(int(max(RELAXATION_HZ, float(one.frequency_hz[-1])) * length), (segment.samples - 1) // 2)
     grid = next_fast_len(4 * bins)
     s = 2j * np.pi * np.arange(bins + 1) / length
-    hold = np.sinc(np.arange(bins + 1) / segment.samples) * np.exp(-0.5 * s * segment.dt)
+    held_s = segment.held_s
+    hold = np.sinc(np.arange(bins + 1) / segment.samples * (held_s / segment.dt)) * np.exp(-0.5 * s * held_s)
 
     def on_grid(spectrum: ComplexArray) -> FloatArray:
         return np.asarray(irfft(spectrum, grid, axis=-1) * (grid / segment.samples))
 
-    U = rfft(in_time(probe.structure, front, segment, named), axis=1)[:, : bins + 1] * hold
+    U = segment.bins(in_time(probe.structure, front, segment, named))[:, : bins + 1] * hold
     U[:, 0] = 0
     for effect in rest.composed:
         if effect.response is not None:

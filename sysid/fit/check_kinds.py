@@ -82,6 +82,26 @@ class ParametersMoved:
     """Those that moved, or the one that moved most: name and standard errors."""
 
 
+@dataclass(frozen=True, slots=True)
+class CommandsThinned:
+    """Commands act before their time stamps, as they would in a log of a faster loop."""
+
+    early_s: float
+    error_s: float
+    """One standard error."""
+    sample_s: float
+    """Of the log, of which early_s is a half at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandsLate:
+    """Commands act before their time stamps, more than any loop explains: clocks differ."""
+
+    early_s: float
+    error_s: float
+    """One standard error."""
+
+
 CheckFinding = (
     SweepUnknown
     | OutsideSweep
@@ -94,4 +114,6 @@ CheckFinding = (
     | SetsDiffer
     | NothingFree
     | ParametersMoved
+    | CommandsThinned
+    | CommandsLate
 )

@@ -32,6 +32,7 @@ from sysid.fit.check_kinds import (
     SetsDiffer,
     SweepUnknown,
 )
+from sysid.fit.clocks import thinned_commands
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
@@ -96,12 +97,14 @@ def fit_checks(
     """
     on = prepared(runs, band_hz)
     sets = _sets(model, on, held)
+    early = thinned_commands(model, on, {name: model[name] for name in held})
     spread = None if isinstance(sets, Check) else _spread(model.structure, sets)
     return (
         _inside_sweep(model, on.records),
         _below_rotor(model, on.records),
         sets if isinstance(sets, Check) else _agreement([one.model for one in sets]),
         *([] if spread is None else [_same_parameters(spread)]),
+        *([] if early is None else [Check("time of commands", False, early)]),
     ), spread
 
 

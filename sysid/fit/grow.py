@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from sysid.errors import FitError
 from sysid.fit.gauss_newton import gauss_newton_step, minimise, normal_equations
 from sysid.fit.output_error import axis_weights, output_error
 from sysid.fit.search import Trial, search_nonsmooth
-from sysid.fit.start import START_THINNING
+from sysid.fit.start import START_THINNING, start
 from sysid.model.acting import behind, divided, jumping, linear_dynamics
 from sysid.model.effect import Effect
 from sysid.model.relaxation import RelaxationError
@@ -25,6 +26,8 @@ LARGEST_SEARCH = 24
 SEARCH_ROUNDS = 2
 MOST_PROMISING = 2
 NEAR_NULL = 0.9
+LATE_S = (0.02, 0.06)
+"""How late commands may act on a vehicle whose bare base comes out unstable."""
 
 
 def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Mapping[str, float]) -> Model:
@@ -45,7 +48,10 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Ma
     ranges = {name: (min(choices[name]), max(choices.pop(name))) for name in rough}
     if not choices and not rough:
         return minimise(Model(structure, begin), stacks, valleys.power, tuple(fixed))[0]
-    _, found = valleys.deepest(first, choices)
+    trials = [valleys.deepest(first, choices)]
+    if not parent.stable and not parent.structure.composed:
+        trials += [each.deepest(first, choices) for each in valleys.afresh()]
+    _, found = min(trials, key=lambda trial: trial[0])
     if found is None:
         raise FitError(f"no start of {', '.join(structure.effects)} has a response that settles on these runs")
     for name in rough:
@@ -121,6 +127,21 @@ class _Valleys:
             for here, before in zip(groups, self.without, strict=True)
         )
 
+    def afresh(self) -> list[_Valleys]:
+        """The same from bare bases that were fitted to later commands.
+
+        Without its lateness a late vehicle may come out unstable, far from any valley with it.
+        """
+        linear = [one for one in self.structure.composed if one.response is not None or one.per_command]
+        if not linear or self.front or self.few is self.stacks:
+            return []
+        found = []
+        for late_s in LATE_S:
+            with contextlib.suppress(FitError):
+                bare = start(self.structure.bare, [_later(group, late_s) for group in self.few], thorough=False)
+                found.append(replace(self, known={**bare.by_name, **self.fixed}))
+        return found
+
     def promised(self, begin: Mapping[str, float]) -> float:
         """The cost that one step from there would reach if the response were linear in the parameters."""
         try:
@@ -157,6 +178,11 @@ class _Valleys:
             if best[0] == before:
                 break
         return best
+
+
+def _later(group: Stack, late_s: float) -> Stack:
+    """The bins with every input so much later."""
+    return replace(group, U=group.U * np.exp(-2j * np.pi * late_s * group.frequency_hz))
 
 
 def _beginnings(

@@ -50,6 +50,9 @@ class RecordUsed:
     rate_hz: float
     gaps: tuple[tuple[float, float], ...]
     airframe: Airframe | None = None
+    loop_rate_hz: float | None = None
+    """As the run's record says; None where it does not."""
+    loop_told_by: str = ""
 
     @classmethod
     def of(cls, record: Record, high_hz: float) -> RecordUsed:
@@ -65,6 +68,8 @@ class RecordUsed:
             rate_hz=rate_hz(record.t, found),
             gaps=found,
             airframe=record.airframe,
+            loop_rate_hz=None if record.loop_dt_s is None else 1 / record.loop_dt_s,
+            loop_told_by=record.loop_told_by,
         )
 
 
@@ -372,6 +377,8 @@ def _record_json(one: RecordUsed, directory: Path) -> dict[str, Any]:
         "rate_hz": one.rate_hz,
         "gaps": [list(gap) for gap in one.gaps],
         "airframe": one.airframe,
+        "loop_rate_hz": one.loop_rate_hz,
+        "loop_told_by": one.loop_told_by,
     }
 
 
@@ -389,4 +396,6 @@ def _record_from(one: Any, directory: Path) -> RecordUsed:
         rate_hz=one["rate_hz"],
         gaps=tuple((gap[0], gap[1]) for gap in gaps_of),
         airframe=_kind_or_none(Airframe, one.get("airframe")),
+        loop_rate_hz=one.get("loop_rate_hz"),
+        loop_told_by=one.get("loop_told_by", ""),
     )

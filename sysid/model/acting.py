@@ -116,14 +116,14 @@ def either_side(structure: Structure, named: Mapping[str, float], name: str) -> 
 
 
 def in_time(structure: Structure, front: Sequence[Effect], segment: Segment, named: Mapping[str, float]) -> FloatArray:
-    """Command samples (commands, n) of a segment as they act behind `front`, absolute."""
-    acting = np.stack([segment.channels[name] for name in structure.commands])
+    """Commands of a segment, `Segment.as_held`, as they act behind `front`, absolute."""
+    acting = segment.as_held(structure.commands)
     for effect in front:
         parameters = {name: named[name] for name in effect.names}
         if effect.samples is not None:
-            acting = effect.samples(acting, segment.dt, parameters)
+            acting = effect.samples(acting, segment.loop_dt, parameters)
         else:
-            acting = _filtered(effect, acting, segment.dt, parameters)
+            acting = _filtered(effect, acting, segment.loop_dt, parameters)
     return acting
 
 

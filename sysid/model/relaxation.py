@@ -97,7 +97,8 @@ class _Run:
         self.bins = 1 + min(int(wide * samples * dt), (samples - 1) // 2)
         self.grid = next_fast_len(3 * self.bins)
         self.s = 2j * np.pi * np.arange(self.bins) / (samples * dt)
-        self.hold = np.sinc(np.arange(self.bins) / samples) * np.exp(-0.5 * self.s * dt)
+        held_s = one.segment.held_s
+        self.hold = np.sinc(np.arange(self.bins) / samples * (held_s / dt)) * np.exp(-0.5 * self.s * held_s)
         self.inside = slice(one.first, one.first + one.frequency_hz.size)
         self.channels = {
             name: self.on_grid(rfft(one.segment.channels[name])[: self.bins]) for name in structure.channels
@@ -118,10 +119,8 @@ class _Run:
         return np.asarray(rfft(samples, axis=-1)[..., : self.bins] * (self.one.samples / self.grid))
 
     def commands(self, acting: FloatArray, named: Mapping[str, float]) -> ComplexArray:
-        """Acting samples (commands, n) to bins (commands, bins), without their mean, behind every delay."""
-        from scipy.fft import rfft
-
-        U: ComplexArray = rfft(acting, axis=1)[:, : self.bins]
+        """Acting samples, as `in_time` gives them, to bins (commands, bins), without mean, behind every delay."""
+        U = self.one.segment.bins(acting)[:, : self.bins]
         U[:, 0] = 0
         for effect in self.delays:
             assert effect.response is not None

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Any, assert_never
 
 from sysid.fit.check_kinds import (
+    CommandsLate,
+    CommandsThinned,
     FewChirps,
     InsideSweep,
     ModesDiffer,
@@ -57,4 +59,21 @@ def check_text(check: Check) -> str:
             each = ", ".join(f"{name} {times:.1f} σ" for name, times in largest)
             missing = f": something is missing ({each})" if moved else f" (at most {each})"
             return f"{moved} of {of} parameters moved more than {limit:g} σ between runs{missing}"
+        case CommandsThinned() | CommandsLate():
+            return early_text(check.finding)
     assert_never(check.finding)
+
+
+def early_text(found: CommandsThinned | CommandsLate) -> str:
+    """That commands act before their time stamps, and what to do."""
+    early = f"{1000 * found.early_s:.1f} ± {1000 * found.error_s:.1f} ms"
+    if isinstance(found, CommandsThinned):
+        return (
+            f"commands act {early} before their time stamps, as those of a faster loop do in a log of "
+            f"{1 / found.sample_s:.0f} Hz: lags come out short by that; say the loop's rate with --loop-rate, or "
+            "loop_rate_hz in a profile"
+        )
+    return (
+        f"commands are stamped {early} late, or rates as much early: two clocks differ, or a filter is in the log "
+        "that the vehicle does not have; commands_late_s in a profile's [time] sets it right"
+    )

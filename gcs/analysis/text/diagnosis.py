@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gcs.analysis.candidates import ranked, shows
-from gcs.analysis.diagnosis import FitDiagnosis
+from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis
 from gcs.analysis.ladder import rungs_of, short_names
 from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
 from gcs.analysis.text.explanation import explanation_lines
@@ -57,7 +57,7 @@ def diagnosis_blocks(
     step = _next_step(found, fit, rest, written)
     return (
         block("ladder", ladder_text(rungs, last.noise_floor_percent) if rungs else []),
-        block("answer", answer_lines(last)),
+        block("answer", [*answer_lines(last), *_clocks(found)]),
         block("measures", measures(found, reasons=not full), joined=True),
         block("suspicions", suspicions),
         block("findings", findings),
@@ -142,7 +142,11 @@ def _not_offered(last: Diagnosis) -> list[Line]:
 
 
 def _remarks(found: FitDiagnosis) -> list[Line]:
-    return [remark_sentence(one, " ", "   ") for one in found.remarks]
+    return [remark_sentence(one, " ", "   ") for one in found.remarks if not isinstance(one, ClocksDiffer)]
+
+
+def _clocks(found: FitDiagnosis) -> list[Line]:
+    return [remark_sentence(one, "  but ", "    ") for one in found.remarks if isinstance(one, ClocksDiffer)]
 
 
 def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[str]:

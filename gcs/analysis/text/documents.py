@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from gcs.analysis.diagnosis import FitDiagnosis
+from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis
 from gcs.analysis.fits import assess
 from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
@@ -60,6 +60,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = ()) -> dic
     return {
         **found.last.to_json(),
         "warnings": list(warnings),
+        "reason": "clocks" if any(isinstance(remark, ClocksDiffer) for remark in found.remarks) else None,
         "character": {
             "findings": [finding_text(finding) for finding in comparison.findings],
             "bands": [band.to_json() for band in comparison.bands],

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from gcs.analysis.diagnosis import InALoop, NotAdded, NoValidation, OneRun, Remark, StoppedAsking
+from gcs.analysis.diagnosis import ClocksDiffer, InALoop, NotAdded, NoValidation, OneRun, Remark, StoppedAsking
 from gcs.analysis.quantities import listed
 from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
+from gcs.analysis.text.checks import early_text
 
 
 def remark_text(remark: Remark, offers: Offers = SHELL) -> str:
@@ -37,4 +38,6 @@ def _text(remark: Remark) -> str:
                 "or controller without excitation of their own. Kind and size of what was found hold only as far as "
                 "that loop lets them: fly a chirp with noise on every axis, with the excitation logged, and ask that"
             )
+        case ClocksDiffer(early):
+            return f"{early_text(early)}. That explains what the model leaves, and no effect does it better"
     assert_never(remark)

@@ -42,6 +42,8 @@ TYPES: Mapping[str, str] = {
     "char": "<i1",
 }
 
+_PARAMETERS_WITHIN = 1 << 22  # bytes from the start: they come before the samples
+_PARAMETER = re.compile(rb"(..)P(.)(int32_t|float) ([A-Z0-9_]{1,16})", re.DOTALL)
 FORMAT, SUBSCRIBE = ord("F"), ord("A")
 _FLAGS = ord("B")
 
@@ -113,6 +115,19 @@ def claims_in(data: Bytes, formats: Mapping[str, Format]) -> dict[int, tuple[tup
             claims.setdefault(id, {})[topic, int(data[start + 3])] = None
             count += 1
     return {id: tuple(topics) for id, topics in claims.items()}
+
+
+def parameters_in(data: Bytes) -> dict[str, float]:
+    """The vehicle's parameters at the start of a log, by name."""
+    head = data[:_PARAMETERS_WITHIN].tobytes()
+    found: dict[str, float] = {}
+    for match in _PARAMETER.finditer(head):
+        kind, length = match[3].decode("ascii"), match[2][0]
+        first = match.start(3)
+        name, value = head[first + len(kind) + 1 : first + length], head[first + length : first + length + 4]
+        if int.from_bytes(match[1], "little") == 1 + length + 4 and NAME.fullmatch(name) and len(value) == 4:
+            found.setdefault(name.decode("ascii"), float(np.frombuffer(value, TYPES[kind])[0]))
+    return found
 
 
 def _places(data: Bytes, kind: int, least: int, most: int) -> Iterator[int]:

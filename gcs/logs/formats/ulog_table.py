@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gcs.logs.formats.raw import Offsets
 from gcs.logs.formats.tables import FloatArray, Series, changes, increasing, late_after_s
 from gcs.logs.formats.ulog import ULogFile
+from gcs.logs.formats.ulog_definitions import parameters_in
 
 MOST_FIELDS = 20_000  # listed for the user
 REGULAR = 10  # messages from which on a topic is taken to be logged regularly
@@ -67,6 +68,10 @@ class UlogTables:
         """From the first sample to the last of a topic with at least `REGULAR` of them; the longest."""
         clocks = (self._clock(topic, self.log.instances(topic)[0])[0] for topic in self._topics())
         return max((float(t[-1] - t[0]) for t in clocks if t.size >= REGULAR), default=0.0)
+
+    def parameters(self) -> dict[str, float]:
+        """The vehicle's parameters at the start of the log, by name."""
+        return parameters_in(self.log.data)
 
     def texts(self) -> Sequence[tuple[float, str]]:
         return self.log.texts

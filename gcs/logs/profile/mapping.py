@@ -2,8 +2,9 @@
 
 p and q come from one kind of message, and its clock becomes the record's. Every other channel is brought onto that
 clock without inventing anything: fields of the same clock as they are; fields of the same rate by the nearest sample
-within half a sample; slower commands hold their last value, as the vehicle held it; other slow fields (rotor speed,
-attitude) are interpolated. A row whose required channels have no partner is left out and becomes a gap.
+within half a sample; slower commands hold their last value, as the vehicle held it, unless its loop is known to have
+moved them meanwhile; those and other slow fields (rotor speed, attitude) are interpolated. A row whose required
+channels have no partner is left out and becomes a gap.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from gcs.errors import TippathError
 from gcs.logs.formats.tables import FloatArray, Log, Series, stretches
 from gcs.logs.profile.profiles import ChannelSource, Profile
 from gcs.logs.profile.sources import Stretch, bind
+from sysid.data.preprocess import EVERY_LOOP
 from sysid.data.record import CHANNELS, RATES, REQUIRED
 
 COMMANDS = ("delta_", "excitation_")
@@ -33,6 +35,7 @@ USUAL_RAD_S = 1.0
 MOST_BAD = 0.1
 """Share of samples that no gyro can have measured, of a rate whose other ones are believed."""
 FEW = 0.01  # share of rows that may be given up for an optional channel
+FEWEST_BETWEEN = 8  # samples of a command from which on it is followed between them
 SLOWER = 1.5  # a field is slower than the clock when its spacing is this much longer
 
 
@@ -70,8 +73,10 @@ class OutsideLog(TippathError):
         """Times of the first and last sample of the rates."""
 
 
-def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float = math.inf) -> Mapped:
-    """The channels between two times of the log's own clock.
+def apply(
+    profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float = math.inf, *, loop_s: float | None = None
+) -> Mapped:
+    """The channels between two times of the log's own clock; `loop_s` is how long the vehicle held a command.
 
     Raises ChannelsMissing where a required channel is not in the log, OutsideLog where the log does not reach there,
     TippathError where the profile makes no sense.
@@ -94,7 +99,7 @@ def apply(profile: Profile, log: Log, start_s: float = -math.inf, stop_s: float 
     for channel in sorted(profile.channels.values(), key=lambda channel: channel.channel not in REQUIRED):
         name = channel.channel
         texts = {"p": (p,), "q": (q,)}.get(name, channel.sources)
-        values = _aligned(channel, texts, clock, stretch)
+        values = _aligned(channel, texts, clock, stretch, loop_s, late_s=profile.commands_late_s)
         if isinstance(values, str):
             absent[name] = values
             continue
@@ -155,7 +160,15 @@ class _Aligned:
     """Of the slowest field it came from."""
 
 
-def _aligned(channel: ChannelSource, texts: Sequence[str], clock: Series, stretch: Stretch) -> _Aligned | str:
+def _aligned(
+    channel: ChannelSource,
+    texts: Sequence[str],
+    clock: Series,
+    stretch: Stretch,
+    loop_s: float | None,
+    *,
+    late_s: float,
+) -> _Aligned | str:
     """A channel on the record's clock, or why there is none."""
     text = stretch.first_of(texts)
     if text is None:
@@ -165,8 +178,12 @@ def _aligned(channel: ChannelSource, texts: Sequence[str], clock: Series, stretc
     coarsest = max((spacing_near(clock, each) for each in series.values() if each.t.size > 1), default=clock.spacing_s)
     if channel.channel not in REQUIRED and channel.min_rate_hz and coarsest > 1 / channel.min_rate_hz:
         return f"{text} is logged at {1 / coarsest:.0f} Hz, {channel.min_rate_hz:.0f} Hz are needed"
-    held = channel.channel.startswith(COMMANDS)
-    result = expression.evaluate({key: onto(clock, each, held) for key, each in series.items()})
+    command = channel.channel.startswith(COMMANDS)
+    held = command and (loop_s is None or loop_s >= EVERY_LOOP * coarsest)
+    if command and (late_s or not held):
+        result = expression.evaluate({key: moving_onto(clock, each, late_s) for key, each in series.items()})
+    else:
+        result = expression.evaluate({key: onto(clock, each, held) for key, each in series.items()})
     return _Aligned(np.broadcast_to(channel.scale * result + channel.offset, clock.t.shape), text, coarsest)
 
 
@@ -265,6 +282,26 @@ def onto(clock: Series, series: Series, held: bool) -> FloatArray:
     values = np.interp(clock.t, series.t, series.values)
     inside = (clock.t >= series.t[0] - beyond) & (clock.t <= series.t[-1] + beyond)
     return np.where(inside, values, np.nan)
+
+
+def moving_onto(clock: Series, series: Series, late_s: float = 0.0) -> FloatArray:
+    """The values of a command that moved on between its samples, at the clock's times, shape (n,); NaN at its gaps.
+
+    late_s: by which it was stamped too late.
+    """
+    clock = Series(clock.t + late_s, clock.values, clock.clock) if late_s else clock
+    near = 4 * series.spacing_s
+    part = series.part(float(clock.t[0]) - near, float(clock.t[-1]) + near)
+    finite = np.isfinite(part.values)
+    t, known = part.t[finite], part.values[finite]
+    if t.size < FEWEST_BETWEEN or (not late_s and spacing_near(clock, series) <= SLOWER * clock.spacing_s):
+        return onto(clock, series, held=True)
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.interpolate import CubicSpline
+
+    behind = np.clip(np.searchsorted(t, clock.t), 1, t.size - 1)
+    inside = (np.diff(t)[behind - 1] <= 3 * series.spacing_s) & (clock.t >= t[0]) & (clock.t <= t[-1])
+    return np.where(inside, CubicSpline(t, known)(clock.t), np.nan)
 
 
 def spacing_near(clock: Series, series: Series) -> float:

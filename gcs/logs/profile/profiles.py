@@ -104,6 +104,11 @@ class Profile:
     """What a user of the profile must know; goes into every record."""
     airframe: Airframe | None = None
     """What flew, where such logs are of one kind only; the log is asked where it is left out."""
+    loop_rate_hz: float | None = None
+    """How often the vehicle's loop gave a command, where the log has fewer of them and does not tell."""
+    loop_told_by: str = "profile"
+    commands_late_s: float = 0.0
+    """By which the log stamps commands too late, as its clock for rates has it."""
 
     def fits(self, log: Log) -> bool:
         """Whether the log holds everything this profile needs."""
@@ -126,6 +131,10 @@ class TimeTable(Strict, frozen=True):
 
     source: str | None = None
     scale: Annotated[float, Meta(gt=0)] | None = None
+    loop_rate_hz: Annotated[float, Meta(gt=0, le=1e5)] | None = None
+    """How often the vehicle's loop gives a command, which it holds until the next."""
+    commands_late_s: Annotated[float, Meta(ge=-0.1, le=0.1)] = 0.0
+    """By which commands are stamped too late beside the rates."""
 
 
 class AxesTable(Strict, frozen=True):
@@ -202,6 +211,8 @@ def parse(text: str, path: str) -> Profile:
         priority=document.log.priority,
         time_source=document.time.source,
         time_scale=document.time.scale,
+        loop_rate_hz=document.time.loop_rate_hz,
+        commands_late_s=document.time.commands_late_s,
         cuts=document.runs or (),
         settings=document.settings,
         notes=tuple(map(printable, document.notes)),

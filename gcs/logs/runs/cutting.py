@@ -20,6 +20,7 @@ from gcs.logs.profile import mapping
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import around, health, latency, onboard
 from gcs.logs.runs.health import F_HIGH_HZ, Health
+from gcs.logs.runs.loop import TOLD, held, loop_of
 from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
 from sysid.data.record import Record, RecordError
@@ -98,7 +99,8 @@ class Cutting:
         found = () if span.explained else checked.reasons
         reasons = (*(reason for reason in beside if reason is not None), *span.reasons, *found)
         # The record carries what was noted about it to whoever fits it.
-        record = replace(record, notes=(*record.notes, *checked.notes))
+        thinned = held(record, checked.rate_hz)
+        record = replace(record, notes=(*record.notes, *checked.notes, *([] if thinned is None else [thinned])))
         return Run(
             record=record,
             id=id,
@@ -127,7 +129,8 @@ class Cutting:
     def _mapped(self, span: Span) -> mapping.Mapped:
         low = max(span.first_s, span.start_s - KEEP_BEFORE_S, self.low_s)
         high = min(span.last_s, span.stop_s + KEEP_AFTER_S, self.high_s)
-        return mapping.apply(self.profile, self.log, low, high)
+        loop = loop_of(self.log, self.profile, span.start_s)
+        return mapping.apply(self.profile, self.log, low, high, loop_s=None if loop is None else loop.dt_s)
 
     def _record(self, span: Span, id: str, band: tuple[float, float] | None, mapped: mapping.Mapped) -> Record:
         channels = dict(mapped.channels)
@@ -137,6 +140,7 @@ class Cutting:
         if mapped.rows_dropped:
             samples = "1 sample" if mapped.rows_dropped == 1 else f"{mapped.rows_dropped} samples"
             notes.append(f"{samples} left out: a channel had no value there, or an impossible one")
+        loop = loop_of(self.log, self.profile, span.start_s)
         return Record(
             id=id,
             channels=channels,
@@ -150,6 +154,8 @@ class Cutting:
             airframe=self.profile.airframe or onboard.airframe_of(self.log, span.start_s),
             notes=tuple(notes),
             vehicle=onboard.vehicle_of(self.log, span.start_s),
+            loop_dt_s=None if loop is None else loop.dt_s,
+            loop_told_by="" if loop is None else loop.told_by,
         )
 
     def _without_record(
@@ -215,14 +221,20 @@ class Cutting:
         return replace(checked, quiet=quiet, latency=late, notes=(*checked.notes, *notes))
 
 
-def of_record(record: Record, window: AnyWindow | None = None, f_high_hz: float = F_HIGH_HZ) -> Run:
+def of_record(
+    record: Record, window: AnyWindow | None = None, f_high_hz: float = F_HIGH_HZ, loop_rate_hz: float | None = None
+) -> Run:
     """A record that was written before, checked again. Raises RecordError where the window leaves nothing of it."""
+    if loop_rate_hz is not None:
+        record = replace(record, loop_dt_s=1 / loop_rate_hz, loop_told_by=TOLD)
     mark = ""
     if isinstance(window, FromStart):
         mark, window = window.mark, window.after(float(record.t[0]))
     if window is not None:
         record = replace(record.window(*window), id=record.id + mark)
     checked = health.check(record, f_high_hz=f_high_hz)
+    thinned = held(record, checked.rate_hz)
+    record = replace(record, notes=_each_once(*record.notes, *checked.notes, *([] if thinned is None else [thinned])))
     return Run(
         record=record,
         id=record.id,
@@ -235,11 +247,15 @@ def of_record(record: Record, window: AnyWindow | None = None, f_high_hz: float 
         gaps=checked.gaps,
         usable=checked.usable,
         reasons=checked.reasons,
-        notes=tuple(dict.fromkeys((*record.notes, *checked.notes))),
+        notes=record.notes,
         rate_source=record.rate_source,
         swept_band_hz=record.swept_band_hz,
         health=checked,
     )
+
+
+def _each_once(*notes: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(notes))
 
 
 def _flown_band(log: Log, span: Span, start_s: float, stop_s: float) -> tuple[float, float] | None:

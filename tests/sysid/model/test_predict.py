@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planted import TABLE_4, fly
@@ -31,15 +33,24 @@ def runs() -> list[Record]:
 @pytest.mark.parametrize(
     ("structure", "values"), [(TPP, TRUTH * 1.2), (CD, np.array([-2.0, -8, 10, -5, -5, 10, -67, 11]))]
 )
-def test_the_closed_form_equals_the_matrices(runs: list[Record], structure: object, values: np.ndarray) -> None:
+@pytest.mark.parametrize("loop_s", [None, 0.001])
+def test_the_closed_form_equals_the_matrices(
+    runs: list[Record], structure: object, values: np.ndarray, loop_s: float | None
+) -> None:
     """Two ways to the same response: polynomials with images in closed form, and the matrix exponential."""
+    runs = [replace(one, loop_dt_s=loop_s) for one in runs]
     (group,) = stack(spectra(runs, ("delta_x", "delta_y"), ("p", "q"))[0])
+    assert group.held_s == pytest.approx(loop_s or 0.002)
     assert exact_enough(group)
     closed = respond(structure, values, group, False)  # type: ignore[arg-type]
     from sysid.model.predict import _linear
 
     exact = _linear(structure, values, group, U=group.U, changes=[], sensitivities=False)  # type: ignore[arg-type]
     np.testing.assert_allclose(closed.Y, exact.Y, atol=1e-8 * np.abs(exact.Y).max())
+    for part in group.slices:  # other columns, of the same end states
+        columns, same = (E[..., part].reshape(len(E), -1) for E in (closed.E, exact.E))
+        found = np.linalg.lstsq(columns.T, same.T, rcond=None)[0]
+        np.testing.assert_allclose(found.T @ columns, same, atol=1e-5 * np.abs(same).max())
 
 
 def test_slow_sampling_goes_through_the_matrices(runs: list[Record]) -> None:

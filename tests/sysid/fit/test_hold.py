@@ -1,0 +1,204 @@
+"""Logs that have every k-th sample of the vehicle's loop, and clocks that differ: flights made without the package."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import planted
+import pytest
+
+from sysid.data.dataset import prepared
+from sysid.data.record import Record
+from sysid.diagnose.clocks import clocks
+from sysid.diagnose.diagnose import diagnose
+from sysid.fit.check_kinds import CommandsLate, CommandsThinned
+from sysid.fit.checks import fit_checks
+from sysid.fit.clocks import early_commands
+from sysid.fit.identify import identify
+from sysid.fit.result import Fit
+from sysid.model.acting import divided, in_time
+from sysid.model.compose import compose
+from sysid.model.predict import respond
+
+LOOP_S = planted.DT
+BAND = (0.0, 15.0)
+CHANNELS = ("t", "p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y")
+TPP = compose("tpp")
+
+
+@cache
+def flown(effect: str | None = None, size: float = 0.0, parameter: str = "") -> list[planted.Run]:
+    return planted.fly(effect, {parameter: size} if parameter else {}, seed=1)
+
+
+def logged(
+    runs: Sequence[Mapping[str, np.ndarray]], every: int, loop_s: float | None, *, late: int = 0
+) -> list[Record]:
+    """Every so many samples of the loop; commands stamped `late` samples after they acted."""
+    records = []
+    for number, run in enumerate(runs):
+        channels = {}
+        for name in CHANNELS:
+            values = run[name]
+            if late:
+                values = values[:-late] if name.startswith(("delta", "excitation")) else values[late:]
+            channels[name] = values[::every]
+        records.append(
+            Record(
+                f"#{number}",
+                channels,
+                maneuver="chirp",
+                axis=planted.axes(False)[number],
+                swept_band_hz=(0.5, 10.0),
+                loop_dt_s=loop_s,
+            )
+        )
+    return records
+
+
+def off(fit: Fit) -> tuple[float, float]:
+    """How far M_a is off, percent, and the errors of all parameters in standard errors, root of the mean square."""
+    truth = np.array([planted.TABLE_4[name] for name in fit.model.structure.names])
+    z = (fit.model.values - truth) / fit.standard_errors
+    return 100 * (fit.model["M_a"] / planted.TABLE_4["M_a"] - 1), float(np.sqrt(np.mean(z**2)))
+
+
+@pytest.mark.parametrize("every", [2, 4, 5, 6])
+def test_a_slow_log_of_a_known_loop_gives_the_vehicle(every: int) -> None:
+    percent, z = off(identify(TPP, logged(flown(), every, LOOP_S)))
+    assert abs(percent) < 0.5
+    assert z < 1.2
+    percent, _ = off(identify(TPP, logged(flown(), every, None)))
+    assert percent > 1.0, "taken as held from sample to sample of the log it is not"
+
+
+def test_a_loop_that_is_logged_whole_changes_nothing() -> None:
+    one, other = (identify(TPP, logged(flown(), 1, loop_s)) for loop_s in (None, LOOP_S))
+    assert np.array_equal(one.model.values, other.model.values)
+    assert np.array_equal(one.covariance, other.covariance)
+
+
+def test_a_lag_comes_out_as_long_from_a_slow_log() -> None:
+    fit = identify(TPP, logged(flown("servo_lag", 0.02, "tau_s"), 5, LOOP_S), effects=["servo_lag"])
+    assert fit.model["tau_s"] == pytest.approx(0.020, abs=0.0005)
+
+
+def test_limits_act_on_the_loops_commands() -> None:
+    fit = identify(TPP, logged(flown("servo_saturation", 0.08, "limit"), 5, LOOP_S), effects=["servo_saturation"])
+    assert fit.model["limit"] == pytest.approx(0.08, rel=0.02)
+    assert fit.model["M_a"] == pytest.approx(planted.TABLE_4["M_a"], rel=0.005)
+
+
+@pytest.mark.parametrize("effects", [["servo_rate_limit"], ["servo_lag", "servo_backlash"]])
+def test_what_acts_on_samples_sees_those_of_the_loop(effects: list[str]) -> None:
+    t = np.arange(0, 8, LOOP_S)
+    x, y = 0.1 * np.sin(2 * np.pi * (0.3 + 0.4 * t) * t), 0.08 * np.sin(2 * np.pi * 2.0 * t)
+    channels = dict.fromkeys(("p", "q"), 0 * t) | {"t": t, "delta_x": x, "delta_y": y}
+    structure = compose("tpp", effects)
+    sizes = {"rate": 1.0, "tau_s": 0.02, "half_width": 0.01}
+    named = {**planted.TABLE_4, **{name: sizes[name] for name in structure.names if name in sizes}}
+    front, _ = divided(structure)
+    acting = []
+    for every in (1, 5):
+        record = Record("#0", {name: values[::every] for name, values in channels.items()}, loop_dt_s=LOOP_S)
+        segment = prepared([record], BAND).viewed(TPP.inputs).stacks[0].spectra[0].segment
+        acting.append(in_time(structure, front, segment, named))
+    assert acting[0].shape == acting[1].shape
+    assert np.max(np.abs(acting[1] - acting[0])[:, 10:-10]) < 0.002
+
+
+def test_what_is_not_linear_is_driven_by_the_loops_commands() -> None:
+    stack = prepared(logged(flown(), 5, LOOP_S)[:2], BAND).viewed(TPP.inputs).stacks[0]
+    bent = compose("tpp", ["quadratic_damping"])
+    values = bent.vector({**planted.TABLE_4, **{one.name: 0.0 for one in bent.composed[0].parameters}})
+    straight = respond(TPP, TPP.vector(dict(planted.TABLE_4)), stack, False)
+    relaxed = respond(bent, values, stack, False)
+    low = stack.frequency_hz < 8.0
+    size = float(np.max(np.abs(straight.Y[:, low])))
+    assert np.max(np.abs(relaxed.Y[:, low] - straight.Y[:, low])) < 0.02 * size
+
+
+def test_sensitivities_are_those_of_the_thinned_response_with_its_free_motion() -> None:
+    stack = prepared(logged(flown(), 5, LOOP_S)[:2], BAND).viewed(TPP.inputs).stacks[0]
+    values = TPP.vector(dict(planted.TABLE_4))
+    ends = np.random.default_rng(1).normal(size=(2, len(TPP.states)))
+
+    def answer(at: np.ndarray) -> np.ndarray:
+        found = respond(TPP, at, stack, False)
+        free = [np.einsum("e,ekf->kf", end, found.E[..., part]) for end, part in zip(ends, stack.slices, strict=True)]
+        return np.asarray(found.Y + np.concatenate(free, axis=1))
+
+    slopes = respond(TPP, values, stack, True, ends=ends).slopes
+    for i, value in enumerate(values):
+        step = np.zeros(values.size)
+        step[i] = 1e-5 * abs(value)
+        difference = (answer(values + step) - answer(values - step)) / (2 * step[i])
+        assert np.max(np.abs(slopes[i] - difference)) < 1e-5 * np.max(np.abs(difference)), TPP.names[i]
+
+
+def test_runs_that_were_held_differently_are_not_one_stack() -> None:
+    known, unknown = (logged(flown(), 5, loop_s)[0] for loop_s in (LOOP_S, None))
+    bins = prepared([known, unknown, known], BAND).viewed(TPP.inputs)
+    assert [len(group.spectra) for group in bins.stacks] == [2, 1]
+    assert [group.held_s for group in bins.stacks] == pytest.approx([0.002, 0.01])
+
+
+def test_runs_of_two_rates_fit_together() -> None:
+    slow, fast = logged(flown(), 5, LOOP_S), logged(flown(), 1, LOOP_S)
+    percent, z = off(identify(TPP, [slow[0], fast[1], slow[2], fast[3]]))
+    assert abs(percent) < 0.5
+    assert z < 1.2
+
+
+@pytest.mark.usefixtures("few_effects")
+def test_nothing_is_missing_in_a_slow_log_of_a_known_loop() -> None:
+    assert diagnose(TPP, logged(flown(), 6, LOOP_S)).verdict == "complete"
+
+
+@pytest.mark.parametrize(("every", "early_s"), [(4, 0.003), (5, 0.004)])
+def test_a_slow_log_of_an_unknown_loop_is_told(every: int, early_s: float) -> None:
+    records = logged(flown(), every, None)
+    fit = identify(TPP, records)
+    checks, _ = fit_checks(fit.model, records, BAND)
+    (finding,) = [check.finding for check in checks if check.name == "time of commands"]
+    assert isinstance(finding, CommandsThinned)
+    assert finding.early_s == pytest.approx(early_s, abs=3 * finding.error_s)
+    assert 0 < finding.error_s < 0.0003
+    assert finding.sample_s == pytest.approx(every * LOOP_S)
+
+
+def test_of_a_known_loop_or_a_full_log_there_is_nothing_to_tell() -> None:
+    for every, loop_s in ((1, None), (5, LOOP_S)):
+        records = logged(flown(), every, loop_s)
+        assert early_commands(identify(TPP, records).model, prepared(records, BAND)) is None
+
+
+@pytest.mark.parametrize("only_effects", [["servo_lag", "hub_gyroscopics"]], indirect=True)
+@pytest.mark.usefixtures("only_effects")
+def test_commands_that_are_stamped_late_are_told_in_the_diagnosis() -> None:
+    found = diagnose(TPP, logged(flown(), 1, None, late=3), chains=False)
+    assert found.verdict == "unexplained"
+    late = clocks(found)
+    assert isinstance(late, CommandsLate)
+    assert late.early_s == pytest.approx(0.006, abs=3 * late.error_s)
+
+
+@pytest.mark.parametrize("only_effects", [["servo_lag", "hub_gyroscopics"]], indirect=True)
+@pytest.mark.usefixtures("only_effects")
+def test_an_effect_that_is_no_clock_is_not_called_one() -> None:
+    found = diagnose(TPP, logged(flown("servo_lag", 0.02, "tau_s"), 1, None), chains=False)
+    assert found.verdict == "missing"
+    assert clocks(found) is None
+
+
+def test_a_record_keeps_its_loop(tmp_path: Path) -> None:
+    record = replace(logged(flown(), 5, LOOP_S)[0], loop_told_by="profile")
+    path = tmp_path / "one.npz"
+    record.save(path)
+    again = Record.load(path)
+    assert (again.loop_dt_s, again.loop_told_by) == (LOOP_S, "profile")
+    assert again.window(2.0, 5.0).loop_dt_s == LOOP_S
