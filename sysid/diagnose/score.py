@@ -51,11 +51,11 @@ class Score:
 def log_chance(chi_squared: float, degrees: int) -> float:
     """Logarithm of the chance that chi squared is larger, however small that is."""
     # heavier than NumPy itself to load: only where it is needed
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    found = float(chi2.logsf(chi_squared, degrees))
-    if math.isfinite(found):
-        return found
+    found = float(chdtrc(degrees, chi_squared))
+    if found > 0:
+        return math.log(found)
     half = 0.5 * degrees
     return -0.5 * chi_squared + (half - 1) * math.log(0.5 * chi_squared) - math.lgamma(half)
 
