@@ -170,9 +170,7 @@ def bounded_step(here: NormalEquations, free: NDArray[np.bool_], least: FloatArr
     return move
 
 
-def gauss_newton_step(
-    here: NormalEquations, free: NDArray[np.bool_], given: FloatArray | None = None
-) -> FloatArray:
+def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_], given: FloatArray | None = None) -> FloatArray:
     """The Gauss-Newton step of the free parameters, (parameters,), beside those `given`; none of them where the
     linearisation is not finite."""
     move = np.zeros(free.size) if given is None else given

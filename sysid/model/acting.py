@@ -114,7 +114,7 @@ def _behind(
     named: Mapping[str, float],
     known: Sequence[Samples] | None = None,
 ) -> ComplexArray:
-    """Inputs (m, bins) as they act behind `front`; `known`, for each segment, keeps what more values than these need."""
+    """Inputs (m, bins) as they act behind `front`; `known`, for each segment, keeps what other values share."""
     found, commands = logged.copy(), len(structure.commands)
     kept = [None] * len(stack.spectra) if known is None else known
     for one, part, some in zip(stack.spectra, stack.slices, kept, strict=True):
