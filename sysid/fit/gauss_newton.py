@@ -21,6 +21,10 @@ SETTLED = 0.02
 MAXIMUM_STEPS = 60
 TOLERANCE = 3e-6  # of the summed logarithms of residual power: at most 0.1 standard errors
 SMALLEST_LENGTH = 1e-5
+KEPT = 0.05
+"""Of what a step promises, what it must bring;"""
+PATIENCE = 4
+"""this many steps in a row that bring less end the search: a bent valley that is not followed to its end."""
 SHORT = 0.9
 """Of a step to where there is no response: most often to a bound, a lag of zero."""
 
@@ -108,6 +112,7 @@ def minimise(
     movable = np.array([name not in held for name in structure.names])
     values = np.clip(model.values, low, high)
     here, weighed_by = normal_equations(structure, values, stacks, axis_weights(stacks, power), True), power
+    poor = 0
     for _ in range(steps):
         if not np.allclose(weighed_by, here.power, rtol=SETTLED):
             weights = axis_weights(stacks, here.power)
@@ -128,7 +133,8 @@ def minimise(
         before = here.cost
         values, here = reached
         weighed_by = here.power
-        if before - here.cost < tolerance:
+        poor = poor + 1 if before - here.cost < KEPT * promise else 0
+        if before - here.cost < tolerance or poor == PATIENCE:
             break
     return Model(structure, values), here.power
 
