@@ -22,6 +22,7 @@ from sysid.compare.values import Comparison
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.chains import BudgetSpent, LittleLeft
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import instrumental_step
@@ -74,7 +75,7 @@ class InALoop:
     """1/s, the fastest growing."""
 
 
-Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop
+Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | LittleLeft | BudgetSpent
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -139,6 +140,8 @@ def diagnose_fit(
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
     remarks: list[Remark] = [*remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
+    if answer.unsearched is not None:
+        remarks.append(answer.unsearched)
     if repeat and wild:
         remarks.append(NotAdded(str(answer.effect), wild))
         grown = None

@@ -92,11 +92,11 @@ class ChainSearch:
 
 
 def chains_of_two(
-    singles: Sequence[Ranked], reference: Reference, say: Progress, budget: float = BUDGET
+    singles: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None = None
 ) -> ChainSearch:
     """The best second effects on the best first ones, where those leave something that is not noise; best first.
 
-    `budget`: base fits that this may cost.
+    `budget`: base fits that this may cost, BUDGET where none is named.
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
@@ -105,7 +105,7 @@ def chains_of_two(
     points = points_left(able[0], reference)
     if points < CRUMBS:
         return ChainSearch(unsearched=LittleLeft(points))
-    chains = _Chains(fitted, reference, say, budget)
+    chains = _Chains(fitted, reference, say, BUDGET if budget is None else budget)
     waiting, done = _different(able), set[str]()
     while waiting and len(done) < MOST_FIRSTS:
         first = waiting.pop(0)
