@@ -31,7 +31,7 @@ record. Without RUN the fit's own runs count, and its own validation runs; given
 them first. Validation runs, of another maneuver or amplitude, never enter a fit: they tell an effect that is there
 from one that only follows the noise.
 
-Chains of two effects are searched where the best single one leaves at least 0.2 points of NRMSE that could be
+Chains of two effects are searched where the best single one leaves at least 0.1 points of NRMSE that could be
 explained, and within a budget; what was not searched is said.
 
 Verdicts: "complete", what the model leaves is noise; "missing", one effect or a chain of two explains at least 80 % of
