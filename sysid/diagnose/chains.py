@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnose.candidates import (
+    CRUMBS,
     NEAR,
     REMAINDER,
     SIGNIFICANT,
@@ -44,9 +45,6 @@ SECONDS = 4
 """How many effects are refitted on each of them."""
 
 
-CRUMBS = 0.1
-"""Points of NRMSE: where the best single effect leaves no output more to explain, no chain is looked for. A stiff mode beside a lag that stood in
-for most of it was worth 0.15."""
 BUDGET = 300.0
 """Base fits that all chains of one diagnosis may cost, by these prices:"""
 ASKED = 20.0
