@@ -229,6 +229,13 @@ DIAGNOSIS = exactly(
         "explanation": exactly({part: listed(TEXT) for part in ("effects", "what", "why", "changes", "resembles")}),
         "suspicions": COMPARE["properties"]["suspicions"],
         "remarks": listed(TEXT),
+        "unsearched_chains": {
+            "anyOf": [
+                exactly({"reason": {"const": "little left"}, "points": NUMBER}),
+                exactly({"reason": {"const": "budget"}, "chains": listed(TEXT), "firsts": listed(TEXT)}),
+                {"type": "null"},
+            ]
+        },
         "rungs": {
             "type": "array",
             "minItems": 1,

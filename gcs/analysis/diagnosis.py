@@ -22,6 +22,7 @@ from sysid.compare.values import Comparison
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.chains import BudgetSpent, LittleLeft
 from sysid.diagnose.clocks import clocks
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
@@ -83,7 +84,7 @@ class ClocksDiffer:
     early: CommandsLate | CommandsThinned
 
 
-Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | ClocksDiffer
+Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | ClocksDiffer | LittleLeft | BudgetSpent
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,7 +148,9 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
+    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
+    if answer.unsearched is not None:
+        remarks.append(answer.unsearched)
     if repeat and wild:
         remarks.append(NotAdded(str(answer.effect), wild))
         grown = None

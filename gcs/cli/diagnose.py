@@ -31,6 +31,9 @@ record. Without RUN the fit's own runs count, and its own validation runs; given
 them first. Validation runs, of another maneuver or amplitude, never enter a fit: they tell an effect that is there
 from one that only follows the noise.
 
+Chains of two effects are searched where the best single one leaves at least 0.1 points of NRMSE that could be
+explained, and within a budget; what was not searched is said.
+
 Verdicts: "complete", what the model leaves is noise; "missing", one effect or a chain of two explains at least 80 % of
 what can be explained, on fitted and validation runs, at plausible values; "unexplained", there is something, and
 nothing in the catalogue does it. An effect that explains it at values that physics does not allow "stands in" for
@@ -48,7 +51,8 @@ answers like this one were right on flights whose answer was known.
 first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}],
 "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation",
 "suspicions", "warnings", "reason" ("clocks" where the commands' time stamps are the cause, or null), "remarks",
-"rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}]}.
+"rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}],
+"unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget", "chains", "firsts"} or null}.
 """
 
 

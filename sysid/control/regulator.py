@@ -117,9 +117,8 @@ def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequenc
 
 def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
     """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
-    import control
-
     # heavier than NumPy itself to load: only where it is needed
+    from scipy.linalg import solve_continuous_are
     from scipy.signal import place_poles
 
     whole, model = model, _flown_by(model)
@@ -129,9 +128,9 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
         raise DesignError("the model is unstable: no gains are designed on it, see the fit's warnings")
     A, B, C, _ = (np.asarray(x, dtype=float) for x in model.matrices)
     B = B[:, :2]
-    Q = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST])
+    Q, R = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST]), input_cost * np.eye(2)
     try:
-        K, _, poles = control.lqr(A, B, Q, input_cost * np.eye(2))
+        K = np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R))
         L = place_poles(A.T, C.T, np.array(observer_poles)).gain_matrix.T
         g = np.linalg.inv(C @ np.linalg.solve(-A + B @ K, B))
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -141,7 +140,7 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
         K=np.asarray(K),
         observer_gain=np.asarray(L),
         prefilter=np.asarray(g),
-        poles=np.asarray(poles),
+        poles=np.linalg.eigvals(A - B @ K),
         observer_poles=np.linalg.eigvals(A - L @ C),
         input_cost=input_cost,
         loop=ClosedLoop(None),

@@ -1,29 +1,41 @@
-"""Chains of two effects: the best second ones on the best first, where those leave something that is not noise."""
+"""Chains of two effects: the best second ones on the best first, where those leave something that is not noise.
+
+They are not searched for crumbs, and the search has a budget: prices in base fits that are known before anything is
+fitted, so that the same runs give the same answer on every machine.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.diagnose.candidates import (
+    CRUMBS,
+    NEAR,
     REMAINDER,
     SIGNIFICANT,
     Progress,
     Ranked,
     Reference,
     chance_of_noise,
+    composed_with,
     noise_shares,
     rank,
     ranked,
     refitted,
+    residual_shares,
     score_effects,
     silent,
 )
 from sysid.diagnose.evidence import gain
 from sysid.diagnose.term_search import Selection
+from sysid.fit.grow import looks
+from sysid.model.acting import divided, linear_dynamics
+from sysid.model.effect import EffectError, named_effect
+from sysid.model.structure import Model, Structure
 
 PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
@@ -33,20 +45,73 @@ SECONDS = 4
 """How many effects are refitted on each of them."""
 
 
-def chains_of_two(singles: Sequence[Ranked], reference: Reference, say: Progress) -> list[Ranked]:
-    """The best second effects on the best first ones, where those leave something that is not noise; best first."""
+BUDGET = 300.0
+"""Base fits that all chains of one diagnosis may cost, by these prices:"""
+ASKED = 20.0
+"""of the catalogue's scores on one first effect;"""
+REFIT = {"linear": (2.0, 0.6), "samples": (12.0, 2.0), "in time": (25.0, 15.0)}
+"""of a refit, and of a look at each beginning before it, by what has to be simulated."""
+
+
+@dataclass(frozen=True, slots=True)
+class LittleLeft:
+    """No chain was looked for: beside the best single effect no output could gain more."""
+
+    points: float
+    """Of NRMSE, in the output that has most left."""
+
+    def to_json(self) -> dict[str, object]:
+        """For the `tippath.diagnosis/1` document."""
+        return {"reason": "little left", "points": self.points}
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetSpent:
+    """What promised less was left out, because the search had cost its budget."""
+
+    chains: tuple[tuple[str, str], ...]
+    """The first effect and the second, in the order in which they would have been tried."""
+    firsts: tuple[str, ...] = ()
+    """Effects beside which nothing was asked."""
+
+    def to_json(self) -> dict[str, object]:
+        """For the `tippath.diagnosis/1` document."""
+        return {"reason": "budget", "chains": ["+".join(one) for one in self.chains], "firsts": list(self.firsts)}
+
+
+Unsearched = LittleLeft | BudgetSpent
+
+
+@dataclass(frozen=True, slots=True)
+class ChainSearch:
+    """What was found, best first, and what was not looked for."""
+
+    pairs: tuple[Ranked, ...] = ()
+    unsearched: Unsearched | None = None
+
+
+def chains_of_two(
+    singles: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None = None
+) -> ChainSearch:
+    """The best second effects on the best first ones, where those leave something that is not noise; best first.
+
+    `budget`: base fits that this may cost, BUDGET where none is named.
+    """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
     if not able or _remainder(able[0], reference) < REMAINDER:
-        return []
-    chains = _Chains(fitted, reference, say)
+        return ChainSearch()
+    points = points_left(able[0], reference)
+    if points < CRUMBS:
+        return ChainSearch(unsearched=LittleLeft(points))
+    chains = _Chains(fitted, reference, say, BUDGET if budget is None else budget)
     waiting, done = _different(able), set[str]()
     while waiting and len(done) < MOST_FIRSTS:
         first = waiting.pop(0)
         done.add(first.effect)
         if not chains.begin_with(first):
             if first is able[0]:
-                return []  # the best one alone leaves noise
+                return ChainSearch()  # the best one alone leaves noise
             continue
         if not waiting and chains.found:
             # each half of the best chain may have another partner that does better still
@@ -54,17 +119,56 @@ def chains_of_two(singles: Sequence[Ranked], reference: Reference, say: Progress
             waiting = [one for one in fitted if one.effect in best.effects and one.effect not in done]
     if chains.found:
         chains.exchange_halves()
-    return sorted(chains.found.values(), key=rank)
+    return ChainSearch(tuple(sorted(chains.found.values(), key=rank)), chains.unsearched)
+
+
+def points_left(one: Ranked, reference: Reference) -> float:
+    """NRMSE that noise alone would allow beyond this effect's, in points, in the output that has most left; what the
+    commands explain, and what simple terms do."""
+    assert one.fit is not None
+    fit = one.fit
+    reached = np.sqrt(residual_shares(fit))
+
+    def left(terms: Selection | None) -> float:
+        return float(np.max(100 * (reached - np.sqrt(noise_shares(fit, terms))), initial=0.0))
+
+    linear = left(None)
+    return linear if linear >= CRUMBS else max(linear, left(reference.simple(fit)))
+
+
+def price(composed: Structure, begin: Model) -> float:
+    """Of a refit that grows from this model, in base fits."""
+    if not linear_dynamics(composed):
+        kind = "in time"
+    else:
+        kind = "samples" if divided(composed)[0] else "linear"
+    refit, look = REFIT[kind]
+    return refit + look * looks(composed, begin.by_name)
 
 
 class _Chains:
     """Chains that were fitted, each pair of effects once, at its best."""
 
-    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress) -> None:
-        self.reference, self.say = reference, say
+    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float) -> None:
+        self.reference, self.say, self.left = reference, say, budget
         self.alone = {one.effect: one for one in fitted if not one.implausible}
         """Plausible single effects."""
         self.found: dict[tuple[str, ...], Ranked] = {}
+        self.not_asked: list[str] = []
+        self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
+
+    @property
+    def unsearched(self) -> BudgetSpent | None:
+        """What the budget did not reach."""
+        pairs = tuple(pair for names, pair in self.not_fitted.items() if names not in self.found)
+        return BudgetSpent(pairs, tuple(self.not_asked)) if pairs or self.not_asked else None
+
+    def paid(self, cost: float) -> bool:
+        """Whether the budget has this left; it is taken from it then."""
+        if cost > self.left:
+            return False
+        self.left -= cost
+        return True
 
     @property
     def best(self) -> Ranked:
@@ -74,6 +178,9 @@ class _Chains:
         """Fit the most promising second effects beside the first; False where the first alone leaves noise."""
         assert first.fit is not None
         assert first.stepped is not None
+        if not self.paid(ASKED):
+            self.not_asked.append(first.effect)
+            return True
         whitening, users = self.reference.whitening, self.reference.users
         seconds = score_effects(first.fit, first.stepped, whitening, users, silent)
         scores = [one.score for one in seconds if one.score is not None]
@@ -81,11 +188,18 @@ class _Chains:
             return False
         chosen = sorted((one for one in seconds if one.not_testable is None), key=_promise)[:SECONDS]
         for second in chosen:
-            if _names(first.effect, second.effect) in self.found:
-                continue
-            if second.score is None or second.score.log_p <= SIGNIFICANT:
+            if _names(first.effect, second.effect) not in self.found and self.promising(first, second):
                 self.fit(first, second)
         return True
+
+    def promising(self, first: Ranked, second: Ranked) -> bool:
+        """Whether the second is significant beside the first, and comes near to what the best chain explains more."""
+        if second.score is None:
+            return True
+        if second.score.log_p > SIGNIFICANT:
+            return False
+        best = max((one.chi_squared for one in self.found.values()), default=0.0)
+        return second.score.chi_squared >= NEAR * (best - first.chi_squared)
 
     def fit(self, first: Ranked, second: Ranked) -> None:
         """Fit the second beside the first; and the first beside the second, where the one is not plausible."""
@@ -93,10 +207,22 @@ class _Chains:
         waiting = [(second, first)]
         while waiting:
             more, begin = waiting.pop()
+            if not self.paid(self.price_of(more, begin)):
+                self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
+                return
             both = self._fitted(first, second, more, begin)
             if both is not None and begin is first and both.implausible and second.effect in self.alone:
                 # alone, the first one stands in for the second too, and may not come away from there
                 waiting.append((first, self.alone[second.effect]))
+
+    def price_of(self, more: Ranked, begin: Ranked) -> float:
+        """Of one more effect fitted to what it begins with; nothing where it cannot act there."""
+        assert begin.fit is not None
+        structure, effect = begin.fit.model.structure, named_effect(more.effect, self.reference.users)
+        try:
+            return price(composed_with(structure, effect, begin.fit.dataset), begin.fit.model)
+        except EffectError:
+            return 0.0
 
     def _fitted(self, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked | None:
         """The chain, one more effect fitted to what it begins with; None where that has no fit. Kept where it is the

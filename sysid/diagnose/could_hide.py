@@ -125,7 +125,7 @@ class _Asking:
         cls, parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, questions: int
     ) -> _Asking:
         # heavier than NumPy itself to load: only where it is needed
-        from scipy.stats import norm
+        from scipy.special import ndtri
 
         structure, estimate = parent.model.structure, parent.estimate
         power = np.diag(np.maximum(estimate.error.residual_power, 1e-300))
@@ -148,7 +148,7 @@ class _Asking:
             own=np.asarray(np.linalg.pinv(stepped.Z @ stepped.J.T, rcond=1e-12).T @ stepped.J),
             gains=gains,
             margins=None if gains is None else gains.loop.margins,
-            needed=float(norm.isf(0.5 * CHANCE / max(questions, 1))) + POWER,
+            needed=-float(ndtri(0.5 * CHANCE / max(questions, 1))) + POWER,
         )
 
     def ask(self, effect: Effect, composed: Structure) -> Hidden | None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 
 from sysid.data.dataset import Dataset, Runs, dataset, prepared
@@ -31,7 +32,7 @@ from sysid.diagnose.candidates import (
     score_effects,
     silent,
 )
-from sysid.diagnose.chains import chains_of_two
+from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.verdict import Diagnosis, verdict_on
@@ -76,8 +77,9 @@ def diagnose(
         candidates = refit_serious(candidates, parent, effects, say)
     reference = _reference(parent, candidates, effects, validated_on)
     candidates = sorted((ranked(one, reference) for one in candidates), key=rank)
-    pairs = chains_of_two(candidates, reference, say) if chains and chance < SIGNIFICANT else []
-    return verdict_on(candidates, pairs, chance, reference)
+    asked = chains and chance < SIGNIFICANT
+    chained = chains_of_two(candidates, reference, say) if asked else ChainSearch()
+    return replace(verdict_on(candidates, chained.pairs, chance, reference), unsearched=chained.unsearched)
 
 
 def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin: Model | None) -> Candidate:

@@ -16,6 +16,8 @@ from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
 from sysid.diagnose.whitening import Whitening
+from sysid.model.acting import linear_dynamics
+from sysid.model.compose import compose
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
 from sysid.model.predict import respond
@@ -51,11 +53,11 @@ class Score:
 def log_chance(chi_squared: float, degrees: int) -> float:
     """Logarithm of the chance that chi squared is larger, however small that is."""
     # heavier than NumPy itself to load: only where it is needed
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    found = float(chi2.logsf(chi_squared, degrees))
-    if math.isfinite(found):
-        return found
+    found = float(chdtrc(degrees, chi_squared))
+    if found > 0:
+        return math.log(found)
     half = 0.5 * degrees
     return -0.5 * chi_squared + (half - 1) * math.log(0.5 * chi_squared) - math.lgamma(half)
 
@@ -66,7 +68,7 @@ Steps = Sequence[tuple[str, float]]
 
 def score(effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, whitening: Whitening) -> Score | None:
     """None where the effect does nothing on these runs that the parent's own parameters would not do as well."""
-    question = _Question(effect, composed, of, stepped, whitening)
+    question = _Question.asked(effect, composed, of, stepped, whitening)
     best: Score | None = None
     points = _points(composed, of)
     for point, steps in points:
@@ -134,6 +136,24 @@ class _Question:
     of: Candidate
     stepped: Stepped
     whitening: Whitening
+    Y: Sequence[ComplexArray]
+    """What the candidate predicts, for every stack (k, bins);"""
+    Y_imposed: Sequence[ComplexArray]
+    """and from the imposed commands."""
+
+    @classmethod
+    def asked(
+        cls, effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, whitening: Whitening
+    ) -> _Question:
+        """A linear effect does to a motion that is not linear nearly what it does to its linear part, and for that no
+        response has to settle."""
+        structure, Y, Y_imposed = of.model.structure, of.Y, of.Y_imposed
+        if effect.linear and not linear_dynamics(structure):
+            composed, steady = (_steady(one, of.dataset) for one in (composed, structure))
+            values = steady.vector(of.model.by_name)
+            Y = _predicted(steady, of.model.by_name, of.dataset)
+            Y_imposed = imposed_answers(steady, values, of.dataset, Y)[0]
+        return cls(effect, composed, of, stepped, whitening, Y, Y_imposed)
 
     def at(self, point: Mapping[str, float], steps: Steps, tried: int) -> Score | None:
         """The score at one point, these parameters stepping from there."""
@@ -180,8 +200,8 @@ class _Question:
                 ]
         except (RelaxationError, np.linalg.LinAlgError):
             return None
-        D = whitening([np.stack([Y[g] - base for Y in flown]) for g, base in enumerate(of.Y)])
-        Z = whitening([np.stack([Y[g] - base for Y in imposed]) for g, base in enumerate(of.Y_imposed)])
+        D = whitening([np.stack([Y[g] - base for Y in flown]) for g, base in enumerate(self.Y)])
+        Z = whitening([np.stack([Y[g] - base for Y in imposed]) for g, base in enumerate(self.Y_imposed)])
         return (D, Z) if np.all(np.isfinite(D)) and np.all(np.isfinite(Z)) else None
 
     def _explained(self, Z: FloatArray) -> tuple[float, int]:
@@ -206,6 +226,12 @@ class _Question:
         each = [(name, float(times), float(error)) for name, times, error in zip(names, move, spread, strict=True)]
         moves = {name: times * width[name] for name, times, _ in each if name}
         return moves, {name: error * abs(width[name]) for name, _, error in each if name}
+
+
+def _steady(structure: Structure, on: Dataset) -> Structure:
+    """Without what makes the response settle only in time."""
+    kept = [one for one in structure.composed if one.linear or one.samples is not None]
+    return compose(structure.base_, kept, on.available, dict(structure.constants), outputs=structure.outputs)
 
 
 def _predicted(composed: Structure, named: Mapping[str, float], on: Dataset) -> list[ComplexArray]:

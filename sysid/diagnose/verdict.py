@@ -12,6 +12,7 @@ import numpy as np
 from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
 from sysid.diagnose.candidates import REMAINDER, SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
+from sysid.diagnose.chains import Unsearched
 from sysid.diagnose.evidence import Candidate, Stepped, error_share, gain
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.size_check import Size, sizes
@@ -83,6 +84,8 @@ class Diagnosis:
     """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
     sizes: tuple[Size, ...] = ()
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
+    unsearched: Unsearched | None = None
+    """Why chains were not looked for, or not all of them."""
 
     @property
     def airframe(self) -> Airframe | None:
@@ -145,6 +148,7 @@ class Diagnosis:
             "lead": None if self.lead is None else finite(self.lead),
             "sizes": [one.to_json() for one in self.sizes],
             "log10_chance": finite(self.log_chance / math.log(10)),
+            "unsearched_chains": None if self.unsearched is None else self.unsearched.to_json(),
         }
 
 

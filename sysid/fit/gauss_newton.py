@@ -21,6 +21,12 @@ SETTLED = 0.02
 MAXIMUM_STEPS = 60
 TOLERANCE = 3e-6  # of the summed logarithms of residual power: at most 0.1 standard errors
 SMALLEST_LENGTH = 1e-5
+KEPT = 0.05
+"""Of what a step promises, what it must bring;"""
+PATIENCE = 4
+"""this many steps in a row that bring less end the search: a bent valley that is not followed to its end."""
+SHORT = 0.9
+"""Of a step to where there is no response: most often to a bound, a lag of zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +39,20 @@ class NormalEquations:
     gradient: FloatArray
     ends: list[FloatArray]
     """For every stack (segments, end states), the differences of first and last state."""
+
+    def promise(self, move: FloatArray) -> float:
+        """By how much this step would lower the summed logarithms of power if the outputs were linear."""
+        return float(2 * self.gradient @ move - move @ self.curvature @ move)
+
+    @property
+    def cost(self) -> float:
+        """The sum that is minimised: logarithms of power."""
+        return float(np.sum(np.log(self.power)))
+
+    @property
+    def finite(self) -> bool:
+        """Whether there is a step from here: LAPACK prints on the terminal where it is handed what is not a number."""
+        return bool(np.all(np.isfinite(self.curvature)) and np.all(np.isfinite(self.gradient)))
 
 
 def normal_equations(
@@ -92,6 +112,7 @@ def minimise(
     movable = np.array([name not in held for name in structure.names])
     values = np.clip(model.values, low, high)
     here, weighed_by = normal_equations(structure, values, stacks, axis_weights(stacks, power), True), power
+    poor = 0
     for _ in range(steps):
         if not np.allclose(weighed_by, here.power, rtol=SETTLED):
             weights = axis_weights(stacks, here.power)
@@ -102,33 +123,68 @@ def minimise(
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
-        move = gauss_newton_step(here, free)
-        if float(here.gradient @ move) < tolerance:  # what the step promises, in summed logarithms
+        move = bounded_step(here, free, low - values, high - values)
+        promise = here.promise(move)
+        if promise < tolerance:
             break
-        weights = axis_weights(stacks, here.power)
-        goal = float(np.sum(np.log(here.power)))
-        length = 1.0
-        while length > SMALLEST_LENGTH:
-            trial = np.clip(values + length * move, low, high)
-            there = _try(structure, trial, stacks, weights, here.ends)
-            reached = np.inf if there is None else float(np.sum(np.log(there.power)))
-            if there is not None and np.isfinite(reached) and reached < goal:
-                break
-            length /= 2
-        else:
+        reached = _lower(structure, (values, np.clip(values + move, low, high)), stacks, here, tolerance / promise)
+        if reached is None:
             break
-        values, here, weighed_by = trial, there, here.power
-        if goal - reached < tolerance:
+        before = here.cost
+        values, here = reached
+        weighed_by = here.power
+        poor = poor + 1 if before - here.cost < KEPT * promise else 0
+        if before - here.cost < tolerance or poor == PATIENCE:
             break
     return Model(structure, values), here.power
 
 
-def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_]) -> FloatArray:
-    """The Gauss-Newton step of the free parameters, (parameters,)."""
-    H, g = here.curvature[np.ix_(free, free)], here.gradient[free]
+def _lower(
+    structure: Structure,
+    ends: tuple[FloatArray, FloatArray],
+    stacks: Sequence[Stack],
+    here: NormalEquations,
+    least: float,
+) -> tuple[FloatArray, NormalEquations] | None:
+    """Where on the way from one end to the other the cost is lower, the way being halved; None where it nowhere is.
+
+    It is halved until nothing is promised that counts, `least` of the whole way.
+    """
+    weights = axis_weights(stacks, here.power)
+    begin, end = ends
+    length = 1.0
+    while length > max(SMALLEST_LENGTH, 0.5 * least):
+        trial = end if length == 1 else begin + length * (end - begin)
+        there = _try(structure, trial, stacks, weights, here.ends)
+        if there is not None and there.cost < here.cost:
+            return trial, there
+        length = SHORT if there is None and length == 1 else length / 2
+    return None
+
+
+def bounded_step(here: NormalEquations, free: NDArray[np.bool_], least: FloatArray, most: FloatArray) -> FloatArray:
+    """The Gauss-Newton step (parameters,) between these steps; what would pass them goes there, and the rest follows.
+
+    To cut the step alone is not enough where parameters stand for each other: a lag that ends at zero would leave its
+    delay as far off as if the lag had gone on below.
+    """
+    move = gauss_newton_step(here, free)
+    held = np.zeros_like(free)
+    while np.any(beyond := free & ~held & ((move < least) | (move > most))):
+        held |= beyond
+        move = gauss_newton_step(here, free & ~held, np.where(held, np.clip(move, least, most), 0.0))
+    return move
+
+
+def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_], given: FloatArray | None = None) -> FloatArray:
+    """The Gauss-Newton step of the free parameters, (parameters,), beside those `given`; none of them where the
+    linearisation is not finite."""
+    move = np.zeros(free.size) if given is None else given
+    if not here.finite:
+        return move
+    H, g = here.curvature[np.ix_(free, free)], (here.gradient - here.curvature @ move)[free]
     size = np.sqrt(np.maximum(np.diag(H), 0))  # rounding leaves less than nothing where nothing is
     size = np.where(size > 0, size, 1.0)
-    move = np.zeros(free.size)
     move[free] = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
     return move
 
@@ -145,6 +201,7 @@ def _try(
         return None
     try:
         with np.errstate(all="ignore"):  # a time constant of zero has no response: what comes out is not finite
-            return normal_equations(structure, values, stacks, weights=weights, full=True, ends=ends)
+            found = normal_equations(structure, values, stacks, weights=weights, full=True, ends=ends)
     except (RelaxationError, np.linalg.LinAlgError):
         return None
+    return found if found.finite else None

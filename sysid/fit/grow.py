@@ -185,6 +185,15 @@ def _later(group: Stack, late_s: float) -> Stack:
     return replace(group, U=group.U * np.exp(-2j * np.pi * late_s * group.frequency_hz))
 
 
+def looks(structure: Structure, known: Mapping[str, float]) -> int:
+    """How many beginnings a composition with these parameters known is looked at from; 0 where there is only one."""
+    _, choices = _beginnings(structure, known)
+    if not choices:
+        return 0
+    every = math.prod(len(values) for values in choices.values())
+    return every if every <= LARGEST_SEARCH else SEARCH_ROUNDS * MOST_PROMISING * len(choices)
+
+
 def _beginnings(
     structure: Structure, known: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, tuple[float, ...]]]:

@@ -82,9 +82,12 @@ def acting_commands(
     named = structure.by_name(values)
     commands = len(structure.commands)
     s = 2j * np.pi * stack.frequency_hz
+    known: list[Samples] = [{} for _ in stack.spectra]
+    in_front = {name for effect in front for name in effect.names}
+    here = _behind(structure, front, stack, logged, named, known) if front else logged
 
-    def acting(at: Mapping[str, float]) -> ComplexArray:
-        found = _behind(structure, front, stack, logged, at) if front else logged.copy()
+    def acting(at: Mapping[str, float], name: str = "") -> ComplexArray:
+        found = _behind(structure, front, stack, logged, at, known) if name in in_front else here.copy()
         for effect in late:
             assert effect.response is not None
             found[:commands] *= effect.response(s, {name: at[name] for name in effect.names})
@@ -94,17 +97,28 @@ def acting_commands(
     if sensitivities:
         for name in (name for one in (*front, *late) for name in one.names):
             above, below = either_side(structure, named, name)
-            changes[name] = (acting({**named, name: above}) - acting({**named, name: below})) / (above - below)
+            either = [acting({**named, name: value}, name) for value in (above, below)]
+            changes[name] = (either[0] - either[1]) / (above - below)
     return acting(named), changes
 
 
+Samples = dict[tuple[float, ...], FloatArray]
+"""Of one segment: the parameters of all that acts first -> the commands behind it, (commands, n)."""
+
+
 def _behind(
-    structure: Structure, front: Sequence[Effect], stack: Stack, logged: ComplexArray, named: Mapping[str, float]
+    structure: Structure,
+    front: Sequence[Effect],
+    stack: Stack,
+    logged: ComplexArray,
+    named: Mapping[str, float],
+    known: Sequence[Samples] | None = None,
 ) -> ComplexArray:
-    """Inputs (m, bins) as they act behind `front`."""
+    """Inputs (m, bins) as they act behind `front`; `known`, for each segment, keeps what other values share."""
     found, commands = logged.copy(), len(structure.commands)
-    for one, part in zip(stack.spectra, stack.slices, strict=True):
-        found[:commands, part] = one.transform(in_time(structure, front, one.segment, named))
+    kept = [None] * len(stack.spectra) if known is None else known
+    for one, part, some in zip(stack.spectra, stack.slices, kept, strict=True):
+        found[:commands, part] = one.transform(in_time(structure, front, one.segment, named, some))
     return found
 
 
@@ -115,16 +129,33 @@ def either_side(structure: Structure, named: Mapping[str, float], name: str) -> 
     return min(named[name] + step, parameter.bounds[1]), max(named[name] - step, parameter.bounds[0])
 
 
-def in_time(structure: Structure, front: Sequence[Effect], segment: Segment, named: Mapping[str, float]) -> FloatArray:
-    """Commands of a segment, `Segment.as_held`, as they act behind `front`, absolute."""
+def in_time(
+    structure: Structure,
+    front: Sequence[Effect],
+    segment: Segment,
+    named: Mapping[str, float],
+    known: Samples | None = None,
+) -> FloatArray:
+    """Commands of a segment, `Segment.as_held`, as they act behind `front`, absolute.
+
+    `known` is read and filled: where one parameter moves, what acts before it does not change.
+    """
     acting = segment.as_held(structure.commands)
-    for effect in front:
+    known = {} if known is None else known
+    said: tuple[float, ...] = ()
+    for place, effect in enumerate(front):
         parameters = {name: named[name] for name in effect.names}
-        if effect.samples is not None:
-            acting = effect.samples(acting, segment.loop_dt, parameters)
-        else:
-            acting = _filtered(effect, acting, segment.loop_dt, parameters)
+        said = (*said, place, *parameters.values())
+        if said not in known:
+            act = _filtered if effect.samples is None else _sampled
+            known[said] = act(effect, acting, segment.loop_dt, parameters)
+        acting = known[said]
     return acting
+
+
+def _sampled(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
+    assert effect.samples is not None
+    return effect.samples(commands.copy(), dt, parameters)
 
 
 def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:

@@ -27,6 +27,9 @@ NEARER = 2
 """Relaxations in which the linear part is fitted to the motion."""
 TOGETHER = 3
 """Parameters side by side: more would cost memory and save no time."""
+WORST_MODAL_CONDITION = 1e5
+ENDS_RANK = 1e-12
+"""Of the largest eigenvalue of inner products, of which weaker combinations of end states tell nothing."""
 
 
 class RelaxationError(SysidError, ArithmeticError):
@@ -73,7 +76,7 @@ def relaxed_response(
             ]
             steps = np.array([at[name] - named[name] for name, at in zip(names, batch, strict=True)])
             moved = _settle_beside(run, settled, [named, *batch], [logged, *acting])
-            J[first : first + TOGETHER, :, part] = (moved[1:] - moved[0]) / steps[:, None, None]
+            J[first : first + TOGETHER, :, part] = moved / steps[:, None, None]
     return Response(Y, E, J if sensitivities else None)
 
 
@@ -147,7 +150,12 @@ class _Run:
     def resolvent(self, A: FloatArray) -> ComplexArray:
         """(s - A)^-1, (n, n, bins), nothing at bin zero."""
         found = np.zeros((*A.shape, self.bins), dtype=complex)
-        found[..., 1:] = np.linalg.inv(self.s[1:, None, None] * np.eye(A.shape[0]) - A).transpose(1, 2, 0)
+        poles, V = np.linalg.eig(A)
+        if np.linalg.cond(V) < WORST_MODAL_CONDITION:
+            residues = V[:, None, :] * np.linalg.inv(V).T
+            found[..., 1:] = residues @ (1 / (self.s[1:] - poles[:, None]))
+        else:
+            found[..., 1:] = np.linalg.inv(self.s[1:, None, None] * np.eye(A.shape[0]) - A).transpose(1, 2, 0)
         return found
 
 
@@ -187,8 +195,8 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
         # the free motion from the run's end states, as the measured rates show it
         E = transfer[rows][:, :, inside].transpose(1, 0, 2)
         rest = (run.one.Y - outputs[:, inside]).reshape(-1).view(float)
-        ends, *_ = np.linalg.lstsq(np.ascontiguousarray(E).reshape(n, -1).view(float).T, rest, rcond=1e-8)
-        free = np.einsum("ijf,j->if", transfer, ends if ended else 0 * ends)
+        ends = _explaining(np.ascontiguousarray(E).reshape(n, -1).view(float), rest) if ended else np.zeros(n)
+        free = np.einsum("ijf,j->if", transfer, ends)
         x, rates, y = run.evaluate([named], (X + free)[None], u[None])
         other = rates[0] - A @ x[0] - B @ u
         if count < NEARER:
@@ -209,30 +217,46 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
     return _Settled(Y=outputs[:, inside], E=E, X=X, free=free, A=A, B=B, transfer=transfer)
 
 
+def _explaining(E: FloatArray, rest: FloatArray) -> FloatArray:
+    """How much of each row of E (n, N) explains the rest (N,) best, by inner products; weak combinations nothing."""
+    gram, along = E @ E.T, E @ rest
+    if not (np.all(np.isfinite(gram)) and np.all(np.isfinite(along))):  # LAPACK would print that on the terminal
+        raise RelaxationError("the response grows without limit")
+    size = np.sqrt(np.diag(gram))
+    size = np.where(size > 0, size, 1.0)
+    return np.asarray(np.linalg.pinv(gram / np.outer(size, size), ENDS_RANK, hermitian=True) @ (along / size) / size)
+
+
 def _settle_beside(
     run: _Run, settled: _Settled, batch: Sequence[Mapping[str, float]], U: Sequence[ComplexArray]
 ) -> ComplexArray:
-    """Outputs (batch, k, bins of the band) at the settled values, first, and at others near them; one free motion.
+    """How far outputs (batch - 1, k, bins of the band) at values near the settled ones, which come first, are from
+    theirs; one free motion.
 
-    It ends where the differences from the first, and not the responses, have settled. The first goes along so that what
-    changes nothing has a difference of zero.
+    The first are evaluated together with the others, once, so that what changes nothing has a difference of zero.
     """
-    driving, u = settled.B @ (np.stack(U) * run.hold), run.on_grid(np.stack(U))
-    X = np.broadcast_to(settled.X, (len(batch), *settled.X.shape))
-    C, outputs = np.eye(X.shape[1])[run.measured], X[:, run.measured]
+    driving, u = settled.B @ ((np.stack(U[1:]) - U[0]) * run.hold), run.on_grid(np.stack(U))
+    motion = settled.X + settled.free
+    moved = np.zeros((len(batch) - 1, *motion.shape), dtype=complex)
+
+    def rest(batch: Sequence[Mapping[str, float]], X: ComplexArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x, rates, y = run.evaluate(batch, X, u)
+        return rates - settled.A @ x - settled.B @ u, y
+
+    others, y = rest(batch, np.broadcast_to(motion, (len(batch), *motion.shape)), u)
+    first, measured = others[0], y[0]
+    others, y, u = others[1:], y[1:], u[1:]
     for _ in range(RELAXATIONS):
-        x, rates, y = run.evaluate(batch, X + settled.free, u)
-        other = run.transform(rates - settled.A @ x - settled.B @ u)
-        new = _through(settled.transfer, driving + other)
-        size = np.max(np.abs(new - new[0]), axis=(1, 2))
-        change = np.max(np.abs(new - X - (new[0] - X[0])), axis=(1, 2))
+        new = _through(settled.transfer, driving + run.transform(others - first))
+        change, size = (np.max(np.abs(one), axis=(1, 2)) for one in (new - moved, new))
         if not np.all(np.isfinite(change)):
             raise RelaxationError("the response grows without limit")
-        outputs = run.transform(y) + C @ (new - X - settled.free)
-        X = new
+        before, moved = moved, new
         if np.all(change <= DIFFERENCE_RELAXED * size):
             break
-    return outputs[..., run.inside]
+        others, y = rest(batch[1:], motion + moved, u)
+    outputs = run.transform(y - measured) + (moved - before)[:, run.measured]
+    return np.asarray(outputs[..., run.inside])
 
 
 def _through(transfer: ComplexArray, driving: ComplexArray) -> ComplexArray:

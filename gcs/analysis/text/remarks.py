@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import assert_never
 
 from gcs.analysis.diagnosis import ClocksDiffer, InALoop, NotAdded, NoValidation, OneRun, Remark, StoppedAsking
 from gcs.analysis.quantities import listed
 from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
 from gcs.analysis.text.checks import early_text
+from sysid.diagnose.chains import BudgetSpent, LittleLeft
 
 
 def remark_text(remark: Remark, offers: Offers = SHELL) -> str:
@@ -31,6 +34,12 @@ def _text(remark: Remark) -> str:
             return f"not added: with {effect} the fit goes to {listed(values)}, which physics does not allow"
         case StoppedAsking(questions):
             return f"stopped after {questions} questions"
+        case LittleLeft(points):
+            return f"chains of two were not searched: at most {_tenths_up(points)} points of NRMSE are left"
+        case BudgetSpent(chains, firsts):
+            pairs = [" + ".join(Path(name).name for name in one) for one in chains]
+            beside = [f"all beside {Path(name).name}" for name in firsts]
+            return f"chains of two not tried, because they cost much and promised less: {listed([*pairs, *beside])}"
         case InALoop(effects, pole):
             named = f" with {listed(effects)}" if effects else ""
             return (
@@ -41,3 +50,8 @@ def _text(remark: Remark) -> str:
         case ClocksDiffer(early):
             return f"{early_text(early)}. That explains what the model leaves, and no effect does it better"
     assert_never(remark)
+
+
+def _tenths_up(points: float) -> str:
+    """Rounded up to a tenth, so that "at most" holds."""
+    return f"{math.ceil(10 * points - 1e-9) / 10:.1f}"

@@ -1,0 +1,24 @@
+"""What the runs, and the search, cost the answer of a diagnosis, in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs.analysis.text.remarks import remark_text
+from sysid.diagnose.chains import BudgetSpent, LittleLeft
+
+
+@pytest.mark.parametrize(
+    ("finding", "text"),
+    [
+        (LittleLeft(0.041), "chains of two were not searched: at most 0.1 points of NRMSE are left"),
+        (LittleLeft(0.1), "chains of two were not searched: at most 0.1 points of NRMSE are left"),
+        (
+            BudgetSpent((("servo_lag", "servo_deadband"),), ("yaw_coupling",)),
+            "chains of two not tried, because they cost much and promised less: servo_lag + servo_deadband and all "
+            "beside yaw_coupling",
+        ),
+    ],
+)
+def test_what_was_not_searched_in_words(finding: LittleLeft | BudgetSpent, text: str) -> None:
+    assert remark_text(finding) == text

@@ -1,0 +1,94 @@
+"""Chains of two effects: where they are searched, what the search may cost, and what is said of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from planted import PLANTED, fly_many
+from planted_fits import records
+
+from sysid.data.record import Record
+from sysid.diagnose import chains
+from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.identify import on_runs
+from sysid.model.compose import compose
+from sysid.model.paper import TPP
+from sysid.model.structure import Model
+
+EFFECTS = pytest.mark.parametrize("only_effects", [("servo_lag", "gyro_misalignment", "servo_backlash")], indirect=True)
+TURNED = 0.2
+
+
+@pytest.fixture(scope="module")
+def flight() -> list[Record]:
+    """A lag of the servos, seen by a gyro that sits askew."""
+    runs = fly_many("servo_lag", PLANTED["servo_lag"], seeds=[31], duration_s=8.0, noise=0.004)[0]
+    return records([{**run, "p": run["p"] + TURNED * run["q"], "q": run["q"] - TURNED * run["p"]} for run in runs])
+
+
+def asked(flight: list[Record]) -> Diagnosis:
+    return diagnose(on_runs("tpp", (), flight, flight), flight)
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
+    found = asked(flight)
+    assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
+    assert found.unsearched is None
+    assert found.to_json()["unsearched_chains"] is None
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chains, "CRUMBS", 100.0)
+    found = asked(flight)
+    assert found.pairs == ()
+    assert isinstance(found.unsearched, LittleLeft)
+    best = found.candidates[0].fit
+    assert best is not None
+    left = max(found.noise_floor_percent[axis] - best.nrmse_percent[axis] for axis in ("p", "q"))
+    assert found.unsearched.points == pytest.approx(left, abs=0.01)
+    assert found.to_json()["unsearched_chains"] == {"reason": "little left", "points": found.unsearched.points}
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    ("budget", "tried", "left_out"),
+    [
+        (chains.ASKED - 1, 0, lambda spent: spent.chains == () and len(spent.firsts) >= 1),
+        (
+            chains.ASKED + 1,
+            0,
+            lambda spent: len(spent.chains) >= 1 and set(spent.chains[0]) <= {"servo_lag", "gyro_misalignment"},
+        ),
+    ],
+)
+def test_the_search_ends_with_its_budget_and_says_what_it_left_out(
+    flight: list[Record],
+    monkeypatch: pytest.MonkeyPatch,
+    budget: float,
+    tried: int,
+    left_out: Callable[[BudgetSpent], bool],
+) -> None:
+    monkeypatch.setattr(chains, "BUDGET", budget)
+    found = asked(flight)
+    assert len(found.pairs) == tried
+    assert isinstance(found.unsearched, BudgetSpent)
+    assert left_out(found.unsearched)
+    assert found.to_json()["unsearched_chains"]["reason"] == "budget"
+
+
+def test_a_refit_is_dearer_where_more_has_to_be_simulated() -> None:
+    begin = Model(TPP, TPP.vector({one.name: one.typical for one in TPP.parameters}))
+    prices = [
+        price(compose("tpp", [name]), begin)
+        for name in ("servo_lag", "transport_delay", "servo_backlash", "quadratic_damping")
+    ]
+    assert prices == sorted(prices)
+    assert len(set(prices)) == 4

@@ -1,0 +1,67 @@
+"""Gauss-Newton steps: inside bounds, and never with numbers that are none."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from planted import PLANTED, fly_many
+from planted_fits import records
+from scipy.optimize import lsq_linear
+
+from sysid.data.dataset import dataset
+from sysid.fit.estimate import estimate
+from sysid.fit.gauss_newton import NormalEquations, bounded_step
+from sysid.fit.identify import on_runs
+
+
+def equations(J: np.ndarray, e: np.ndarray) -> NormalEquations:
+    return NormalEquations(np.array([e @ e]), J @ J.T, J @ e, [])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_step_that_would_pass_a_bound_is_the_best_inside(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lag = rng.standard_normal(50)
+    J = np.stack([lag, lag + 0.05 * rng.standard_normal(50), rng.standard_normal(50)])  # the first two are nearly one
+    e = np.array([-2.0, 3.0, 0.5]) @ J
+    least, most = np.array([-0.1, -np.inf, -np.inf]), np.full(3, np.inf)
+    move = bounded_step(equations(J, e), np.ones(3, dtype=bool), least, most)
+    best = lsq_linear(J.T, e, (least, most), tol=1e-12).x
+    assert move == pytest.approx(best, abs=1e-6)
+
+
+def test_a_lag_that_is_not_there_ends_at_nothing_and_leaves_the_delay_right() -> None:
+    """From too late a beginning the lag's bound used to hold the delay off: worse with the lag than without."""
+    flight = records(fly_many("transport_delay", PLANTED["transport_delay"], seeds=[5], duration_s=8.0)[0])
+    on = dataset(flight, (0.0, 15.0))
+    late = on_runs("tpp", ["transport_delay"], flight, flight)
+    without = estimate(late, on.viewed(late.inputs))
+    both = on_runs("tpp", ["transport_delay", "gyro_lag"], flight, flight)
+    found = estimate(both, on.viewed(both.inputs), without.model)
+    assert np.all(found.error.residual_power <= 1.001 * without.error.residual_power)
+    assert found.model["T_d"] == pytest.approx(without.model["T_d"], abs=2e-3)
+
+
+LINEAR_ALGEBRA_OF_WHAT_IS_NO_NUMBER = """
+import numpy as np
+from sysid.fit.gauss_newton import NormalEquations, bounded_step
+from sysid.model.relaxation import RelaxationError, _explaining
+nothing = np.full((6, 6), np.nan)
+here = NormalEquations(np.ones(1), nothing, nothing[0], [])
+assert not here.finite
+assert not np.any(bounded_step(here, np.ones(6, dtype=bool), np.full(6, -np.inf), np.full(6, np.inf)))
+try:
+    _explaining(np.full((6, 40), np.inf), np.ones(40))
+except RelaxationError:
+    pass
+"""
+
+
+def test_lapack_has_nothing_to_print() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LINEAR_ALGEBRA_OF_WHAT_IS_NO_NUMBER], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
