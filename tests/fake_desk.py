@@ -95,7 +95,8 @@ def comparison() -> Any:
 
 def candidate(effect: str, share: float | None, why: str | None = None, implausible: tuple[str, ...] = ()) -> Any:
     return SimpleNamespace(
-        effects=(effect,), effect=effect, explained_share=share, not_testable=why, implausible=implausible,
+        effects=(effect,), effect=effect, explained_share=share, not_testable=why, not_offered=False,
+        implausible=implausible,
         fit=None if share is None else object(), delta_bic=-(share or 0.0),
     )  # fmt: skip
 

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -109,6 +109,15 @@ def test_ctrl_c_is_a_wish_first_and_an_exception_only_the_third_time(capsys: pyt
     assert "ending the excitation" in capsys.readouterr().err
 
 
+@pytest.fixture
+def hang_ups_are_heard() -> Iterator[None]:
+    """As in a terminal, and not as `nohup` starts a suite."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hang_ups_are_heard")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_hang_up_is_a_wish_too(number: signal.Signals) -> None:
     before = signal.getsignal(number)
@@ -183,6 +192,7 @@ def test_a_lost_link_is_told_with_the_wait_the_way_out_and_who_takes_over(tmp_pa
     assert "Ctrl-C ends the wait" in text
 
 
+@pytest.mark.usefixtures("hang_ups_are_heard")
 def test_only_ctrl_c_counts_as_pressed() -> None:
     with interrupts() as wishes:
         os.kill(os.getpid(), signal.SIGHUP)
