@@ -14,7 +14,7 @@ from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step,
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.score import Score, log_chance, score
 from sysid.diagnose.term_search import Selection
-from sysid.diagnose.whitening import Whitening, noise_whitening
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.errors import FitError
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError

@@ -29,7 +29,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
-from sysid.diagnose.whitening import Whitening, noise_whitening
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.fit.identifiable import size as whole
 from sysid.fit.noise import Division
 from sysid.model.compose import compose, not_testable

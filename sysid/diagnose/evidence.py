@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
-from sysid.diagnose.whitening import Whitening
+from sysid.fit.whitening import Whitening
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural

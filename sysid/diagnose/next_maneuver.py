@@ -40,7 +40,7 @@ from sysid.diagnose.proposals import (
 )
 from sysid.diagnose.rivals import NEEDED, Rivals, name_of
 from sysid.diagnose.unlogged_signals import NOISE_OF, told_by_signal
-from sysid.diagnose.whitening import Whitening
+from sysid.fit.whitening import Whitening
 from sysid.fit.noise import Division
 from sysid.model.effect import catalogue
 

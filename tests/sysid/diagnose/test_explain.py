@@ -18,7 +18,7 @@ from sysid.data.dataset import dataset
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
 from sysid.diagnose.explain import Explanation, explain
-from sysid.diagnose.whitening import noise_whitening
+from sysid.fit.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
 from sysid.model.compose import compose
