@@ -17,12 +17,12 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
-from sysid.fit.gauss_newton import minimise, normal_equations
+from sysid.fit.gauss_newton import SETTLED, minimise, normal_equations
 from sysid.fit.grow import grow
 from sysid.fit.identifiable import alike
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows, smooth
-from sysid.fit.start import START_THINNING, start
+from sysid.fit.start import POOR_SHARE, START_THINNING, start
 from sysid.fit.weights import spectral_weights
 from sysid.fit.whitening import weighed
 from sysid.model.acting import divided, jumping
@@ -30,8 +30,12 @@ from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import AnyArray, FloatArray, Model, Structure
 
-REWEIGHTINGS = 3
-"""Times that the residual's own spectrum weighs, at most."""
+REWEIGHTINGS = 5
+"""Times that the residual's own spectrum weighs, at most;"""
+ROUGH = 1e-5
+"""and where each of them ends, in weighted power."""
+MOST_LEFT = 2 * POOR_SHARE
+"""Of the measured power, behind a fit that its own residual's spectrum weighed."""
 UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
 SHORT = 0.3  # standard errors of white noise: the next step is far shorter
@@ -101,11 +105,14 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
     if jumping(structure, model.values, stacks[0]):  # a jump has no slope to follow: least squares has the last word
         return _with_errors(model, stacks, weights, fixed)
     caused, Z = bins.instruments(structure.commands), None
-    if kind == "residual spectrum":
-        known = None if caused is None else bins.causes(structure.commands)
-        weights = spectral_weights(error, stacks, known)
-        if caused is None:
-            model, weights = _reweighed(model, stacks, weights, fixed)
+    if kind == "residual spectrum" and caused is not None:
+        weights = spectral_weights(error, stacks, bins.causes(structure.commands))
+    if kind == "residual spectrum" and caused is None:
+        reweighed = _reweighed(model, stacks, error, fixed)
+        if reweighed is None:
+            kind = "constant"
+        else:
+            model, weights = reweighed
     if caused is not None:
         try:
             unbiased = _unbias(model, stacks, weights, _free(model, fixed), caused)
@@ -119,16 +126,23 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
 
 
 def _reweighed(
-    model: Model, stacks: Sequence[Stack], weights: list[ComplexArray], fixed: Mapping[str, float]
-) -> tuple[Model, list[ComplexArray]]:
-    """To where the spectrum of what a fit leaves weighs it."""
+    model: Model, stacks: Sequence[Stack], error: OutputError, fixed: Mapping[str, float]
+) -> tuple[Model, list[ComplexArray]] | None:
+    """To where the spectrum of what a fit leaves weighs it.
+
+    None where it leaves much: that is the model's error then, and to excuse it would make it larger.
+    """
+    if np.any(error.residual_power > POOR_SHARE * error.measured_power):
+        return None
+    weights = spectral_weights(error, stacks, None)
     for _ in range(REWEIGHTINGS):
-        before = model
-        model, left = minimise(before, stacks, np.ones(len(before.structure.outputs)), tuple(fixed), spectral=weights)
-        if np.array_equal(model.values, before.values):
+        before = error.residual_power
+        model = minimise(model, stacks, before, tuple(fixed), tolerance=ROUGH, spectral=weights)[0]
+        error = output_error(model, stacks)
+        if np.allclose(before, error.residual_power, rtol=SETTLED):
             break
-        weights = spectral_weights(output_error(model, stacks), stacks, None)
-    return model, weights
+        weights = spectral_weights(error, stacks, None)
+    return None if np.any(error.residual_power > MOST_LEFT * error.measured_power) else (model, weights)
 
 
 def _free(model: Model, fixed: Collection[str]) -> list[int]:
