@@ -115,7 +115,7 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
             model, weights = reweighed
     if caused is not None:
         try:
-            unbiased = _unbias(model, stacks, weights, _free(model, fixed), caused)
+            unbiased = _unbias(model, stacks, weights, free_of(model, fixed), caused)
         except RelaxationError:
             unbiased = None
         if unbiased is not None:
@@ -123,6 +123,14 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
         elif kind == "residual spectrum":
             model = minimise(model, stacks, error.residual_power, tuple(fixed), spectral=weights)[0]
     return replace(_with_errors(model, stacks, weights, fixed, Z), weights=kind)
+
+
+def weights_at(model: Model, bins: Bins, kind: Weights) -> Sequence[AnyArray]:
+    """What weighs the residual of a fit that ended at this model, for every stack."""
+    error, commands = output_error(model, bins.stacks), model.structure.commands
+    if kind == "constant":
+        return axis_weights(bins.stacks, error.residual_power)
+    return spectral_weights(error, bins.stacks, None if bins.instruments(commands) is None else bins.causes(commands))
 
 
 def _reweighed(
@@ -145,7 +153,7 @@ def _reweighed(
     return None if np.any(error.residual_power > MOST_LEFT * error.measured_power) else (model, weights)
 
 
-def _free(model: Model, fixed: Collection[str]) -> list[int]:
+def free_of(model: Model, fixed: Collection[str]) -> list[int]:
     """Numbers of the parameters that are neither held nor at a bound."""
     return [
         i
@@ -162,7 +170,7 @@ def _with_errors(
     Z: Sequence[ComplexArray] | None = None,
 ) -> Estimate:
     """The estimate with its covariance; Z are the instruments, if any."""
-    free = _free(model, fixed)
+    free = free_of(model, fixed)
     bound = tuple(name for i, name in enumerate(model.structure.names) if name not in fixed and i not in free)
     covariance = np.zeros((model.values.size, model.values.size))
     covariance[np.ix_(free, free)] = _covariance(model, stacks, weights, free, Z)
@@ -184,7 +192,7 @@ def _unbias(
     structure, values = model.structure, model.values.copy()
     if not free:
         return None
-    Z = _instruments(model, stacks, free, causes)
+    Z = asked_with(model, stacks, free, causes)
     for _ in range(UNBIASING_STEPS):
         curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, free, Z)
         size = np.sqrt(np.abs(np.diag(curvature)))
@@ -205,7 +213,7 @@ def _unbias(
     return (found, Z) if np.all(after < WORST_UNBIASING * before) else None
 
 
-def _instruments(
+def asked_with(
     model: Model, stacks: Sequence[Stack], free: Sequence[int], causes: Sequence[ComplexArray]
 ) -> list[ComplexArray]:
     """For every stack the sensitivities (free, k, bins) to what the excitation caused."""
