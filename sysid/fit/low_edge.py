@@ -18,6 +18,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.fit.check_kinds import LowEdgeHolds, LowEdgeMoves, Move
 from sysid.fit.checks import Check
 from sysid.fit.estimate import Weights, asked_with, free_of, weights_at
+from sysid.fit.identifiable import size
 from sysid.fit.rows import project, rows, smooth
 from sysid.fit.whitening import weighed
 from sysid.model.acting import jumping
@@ -31,7 +32,9 @@ HIGHEST_SHARE = 0.2
 LARGEST_MOVE = 4.0
 """Standard errors of the move;"""
 LEAST_MOVE = 2.0
-"""and of the value itself, below which a move is of no account."""
+"""and of the value itself, below which a move is of no account, as it is below"""
+LEAST_SHARE = 0.02
+"""of the value."""
 WORST_CONDITION = 1e10
 
 
@@ -110,8 +113,10 @@ def low_edges(
     moves = np.array([step.move - whole.move for _, step in taken]).reshape(-1, len(free))
     chance = np.array([_spread(parts, step, whole) for _, step in taken]).reshape(-1, len(free))
     times = np.abs(moves) / np.maximum(chance, 1e-300)
-    large = (times > LARGEST_MOVE) & (np.abs(moves) > LEAST_MOVE * _spread(parts, whole))
     parameters = [model.structure.parameters[i] for i in free]
+    sizes = np.array([size(one, float(model.values[i])) for i, one in zip(free, parameters, strict=True)])
+    least = np.maximum(LEAST_MOVE * _spread(parts, whole), LEAST_SHARE * sizes)
+    large = (times > LARGEST_MOVE) & (np.abs(moves) > least)
     return LowEdges(
         low_hz=(band_hz[0], *(edge for edge, _ in taken)),
         names=tuple(one.name for one in parameters),
