@@ -79,7 +79,9 @@ class LowEdges:
     def to_json(self) -> dict[str, Any]:
         return {
             "low_hz": list(self.low_hz),
-            "values": {name: [float(x) for x in column] for name, column in zip(self.names, self.values.T, strict=True)},
+            "values": {
+                name: [float(x) for x in column] for name, column in zip(self.names, self.values.T, strict=True)
+            },
             "standard_errors": {name: float(x) for name, x in zip(self.names, self.times, strict=True)},
             "moved": list(self.moved),
         }
