@@ -29,9 +29,9 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
-from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.fit.identifiable import size as whole
 from sysid.fit.noise import Division
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import Parameter

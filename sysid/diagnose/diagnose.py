@@ -35,8 +35,8 @@ from sysid.diagnose.chains import chains_of_two
 from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.verdict import Diagnosis, verdict_on
-from sysid.fit.whitening import noise_whitening
 from sysid.fit.estimate import estimate
+from sysid.fit.whitening import noise_whitening
 from sysid.model.effect import Effect
 from sysid.model.structure import Model, Structure
 

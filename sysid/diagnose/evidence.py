@@ -15,12 +15,12 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
-from sysid.fit.whitening import Whitening
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import OutputError
+from sysid.fit.whitening import Whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
 from sysid.model.predict import respond

@@ -44,7 +44,7 @@ SHORT = 0.3  # standard errors of white noise: the next step is far shorter
 Weights = Literal["residual spectrum", "constant"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Estimate:
     """The best values, and how far the data bind them."""
 
@@ -174,7 +174,13 @@ def _with_errors(
     bound = tuple(name for i, name in enumerate(model.structure.names) if name not in fixed and i not in free)
     covariance = np.zeros((model.values.size, model.values.size))
     covariance[np.ix_(free, free)] = _covariance(model, stacks, weights, free, Z)
-    return Estimate(model, covariance, output_error(model, stacks), bound, Z is not None)
+    return Estimate(
+        model=model,
+        covariance=covariance,
+        error=output_error(model, stacks),
+        at_bound=bound,
+        instrumented=Z is not None,
+    )
 
 
 def _unbias(

@@ -215,8 +215,8 @@ def _held_stable(settled: Settled) -> list[str]:
         return []
     real, error = settled.moved
     return [
-        f"its pole at {real:+.2f} ± {error:.2g} 1/s is held stable: the data do not say that it is not, and rates alone "
-        "seldom are unstable"
+        f"its pole at {real:+.2f} ± {error:.2g} 1/s is held stable: the data do not say that it is not, and rates "
+        "alone seldom are unstable"
     ]
 
 

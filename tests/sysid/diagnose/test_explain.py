@@ -18,9 +18,9 @@ from sysid.data.dataset import dataset
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
 from sysid.diagnose.explain import Explanation, explain
-from sysid.fit.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
+from sysid.fit.whitening import noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import find
 from sysid.model.parameter import Parameter
