@@ -23,7 +23,7 @@ from sysid.fit.identifiable import alike
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows, smooth
 from sysid.fit.start import POOR_SHARE, START_THINNING, start
-from sysid.fit.weights import spectral_weights
+from sysid.fit.weights import inflation, spectral_weights
 from sysid.fit.whitening import weighed
 from sysid.model.acting import divided, jumping
 from sysid.model.predict import respond
@@ -122,7 +122,11 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
             model, Z = unbiased
         elif kind == "residual spectrum":
             model = minimise(model, stacks, error.residual_power, tuple(fixed), spectral=weights)[0]
-    return replace(_with_errors(model, stacks, weights, fixed, Z), weights=kind)
+    found = _with_errors(model, stacks, weights, fixed, Z)
+    if kind == "constant":
+        return found
+    wider = inflation(stacks, len(structure.outputs), caused is not None)
+    return replace(found, covariance=wider * found.covariance, weights=kind)
 
 
 def weights_at(model: Model, bins: Bins, kind: Weights) -> Sequence[AnyArray]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
-from sysid.fit.noise import Division, divide
+from sysid.fit.noise import NEIGHBOURS, WINDOW_HZ, Division, divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import whitener_of
 from sysid.model.structure import FloatArray
@@ -50,6 +50,20 @@ def spectral_weights(error: OutputError, stacks: Sequence[Stack], causes: Causes
         np.ascontiguousarray((size * group.scale) * whitener_of(S + least).transpose(1, 2, 0))
         for group, S in zip(stacks, spectra, strict=True)
     ]
+
+
+def inflation(stacks: Sequence[Stack], outputs: int, logged: bool) -> float:
+    """By how much variances are larger than those told by the residual that has made its own weights.
+
+    Where it happens to be low it weighs more and seems surer: to first order in one over the bins that are averaged.
+    """
+    if logged:
+        seconds = sum(group.samples * group.dt for group in stacks)
+        averaged = (1 + 2 * NEIGHBOURS) * WINDOW_HZ * seconds
+    else:
+        low, high = _neighbourhood(np.sort(np.concatenate([group.frequency_hz for group in stacks])))
+        averaged = 1 / float(np.mean(1 / (high - low)))
+    return 1 + 2 * outputs / averaged
 
 
 def _model_error(division: Division, bins: int) -> FloatArray:
