@@ -131,7 +131,7 @@ def refit(composed: Structure, parent: Candidate, added: Sequence[str]) -> Candi
     if open_to_all is not None:
         raise FitError(open_to_all)
     begin = parent.model if composed.base == parent.model.structure.base else None
-    found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed)
+    found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed, parent.estimate.weights)
     return candidate(found, parent.held, parent.dataset, added)
 
 
