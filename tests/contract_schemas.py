@@ -72,6 +72,7 @@ FIT = exactly(
         "covariance": listed(listed(MAYBE)),
         "correlations": listed(exactly({"parameters": listed(TEXT), "correlation": MAYBE})),
         "band_hz": {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2},
+        "weights": {"enum": ["residual spectrum", "constant"]},
         "profile": {"type": ["string", "null"]},
         "warnings": listed(TEXT),
         "version": TEXT,
@@ -95,6 +96,19 @@ JUDGED = exactly(
         "spread": {
             "anyOf": [
                 exactly({"sets": {"type": "integer"}, "standard_errors": {"type": "object"}, "moved": listed(TEXT)}),
+                {"type": "null"},
+            ]
+        },
+        "low_edges": {
+            "anyOf": [
+                exactly(
+                    {
+                        "low_hz": listed(NUMBER),
+                        "values": {"type": "object", "additionalProperties": listed(NUMBER)},
+                        "standard_errors": {"type": "object", "additionalProperties": NUMBER},
+                        "moved": listed(TEXT),
+                    }
+                ),
                 {"type": "null"},
             ]
         },

@@ -20,10 +20,10 @@ from sysid.data.record import Record
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, candidate
 from sysid.diagnose.term_search import Selection, select
-from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import on_runs
 from sysid.fit.noise import divide
+from sysid.fit.whitening import noise_whitening
 from sysid.model.compose import compose
 
 HUB_STIFFENING = 40.0

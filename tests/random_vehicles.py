@@ -102,5 +102,6 @@ def above_the_optimum(one: Flown) -> float:
     bins = prepared(one.records, (0.0, BAND_HZ)).viewed(TPP.inputs)
     stacks = bins.stacks
     best, power = minimise(one.truth, stacks, output_error(one.truth, stacks).residual_power)
-    reached, reference = (minimise(model, stacks, power, steps=0)[1] for model in (estimate(TPP, bins).model, best))
+    least_squares = estimate(TPP, bins, weights="constant").model
+    reached, reference = (minimise(model, stacks, power, steps=0)[1] for model in (least_squares, best))
     return float(np.sum(np.log(reached)) - np.sum(np.log(reference)))

@@ -120,7 +120,7 @@ def _validated(before: Fit, after: Fit) -> Sign:
 def _agrees(before: Fit, after: Fit, runs: Dataset) -> Sign:
     """The base's parameters, fitted to sets of runs apart, come nearer to each other."""
     key, name = "agreement", "runs agree better on the parameters"
-    spreads = [fit_checks(one.model, runs, one.band_hz, one.fixed)[1] for one in (before, after)]
+    spreads = [fit_checks(one.model, runs, one.band_hz, one.fixed, one.weights)[1] for one in (before, after)]
     was, now = spreads
     if was is None or now is None:
         return Sign(key, name, None, "needs two chirps on each axis: fly each twice")

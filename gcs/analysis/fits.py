@@ -26,6 +26,7 @@ from sysid.data.record import CHANNELS, Record
 from sysid.fit.checks import Check, Spread, eigenfrequency_checks, fit_checks
 from sysid.fit.identify import identify, judge
 from sysid.fit.implied import Implied, Vehicle, implied, rotor_speed
+from sysid.fit.low_edge import LowEdges, low_edges
 from sysid.fit.result import Fit, RecordUsed
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import find
@@ -126,15 +127,20 @@ class Judgement:
     responses: Mismatches
     checks: tuple[Check, ...]
     spread: Spread | None
+    low_edges: LowEdges | None
+    """None where nothing can be left out of the band."""
     implied: tuple[Implied, ...] = ()
 
 
 def assess(fit: Fit, runs: Runs, vehicle: Vehicle | None = None) -> Judgement:
     """Judge a fit on the runs it was made from."""
     on, structure = prepared(runs, fit.band_hz), fit.model.structure
-    checks, spread = fit_checks(fit.model, on, fit.band_hz, fit.fixed)
+    bins = on.viewed(structure.inputs, structure.outputs)
+    checks, spread = fit_checks(fit.model, on, fit.band_hz, fit.fixed, fit.weights)
+    edges = low_edges(fit.model, bins, fit.band_hz, fit.fixed, fit.weights)
     figures = () if vehicle is None else implied(fit, vehicle, rotor_speed(on.records))
-    return Judgement(mismatch(fit.model, on.viewed(structure.inputs, structure.outputs)), checks, spread, figures)
+    checks = checks if edges is None else (*checks, edges.check)
+    return Judgement(mismatch(fit.model, bins), checks, spread, edges, figures)
 
 
 class VehicleDocument(documents.Strict, frozen=True, kw_only=True):

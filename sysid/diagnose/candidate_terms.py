@@ -18,8 +18,8 @@ from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import COMMANDS
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.terms import CONDITIONS, Entry, Expression, entries, expressions
-from sysid.diagnose.whitening import Whitening
 from sysid.fit.rows import rows
+from sysid.fit.whitening import Whitening
 from sysid.model.acting import divided, in_time
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, Signals, Stage

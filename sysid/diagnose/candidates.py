@@ -14,11 +14,11 @@ from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step,
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.score import Score, log_chance, score
 from sysid.diagnose.term_search import Selection
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.errors import FitError
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.airframe import not_offered
 from sysid.model.compose import adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect

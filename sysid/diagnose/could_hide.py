@@ -29,9 +29,9 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.identifiable import size as whole
 from sysid.fit.noise import Division
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import Parameter
@@ -106,7 +106,7 @@ class _Asking:
     stepped: Stepped
     whitening: Whitening
     by_fit: Whitening
-    """The fit's own criterion: each output weighed as a whole."""
+    """The fit's own criterion."""
     answer: FloatArray
     """(free, N), from a change of the outputs in the fit's criterion to that of the parameters."""
     free: tuple[str, ...]
@@ -128,9 +128,7 @@ class _Asking:
         from scipy.special import ndtri
 
         structure, estimate = parent.model.structure, parent.estimate
-        power = np.diag(np.maximum(estimate.error.residual_power, 1e-300))
-        flat = replace(division, level=np.broadcast_to(power.astype(complex), division.level.shape))
-        by_fit = noise_whitening(parent.model, parent.dataset.stacks, flat)
+        by_fit = whitening if estimate.weights == "residual spectrum" else _by_output(parent, division)
         moved = by_fit(parent.J)
         asked = by_fit(parent.J_imposed) if estimate.instrumented else moved
         try:
@@ -285,6 +283,13 @@ class _Asking:
         if self.gains is None or self.margins is None or not vehicle.structure.linear:
             return None
         return self.margins, closed_loop(self.gains, vehicle).margins or NO_MARGINS
+
+
+def _by_output(parent: Candidate, division: Division) -> Whitening:
+    """Each output weighed as a whole."""
+    power = np.diag(np.maximum(parent.estimate.error.residual_power, 1e-300))
+    flat = replace(division, level=np.broadcast_to(power.astype(complex), division.level.shape))
+    return noise_whitening(parent.model, parent.dataset.stacks, flat)
 
 
 def _by_linear_part(parent: Candidate) -> list[ComplexArray]:

@@ -36,8 +36,8 @@ from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.verdict import Diagnosis, verdict_on
-from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
+from sysid.fit.whitening import noise_whitening
 from sysid.model.effect import Effect
 from sysid.model.structure import Model, Structure
 
@@ -83,10 +83,15 @@ def diagnose(
 
 
 def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin: Model | None) -> Candidate:
-    """The structure fitted as it is, from where it was fitted to before."""
+    """The structure fitted as it is, from where it was fitted to before.
+
+    By constant weights, in whose residual the verdict's shares and thresholds were set; candidates are compared in the
+    noise's own spectrum all the same.
+    """
     if begin is not None:
         begin = Model(structure, begin.values) if begin.structure.names == structure.names else None
-    return candidate(estimate(structure, on.viewed(structure.inputs), begin, fixed), tuple(fixed), on)
+    found = estimate(structure, on.viewed(structure.inputs), begin, fixed, "constant")
+    return candidate(found, tuple(fixed), on)
 
 
 def _reference(

@@ -15,12 +15,12 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
-from sysid.diagnose.whitening import Whitening
 from sysid.errors import FitError
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import OutputError
+from sysid.fit.whitening import Whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
 from sysid.model.predict import respond
@@ -131,7 +131,7 @@ def refit(composed: Structure, parent: Candidate, added: Sequence[str]) -> Candi
     if open_to_all is not None:
         raise FitError(open_to_all)
     begin = parent.model if composed.base == parent.model.structure.base else None
-    found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed)
+    found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed, parent.estimate.weights)
     return candidate(found, parent.held, parent.dataset, added)
 
 

@@ -40,8 +40,8 @@ from sysid.diagnose.proposals import (
 )
 from sysid.diagnose.rivals import NEEDED, Rivals, name_of
 from sysid.diagnose.unlogged_signals import NOISE_OF, told_by_signal
-from sysid.diagnose.whitening import Whitening
 from sysid.fit.noise import Division
+from sysid.fit.whitening import Whitening
 from sysid.model.effect import catalogue
 
 if TYPE_CHECKING:

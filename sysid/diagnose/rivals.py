@@ -18,8 +18,8 @@ from sysid.data.record import RATES, Record
 from sysid.data.stacks import Stack, stack
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.maneuver_plans import LETTERS, Flown, Plan, moved_by_hand
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.noise import Division
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.predict import respond

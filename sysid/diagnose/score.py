@@ -15,7 +15,7 @@ import numpy as np
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
-from sysid.diagnose.whitening import Whitening
+from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
 from sysid.model.compose import compose
 from sysid.model.effect import Effect

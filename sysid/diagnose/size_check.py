@@ -80,7 +80,7 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
     fixed = {name: model[name] for name in model.structure.names if name in held}
     try:
         runs = Bins(tuple(viewed(one, model.structure.inputs) for one in begun(model, other.spectra)))
-        again = estimate(model.structure, runs, model, fixed)
+        again = estimate(model.structure, runs, model, fixed, one.estimate.weights)
     except (FitError, RelaxationError, np.linalg.LinAlgError):
         return None
     names = model.structure.names

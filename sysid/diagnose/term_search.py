@@ -16,9 +16,9 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
 from sysid.diagnose.terms import Entry
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.structure import AnyArray, FloatArray
 
 LEAST_LEFT = 1e-4

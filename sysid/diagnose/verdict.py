@@ -17,9 +17,9 @@ from sysid.diagnose.evidence import Candidate, Stepped, error_share, gain
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
-from sysid.diagnose.whitening import Whitening
 from sysid.fit.noise import Division
 from sysid.fit.result import finite
+from sysid.fit.whitening import Whitening
 
 FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8

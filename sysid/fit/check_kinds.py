@@ -102,6 +102,35 @@ class CommandsLate:
     """One standard error."""
 
 
+@dataclass(frozen=True, slots=True)
+class LowEdgeHolds:
+    """No parameter moves beyond chance where the band begins higher, Hz."""
+
+    low_hz: float
+    to_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """A parameter's value with the fit's own band, and the one furthest from it where the band begins higher."""
+
+    name: str
+    unit: str
+    value: float
+    other: float
+
+
+@dataclass(frozen=True, slots=True)
+class LowEdgeMoves:
+    """Parameters that move beyond chance where the band begins higher, the surest first."""
+
+    moves: tuple[Move, ...]
+    low_hz: float
+    to_hz: float
+    instrumented: bool
+    """The excitation is logged, so it is not the feedback."""
+
+
 CheckFinding = (
     SweepUnknown
     | OutsideSweep
@@ -116,4 +145,6 @@ CheckFinding = (
     | ParametersMoved
     | CommandsThinned
     | CommandsLate
+    | LowEdgeHolds
+    | LowEdgeMoves
 )

@@ -33,10 +33,10 @@ from sysid.fit.check_kinds import (
     SweepUnknown,
 )
 from sysid.fit.clocks import thinned_commands
-from sysid.fit.estimate import Estimate, estimate
+from sysid.fit.estimate import Estimate, Weights, estimate
 from sysid.fit.gauss_newton import minimise
 from sysid.fit.output_error import output_error
-from sysid.fit.stable import held_stable
+from sysid.fit.stable import Settled
 from sysid.fit.start import START_THINNING, start
 from sysid.model.base import bases
 from sysid.model.polynomial import closed_form
@@ -90,13 +90,14 @@ def fit_checks(
     runs: Runs,
     band_hz: tuple[float, float] = DEFAULT_BAND_HZ,
     held: Collection[str] = (),
+    weights: Weights = "residual spectrum",
 ) -> tuple[tuple[Check, ...], Spread | None]:
     """The eigenfrequency checks and whether the parameters stay between sets of runs; `held` ones were not fitted.
 
     The spread is None where the runs do not form sets that identify the model each for itself.
     """
     on = prepared(runs, band_hz)
-    sets = _sets(model, on, held)
+    sets = _sets(model, on, held, weights)
     early = thinned_commands(model, on, {name: model[name] for name in held})
     spread = None if isinstance(sets, Check) else _spread(model.structure, sets)
     return (
@@ -135,7 +136,7 @@ def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
 AGREEMENT = "agreement between runs"
 
 
-def _sets(model: Model, on: Dataset, held: Collection[str]) -> list[Estimate] | Check:
+def _sets(model: Model, on: Dataset, held: Collection[str], weights: Weights) -> list[Estimate] | Check:
     """The structure fitted to the first run of every axis, then to the second; or why that is not possible."""
     structure = model.structure
     by_axis: dict[str | None, list[Record]] = {}
@@ -149,7 +150,8 @@ def _sets(model: Model, on: Dataset, held: Collection[str]) -> list[Estimate] | 
     for index in range(count):
         chosen = on.of([runs[index] for runs in by_axis.values()])
         try:
-            estimates.append(estimate(structure, chosen.viewed(structure.inputs, structure.outputs), model, fixed))
+            bins = chosen.viewed(structure.inputs, structure.outputs)
+            estimates.append(estimate(structure, bins, model, fixed, weights))
         except FitError as error:
             return Check(AGREEMENT, False, SetRefused(str(error)))
     return estimates
@@ -189,12 +191,13 @@ def _same_parameters(spread: Spread) -> Check:
     return Check(name, not moved, ParametersMoved(moved, count, LARGEST_SPREAD, spread.moves[: max(moved, 1)]))
 
 
-def explain_instability(model: Model, bins: Bins) -> list[str]:
+def explain_instability(settled: Settled, bins: Bins) -> list[str]:
     """What to make of a fit with poles in the right half plane, in sentences.
 
     Rate dynamics of a flyable rotorcraft are seldom that unstable; feedback through a pilot or controller on
     data without independent excitation looks so. The refits show what stable poles and late commands would give.
     """
+    model = settled.estimate.model
     real = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
     free = output_error(model, bins.stacks).nrmse_percent
     said = [
@@ -203,7 +206,9 @@ def explain_instability(model: Model, bins: Bins) -> list[str]:
     ]
     try:
         outputs = model.structure.outputs
-        held = held_stable(model, bins.stacks)[1].nrmse_percent
+        if settled.held is None:
+            raise FitError(settled.refusal or "no stable model was found near the data")
+        held = settled.held[1].nrmse_percent
         said.append(
             f"with the poles held stable it reaches only {_percent(outputs, held)}, free {_percent(outputs, free)}"
         )
@@ -254,7 +259,7 @@ def lateness(structure: Structure, bins: Bins, fitted: Model | None = None) -> s
         costs = [_cost(structure, _late(bins, kind, late_s), begin) for late_s in LATENESS_S]
         late_s = LATENESS_S[int(np.argmin(costs))]
         least[kind] = min(costs)
-        lifted = estimate(structure, _late(bins, kind, late_s), begin).error.nrmse_percent
+        lifted = estimate(structure, _late(bins, kind, late_s), begin, weights="constant").error.nrmse_percent
         parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to {_percent(structure.outputs, lifted)}")
     if min(least.values()) > base + np.log(0.7):
         return None

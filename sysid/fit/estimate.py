@@ -6,8 +6,9 @@ excitation was logged it serves as instrument, so that feedback does not bias th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -16,22 +17,34 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
-from sysid.fit.gauss_newton import minimise
+from sysid.fit.gauss_newton import SETTLED, minimise, normal_equations
 from sysid.fit.grow import grow
 from sysid.fit.identifiable import alike
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows, smooth
-from sysid.fit.start import START_THINNING, start
+from sysid.fit.start import POOR_SHARE, START_THINNING, start
+from sysid.fit.weights import inflation, spectral_weights
+from sysid.fit.whitening import weighed
 from sysid.model.acting import divided, jumping
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Model, Structure
+from sysid.model.structure import AnyArray, FloatArray, Model, Structure
 
+REWEIGHTINGS = 5
+"""Times that the residual's own spectrum weighs, at most;"""
+ROUGH = 1e-5
+"""and where each of them ends, in weighted power."""
+MOST_LEFT = 2 * POOR_SHARE
+"""Of the measured power, behind a fit that its own residual's spectrum weighed."""
 UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
+SHORT = 0.3  # standard errors of white noise: the next step is far shorter
 
 
-@dataclass(frozen=True, eq=False)
+Weights = Literal["residual spectrum", "constant"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Estimate:
     """The best values, and how far the data bind them."""
 
@@ -42,6 +55,8 @@ class Estimate:
     at_bound: tuple[str, ...] = field(default=())
     instrumented: bool = False
     """The logged excitation served as instrument, so that feedback does not bias the values."""
+    weights: Weights = "constant"
+    """What of the residual weighed: its spectrum, or each output's power alone."""
 
 
 def estimate(
@@ -49,12 +64,14 @@ def estimate(
     bins: Bins,
     parent: Model | None = None,
     fixed: Mapping[str, float] | None = None,
+    weights: Weights = "residual spectrum",
 ) -> Estimate:
     """Fit a structure to the bins of all segments together.
 
-    The criterion is the paper's least squares over the low-passed samples, each output weighed by its own residual
-    power (repeated until that power has settled). A composition grows from `parent`, or from its bare base. `fixed`
-    parameters are held. Raises FitError where the data do not determine the parameters.
+    It begins with the paper's least squares over the low-passed samples, each output weighed by its own residual power
+    (repeated until that power has settled). From there what is left is weighed by its `weights`, the spectrum of its
+    noise. A composition grows from `parent`, or from its bare base. `fixed` parameters are held. Raises FitError where
+    the data do not determine the parameters.
     """
     fixed = dict(fixed or {})
     unknown = [name for name in fixed if name not in structure.names]
@@ -62,7 +79,7 @@ def estimate(
         raise FitError(f"no parameter {', '.join(unknown)} to hold; there are {', '.join(structure.names)}")
     refuse_still_channels(structure, bins.spectra)
     model = _least_squares(structure, bins.stacks, parent, fixed)
-    found = _with_errors(model, bins.stacks, fixed, bins.instruments(structure.commands))
+    found = _weighed(model, bins, fixed, weights)
     refuse_vague_axes(found.model, found.covariance)
     return found
 
@@ -79,34 +96,103 @@ def _least_squares(
     return minimise(model, stacks, output_error(model, stacks).residual_power, tuple(fixed))[0]
 
 
-def _with_errors(
-    model: Model, stacks: Sequence[Stack], fixed: Mapping[str, float], causes: Sequence[ComplexArray] | None
-) -> Estimate:
-    """The optimum freed of the bias of feedback where the excitation was logged, with its covariance."""
-    structure = model.structure
-    bound = tuple(
-        parameter.name
-        for parameter, value in zip(structure.parameters, model.values, strict=True)
-        if parameter.name not in fixed and not parameter.bounds[0] < value < parameter.bounds[1]
-    )
-    free = [i for i, name in enumerate(structure.names) if name not in fixed and name not in bound]
-    Z = None  # where least squares has the last word, in the estimate and in its errors
-    if causes is not None and free and not jumping(structure, model.values, stacks[0]):
+def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights) -> Estimate:
+    """From the least-squares optimum to that of these weights, freed of the bias of feedback where the excitation was
+    logged, with its covariance."""
+    structure, stacks = model.structure, bins.stacks
+    error = output_error(model, stacks)
+    weights: Sequence[AnyArray] = axis_weights(stacks, error.residual_power)
+    if jumping(structure, model.values, stacks[0]):  # a jump has no slope to follow: least squares has the last word
+        return _with_errors(model, stacks, weights, fixed)
+    caused, Z = bins.instruments(structure.commands), None
+    if kind == "residual spectrum" and caused is not None:
+        weights = spectral_weights(error, stacks, bins.causes(structure.commands))
+    if kind == "residual spectrum" and caused is None:
+        reweighed = _reweighed(model, stacks, error, fixed)
+        if reweighed is None:
+            kind = "constant"
+        else:
+            model, weights = reweighed
+    if caused is not None:
         try:
-            unbiased = _unbias(model, stacks, free, causes)
+            unbiased = _unbias(model, stacks, weights, free_of(model, fixed), caused)
         except RelaxationError:
             unbiased = None
         if unbiased is not None:
             model, Z = unbiased
-    error = output_error(model, stacks)
-    weights = axis_weights(stacks, error.residual_power)
+        elif kind == "residual spectrum":
+            model = minimise(model, stacks, error.residual_power, tuple(fixed), spectral=weights)[0]
+    found = _with_errors(model, stacks, weights, fixed, Z)
+    if kind == "constant":
+        return found
+    wider = inflation(stacks, len(structure.outputs), caused is not None)
+    return replace(found, covariance=wider * found.covariance, weights=kind)
+
+
+def weights_at(model: Model, bins: Bins, kind: Weights) -> Sequence[AnyArray]:
+    """What weighs the residual of a fit that ended at this model, for every stack."""
+    error, commands = output_error(model, bins.stacks), model.structure.commands
+    if kind == "constant":
+        return axis_weights(bins.stacks, error.residual_power)
+    return spectral_weights(error, bins.stacks, None if bins.instruments(commands) is None else bins.causes(commands))
+
+
+def _reweighed(
+    model: Model, stacks: Sequence[Stack], error: OutputError, fixed: Mapping[str, float]
+) -> tuple[Model, list[ComplexArray]] | None:
+    """To where the spectrum of what a fit leaves weighs it.
+
+    None where it leaves much: that is the model's error then, and to excuse it would make it larger.
+    """
+    if np.any(error.residual_power > POOR_SHARE * error.measured_power):
+        return None
+    weights = spectral_weights(error, stacks, None)
+    for _ in range(REWEIGHTINGS):
+        before = error.residual_power
+        model = minimise(model, stacks, before, tuple(fixed), tolerance=ROUGH, spectral=weights)[0]
+        error = output_error(model, stacks)
+        if np.allclose(before, error.residual_power, rtol=SETTLED):
+            break
+        weights = spectral_weights(error, stacks, None)
+    return None if np.any(error.residual_power > MOST_LEFT * error.measured_power) else (model, weights)
+
+
+def free_of(model: Model, fixed: Collection[str]) -> list[int]:
+    """Numbers of the parameters that are neither held nor at a bound."""
+    return [
+        i
+        for i, (parameter, value) in enumerate(zip(model.structure.parameters, model.values, strict=True))
+        if parameter.name not in fixed and parameter.bounds[0] < value < parameter.bounds[1]
+    ]
+
+
+def _with_errors(
+    model: Model,
+    stacks: Sequence[Stack],
+    weights: Sequence[AnyArray],
+    fixed: Mapping[str, float],
+    Z: Sequence[ComplexArray] | None = None,
+) -> Estimate:
+    """The estimate with its covariance; Z are the instruments, if any."""
+    free = free_of(model, fixed)
+    bound = tuple(name for i, name in enumerate(model.structure.names) if name not in fixed and i not in free)
     covariance = np.zeros((model.values.size, model.values.size))
     covariance[np.ix_(free, free)] = _covariance(model, stacks, weights, free, Z)
-    return Estimate(model, covariance, error, bound, Z is not None)
+    return Estimate(
+        model=model,
+        covariance=covariance,
+        error=output_error(model, stacks),
+        at_bound=bound,
+        instrumented=Z is not None,
+    )
 
 
 def _unbias(
-    model: Model, stacks: Sequence[Stack], free: Sequence[int], causes: Sequence[ComplexArray]
+    model: Model,
+    stacks: Sequence[Stack],
+    weights: Sequence[AnyArray],
+    free: Sequence[int],
+    causes: Sequence[ComplexArray],
 ) -> tuple[Model, list[ComplexArray]] | None:
     """From the least-squares optimum to where the residual has nothing left that the excitation caused.
 
@@ -114,9 +200,9 @@ def _unbias(
     good instrument and the least-squares estimate stays. With the model come the instruments.
     """
     structure, values = model.structure, model.values.copy()
-    error = output_error(model, stacks)
-    weights = axis_weights(stacks, error.residual_power)
-    Z = _instruments(model, stacks, free, causes)
+    if not free:
+        return None
+    Z = asked_with(model, stacks, free, causes)
     for _ in range(UNBIASING_STEPS):
         curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, free, Z)
         size = np.sqrt(np.abs(np.diag(curvature)))
@@ -126,18 +212,18 @@ def _unbias(
         values[list(free)] += move
         if not _in_bounds(structure, values):
             return None
-        if np.max(np.abs(move) * size) < 1e-3 * np.sqrt(len(stacks) * stacks[0].z.size):
+        if np.max(np.abs(move) * size) < SHORT / np.sqrt(2 * sum(group.Y.size for group in stacks)):
             break
     found = Model(structure, values)
     if divided(structure)[0]:  # a limit may be out of reach now
         curvature, _, _ = _linearised(found, stacks, weights, free, Z)
         if np.any(np.diag(curvature) == 0):
             return None
-    after = output_error(found, stacks).residual_power
-    return (found, Z) if np.all(after < WORST_UNBIASING * error.residual_power) else None
+    before, after = (normal_equations(structure, x, stacks, weights, False).power for x in (model.values, values))
+    return (found, Z) if np.all(after < WORST_UNBIASING * before) else None
 
 
-def _instruments(
+def asked_with(
     model: Model, stacks: Sequence[Stack], free: Sequence[int], causes: Sequence[ComplexArray]
 ) -> list[ComplexArray]:
     """For every stack the sensitivities (free, k, bins) to what the excitation caused."""
@@ -172,7 +258,7 @@ def _in_bounds(structure: Structure, values: FloatArray) -> bool:
 def _linearised(
     model: Model,
     stacks: Sequence[Stack],
-    weights: Sequence[FloatArray],
+    weights: Sequence[AnyArray],
     free: Sequence[int],
     asked_with: Sequence[ComplexArray] | None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -184,16 +270,16 @@ def _linearised(
     curvature, gradient, variance = np.zeros((count, count)), np.zeros(count), np.zeros((count, count))
     for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
         response = respond(model.structure, model.values, group, True)
-        parts = [(weight * (group.Y - response.Y))[None], weight * response.slopes[list(free)]]
+        parts = [(group.Y - response.Y)[None], response.slopes[list(free)]]
         if asked_with is not None:
-            parts.append(weight * asked_with[number])
-        together, E = np.concatenate(parts), weight * response.E
+            parts.append(asked_with[number])
+        together, E = weighed(weight, np.concatenate(parts)), weighed(weight, response.E)
         for part in group.slices:
             block = project(rows(E[..., part]), rows(together[..., part]))
             J, Z = block[1 : 1 + count], block[-count:]
             curvature += Z @ J.T
             gradient += Z @ block[0]
-            bins = block.view(complex).reshape(block.shape[0], weight.shape[0], -1)
+            bins = block.view(complex).reshape(block.shape[0], len(group.Y), -1)
             e = bins[0]
             cross = e[:, None, :] * e[None, :, :].conj()
             S = smooth(cross.reshape(-1, cross.shape[-1]).T, group.frequency_hz[part]).T.reshape(cross.shape)
@@ -208,7 +294,7 @@ def _hold(model: Model, held: Mapping[str, float]) -> Model:
 def _covariance(
     model: Model,
     stacks: Sequence[Stack],
-    weights: Sequence[FloatArray],
+    weights: Sequence[AnyArray],
     free: Sequence[int],
     Z: Sequence[ComplexArray] | None,
 ) -> FloatArray:

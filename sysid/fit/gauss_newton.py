@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.output_error import axis_weights
 from sysid.fit.rows import less_ends, rows
+from sysid.fit.whitening import weighed
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.response import Ends
-from sysid.model.structure import FloatArray, Model, Structure
+from sysid.model.structure import AnyArray, FloatArray, Model, Structure
 
 SETTLED = 0.02
 """Relative change of residual power from which on the outputs are weighed anew."""
@@ -34,20 +36,22 @@ class NormalEquations:
     """Normal equations of one weighted linearisation, end states projected out."""
 
     power: FloatArray
-    """(k,), of the residual, as if unweighted; the weights are constant over frequency."""
+    """(k,), of the residual: as if unweighted where the weights are constant over frequency, else weighted."""
     curvature: FloatArray
     gradient: FloatArray
     ends: list[FloatArray]
     """For every stack (segments, end states), the differences of first and last state."""
+    spectral: bool = False
+    """Whether the weights are those of a spectrum, and the power is the weighted one."""
 
     def promise(self, move: FloatArray) -> float:
-        """By how much this step would lower the summed logarithms of power if the outputs were linear."""
+        """By how much this step would lower the cost if the outputs were linear."""
         return float(2 * self.gradient @ move - move @ self.curvature @ move)
 
     @property
     def cost(self) -> float:
-        """The sum that is minimised: logarithms of power."""
-        return float(np.sum(np.log(self.power)))
+        """The sum that is minimised: logarithms of power, or the weighted power."""
+        return float(np.sum(self.power if self.spectral else np.log(self.power)))
 
     @property
     def finite(self) -> bool:
@@ -59,11 +63,14 @@ def normal_equations(
     structure: Structure,
     values: FloatArray,
     stacks: Sequence[Stack],
-    weights: Sequence[FloatArray],
+    weights: Sequence[AnyArray],
     full: bool,
     ends: Sequence[Ends] | None = None,
 ) -> NormalEquations:
-    """Curvature J J^T, gradient J r and what is left, with weights (k, bins), end states projected out."""
+    """Curvature J J^T, gradient J r and what is left, end states projected out.
+
+    Weights are constant over frequency, (k, bins), or lower triangular matrices, (k, k, bins).
+    """
     count = values.size if full else 0
     curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(len(structure.outputs))
     found: list[FloatArray] = []
@@ -75,21 +82,21 @@ def normal_equations(
         whole = np.concatenate(
             [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
         )
-        whole *= weight
+        whole = weighed(weight, whole)
         blocks = [rows(whole[..., part]) for part in group.slices]
         products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)
         found.append(explained[:, :, 0])
         moved = np.zeros(products.shape[0] - 1)
         for part, block, difference in zip(group.slices, blocks, found[-1], strict=True):
             rest = block[n] - difference @ block[:n]  # inner products alone would leave rounding where little is left
-            unweighted = (group.scale[part.start] / weight[:, part.start]) ** 2
+            unweighted = (group.scale[part.start] / weight[:, part.start]) ** 2 if weight.ndim == 2 else 1.0
             power += np.sum(rest.reshape(power.size, -1) ** 2, axis=1) * unweighted
             moved += block[n + 1 :] @ rest
         if full:
             inner, to = products[1:, 1:], response.to
             gradient += moved if to is None else to @ moved
             curvature += inner if to is None else to @ inner @ to.T
-    return NormalEquations(power, curvature, gradient, found)
+    return NormalEquations(power, curvature, gradient, found, weights[0].ndim == 3)
 
 
 def minimise(
@@ -99,22 +106,25 @@ def minimise(
     held: Sequence[str] = (),
     steps: int = MAXIMUM_STEPS,
     tolerance: float = TOLERANCE,
+    spectral: Sequence[ComplexArray] | None = None,
 ) -> tuple[Model, FloatArray]:
     """Gauss-Newton with step halving and hard bounds on sum log(residual power) over the outputs.
 
-    After every step the outputs are weighed anew by what is left of them; `power` (k,) weighs the first. `held`
-    parameters stay. It ends where a step promises, or brings, less than `tolerance` of that sum. Returns the model and
-    its residual power.
+    After every step the outputs are weighed anew by what is left of them; `power` (k,) weighs the first. With
+    `spectral` weights (k, k, bins) for every stack it is the weighted power that falls, and they stay; they make it
+    about one at the beginning. `held` parameters stay. It ends where a step promises, or brings, less than `tolerance`
+    of that sum. Returns the model and its residual power.
     """
     structure = model.structure
     low = np.array([parameter.bounds[0] for parameter in structure.parameters])
     high = np.array([parameter.bounds[1] for parameter in structure.parameters])
     movable = np.array([name not in held for name in structure.names])
     values = np.clip(model.values, low, high)
-    here, weighed_by = normal_equations(structure, values, stacks, axis_weights(stacks, power), True), power
+    weights: Sequence[AnyArray] = axis_weights(stacks, power) if spectral is None else spectral
+    here, weighed_by = normal_equations(structure, values, stacks, weights, True), power
     poor = 0
     for _ in range(steps):
-        if not np.allclose(weighed_by, here.power, rtol=SETTLED):
+        if spectral is None and not np.allclose(weighed_by, here.power, rtol=SETTLED):
             weights = axis_weights(stacks, here.power)
             here, weighed_by = (
                 normal_equations(structure, values, stacks, weights=weights, full=True, ends=here.ends),
@@ -127,7 +137,9 @@ def minimise(
         promise = here.promise(move)
         if promise < tolerance:
             break
-        reached = _lower(structure, (values, np.clip(values + move, low, high)), stacks, here, tolerance / promise)
+        weights = axis_weights(stacks, here.power) if spectral is None else spectral
+        ends = (values, np.clip(values + move, low, high))
+        reached = _lower(structure, ends, stacks, weights, here, tolerance / promise)
         if reached is None:
             break
         before = here.cost
@@ -143,6 +155,7 @@ def _lower(
     structure: Structure,
     ends: tuple[FloatArray, FloatArray],
     stacks: Sequence[Stack],
+    weights: Sequence[AnyArray],
     here: NormalEquations,
     least: float,
 ) -> tuple[FloatArray, NormalEquations] | None:
@@ -150,7 +163,6 @@ def _lower(
 
     It is halved until nothing is promised that counts, `least` of the whole way.
     """
-    weights = axis_weights(stacks, here.power)
     begin, end = ends
     length = 1.0
     while length > max(SMALLEST_LENGTH, 0.5 * least):
@@ -193,7 +205,7 @@ def _try(
     structure: Structure,
     values: FloatArray,
     stacks: Sequence[Stack],
-    weights: Sequence[FloatArray],
+    weights: Sequence[AnyArray],
     ends: Sequence[Ends],
 ) -> NormalEquations | None:
     """The normal equations there, or None where there is no response."""

@@ -12,10 +12,11 @@ from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import AXIS_OF, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
-from sysid.fit.estimate import Estimate, estimate
+from sysid.fit.estimate import Estimate, Weights, estimate
 from sysid.fit.identifiable import structural, vague
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.result import Fit, RecordUsed, Rung
+from sysid.fit.stable import Settled, settle
 from sysid.model.airframe import misfits
 from sysid.model.base import Base
 from sysid.model.compose import compose
@@ -37,24 +38,19 @@ def identify(
     window_s: tuple[float | None, float | None] | None = None,
     grown: Fit | None = None,
     begin: Model | None = None,
+    weights: Weights = "residual spectrum",
 ) -> Fit:
     """Fit a bare base with effects to all runs together; validation runs only judge.
 
     Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
     lineage. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
     their logs and are kept with the fit. `grown` is the fit of all effects but the last on the same records, which
-    need not be made again; `begin` a model of the whole composition to begin at. Raises FitError where an axis is not
-    identifiable, EffectError where an effect cannot act on these runs; the message says which and what to do.
+    need not be made again; `begin` a model of the whole composition to begin at. `weights` are over frequency: by the
+    spectrum of what is left, or constant, as the paper's. Raises FitError where an axis is not identifiable,
+    EffectError where an effect cannot act on these runs; the message says which and what to do.
     """
     fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
-    refuse_mixed_sources([*fitted.records, *judging.records])
-    if not 0 <= band_hz[0] < band_hz[1]:
-        raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
-    if not fitted.records:
-        raise FitError("no run to fit")
-    refuse_unlogged(structure, [*fitted.records, *judging.records])
-    if not fitted.pieces:
-        raise FitError("no run has 2 s of gap-free samples: nothing to fit")
+    _refuse_unfit(structure, fitted, judging)
     rungs: list[Rung] = [] if grown is None else [*grown.lineage]
     parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
     for count in range(0 if grown is None else len(effects), len(effects) + 1):
@@ -67,7 +63,8 @@ def identify(
                 raise
             continue  # it needs one that is named after it
         held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
-        step = _Step.of(composed, fitted, judging, held, begin if last and begin is not None else parent)
+        here = begin if last and begin is not None else parent
+        step = _Step.of(composed, fitted, judging, held=held, begin=here, weights=weights, last=last)
         parent = step.found.model
         rungs.append(step.rung)
     return Fit(
@@ -84,21 +81,43 @@ def identify(
         at_bound=step.found.at_bound,
         fixed=tuple(fixed or ()),
         lineage=tuple(rungs),
+        weights=step.found.weights,
     )
+
+
+def _refuse_unfit(structure: Structure, fitted: Dataset, judging: Dataset) -> None:
+    """Raises FitError where there is nothing that could be fitted."""
+    refuse_mixed_sources([*fitted.records, *judging.records])
+    low_hz, high_hz = fitted.band_hz
+    if not 0 <= low_hz < high_hz:
+        raise FitError(f"the band {low_hz:g}:{high_hz:g} Hz is empty")
+    if not fitted.records:
+        raise FitError("no run to fit")
+    refuse_unlogged(structure, [*fitted.records, *judging.records])
+    if not fitted.pieces:
+        raise FitError("no run has 2 s of gap-free samples: nothing to fit")
 
 
 @dataclass(frozen=True, eq=False)
 class _Step:
     """One fit on the way from the bare base to the last effect."""
 
-    found: Estimate
+    settled: Settled
     fitted: Bins
     rung: Rung
     remarks: list[str]
 
     @classmethod
     def of(
-        cls, composed: Structure, runs: Dataset, judging: Dataset, held: Mapping[str, float], begin: Model | None
+        cls,
+        composed: Structure,
+        runs: Dataset,
+        judging: Dataset,
+        *,
+        held: Mapping[str, float],
+        begin: Model | None,
+        weights: Weights,
+        last: bool,
     ) -> _Step:
         fitted = runs.viewed(composed.inputs, composed.outputs)
         open_to_all = structural(composed, held) if composed.composed else None
@@ -106,7 +125,9 @@ class _Step:
             raise FitError(open_to_all)
         if begin is not None and begin.structure.base != composed.base:
             begin = None  # cylinder dynamics know nothing of flapping
-        found = estimate(composed, fitted, begin, held)
+        found = estimate(composed, fitted, begin, held, weights)
+        settled = settle(found, fitted, held, weights) if last else Settled(found)
+        found = settled.estimate
         validated: Mapping[str, float] | None = None
         if judging.records:
             if not judging.pieces:
@@ -114,7 +135,11 @@ class _Step:
             validation = judging.viewed(composed.inputs, composed.outputs)
             validated = by_output(composed, output_error(found.model, validation.stacks))
         remarks = [*runs.remarks, *judging.remarks]
-        return cls(found, fitted, Rung(composed.effects, by_output(composed, found.error), validated), remarks)
+        return cls(settled, fitted, Rung(composed.effects, by_output(composed, found.error), validated), remarks)
+
+    @property
+    def found(self) -> Estimate:
+        return self.settled.estimate
 
     def warnings(self, runs: Dataset) -> list[str]:
         """What the user should know of this fit."""
@@ -122,7 +147,7 @@ class _Step:
         explained = (
             explain_poverty(model, self.found.error.nrmse_percent, self.fitted)
             if model.stable
-            else explain_instability(model, self.fitted)
+            else explain_instability(self.settled, self.fitted)
         )
         return [
             *misfits(model.structure, runs.airframe),
@@ -130,6 +155,7 @@ class _Step:
             *_resampling(self.fitted.spectra),
             *_suspicious_signs(model),
             *explained,
+            *_held_stable(self.settled),
             *_vague_directions(self.found),
             *_missing_sweeps(runs.records, model.structure),
             *_failed_validation(self.rung.validation_nrmse_percent),
@@ -182,6 +208,16 @@ def refuse_mixed_sources(records: Sequence[Record]) -> None:
             f"the runs take p and q from different messages ({', '.join(sources)}), which differ by milliseconds; "
             "fit runs of one kind together"
         )
+
+
+def _held_stable(settled: Settled) -> list[str]:
+    if settled.moved is None:
+        return []
+    real, error = settled.moved
+    return [
+        f"its pole at {real:+.2f} ± {error:.2g} 1/s is held stable: the data do not say that it is not, and rates "
+        "alone seldom are unstable"
+    ]
 
 
 def _vague_directions(found: Estimate) -> list[str]:

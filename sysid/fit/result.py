@@ -21,6 +21,7 @@ from sysid.data.band import BandFrom
 from sysid.data.preprocess import gaps, rate_hz
 from sysid.data.record import Record
 from sysid.errors import SysidError
+from sysid.fit.estimate import Weights
 from sysid.fit.identifiable import undetermined
 from sysid.model.base import Base, load_base
 from sysid.model.compose import compose
@@ -115,6 +116,8 @@ class Fit:
     """From the first structure to this one."""
     band_from: BandFrom | None = None
     """Why the band is this; None where whoever fitted does not tell."""
+    weights: Weights = "constant"
+    """Over frequency: by the spectrum of what is left, or constant."""
 
     @property
     def airframe(self) -> Airframe | None:
@@ -203,6 +206,7 @@ class Fit:
             "band_hz": list(self.band_hz),
             "band_from": self.band_from,
             "airframe": self.airframe,
+            "weights": self.weights,
             "profile": self.profile,
             "window_s": None if self.window_s is None else list(self.window_s),
             "warnings": list(self.warnings),
@@ -276,6 +280,7 @@ class Fit:
                     Rung(tuple(one["effects"]), dict(one["nrmse_percent"]), one["validation_nrmse_percent"])
                     for one in document["lineage"]
                 ),
+                weights="residual spectrum" if document.get("weights") == "residual spectrum" else "constant",
             )
         except EffectError as error:
             raise ResultError(f"its structure cannot be composed: {error}") from error

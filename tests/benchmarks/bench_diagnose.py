@@ -11,10 +11,10 @@ from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import candidate, instrumental_step
 from sysid.diagnose.score import score
 from sysid.diagnose.verdict import Diagnosis
-from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify, on_runs
 from sysid.fit.noise import divide
+from sysid.fit.whitening import noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import EffectError, catalogue
 from sysid.model.paper import TPP

@@ -10,6 +10,8 @@ from sysid.fit.check_kinds import (
     CommandsThinned,
     FewChirps,
     InsideSweep,
+    LowEdgeHolds,
+    LowEdgeMoves,
     ModesDiffer,
     NothingFree,
     OutsideSweep,
@@ -61,6 +63,10 @@ def check_text(check: Check) -> str:
             return f"{moved} of {of} parameters moved more than {limit:g} σ between runs{missing}"
         case CommandsThinned() | CommandsLate():
             return early_text(check.finding)
+        case LowEdgeHolds(_, to_hz):
+            return f"no parameter moves when the band begins at up to {to_hz:g} Hz"
+        case LowEdgeMoves() as moves:
+            return _moves_text(moves)
     assert_never(check.finding)
 
 
@@ -77,3 +83,19 @@ def early_text(found: CommandsThinned | CommandsLate) -> str:
         f"commands are stamped {early} late, or rates as much early: two clocks differ, or a filter is in the log "
         "that the vehicle does not have; commands_late_s in a profile's [time] sets it right"
     )
+
+
+MOST_MOVES = 3
+
+
+def _moves_text(finding: LowEdgeMoves) -> str:
+    shown = ", ".join(
+        f"{one.name} from {one.value:.3g} to {one.other:.3g} {one.unit}".rstrip(" -")
+        for one in finding.moves[:MOST_MOVES]
+    )
+    others = len(finding.moves) - MOST_MOVES
+    more = f", and {others} more" if others > 0 else ""
+    where = f"when the band begins at up to {finding.to_hz:g} Hz instead of {finding.low_hz:g}"
+    if finding.instrumented:
+        return f"{shown}{more} {where}: something is missing at low frequencies"
+    return f"{shown}{more} {where}: feedback biases the fit; log the excitation, or raise the band's low edge"

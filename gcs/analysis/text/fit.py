@@ -129,6 +129,7 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
         "responses_reference": dict(zip(measured.commands, measured.references, strict=True)),
         "checks": checks_document(judged.checks),
         "spread": None if judged.spread is None else judged.spread.to_json(),
+        "low_edges": None if judged.low_edges is None else judged.low_edges.to_json(),
         "implied": [figure.to_json() for figure in judged.implied],
     }
 

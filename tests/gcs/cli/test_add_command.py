@@ -228,7 +228,7 @@ def test_what_cannot_act_and_runs_that_do_not_serve(
         ([tmp_path / "gone.json", "servo_lag"], "gone.json"),
         ([fits["lag"], "servo_lag", tmp_path / "gone.csv"], "gone.csv"),
         ([fits["lag"], "servo_lag", flown["lag"][0], "--validate", flown["lag"][0]], "every one validates"),
-        ([fits["lag"], "servo_lag", flown["lag"][0]], "not identifiable"),
+        ([fits["lag"], "servo_lag", flown["lag"][0], "--band", "9:15"], "not identifiable"),
     ):
         status, out, err = tippath("add", *words)
         assert (status, out) == (1, ""), err

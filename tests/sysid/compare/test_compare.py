@@ -165,7 +165,7 @@ def test_noise_is_what_gusts_and_gyro_made(effect: str, gusts: float) -> None:
     runs = flight(effect, 1, gusts)
     found = compare(model_of(effect, 1, "tpp", gusts), records(runs), NOISE_BAND)
     truth = true_noise(effect, runs, found)
-    assert shares(found) == pytest.approx(truth, abs=0.08)
+    assert shares(found) == pytest.approx(truth, abs=0.1)
     assert np.all(shares(found) > truth - 0.02)
     assert found.noise_share_is == "measured"
     assert found.noise_from == "logged excitation"

@@ -19,9 +19,9 @@ from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
 from sysid.diagnose.hidden import HARM, CouldHide, Hidden
 from sysid.diagnose.score import score
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter

@@ -10,9 +10,9 @@ from planted_fits import records
 from sysid.data.dataset import dataset
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step, refit
 from sysid.diagnose.score import score
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import catalogue
 from sysid.model.paper import TPP

@@ -18,9 +18,9 @@ from sysid.data.dataset import dataset
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
 from sysid.diagnose.explain import Explanation, explain
-from sysid.diagnose.whitening import noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import divide
+from sysid.fit.whitening import noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import find
 from sysid.model.parameter import Parameter
@@ -109,7 +109,7 @@ def test_what_stands_in_is_named_with_its_value() -> None:
     assert said.startswith("angular_damping comes near")
     assert "M_q = +" in said
     assert said.endswith("it stands in.")
-    assert any("is in roll" in each for each in told(found)["why"])
+    assert any("of what goes in roll" in each for each in told(found)["why"])
 
 
 def test_an_implausible_winner_is_said_to_stand_in_and_what_does_so_at_plausible_values() -> None:

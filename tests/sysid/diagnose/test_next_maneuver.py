@@ -22,10 +22,10 @@ from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_ste
 from sysid.diagnose.maneuver_plans import Flown, chirp, possible_plans
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.proposals import MeasuredNotGuessed
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import output_error
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.structure import Model
 

@@ -59,7 +59,7 @@ def test_the_written_file_explains_what_was_planted(term: str, with_file: Callab
     fit, _ = with_file(term)
     left = error_share(fit)
     assert (parent.error_share - left) / (parent.error_share - noise_share(term)) > 0.9
-    assert left < 1.02 * selection.terms[0].error_share
+    assert left < 1.05 * selection.terms[0].error_share  # which is least squares', the fit weighs by the noise
     assert not fit.at_bound
     assert len(written.text.splitlines()) <= 26
     assert max(map(len, written.text.splitlines())) <= 120

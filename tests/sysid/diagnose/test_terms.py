@@ -18,8 +18,8 @@ from sysid.diagnose.evidence import Candidate, Stepped, instrumental_step
 from sysid.diagnose.score import score
 from sysid.diagnose.term_search import Term, search, select
 from sysid.diagnose.terms import Entry, Factor, code, entries, expressions, text, value
-from sysid.diagnose.whitening import Whitening, noise_whitening
 from sysid.fit.noise import divide
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
 from sysid.model.effect import Signals, find, magnitude
 

@@ -17,10 +17,10 @@ from sysid.data.preprocess import spectra
 from sysid.data.stacks import stack
 from sysid.diagnose.candidates import composed_with, score_effects
 from sysid.diagnose.evidence import candidate, instrumental_step, refit
-from sysid.diagnose.whitening import noise_whitening
 from sysid.errors import FitError
 from sysid.fit.estimate import estimate
 from sysid.fit.result import Fit, ResultError
+from sysid.fit.whitening import noise_whitening
 from sysid.model.effect import catalogue
 from sysid.model.predict import respond
 from sysid.model.structure import FloatArray

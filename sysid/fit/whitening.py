@@ -1,4 +1,4 @@
-"""Outputs on the bins as rows whose noise is white, end states projected out: what candidates are compared in."""
+"""Outputs on the bins as rows whose noise is white: what fits are weighed by and candidates are compared in."""
 
 from __future__ import annotations
 
@@ -13,7 +13,26 @@ from sysid.data.stacks import Stack
 from sysid.fit.noise import Division
 from sysid.fit.rows import orthonormal, rows
 from sysid.model.predict import respond
-from sysid.model.structure import FloatArray, Model
+from sysid.model.structure import AnyArray, FloatArray, Model
+
+
+def whitener_of(spectrum: ComplexArray) -> ComplexArray:
+    """Lower triangular matrices (bins, k, k) that turn noise of this spectral matrix (bins, k, k) into rows of unit
+    variance."""
+    return np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(spectrum)))
+
+
+def weighed(weight: AnyArray, columns: ComplexArray) -> ComplexArray:
+    """Columns (c, k, bins) by weights: a number for each output and bin, (k, bins), or a lower triangular matrix for
+    each bin, (k, k, bins)."""
+    if weight.ndim == 2:
+        return np.asarray(weight * columns)
+    found = np.empty_like(columns)
+    for row, parts in enumerate(weight):
+        np.multiply(parts[row], columns[:, row], out=found[:, row])
+        for column in range(row):
+            found[:, row] += parts[column] * columns[:, column]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +61,7 @@ def noise_whitening(model: Model, stacks: Sequence[Stack], division: Division) -
     whitener: list[ComplexArray] = []
     ends = []
     for group in stacks:
-        white = np.asarray(math.sqrt(2) * np.linalg.inv(np.linalg.cholesky(division.at(group.frequency_hz))))
+        white = whitener_of(division.at(group.frequency_hz))
         E = np.concatenate([respond(model.structure, model.values, group, False).E, _jumps(group)])
         E = np.einsum("fij,cjf->cif", white, group.scale * E)
         whitener.append(white)
