@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.dataset import Bins, Dataset, Runs, means, prepared
+from sysid.data.dataset import Bins, Dataset, Runs, means, moves, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
-from sysid.data.record import AXIS_OF, CYCLIC, RATES, Record
+from sysid.data.record import AXIS_OF, COMMANDS, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.estimate import Estimate, estimate
@@ -143,8 +144,15 @@ def on_runs(
     fitted: Sequence[Record],
     outputs: Sequence[str] | None = None,
 ) -> Structure:
-    """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
+    """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition.
+
+    A command that stands still on the fitted runs is left out where an effect can read another in its place.
+    """
     available = set.intersection(*(set(record.channels) for record in records))
+    still = {name for name in COMMANDS if name in available and not moves(name, fitted)}
+    if still:
+        with contextlib.suppress(EffectError):
+            return compose(base, effects, available - still, means(fitted), outputs=outputs)
     return compose(base, effects, available, means(fitted), outputs=outputs)
 
 

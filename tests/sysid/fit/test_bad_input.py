@@ -253,3 +253,14 @@ def test_a_stable_model_is_sought_without_a_traceback_where_a_step_has_no_respon
     monkeypatch.setattr("sysid.fit.stable.respond", overflows)
     with pytest.raises(FitError, match="no stable model"):
         held_stable(unstable, stacks)
+
+
+def test_a_still_command_beside_one_that_moves_is_no_input() -> None:
+    """A log may have a column for an elevator that the vehicle has not."""
+    runs = changed(flown("input_coupling"), delta_e=lambda c: np.zeros_like(c["t"]))
+    fit = identify(TPP, runs, effects=["input_coupling"])
+    assert {"L_delta_c", "M_delta_c"} <= set(fit.model.structure.names)
+    assert not {"L_delta_e", "M_delta_e"} & set(fit.model.structure.names)
+    assert fit.model["M_delta_c"] == pytest.approx(PLANTED["input_coupling"]["M_delta_c"], rel=0.2)
+    with pytest.raises(FitError, match="elevator axis not identifiable: delta_e hardly moves"):
+        identify(TPP, runs, effects=["elevator"])
