@@ -129,7 +129,7 @@ class _Step:
             *misfits(model.structure, runs.airframe),
             *self.remarks,
             *_resampling(self.fitted.spectra),
-            *_suspicious_signs(model),
+            *_suspicious_signs(self.found),
             *explained,
             *_vague_directions(self.found),
             *_missing_sweeps(runs.records, model.structure),
@@ -228,9 +228,9 @@ def _resampling(found: Sequence[Spectrum]) -> list[str]:
     return [f"time stamps are irregular: {moved} of {total} samples were put on a uniform clock"]
 
 
-def _suspicious_signs(model: Model) -> list[str]:
+def _suspicious_signs(found: Estimate) -> list[str]:
     """Positive commands give positive steady rates by convention; a model that says otherwise met other signs."""
-    said = []
+    said, model = [], found.model
     if model.stable and not model.structure.attitude_states:
         A, B, C, D = model.matrices
         steady = D - C @ np.linalg.solve(A, B)
@@ -241,8 +241,9 @@ def _suspicious_signs(model: Model) -> list[str]:
                     f"the steady {rate} answers {command} with the opposite sign: "
                     f"check the sign of {command} or of {rate} ({AXIS_OF[command]} axis)"
                 )
-    for parameter, value in zip(model.structure.parameters, model.values, strict=True):
-        if parameter.implausible(float(value)):
+    errors = np.sqrt(np.maximum(np.diag(found.covariance), 0))
+    for parameter, value, error in zip(model.structure.parameters, model.values, errors, strict=True):
+        if parameter.implausible(float(value), float(error)):
             low, high = parameter.plausible
             said.append(f"{parameter.name} = {value:.4g} is outside what physics allows ({low:g} to {high:g})")
     large = {

@@ -1,0 +1,51 @@
+"""What may take a name away again, and what may not: the right effect led, and something spoke against it."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import pytest
+from planted import PLANTED, Run, fly_many
+from planted_fits import records
+
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.identify import on_runs
+from sysid.model.parameter import Parameter
+
+SECONDS = 14.0
+PITCH_ALONE = {**PLANTED["structural_mode"], "kappa_roll": 0.0, "kappa_pitch": 0.06}
+
+
+def asked(runs: list[Run], *, base: str = "tpp") -> Diagnosis:
+    flight = records(runs)
+    return diagnose(on_runs(base, (), flight, flight), flight, chains=False)
+
+
+def test_a_value_is_implausible_where_all_that_physics_allows_is_beyond_two_standard_errors() -> None:
+    share = Parameter("kappa", "-", "share", plausible=(0.0, 0.7), null=0.0)
+    assert share.implausible(-0.026)
+    assert not share.implausible(-0.026, 0.041)
+    assert share.implausible(-0.026, 0.012)
+    assert not share.implausible(0.75, 0.03)
+    assert share.implausible(0.77, 0.03)
+    assert not share.implausible(-5.0, math.inf)
+
+
+@cache
+def bending() -> list[list[Run]]:
+    return fly_many("structural_mode", PITCH_ALONE, seeds=[31, 33], duration_s=SECONDS)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode", "servo_lag")], indirect=True)
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_mode_that_roll_does_not_show_is_named_from_pitch(number: int) -> None:
+    """Its share in roll is nothing within its error, and its frequency and damping there mean nothing."""
+    found = asked(bending()[number])
+    assert found.winner is not None
+    assert found.winner.implausible == ()
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    assert found.winner.values["kappa_roll"] == pytest.approx(0, abs=0.02)
+    assert found.winner.values["frequency_pitch"] == pytest.approx(PITCH_ALONE["frequency_pitch"], rel=0.02)
