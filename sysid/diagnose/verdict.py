@@ -18,8 +18,10 @@ from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
 from sysid.diagnose.whitening import Whitening
-from sysid.fit.noise import Division
+from sysid.fit.noise import WINDOW_HZ, Division, divide
+from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
+from sysid.model.structure import FloatArray
 
 FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8
@@ -40,6 +42,8 @@ LITTLE = 0.05
 """Explainable power over noise, below which powers are too uncertain to divide."""
 SLACK = 2.0
 """Standard deviations."""
+BINS_FOR_EACH = 3
+"""Of validation runs, for each unknown of a window where their noise is measured."""
 LEAD_SCALE = 20.0
 """Chi squared of lead or misfit that counts as none."""
 CONFIDENCE = (-1.2, 2.8, -5.0)
@@ -268,7 +272,7 @@ class _Shares:
             noise_share=float(np.sum(noise)),
             noise_floor_percent=floor,
             terms=terms,
-            validation=None if on is None else _Validation.of(parent, likeliest, on),
+            validation=None if on is None else _Validation.of(parent, fits, on),
         )
 
     def told(self, one: Ranked) -> Ranked:
@@ -310,20 +314,23 @@ class _Validation:
     """Of the noise's share from run to run, one standard deviation."""
 
     @classmethod
-    def of(cls, parent: Candidate, likeliest: Ranked | None, on: Dataset) -> _Validation:
+    def of(cls, parent: Candidate, fits: Sequence[Ranked], on: Dataset) -> _Validation:
+        """The noise is what the excitation does not explain of the least that anything leaves of these very runs: the
+        air was another when they were flown."""
         error = validation_error(parent.model, on)
         outputs = parent.model.structure.outputs
-        before = least = error_share(error)
-        level = parent.division
-        if likeliest is not None and likeliest.fit is not None and likeliest.validation_error is not None:
-            least, level = error_share(likeliest.validation_error), likeliest.fit.division
-        air = np.concatenate(
-            [np.real(np.einsum("fkk->fk", level.at(group.frequency_hz))) for group in on.stacks]
-        )  # (bins, k), the noise of the fitted runs on these bins
-        expected = float(np.sum(np.sum(air, axis=0) / error.measured_power))
-        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / error.measured_power**2)))
+        before, window_hz = error_share(error), _window_hz(on)
+        left = [one.validation_error for one in fits if one.validation_error is not None]
+        divisions = [(each, divide(each, on.stacks, on.causes, window_hz)) for each in (error, *left)]
+        noise, least, division = min(
+            ((float(np.sum(_shares(each) * division.noise_share)), each, division) for each, division in divisions),
+            key=lambda one: one[0],
+        )
+        level = [np.real(np.einsum("fkk->fk", division.at(group.frequency_hz))) for group in on.stacks]
+        air = np.concatenate(level)  # (bins, k)
+        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
         nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
-        return cls(nrmse, before, min(least, before, expected), scatter)
+        return cls(nrmse, before, min(noise, before), scatter)
 
     @property
     def slack(self) -> float:
@@ -336,6 +343,17 @@ class _Validation:
             return None
         error = error_share(one.validation_error)
         return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
+
+
+def _shares(error: OutputError) -> FloatArray:
+    """Residual over measured power by output."""
+    return np.asarray(error.residual_power / error.measured_power)
+
+
+def _window_hz(on: Dataset) -> float:
+    """Of windows that have bins enough to tell noise from an answer, however short the runs."""
+    unknown = 2 * len(on.causes.commands) + len(on.spectra)
+    return max(WINDOW_HZ, BINS_FOR_EACH * unknown / sum(one.segment.duration_s for one in on.spectra))
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:

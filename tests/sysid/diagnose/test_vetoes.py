@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 
 import pytest
@@ -18,9 +19,9 @@ SECONDS = 14.0
 PITCH_ALONE = {**PLANTED["structural_mode"], "kappa_roll": 0.0, "kappa_pitch": 0.06}
 
 
-def asked(runs: list[Run], *, base: str = "tpp") -> Diagnosis:
+def asked(runs: list[Run], validation: Sequence[Run] = ()) -> Diagnosis:
     flight = records(runs)
-    return diagnose(on_runs(base, (), flight, flight), flight, chains=False)
+    return diagnose(on_runs("tpp", (), flight, flight), flight, records(validation), chains=False)
 
 
 def test_a_value_is_implausible_where_all_that_physics_allows_is_beyond_two_standard_errors() -> None:
@@ -49,3 +50,26 @@ def test_a_mode_that_roll_does_not_show_is_named_from_pitch(number: int) -> None
     assert (found.verdict, found.effect) == ("missing", "structural_mode")
     assert found.winner.values["kappa_roll"] == pytest.approx(0, abs=0.02)
     assert found.winner.values["frequency_pitch"] == pytest.approx(PITCH_ALONE["frequency_pitch"], rel=0.02)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_rough_air_on_validation_runs_takes_no_name_away() -> None:
+    """Four times the gusts: most of what the validation runs leave is air, and they can say little of a small lag."""
+    lag = {"tau_s": 0.012}
+    calm = fly_many("servo_lag", lag, seeds=[51], duration_s=SECONDS)[0]
+    rough = fly_many("servo_lag", lag, seeds=[52], duration_s=8.0, gusts=4.0)[0][:2]
+    found = asked(calm, rough)
+    assert (found.verdict, found.effect) == ("missing", "servo_lag")
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_rough_air_hides_no_vehicle_that_lacks_the_effect() -> None:
+    calm = fly_many("servo_lag", {"tau_s": 0.03}, seeds=[53], duration_s=SECONDS)[0]
+    other = fly_many(None, {}, seeds=[54], duration_s=SECONDS, gusts=3.0)[0]
+    found = asked(calm, other)
+    assert found.verdict == "unexplained"
+    assert found.winner is not None
+    assert found.winner.validation_share is not None
+    assert found.winner.validation_share + found.winner.validation_slack < 0.5
