@@ -78,6 +78,8 @@ class Ranked:
     """By which chance alone may make that share too small."""
     implausible: tuple[str, ...] = ()
     """Parameters outside what physics allows that were not so in the parent."""
+    outside: tuple[str, ...] = ()
+    """The same whatever their standard errors: what is only so within these is doubtful."""
     resolved: tuple[str, ...] = ()
     """Parameters of the parent that were implausible and are not any more."""
     rows: int = 1
@@ -267,7 +269,7 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     own = instrumental_step(one.fit, reference.whitening)
     likelier, _ = gain(own, reference.stepped)
     model, parent = one.fit.model, reference.parent
-    outside = _outside(parent.model)
+    before, outside = _outside(parent.model), _outside(model)
     now = _implausible(one.fit, reference.whitening)
     validated = error = None
     if reference.validation is not None:
@@ -282,8 +284,9 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
         chi_squared=likelier,
         added=len(one.fit.J[0]) - len(parent.J[0]),
         rows=reference.stepped.residual.size,
-        implausible=tuple(name for name in model.structure.names if name in now - outside),
-        resolved=tuple(sorted(_implausible(parent, reference.whitening) - _outside(model))),
+        implausible=tuple(name for name in model.structure.names if name in now - before),
+        outside=tuple(name for name in model.structure.names if name in outside - before),
+        resolved=tuple(sorted(_implausible(parent, reference.whitening) - outside)),
         validation_nrmse_percent=validated,
         validation_error=error,
     )

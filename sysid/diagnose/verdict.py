@@ -32,6 +32,8 @@ LARGEST_DIFFERENCE = 0.16
 """Share by which a size surely differs on the validation runs, from which on the entry only resembles what is there. On
 flights with seeds below 100 right answers reached 0.13 (three worn links, which are no one play) and mostly 0; plays
 and limits that only resembled 0.20 to 0.47, but for one of 0.05."""
+ALMOST = 0.05
+"""Of what can be explained, by which a simpler entry may explain less than one of doubtful values and be named."""
 SAME = 10.0
 """Chi squared by which one candidate must be likelier than another to be told from it, or what it leaves itself;"""
 TIED = 1.0
@@ -397,7 +399,8 @@ def _misfit(one: Ranked) -> float:
 
 
 def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
-    """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size."""
+    """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size; else a simpler
+    one that is plainly plausible and explains as much."""
     assert winner.stepped is not None
     stepped = winner.stepped
     near = max(SAME, 2 * _misfit(winner))
@@ -406,7 +409,19 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
         for one in others
         if one.stepped is not None and _stands_beside(one, winner, gain(stepped, one.stepped)[0], near)
     ]
-    return min(alike, key=_unusual, default=winner)
+    best = min(alike, key=_unusual, default=winner)
+    if not best.outside:
+        return best
+    simpler = [one for one in others if _explains_as_much(one, best)]
+    return min(simpler, key=lambda one: one.delta_bic, default=best)
+
+
+def _explains_as_much(one: Ranked, winner: Ranked) -> bool:
+    """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair."""
+    if one.fit is None or one.outside or one.added >= winner.added or one.explained_share is None:
+        return False
+    shares = [(one.explained_share, winner.explained_share), (one.validation_share, winner.validation_share)]
+    return all(his is None or (own is not None and own >= his - ALMOST) for own, his in shares)
 
 
 def _stands_beside(one: Ranked, winner: Ranked, behind: float, near: float) -> bool:
