@@ -42,7 +42,7 @@ def identify(
     """Fit a bare base with effects to all runs together; validation runs only judge.
 
     Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
-    lineage. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
+    lineage; a step that the runs do not identify is left out. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
     their logs and are kept with the fit. `grown` is the fit of all effects but the last on the same records, which
     need not be made again; `begin` a model of the whole composition to begin at. Raises FitError where an axis is not
     identifiable, EffectError where an effect cannot act on these runs; the message says which and what to do.
@@ -68,7 +68,12 @@ def identify(
                 raise
             continue  # it needs one that is named after it
         held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
-        step = _Step.of(composed, fitted, judging, held, begin if last and begin is not None else parent)
+        try:
+            step = _Step.of(composed, fitted, judging, held, begin if last and begin is not None else parent)
+        except FitError:
+            if last:
+                raise
+            continue  # what is asked for is judged as asked for, and not by a step on the way
         parent = step.found.model
         rungs.append(step.rung)
     return Fit(

@@ -255,6 +255,22 @@ def test_a_stable_model_is_sought_without_a_traceback_where_a_step_has_no_respon
         held_stable(unstable, stacks)
 
 
+def test_a_structure_is_judged_as_it_is_asked_for_and_not_by_its_base(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A late vehicle's bare base may be known to half of itself only, and the one with its lateness well."""
+
+    def vague(model: Model, covariance: np.ndarray) -> None:
+        if not model.structure.composed:
+            raise FitError("roll axis not identifiable: the effect of delta_x is known only to 59 % of itself")
+
+    expected = identify(TPP, flown("servo_lag"), effects=["servo_lag"])
+    monkeypatch.setattr("sysid.fit.estimate.refuse_vague_axes", vague)
+    fit = identify(TPP, flown("servo_lag"), effects=["servo_lag"])
+    assert [rung.effects for rung in fit.lineage] == [("servo_lag",)]
+    assert fit.model.values == pytest.approx(expected.model.values, rel=1e-3)
+    with pytest.raises(FitError, match="known only to 59 % of itself"):
+        identify(TPP, flown("servo_lag"))
+
+
 def test_a_still_command_beside_one_that_moves_is_no_input() -> None:
     """A log may have a column for an elevator that the vehicle has not."""
     runs = changed(flown("input_coupling"), delta_e=lambda c: np.zeros_like(c["t"]))
