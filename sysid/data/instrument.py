@@ -8,7 +8,7 @@ effects the sensitivities are those of the vehicle as that part alone would move
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,16 +74,14 @@ class Causes:
     """The bins of the references, for every stack (m, bins)."""
 
 
-def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
-    """What the excitation caused in each command that the stacks have among their inputs."""
+def causes(stacks: Sequence[Stack], commands: Sequence[str], references: Sequence[str] | None = None) -> Causes:
+    """What the excitation caused in each command that the stacks have among their inputs.
+
+    `references` are those of all runs where these are some of them: an excitation that rests in some says that nothing
+    but feedback moved its command there.
+    """
     whole = [one.segment.channels for group in stacks for one in group.spectra]
-    references = []
-    for name in commands:
-        excitation = excitation_of(name)
-        moved = all(excitation in channels for channels in whole) and any(
-            np.any(channels[excitation]) for channels in whole
-        )
-        references.append(excitation if moved else name)
+    references = list(references or (_reference(name, whole) for name in commands))
     found, logged = [], []
     for group in stacks:
         U = group.U[[group.inputs.index(name) for name in commands]]
@@ -96,3 +94,10 @@ def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
         found.append(caused_by(U, R, group.scale, group.frequency_hz))
         logged.append(R)
     return Causes(tuple(commands), tuple(references), found, logged)
+
+
+def _reference(command: str, runs: Sequence[Mapping[str, FloatArray]]) -> str:
+    """The excitation of a command where every run has its channel and it moves in any; else the command itself."""
+    excitation = excitation_of(command)
+    moves = all(excitation in one for one in runs) and any(np.any(one[excitation]) for one in runs)
+    return excitation if moves else command
