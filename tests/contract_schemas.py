@@ -213,6 +213,7 @@ DIAGNOSIS = exactly(
     {
         "format": {"const": "tippath.diagnosis/1"},
         "verdict": {"enum": ["complete", "missing", "unexplained"]},
+        "reason": {"enum": ["clocks", "feedback", None]},
         "effect": MAYBE_TEXT,
         "chain": {"type": "array", "items": TEXT, "maxItems": 2},
         "stands_in": {"type": "boolean"},

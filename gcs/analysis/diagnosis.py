@@ -84,7 +84,14 @@ class ClocksDiffer:
     early: CommandsLate | CommandsThinned
 
 
-Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | ClocksDiffer | LittleLeft | BudgetSpent
+@dataclass(frozen=True, slots=True)
+class NoExcitation:
+    """The commands stand for themselves: with gusts, feedback alone lets them explain some of the error."""
+
+
+Remark = (
+    NoExcitation | NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | ClocksDiffer | LittleLeft | BudgetSpent
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -148,7 +155,8 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
+    looped = _in_a_loop(answer) or _no_excitation(answer)
+    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *looped]
     if answer.unsearched is not None:
         remarks.append(answer.unsearched)
     if repeat and wild:
@@ -277,6 +285,11 @@ def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[
 def _clocks_differ(found: Diagnosis) -> list[Remark]:
     early = clocks(found)
     return [] if early is None else [ClocksDiffer(early)]
+
+
+def _no_excitation(found: Diagnosis) -> list[Remark]:
+    """That none was logged, where something is left that it would have judged."""
+    return [] if found.verdict == "complete" or found.parent.division.measured else [NoExcitation()]
 
 
 def _in_a_loop(found: Diagnosis) -> list[Remark]:

@@ -51,9 +51,16 @@ LEAD_SCALE = 20.0
 CONFIDENCE = (-1.2, 2.8, -5.0)
 """Logit of being right: constant, per unit of lead, per share left unexplained; set on flights with seeds below 100."""
 UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
-"""How often these verdicts were right there."""
+"""How often these verdicts were right there, where nothing speaks against them."""
+VETO_RIGHT = 0.5
+"""Of an effect that would be named, how likely a veto against it is right."""
 IN_A_LOOP_RIGHT = 0.5
-"""At most, where the model that was found is unstable: a loop that nothing excited made the data what they are."""
+"""At most, where the model that was found is unstable, or where something unexplained is left and no excitation was
+logged: a loop made the data what they are."""
+BY_FEEDBACK = 0.15
+"""Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
+logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
+of usual size 0.25 and more."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,6 +69,9 @@ class Diagnosis:
 
     verdict: str
     """`complete`, `missing` or `unexplained`."""
+    reason: str | None
+    """Why something is left unexplained, where that is the data's fault: `feedback`, of what the loop alone could
+    make."""
     effect: str | None
     stands_in: bool
     chain: tuple[str, ...]
@@ -137,6 +147,7 @@ class Diagnosis:
             "format": FORMAT,
             "airframe": self.airframe,
             "verdict": self.verdict,
+            "reason": self.reason,
             "effect": self.effect,
             "chain": list(self.chain),
             "stands_in": self.stands_in,
@@ -176,6 +187,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
     answer = _answer(singles, pairs, shares, reference) if significant else _Answer(confidence=COMPLETE_RIGHT)
     return Diagnosis(
         verdict=answer.verdict,
+        reason=shares.reason(answer.verdict, parent.division),
         effect=answer.effect,
         stands_in=answer.stands_in,
         chain=answer.chain,
@@ -217,8 +229,9 @@ class _Answer:
 def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares, reference: Reference) -> _Answer:
     """Where there is something to explain: whether an effect, or a chain of two, does it."""
     winner = _winner(singles, pairs)
+    most = UNEXPLAINED_RIGHT if reference.parent.division.measured else IN_A_LOOP_RIGHT
     if winner is None or winner.fit is None:
-        return _Answer(verdict="unexplained", explained_share=0.0, confidence=UNEXPLAINED_RIGHT)
+        return _Answer(verdict="unexplained", explained_share=0.0, confidence=most)
     chain, enough = _larger_first(winner, singles), shares.enough(winner)
     stands_in = bool(winner.implausible) and enough
     missing, compared = enough and not stands_in, tuple[Size, ...]()
@@ -226,12 +239,12 @@ def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares,
         compared = sizes(winner.fit, winner.effects, reference.validation)
         missing = all(one.off <= LARGEST_DIFFERENCE for one in compared)
     alike = _alike(winner, singles if len(chain) == 1 else pairs)
-    lead, confidence = None, UNEXPLAINED_RIGHT
-    if missing:
-        lead, short = _lead(winner, alike, singles)
-        confidence = _logistic(CONFIDENCE, lead, short)
-        if not winner.fit.model.stable:
-            confidence = min(confidence, IN_A_LOOP_RIGHT)
+    lead, short = _lead(winner, alike, singles)
+    confidence = _logistic(CONFIDENCE, lead, short)
+    if not missing:  # right unless it is the winner after all
+        confidence = min(most, 1 - (1 - VETO_RIGHT) * confidence)
+    if not winner.fit.model.stable:
+        confidence = min(confidence, IN_A_LOOP_RIGHT)
     return _Answer(
         verdict="missing" if missing else "unexplained",
         effect=chain[0] if missing or stands_in else None,
@@ -240,7 +253,7 @@ def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares,
         indistinguishable=alike,
         confidence=confidence,
         explained_share=winner.explained_share or 0.0,
-        lead=lead,
+        lead=lead if missing else None,
         sizes=compared,
     )
 
@@ -276,6 +289,13 @@ class _Shares:
             terms=terms,
             validation=None if on is None else _Validation.of(parent, fits, on),
         )
+
+    def reason(self, verdict: str, left: Division) -> str | None:
+        """`feedback` where what is left unexplained is what the loop alone could make."""
+        if verdict != "unexplained" or left.measured:
+            return None
+        explained = [*(1 - left.noise_share), 1 - self.noise_share / max(self.error_share, 1e-300)]
+        return "feedback" if max(explained) <= BY_FEEDBACK else None
 
     def told(self, one: Ranked) -> Ranked:
         """The candidate with the shares that it explains."""

@@ -52,6 +52,8 @@ def answer(last: Diagnosis) -> str:
     winner = last.winner
     if last.verdict == "complete":
         return "complete: what is left is noise"
+    if last.reason == "feedback":
+        return "unexplained: no excitation is logged, and feedback alone could make what is left: log the excitation"
     if winner is None or winner.fit is None:
         what = "a trace more than noise is left, too little to be named" if a_trace(last) else "no known effect does it"
         return f"unexplained: {what}"

@@ -8,10 +8,12 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import planted
 import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import records
 
+from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.verdict import Diagnosis
@@ -22,9 +24,12 @@ SECONDS = 14.0
 PITCH_ALONE = {**PLANTED["structural_mode"], "kappa_roll": 0.0, "kappa_pitch": 0.06}
 
 
-def asked(runs: list[Run], validation: Sequence[Run] = ()) -> Diagnosis:
-    flight = records(runs)
-    return diagnose(on_runs("tpp", (), flight, flight), flight, records(validation), chains=False)
+EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+
+
+def asked(runs: list[Run], validation: Sequence[Run] = (), without: Sequence[str] = ()) -> Diagnosis:
+    flight = records(runs, *without)
+    return diagnose(on_runs("tpp", (), flight, flight), flight, records(validation, *without), chains=False)
 
 
 def test_a_value_is_implausible_where_all_that_physics_allows_is_beyond_two_standard_errors() -> None:
@@ -76,6 +81,31 @@ def test_rough_air_hides_no_vehicle_that_lacks_the_effect() -> None:
     assert found.winner is not None
     assert found.winner.validation_share is not None
     assert found.winner.validation_share + found.winner.validation_slack < 0.5
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A vehicle that lacks nothing, in doubled gusts and a loop of double gain, whose excitation nobody logged."""
+    monkeypatch.setattr(planted, "RATE_GAIN", 2 * planted.RATE_GAIN)
+    monkeypatch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
+    runs = fly_many(None, {}, seeds=[2], duration_s=20.0, gusts=2.0)[0]
+    found = asked(runs, without=EXCITATIONS)
+    assert (found.verdict, found.reason) == ("unexplained", "feedback")
+    assert found.confidence <= 0.5
+    assert found.to_json()["reason"] == "feedback"
+    assert "no excitation is logged" in answer(found)
+    assert asked(runs).verdict == "complete"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_what_no_loop_could_make_has_no_such_reason() -> None:
+    runs = fly_many("structural_mode", PLANTED["structural_mode"], seeds=[31], duration_s=SECONDS)[0]
+    found = asked(runs, without=EXCITATIONS)
+    assert (found.verdict, found.reason) == ("unexplained", None)
+    assert found.confidence <= 0.5
+    assert 0.5 < asked(runs).confidence <= 0.85
 
 
 @pytest.mark.usefixtures("only_effects")
