@@ -201,7 +201,10 @@ class Fit:
             "validation_records": [_record_json(one, relative_to) for one in self.validation],
             "lineage": [rung.to_json() for rung in self.lineage],
             "outside_matrices": _effect_names(structure.outside_matrices, relative_to),
-            "matrices": {name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
+            "matrices": {
+                **{name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
+                "input_delay_s": list(self.model.input_delay_s),
+            },
             "covariance": [[finite(x) for x in row] for row in self.covariance],
             "correlations": [
                 {"parameters": [one, other], "correlation": finite(value)} for one, other, value in self.correlations
