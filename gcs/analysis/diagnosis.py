@@ -3,8 +3,8 @@
 The mathematics is `sysid.diagnose.diagnose`; here the answer is added and the question asked again, and what else is to
 be known is brought together. `gcs.analysis.text.diagnosis` puts it into words. Both serve the command line and the app.
 
-A repeated question stops where the answer, added, takes the fit to values that physics does not allow: what is asked
-of such a fit is answered about the wrong vehicle.
+A repeated question stops where the answer is not sure, or, added, takes the fit to values that physics does not allow:
+what is asked of such a fit is answered about the wrong vehicle.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ from sysid.fit.result import Fit
 from sysid.model.effect import Effect, named_effect
 
 MOST_RUNGS = 6
+UNSURE = 0.5
+"""Confidence below which a repeated question stops: what is asked beside a guess is answered about the guess."""
 
 Progress = Callable[[str], None]
 
@@ -58,6 +60,14 @@ class NotAdded:
 
     effect: str
     values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NotSure:
+    """An answer that is more likely wrong than right; nothing is asked beside it."""
+
+    effect: str
+    confidence: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +100,16 @@ class NoExcitation:
 
 
 Remark = (
-    NoExcitation | NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | ClocksDiffer | LittleLeft | BudgetSpent
+    NoExcitation
+    | NoValidation
+    | OneRun
+    | NotAdded
+    | NotSure
+    | StoppedAsking
+    | InALoop
+    | ClocksDiffer
+    | LittleLeft
+    | BudgetSpent
 )
 
 
@@ -151,7 +170,8 @@ def diagnose_fit(
         rungs.append(_step(answer))
         grown = question.grown(fit, composed, answer)
         wild = () if grown is None else newly_implausible(fit, grown)
-        if not repeat or grown is None or wild or len(rungs) >= MOST_RUNGS:
+        unsure = answer.verdict == "missing" and answer.confidence < UNSURE
+        if not repeat or grown is None or wild or unsure or len(rungs) >= MOST_RUNGS:
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
@@ -161,6 +181,9 @@ def diagnose_fit(
         remarks.append(answer.unsearched)
     if repeat and wild:
         remarks.append(NotAdded(str(answer.effect), wild))
+        grown = None
+    elif repeat and unsure:
+        remarks.append(NotSure(str(answer.effect), answer.confidence))
         grown = None
     elif repeat and grown is not None:
         remarks.append(StoppedAsking(MOST_RUNGS))

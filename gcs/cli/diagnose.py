@@ -39,8 +39,8 @@ what can be explained, on fitted and validation runs, at plausible values; "unex
 nothing in the catalogue does it. An effect that explains it at values that physics does not allow "stands in" for
 something else; one whose size is another on the validation runs only resembles what is there. The reason "feedback"
 says that no excitation is logged and that the loop alone could make what is left: no alarm. With --repeat the
-effect is added and the question asked again, until the answer is another one; -o keeps the fit with all that was
-found.
+effect is added and the question asked again, until the answer is another one or is not sure; -o keeps the fit with all
+that was found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often

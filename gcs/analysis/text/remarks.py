@@ -11,6 +11,7 @@ from gcs.analysis.diagnosis import (
     InALoop,
     NoExcitation,
     NotAdded,
+    NotSure,
     NoValidation,
     OneRun,
     Remark,
@@ -46,6 +47,8 @@ def _text(remark: Remark) -> str:
             return "one run only: what differs from run to run cannot show"
         case NotAdded(effect, values):
             return f"not added: with {effect} the fit goes to {listed(values)}, which physics does not allow"
+        case NotSure(effect, confidence):
+            return f"not added: {effect} has a confidence of {confidence:.2f} only, and nothing is asked beside a guess"
         case StoppedAsking(questions):
             return f"stopped after {questions} questions"
         case LittleLeft(points):
