@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray, excitation_of
-from sysid.data.record import FloatArray
+from sysid.data.record import CYCLIC, FloatArray
 from sysid.data.stacks import Stack
 
 FOLLOWING = ("alpha", "beta", "phi", "theta")
 """Channels that follow the vehicle's own motion, and with it what gusts do to it."""
+CYCLIC_EXCITATIONS = tuple(excitation_of(name) for name in CYCLIC)
 WINDOW_HZ = 0.5
 """Within it the closed loop from excitation to command counts as one complex gain."""
 
@@ -28,7 +29,8 @@ def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[Comple
 
     Commands and channels that follow the motion are caused; rotor speed, airspeed and yaw come from outside.
 
-    None where the excitation was not logged on every run, or did not excite every command.
+    None where the excitation was not logged on every run, or rests in one. Of a command that none excited only what the
+    others' did through the feedback counts as caused.
     """
     found = []
     for stack in stacks:
@@ -39,7 +41,7 @@ def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[Comple
         R: ComplexArray = np.concatenate(
             [one.transform(np.stack([one.segment.channels[name] for name in wanted])) for one in stack.spectra], axis=1
         )
-        if not np.all(np.any(R, axis=1)):
+        if not all(np.any(R[:, part]) for part in stack.slices) and not np.all(np.any(R, axis=1)):
             return None
         rows = [i for i, name in enumerate(stack.inputs) if name in commands or name in FOLLOWING]
         caused = stack.U.copy()
@@ -97,7 +99,11 @@ def causes(stacks: Sequence[Stack], commands: Sequence[str], references: Sequenc
 
 
 def _reference(command: str, runs: Sequence[Mapping[str, FloatArray]]) -> str:
-    """The excitation of a command where every run has its channel and it moves in any; else the command itself."""
+    """The excitation of a command where every run has its channel, and it moves in any or another in each; else the
+    command itself, which somebody may have moved by hand."""
     excitation = excitation_of(command)
-    moves = all(excitation in one for one in runs) and any(np.any(one[excitation]) for one in runs)
-    return excitation if moves else command
+    if not all(excitation in one for one in runs):
+        return command
+    if command in CYCLIC and all(any(np.any(one[name]) for name in CYCLIC_EXCITATIONS if name in one) for one in runs):
+        return excitation
+    return excitation if any(np.any(one[excitation]) for one in runs) else command

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.data.dataset import Bins
-from sysid.data.preprocess import ComplexArray
+from sysid.data.preprocess import ComplexArray, excitation_of
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
@@ -29,6 +29,7 @@ from sysid.model.structure import FloatArray, Model, Structure
 
 UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
+WORST_OF_ONE_AXIS = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,15 @@ def _unbias(
         if np.any(np.diag(curvature) == 0):
             return None
     after = output_error(found, stacks).residual_power
-    return (found, Z) if np.all(after < WORST_UNBIASING * error.residual_power) else None
+    return (found, Z) if np.all(after < _worst_unbiasing(structure, stacks) * error.residual_power) else None
+
+
+def _worst_unbiasing(structure: Structure, stacks: Sequence[Stack]) -> float:
+    """More where a command has no excitation: there least squares takes feedback for answers, and gusts with it."""
+    runs = [one.segment.channels for group in stacks for one in group.spectra]
+    excitations = [excitation_of(name) for name in structure.commands]
+    excited = all(any(np.any(one[name]) for one in runs if name in one) for name in excitations)
+    return WORST_UNBIASING if excited else WORST_OF_ONE_AXIS
 
 
 def _instruments(

@@ -44,8 +44,9 @@ def identify(
     Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
     lineage; one that the runs do not identify is left out. `fixed` parameters are held at their values. `profile` and
     `window_s` say how the records were cut from their logs and are kept with the fit. `grown` is the fit of all
-    effects but the last on the same records, which need not be made again; `begin` a model of the whole composition to begin at. Raises FitError where an axis is not
-    identifiable, EffectError where an effect cannot act on these runs; the message says which and what to do.
+    effects but the last on the same records, which need not be made again; `begin` a model of the whole composition to
+    begin at. Raises FitError where an axis is not identifiable, EffectError where an effect cannot act on these runs;
+    the message says which and what to do.
     """
     fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
     refuse_mixed_sources([*fitted.records, *judging.records])

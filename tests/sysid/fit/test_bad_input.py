@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import cache
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import planted
@@ -253,6 +253,24 @@ def test_a_stable_model_is_sought_without_a_traceback_where_a_step_has_no_respon
     monkeypatch.setattr("sysid.fit.stable.respond", overflows)
     with pytest.raises(FitError, match="no stable model"):
         held_stable(unstable, stacks)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_roll_flown_alone_takes_no_feedback_for_answers(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No noise on the other axis: what pitch does to its command is the controller's answer to gusts, and no number of
+    the vehicle's is made of that."""
+    air_of_run = planted._air_of_run
+
+    def one_axis(axis: str, *rest: Any) -> list[np.ndarray]:
+        excitation, *others = air_of_run(axis, *rest)
+        return [np.where(np.arange(3) == ("roll", "pitch").index(axis), excitation, 0.0), *others]
+
+    monkeypatch.setattr(planted, "_air_of_run", one_axis)
+    runs = fly(None, {}, seed=seed, duration_s=20.0)
+    roll = [Record(f"#{i}", run, maneuver="chirp", axis="roll") for i, run in enumerate(runs[::2])]
+    fit = identify(TPP, changed(roll, phi=None, theta=None))
+    assert np.max(np.abs(z(fit))) < 3.5
+    assert any("no pitch maneuver among the runs" in text for text in fit.warnings)
 
 
 def test_a_structure_is_judged_as_it_is_asked_for_and_not_by_its_base(monkeypatch: pytest.MonkeyPatch) -> None:
