@@ -170,8 +170,7 @@ def diagnose_fit(
         rungs.append(_step(answer))
         grown = question.grown(fit, composed, answer)
         wild = () if grown is None else newly_implausible(fit, grown)
-        unsure = answer.verdict == "missing" and answer.confidence < UNSURE
-        if not repeat or grown is None or wild or unsure or len(rungs) >= MOST_RUNGS:
+        if not repeat or grown is None or wild or _unsure(answer) or len(rungs) >= MOST_RUNGS:
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
@@ -179,14 +178,10 @@ def diagnose_fit(
     remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *looped]
     if answer.unsearched is not None:
         remarks.append(answer.unsearched)
-    if repeat and wild:
-        remarks.append(NotAdded(str(answer.effect), wild))
-        grown = None
-    elif repeat and unsure:
-        remarks.append(NotSure(str(answer.effect), answer.confidence))
-        grown = None
-    elif repeat and grown is not None:
-        remarks.append(StoppedAsking(MOST_RUNGS))
+    if repeat and grown is not None:
+        stopped = _stopped(answer, wild)
+        remarks.append(stopped)
+        grown = grown if isinstance(stopped, StoppedAsking) else None
     say("where it fails")
     comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
     say("why")
@@ -241,6 +236,17 @@ class _Question:
         begin = next(one.fit.model for one in answer.candidates if one.effect == answer.effect and one.fit is not None)
         effects = [*composed, named_effect(answer.effect, self.users)]
         return refitted(fit, effects, self.fitted, self.judging, grown=fit, begin=begin)
+
+
+def _unsure(answer: Diagnosis) -> bool:
+    return answer.verdict == "missing" and answer.confidence < UNSURE
+
+
+def _stopped(answer: Diagnosis, wild: tuple[str, ...]) -> NotAdded | NotSure | StoppedAsking:
+    """Why a repeated question ends with an answer that could be added."""
+    if wild:
+        return NotAdded(str(answer.effect), wild)
+    return NotSure(str(answer.effect), answer.confidence) if _unsure(answer) else StoppedAsking(MOST_RUNGS)
 
 
 def _step(answer: Diagnosis) -> Step:

@@ -52,9 +52,9 @@ answers like this one were right on flights whose answer was known.
 first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}],
 "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation",
 "suspicions", "warnings", "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or
-null), "remarks",
-"rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}],
-"unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget", "chains", "firsts"} or null}.
+null), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect",
+"confidence"}], "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget", "chains",
+"firsts"} or null}.
 """
 
 

@@ -49,14 +49,7 @@ def identify(
     the message says which and what to do.
     """
     fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
-    refuse_mixed_sources([*fitted.records, *judging.records])
-    if not 0 <= band_hz[0] < band_hz[1]:
-        raise FitError(f"the band {band_hz[0]:g}:{band_hz[1]:g} Hz is empty")
-    if not fitted.records:
-        raise FitError("no run to fit")
-    refuse_unlogged(structure, [*fitted.records, *judging.records])
-    if not fitted.pieces:
-        raise FitError("no run has 2 s of gap-free samples: nothing to fit")
+    _refuse_unfit(structure, fitted, judging)
     rungs: list[Rung] = [] if grown is None else [*grown.lineage]
     parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
     for count in range(0 if grown is None else len(effects), len(effects) + 1):
@@ -92,6 +85,19 @@ def identify(
         fixed=tuple(fixed or ()),
         lineage=tuple(rungs),
     )
+
+
+def _refuse_unfit(structure: Structure, fitted: Dataset, judging: Dataset) -> None:
+    """Raises FitError where there is nothing that could be fitted."""
+    refuse_mixed_sources([*fitted.records, *judging.records])
+    low_hz, high_hz = fitted.band_hz
+    if not 0 <= low_hz < high_hz:
+        raise FitError(f"the band {low_hz:g}:{high_hz:g} Hz is empty")
+    if not fitted.records:
+        raise FitError("no run to fit")
+    refuse_unlogged(structure, [*fitted.records, *judging.records])
+    if not fitted.pieces:
+        raise FitError("no run has 2 s of gap-free samples: nothing to fit")
 
 
 @dataclass(frozen=True, eq=False)
