@@ -179,9 +179,8 @@ def diagnose_fit(
     if answer.unsearched is not None:
         remarks.append(answer.unsearched)
     if repeat and grown is not None:
-        stopped = _stopped(answer, wild)
-        remarks.append(stopped)
-        grown = grown if isinstance(stopped, StoppedAsking) else None
+        remarks.append(_stopped(answer, wild))
+        grown = grown if isinstance(remarks[-1], StoppedAsking) else None
     say("where it fails")
     comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
     say("why")
