@@ -68,7 +68,7 @@ FIT = exactly(
         "lineage": listed(
             exactly({"effects": listed(TEXT), "nrmse_percent": NRMSE, "validation_nrmse_percent": MAYBE_NRMSE})
         ),
-        "matrices": exactly({name: listed(listed(NUMBER)) for name in "ABCD"}),
+        "matrices": exactly({**{name: listed(listed(NUMBER)) for name in "ABCD"}, "input_delay_s": listed(NUMBER)}),
         "covariance": listed(listed(MAYBE)),
         "correlations": listed(exactly({"parameters": listed(TEXT), "correlation": MAYBE})),
         "band_hz": {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2},
@@ -227,6 +227,7 @@ DIAGNOSIS = exactly(
     {
         "format": {"const": "tippath.diagnosis/1"},
         "verdict": {"enum": ["complete", "missing", "unexplained"]},
+        "reason": {"enum": ["clocks", "feedback", None]},
         "effect": MAYBE_TEXT,
         "chain": {"type": "array", "items": TEXT, "maxItems": 2},
         "stands_in": {"type": "boolean"},

@@ -3,8 +3,8 @@
 The mathematics is `sysid.diagnose.diagnose`; here the answer is added and the question asked again, and what else is to
 be known is brought together. `gcs.analysis.text.diagnosis` puts it into words. Both serve the command line and the app.
 
-A repeated question stops where the answer, added, takes the fit to values that physics does not allow: what is asked
-of such a fit is answered about the wrong vehicle.
+A repeated question stops where the answer is not sure, or, added, takes the fit to values that physics does not allow:
+what is asked of such a fit is answered about the wrong vehicle.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ from sysid.fit.result import Fit
 from sysid.model.effect import Effect, named_effect
 
 MOST_RUNGS = 6
+UNSURE = 0.5
+"""Confidence below which a repeated question stops: what is asked beside a guess is answered about the guess."""
 
 Progress = Callable[[str], None]
 
@@ -58,6 +60,14 @@ class NotAdded:
 
     effect: str
     values: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NotSure:
+    """An answer that is more likely wrong than right; nothing is asked beside it."""
+
+    effect: str
+    confidence: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +94,23 @@ class ClocksDiffer:
     early: CommandsLate | CommandsThinned
 
 
-Remark = NoValidation | OneRun | NotAdded | StoppedAsking | InALoop | ClocksDiffer | LittleLeft | BudgetSpent
+@dataclass(frozen=True, slots=True)
+class NoExcitation:
+    """The commands stand for themselves: with gusts, feedback alone lets them explain some of the error."""
+
+
+Remark = (
+    NoExcitation
+    | NoValidation
+    | OneRun
+    | NotAdded
+    | NotSure
+    | StoppedAsking
+    | InALoop
+    | ClocksDiffer
+    | LittleLeft
+    | BudgetSpent
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -144,18 +170,17 @@ def diagnose_fit(
         rungs.append(_step(answer))
         grown = question.grown(fit, composed, answer)
         wild = () if grown is None else newly_implausible(fit, grown)
-        if not repeat or grown is None or wild or len(rungs) >= MOST_RUNGS:
+        if not repeat or grown is None or wild or _unsure(answer) or len(rungs) >= MOST_RUNGS:
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *_in_a_loop(answer)]
+    looped = _in_a_loop(answer) or _no_excitation(answer)
+    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *looped]
     if answer.unsearched is not None:
         remarks.append(answer.unsearched)
-    if repeat and wild:
-        remarks.append(NotAdded(str(answer.effect), wild))
-        grown = None
-    elif repeat and grown is not None:
-        remarks.append(StoppedAsking(MOST_RUNGS))
+    if repeat and grown is not None:
+        remarks.append(_stopped(answer, wild))
+        grown = grown if isinstance(remarks[-1], StoppedAsking) else None
     say("where it fails")
     comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
     say("why")
@@ -210,6 +235,17 @@ class _Question:
         begin = next(one.fit.model for one in answer.candidates if one.effect == answer.effect and one.fit is not None)
         effects = [*composed, named_effect(answer.effect, self.users)]
         return refitted(fit, effects, self.fitted, self.judging, grown=fit, begin=begin)
+
+
+def _unsure(answer: Diagnosis) -> bool:
+    return answer.verdict == "missing" and answer.confidence < UNSURE
+
+
+def _stopped(answer: Diagnosis, wild: tuple[str, ...]) -> NotAdded | NotSure | StoppedAsking:
+    """Why a repeated question ends with an answer that could be added."""
+    if wild:
+        return NotAdded(str(answer.effect), wild)
+    return NotSure(str(answer.effect), answer.confidence) if _unsure(answer) else StoppedAsking(MOST_RUNGS)
 
 
 def _step(answer: Diagnosis) -> Step:
@@ -277,6 +313,11 @@ def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[
 def _clocks_differ(found: Diagnosis) -> list[Remark]:
     early = clocks(found)
     return [] if early is None else [ClocksDiffer(early)]
+
+
+def _no_excitation(found: Diagnosis) -> list[Remark]:
+    """That none was logged, where something is left that it would have judged."""
+    return [] if found.verdict == "complete" or found.parent.division.measured else [NoExcitation()]
 
 
 def _in_a_loop(found: Diagnosis) -> list[Remark]:

@@ -65,13 +65,14 @@ def made_from(fit: Fit, fitted: Dataset, judging: Dataset) -> bool:
 
 def newly_implausible(before: Fit, after: Fit) -> tuple[str, ...]:
     """`k_l = -5` of what was plausible, or not there, before."""
-    known = {
+    outside = {
         one.name
         for one, value in zip(before.model.structure.parameters, before.model.values, strict=True)
         if one.implausible(float(value))
     }
+    wild = {*after.implausible} - outside
     return tuple(
         quantity(one, float(value))
         for one, value in zip(after.model.structure.parameters, after.model.values, strict=True)
-        if one.implausible(float(value)) and one.name not in known
+        if one.name in wild
     )

@@ -37,9 +37,10 @@ explained, and within a budget; what was not searched is said.
 Verdicts: "complete", what the model leaves is noise; "missing", one effect or a chain of two explains at least 80 % of
 what can be explained, on fitted and validation runs, at plausible values; "unexplained", there is something, and
 nothing in the catalogue does it. An effect that explains it at values that physics does not allow "stands in" for
-something else; one whose size is another on the validation runs only resembles what is there. With --repeat the
-effect is added and the question asked again, until the answer is another one; -o keeps the fit with all that was
-found.
+something else; one whose size is another on the validation runs only resembles what is there. The reason "feedback"
+says that no excitation is logged and that the loop alone could make what is left: no alarm. With --repeat the
+effect is added and the question asked again, until the answer is another one or is not sure; -o keeps the fit with all
+that was found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often
@@ -50,9 +51,10 @@ answers like this one were right on flights whose answer was known.
 "nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best
 first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}],
 "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation",
-"suspicions", "warnings", "reason" ("clocks" where the commands' time stamps are the cause, or null), "remarks",
-"rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}],
-"unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget", "chains", "firsts"} or null}.
+"suspicions", "warnings", "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or
+null), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect",
+"confidence"}], "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget", "chains",
+"firsts"} or null}.
 """
 
 

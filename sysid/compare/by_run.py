@@ -30,6 +30,7 @@ class RunsAlone:
     def __init__(self, on: ModelOnRuns) -> None:
         self.model = on.model
         self.outputs = on.outputs
+        self._references = on.causes.references
         self.records: list[Record] = []
         self._parts: list[list[tuple[Spectrum, ComplexArray]]] = []
         for one, residual in zip(on.spectra, on.error.residuals, strict=True):
@@ -55,7 +56,7 @@ class RunsAlone:
             residuals = {id(one): residual for one, residual in chosen}
             ones = np.ones(len(self.outputs))
             error = OutputError([residuals[id(one)] for group in stacks for one in group.spectra], ones, ones)
-            division = divide(error, stacks, causes(stacks, self.model.structure.commands))
+            division = divide(error, stacks, causes(stacks, self.model.structure.commands, self._references))
             self._known[key] = division, Levels.of(division, stacks)
         return self._known[key]
 

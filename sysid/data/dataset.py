@@ -118,7 +118,7 @@ class Dataset:
         if self.like is not None:
             return self.like._moving
         read = (name for name in (*COMMANDS, *CHANNELS_READ) if name in self.common)
-        return frozenset(name for name in read if _moves(name, self.records))
+        return frozenset(name for name in read if moves(name, self.records))
 
     @property
     def available(self) -> frozenset[str]:
@@ -209,7 +209,8 @@ def viewed(one: Spectrum, inputs: tuple[str, ...]) -> Spectrum:
     return replace(one, U=one.U[[one.inputs.index(name) for name in inputs]], inputs=inputs)
 
 
-def _moves(name: str, records: Sequence[Record]) -> bool:
+def moves(name: str, records: Sequence[Record]) -> bool:
+    """Whether a channel of these runs moves enough to show anything."""
     whole = np.concatenate([record.channels[name] for record in records])
     spread, mean = float(np.std(whole)), abs(float(np.mean(whole)))
     if name in COMMANDS:

@@ -8,17 +8,18 @@ effects the sensitivities are those of the vehicle as that part alone would move
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.data.preprocess import EXCITATIONS, ComplexArray, excitation_of
-from sysid.data.record import FloatArray
+from sysid.data.record import CYCLIC, FloatArray
 from sysid.data.stacks import Stack
 
 FOLLOWING = ("alpha", "beta", "phi", "theta")
 """Channels that follow the vehicle's own motion, and with it what gusts do to it."""
+CYCLIC_EXCITATIONS = tuple(excitation_of(name) for name in CYCLIC)
 WINDOW_HZ = 0.5
 """Within it the closed loop from excitation to command counts as one complex gain."""
 
@@ -28,7 +29,8 @@ def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[Comple
 
     Commands and channels that follow the motion are caused; rotor speed, airspeed and yaw come from outside.
 
-    None where the excitation was not logged on every run, or did not excite every command.
+    None where the excitation was not logged on every run, or rests in one. Of a command that none excited only what the
+    others' did through the feedback counts as caused.
     """
     found = []
     for stack in stacks:
@@ -39,7 +41,7 @@ def instruments(stacks: Sequence[Stack], commands: Sequence[str]) -> list[Comple
         R: ComplexArray = np.concatenate(
             [one.transform(np.stack([one.segment.channels[name] for name in wanted])) for one in stack.spectra], axis=1
         )
-        if not np.all(np.any(R, axis=1)):
+        if not all(np.any(R[:, part]) for part in stack.slices) and not np.all(np.any(R, axis=1)):
             return None
         rows = [i for i, name in enumerate(stack.inputs) if name in commands or name in FOLLOWING]
         caused = stack.U.copy()
@@ -74,16 +76,14 @@ class Causes:
     """The bins of the references, for every stack (m, bins)."""
 
 
-def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
-    """What the excitation caused in each command that the stacks have among their inputs."""
+def causes(stacks: Sequence[Stack], commands: Sequence[str], references: Sequence[str] | None = None) -> Causes:
+    """What the excitation caused in each command that the stacks have among their inputs.
+
+    `references` are those of all runs where these are some of them: an excitation that rests in some says that nothing
+    but feedback moved its command there.
+    """
     whole = [one.segment.channels for group in stacks for one in group.spectra]
-    references = []
-    for name in commands:
-        excitation = excitation_of(name)
-        moved = all(excitation in channels for channels in whole) and any(
-            np.any(channels[excitation]) for channels in whole
-        )
-        references.append(excitation if moved else name)
+    references = list(references or (_reference(name, whole) for name in commands))
     found, logged = [], []
     for group in stacks:
         U = group.U[[group.inputs.index(name) for name in commands]]
@@ -96,3 +96,14 @@ def causes(stacks: Sequence[Stack], commands: Sequence[str]) -> Causes:
         found.append(caused_by(U, R, group.scale, group.frequency_hz))
         logged.append(R)
     return Causes(tuple(commands), tuple(references), found, logged)
+
+
+def _reference(command: str, runs: Sequence[Mapping[str, FloatArray]]) -> str:
+    """The excitation of a command where every run has its channel, and it moves in any or another in each; else the
+    command itself, which somebody may have moved by hand."""
+    excitation = excitation_of(command)
+    if not all(excitation in one for one in runs):
+        return command
+    if command in CYCLIC and all(any(np.any(one[name]) for name in CYCLIC_EXCITATIONS if name in one) for one in runs):
+        return excitation
+    return excitation if any(np.any(one[excitation]) for one in runs) else command

@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, refit
 from sysid.diagnose.initial_states import validation_error
-from sysid.diagnose.score import Score, log_chance, score
+from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.term_search import Selection
 from sysid.errors import FitError
 from sysid.fit.noise import Division
@@ -22,6 +22,8 @@ from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.airframe import not_offered
 from sysid.model.compose import adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
+from sysid.model.parameter import SURELY
+from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
@@ -76,6 +78,8 @@ class Ranked:
     """By which chance alone may make that share too small."""
     implausible: tuple[str, ...] = ()
     """Parameters outside what physics allows that were not so in the parent."""
+    outside: tuple[str, ...] = ()
+    """The same whatever their standard errors: what is only so within these is doubtful."""
     resolved: tuple[str, ...] = ()
     """Parameters of the parent that were implausible and are not any more."""
     rows: int = 1
@@ -104,9 +108,8 @@ class Ranked:
         """Of `values`, where the refit gives any."""
         if self.fit is None:
             return {} if self.score is None else dict(self.score.errors)
-        names = self.fit.model.structure.names
-        errors = np.sqrt(np.diag(self.fit.estimate.covariance))
-        return {name: float(errors[names.index(name)]) for name in self.values if errors[names.index(name)] > 0}
+        errors = self.fit.standard_errors
+        return {name: errors[name] for name in self.values if errors[name] > 0}
 
     def to_json(self) -> dict[str, Any]:
         fitted = self.fit is not None
@@ -266,7 +269,8 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     own = instrumental_step(one.fit, reference.whitening)
     likelier, _ = gain(own, reference.stepped)
     model, parent = one.fit.model, reference.parent
-    before, now = _implausible(parent.model), _implausible(model)
+    before, outside = _outside(parent.model), _outside(model)
+    now = _implausible(one.fit, reference.whitening)
     validated = error = None
     if reference.validation is not None:
         try:
@@ -281,19 +285,66 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
         added=len(one.fit.J[0]) - len(parent.J[0]),
         rows=reference.stepped.residual.size,
         implausible=tuple(name for name in model.structure.names if name in now - before),
-        resolved=tuple(sorted(before - now)),
+        outside=tuple(name for name in model.structure.names if name in outside - before),
+        resolved=tuple(sorted(_implausible(parent, reference.whitening) - outside)),
         validation_nrmse_percent=validated,
         validation_error=error,
     )
 
 
-def _implausible(model: Model) -> set[str]:
-    """Parameters outside what physics allows."""
-    return {
-        parameter.name
-        for parameter, value in zip(model.structure.parameters, model.values, strict=True)
-        if parameter.implausible(float(value))
-    }
+def _outside(model: Model) -> set[str]:
+    """Parameters outside what physics allows, whatever their errors."""
+    parameters = zip(model.structure.parameters, model.values, strict=True)
+    return {parameter.name for parameter, value in parameters if parameter.implausible(float(value))}
+
+
+def _implausible(one: Candidate, whitening: Whitening) -> set[str]:
+    """Parameters that the data put outside what physics allows; what they do not determine is none of them."""
+    found = set()
+    for parameter in one.model.structure.parameters:
+        name = parameter.name
+        if not parameter.implausible(one.model[name]):
+            continue
+        error = one.standard_errors[name]
+        if name in one.estimate.at_bound and name not in one.held:
+            error = _error_at_bound(one, name, whitening)
+        if parameter.implausible(one.model[name], error) and not _means_nothing(one, name):
+            found.add(name)
+    return found
+
+
+def _means_nothing(one: Candidate, name: str) -> bool:
+    """Whether a parameter (a frequency, a time constant) acts only by sizes of its effect that may well be none."""
+    structure, values = one.model.structure, one.model.values.copy()
+    effect = next((each for each in structure.composed if name in each.names), None)
+    if effect is None or not effect.linear:
+        return False
+    none = False
+    for parameter in effect.parameters:
+        null, value = parameter.null, one.model[parameter.name]
+        if null is None or not math.isfinite(null) or parameter.name == name:
+            continue
+        if abs(value - null) <= SURELY * one.standard_errors[parameter.name]:
+            values[structure.names.index(parameter.name)], none = null, True
+    if not none:
+        return False
+    answers = [respond(structure, values, group, True) for group in one.dataset.stacks]
+    moved = [np.linalg.norm(each.slopes[structure.names.index(name)] * one.model[name]) for each in answers]
+    return bool(np.linalg.norm(moved) <= INDEPENDENT * np.linalg.norm([np.linalg.norm(each.Y) for each in answers]))
+
+
+def _error_at_bound(one: Candidate, name: str, whitening: Whitening) -> float:
+    """What the standard error of a parameter at its bound were, if it might move on; infinite where it does nothing."""
+    structure, values = one.model.structure, one.model.values
+    place = structure.names.index(name)
+    stacks = one.dataset.stacks
+    rows = whitening([respond(structure, values, group, True).slopes[[place]] for group in stacks])
+    own = rows[0]
+    if len(one.J):
+        J = whitening(one.J)
+        own = own - np.linalg.lstsq(J.T, own, rcond=1e-10)[0] @ J
+    size = float(np.linalg.norm(own))
+    return 1 / size if size > INDEPENDENT * float(np.linalg.norm(rows[0])) else math.inf
 
 
 def rank(one: Ranked) -> tuple[int, float]:

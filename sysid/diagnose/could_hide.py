@@ -4,10 +4,11 @@ A clean verdict is worth what the runs could have seen. For every effect that th
 may be and stay unnoticed, and what leaving it out at that size does: to the fitted parameters, to the modes, and to the
 margins of the gains that would be designed on the fit.
 
-The size is the larger of two: the upper 95 % limit of the one-step estimate, and what the diagnosis would find in 80 %
-of such flights. Both come from the effect's response under the noise's spectrum, less what the structure's own
-parameters would do as well. An effect of several parameters is taken in the combination that moves the fit most, inside
-what is plausible. The parameters' shift is one step of the fit's own criterion, which weighs each output as a whole.
+The size is the larger of two: the upper 95 % limit of the one-step estimate, and what the diagnosis, by its own
+threshold, would find in 80 % of such flights. Both come from the effect's response under the noise's spectrum, less
+what the structure's own parameters would do as well. An effect of several parameters is taken in the combination that
+moves the fit most, inside what is plausible. The parameters' shift is one step of the fit's own criterion, which weighs
+each output as a whole.
 
 Effects without a null have no size and are left out, as are those of forward flight while nothing says that it is
 flown; parameters that mean nothing at the null are taken as typical. What is not linear in its size is predicted at two
@@ -26,6 +27,7 @@ import numpy as np
 from sysid.control.regulator import DesignError, Gains, lqr
 from sysid.control.stability import Margins, closed_loop
 from sysid.data.preprocess import ComplexArray
+from sysid.diagnose.candidates import QUESTIONS, SIGNIFICANT
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
@@ -41,10 +43,8 @@ from sysid.model.structure import FloatArray, Mode, Model, Structure, modes
 
 UPPER = 1.645
 """Standard errors to the upper 95 % limit."""
-POWER = 0.842
-"""Standard errors beyond the threshold that are found four times in five."""
-CHANCE = 0.01
-"""Of a false alarm by all questions together, as the diagnosis has it."""
+MISSED = 0.2
+"""Of flights with an effect of the size that is told, those in which the diagnosis may miss it."""
 FIRST_STEP = 0.003
 """Of the way from null to typical: where a linear effect's response is taken, small enough to be straight;"""
 FIRST_STEP_NONLINEAR = 0.5
@@ -117,16 +117,11 @@ class _Asking:
     gains: Gains | None
     margins: Margins | None
     """Of the gains on the parent."""
-    needed: float
-    """Standard errors from which on the diagnosis finds an effect four times in five."""
+    effects: int
+    """How many are asked."""
 
     @classmethod
-    def of(
-        cls, parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, questions: int
-    ) -> _Asking:
-        # heavier than NumPy itself to load: only where it is needed
-        from scipy.special import ndtri
-
+    def of(cls, parent: Candidate, stepped: Stepped, whitening: Whitening, division: Division, effects: int) -> _Asking:
         structure, estimate = parent.model.structure, parent.estimate
         by_fit = whitening if estimate.weights == "residual spectrum" else _by_output(parent, division)
         moved = by_fit(parent.J)
@@ -146,8 +141,17 @@ class _Asking:
             own=np.asarray(np.linalg.pinv(stepped.Z @ stepped.J.T, rcond=1e-12).T @ stepped.J),
             gains=gains,
             margins=None if gains is None else gains.loop.margins,
-            needed=-float(ndtri(0.5 * CHANCE / max(questions, 1))) + POWER,
+            effects=effects,
         )
+
+    def needed(self, degrees: int) -> float:
+        """Standard errors from which on the diagnosis finds an effect of so many sizes four times in five, by its own
+        chance of a false alarm, all effects and kinds of questions counted in."""
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.special import chdtri, chndtrinc
+
+        chance = math.exp(SIGNIFICANT) / (QUESTIONS * max(self.effects, 1))
+        return math.sqrt(float(chndtrinc(chdtri(degrees, chance), degrees, MISSED)))
 
     def ask(self, effect: Effect, composed: Structure) -> Hidden | None:
         """None where the effect moves nothing, or has no response that settles."""
@@ -226,11 +230,12 @@ class _Asking:
         scale = np.sqrt(np.diag(gram))
         C = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-9, hermitian=True) / np.outer(scale, scale)
         guess = C @ (Z1 @ self.stepped.residual)
+        needed = self.needed(len(scale))
         best, most = np.zeros(len(scale)), -1.0
         for each in g if np.any(g) else np.eye(len(scale)):
             spread = math.sqrt(max(float(each @ C @ each), 1e-300))
             for sign in (1.0, -1.0):
-                reach = max(sign * float(each @ guess) + UPPER * spread, self.needed * spread)
+                reach = max(sign * float(each @ guess) + UPPER * spread, needed * spread)
                 x = point.plausible(sign * reach * (C @ each) / spread**2)
                 moved = float(np.max(np.abs(g @ x))) if np.any(g) else float(np.max(np.abs(x)))
                 if moved > most:

@@ -53,6 +53,12 @@ class Candidate:
         return self.estimate.model
 
     @cached_property
+    def standard_errors(self) -> dict[str, float]:
+        """Of each parameter; 0 of those held, or at a bound."""
+        errors = np.sqrt(np.maximum(np.diag(self.estimate.covariance), 0))
+        return dict(zip(self.model.structure.names, map(float, errors), strict=True))
+
+    @cached_property
     def division(self) -> Division:
         """What it leaves, divided into what the commands explain and noise."""
         return divide(self.estimate.error, self.dataset.stacks, self.dataset.causes)

@@ -16,8 +16,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.reasons import (
@@ -109,13 +107,8 @@ def _own(judged: Ranked) -> list[Effect]:
     return [by_name[name] for name in judged.effects if name in by_name]
 
 
-def _errors(of: Candidate) -> dict[str, float]:
-    spread = np.sqrt(np.maximum(np.diag(of.estimate.covariance), 0))
-    return of.model.structure.by_name(spread)
-
-
 def _what(fit: Candidate, effect: Effect) -> EffectFound:
-    names, errors = fit.model.structure.names, _errors(fit)
+    names, errors = fit.model.structure.names, fit.standard_errors
     sizes, none = [], []
     for one in effect.parameters:
         if one.name not in names:
@@ -139,7 +132,7 @@ def _changes(parent: Candidate, fit: Candidate) -> Iterator[Change]:
 
 def _moves(parent: Candidate, fit: Candidate) -> list[tuple[Size, Size]]:
     """Parameters that moved, those that moved most of their value first."""
-    before, after = _errors(parent), _errors(fit)
+    before, after = parent.standard_errors, fit.standard_errors
     moved: list[tuple[float, str, tuple[Size, Size]]] = []
     for one in parent.model.structure.parameters:
         if one.name not in fit.model.structure.names:
@@ -172,7 +165,7 @@ def _implausible_parent(
     """The parent's own implausible values, and which effects make them plausible."""
     for one in parent.model.structure.parameters:
         value = parent.model[one.name]
-        if not one.implausible(value):
+        if not one.implausible(value, parent.standard_errors[one.name]):
             continue
         size = Size(one, value)
         if winner is not None and one.name in winner.resolved and winner.fit is not None:
@@ -192,7 +185,7 @@ def _implausible_parent(
 
 
 def _size(fit: Candidate, parameter: Parameter) -> Size:
-    return Size(parameter, fit.model[parameter.name], _errors(fit)[parameter.name])
+    return Size(parameter, fit.model[parameter.name], fit.standard_errors[parameter.name])
 
 
 def _likeliest_first(candidates: Sequence[Ranked]) -> list[Ranked]:

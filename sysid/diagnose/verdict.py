@@ -17,9 +17,11 @@ from sysid.diagnose.evidence import Candidate, Stepped, error_share, gain
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
-from sysid.fit.noise import Division
+from sysid.fit.noise import WINDOW_HZ, Division, divide
+from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
 from sysid.fit.whitening import Whitening
+from sysid.model.structure import FloatArray
 
 FORMAT = "tippath.diagnosis/1"
 EXPLAINED = 0.8
@@ -30,6 +32,8 @@ LARGEST_DIFFERENCE = 0.16
 """Share by which a size surely differs on the validation runs, from which on the entry only resembles what is there. On
 flights with seeds below 100 right answers reached 0.13 (three worn links, which are no one play) and mostly 0; plays
 and limits that only resembled 0.20 to 0.47, but for one of 0.05."""
+ALMOST = 0.05
+"""Of what can be explained, by which a simpler entry may explain less than one of doubtful values and be named."""
 SAME = 10.0
 """Chi squared by which one candidate must be likelier than another to be told from it, or what it leaves itself;"""
 TIED = 1.0
@@ -40,14 +44,23 @@ LITTLE = 0.05
 """Explainable power over noise, below which powers are too uncertain to divide."""
 SLACK = 2.0
 """Standard deviations."""
+BINS_FOR_EACH = 3
+"""Of validation runs, for each unknown of a window where their noise is measured."""
 LEAD_SCALE = 20.0
 """Chi squared of lead or misfit that counts as none."""
 CONFIDENCE = (-1.2, 2.8, -5.0)
 """Logit of being right: constant, per unit of lead, per share left unexplained; set on flights with seeds below 100."""
 UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
-"""How often these verdicts were right there."""
+"""How often these verdicts were right there, where nothing speaks against them."""
+VETO_RIGHT = 0.5
+"""Of an effect that would be named, how likely a veto against it is right."""
 IN_A_LOOP_RIGHT = 0.5
-"""At most, where the model that was found is unstable: a loop that nothing excited made the data what they are."""
+"""At most, where the model that was found is unstable, or where something unexplained is left and no excitation was
+logged: a loop made the data what they are."""
+BY_FEEDBACK = 0.15
+"""Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
+logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
+of usual size 0.25 and more."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,6 +69,9 @@ class Diagnosis:
 
     verdict: str
     """`complete`, `missing` or `unexplained`."""
+    reason: str | None
+    """Why something is left unexplained, where that is the data's fault: `feedback`, of what the loop alone could
+    make."""
     effect: str | None
     stands_in: bool
     chain: tuple[str, ...]
@@ -131,6 +147,7 @@ class Diagnosis:
             "format": FORMAT,
             "airframe": self.airframe,
             "verdict": self.verdict,
+            "reason": self.reason,
             "effect": self.effect,
             "chain": list(self.chain),
             "stands_in": self.stands_in,
@@ -170,6 +187,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
     answer = _answer(singles, pairs, shares, reference) if significant else _Answer(confidence=COMPLETE_RIGHT)
     return Diagnosis(
         verdict=answer.verdict,
+        reason=shares.reason(answer.verdict, parent.division),
         effect=answer.effect,
         stands_in=answer.stands_in,
         chain=answer.chain,
@@ -211,8 +229,9 @@ class _Answer:
 def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares, reference: Reference) -> _Answer:
     """Where there is something to explain: whether an effect, or a chain of two, does it."""
     winner = _winner(singles, pairs)
+    most = UNEXPLAINED_RIGHT if reference.parent.division.measured else IN_A_LOOP_RIGHT
     if winner is None or winner.fit is None:
-        return _Answer(verdict="unexplained", explained_share=0.0, confidence=UNEXPLAINED_RIGHT)
+        return _Answer(verdict="unexplained", explained_share=0.0, confidence=most)
     chain, enough = _larger_first(winner, singles), shares.enough(winner)
     stands_in = bool(winner.implausible) and enough
     missing, compared = enough and not stands_in, tuple[Size, ...]()
@@ -220,12 +239,12 @@ def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares,
         compared = sizes(winner.fit, winner.effects, reference.validation)
         missing = all(one.off <= LARGEST_DIFFERENCE for one in compared)
     alike = _alike(winner, singles if len(chain) == 1 else pairs)
-    lead, confidence = None, UNEXPLAINED_RIGHT
-    if missing:
-        lead, short = _lead(winner, alike, singles)
-        confidence = _logistic(CONFIDENCE, lead, short)
-        if not winner.fit.model.stable:
-            confidence = min(confidence, IN_A_LOOP_RIGHT)
+    lead, short = _lead(winner, alike, singles)
+    confidence = _logistic(CONFIDENCE, lead, short)
+    if not missing:  # right unless it is the winner after all
+        confidence = min(most, 1 - (1 - VETO_RIGHT) * confidence)
+    if not winner.fit.model.stable:
+        confidence = min(confidence, IN_A_LOOP_RIGHT)
     return _Answer(
         verdict="missing" if missing else "unexplained",
         effect=chain[0] if missing or stands_in else None,
@@ -234,7 +253,7 @@ def _answer(singles: Sequence[Ranked], pairs: Sequence[Ranked], shares: _Shares,
         indistinguishable=alike,
         confidence=confidence,
         explained_share=winner.explained_share or 0.0,
-        lead=lead,
+        lead=lead if missing else None,
         sizes=compared,
     )
 
@@ -268,8 +287,15 @@ class _Shares:
             noise_share=float(np.sum(noise)),
             noise_floor_percent=floor,
             terms=terms,
-            validation=None if on is None else _Validation.of(parent, likeliest, on),
+            validation=None if on is None else _Validation.of(parent, fits, on),
         )
+
+    def reason(self, verdict: str, left: Division) -> str | None:
+        """`feedback` where what is left unexplained is what the loop alone could make."""
+        if verdict != "unexplained" or left.measured:
+            return None
+        explained = [*(1 - left.noise_share), 1 - self.noise_share / max(self.error_share, 1e-300)]
+        return "feedback" if max(explained) <= BY_FEEDBACK else None
 
     def told(self, one: Ranked) -> Ranked:
         """The candidate with the shares that it explains."""
@@ -310,20 +336,23 @@ class _Validation:
     """Of the noise's share from run to run, one standard deviation."""
 
     @classmethod
-    def of(cls, parent: Candidate, likeliest: Ranked | None, on: Dataset) -> _Validation:
+    def of(cls, parent: Candidate, fits: Sequence[Ranked], on: Dataset) -> _Validation:
+        """The noise is what the excitation does not explain of the least that anything leaves of these very runs: the
+        air was another when they were flown."""
         error = validation_error(parent.model, on)
         outputs = parent.model.structure.outputs
-        before = least = error_share(error)
-        level = parent.division
-        if likeliest is not None and likeliest.fit is not None and likeliest.validation_error is not None:
-            least, level = error_share(likeliest.validation_error), likeliest.fit.division
-        air = np.concatenate(
-            [np.real(np.einsum("fkk->fk", level.at(group.frequency_hz))) for group in on.stacks]
-        )  # (bins, k), the noise of the fitted runs on these bins
-        expected = float(np.sum(np.sum(air, axis=0) / error.measured_power))
-        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / error.measured_power**2)))
+        before, window_hz = error_share(error), _window_hz(on)
+        left = [one.validation_error for one in fits if one.validation_error is not None]
+        divisions = [(each, divide(each, on.stacks, on.causes, window_hz)) for each in (error, *left)]
+        noise, least, division = min(
+            ((float(np.sum(_shares(each) * division.noise_share)), each, division) for each, division in divisions),
+            key=lambda one: one[0],
+        )
+        level = [np.real(np.einsum("fkk->fk", division.at(group.frequency_hz))) for group in on.stacks]
+        air = np.concatenate(level)  # (bins, k)
+        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
         nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
-        return cls(nrmse, before, min(least, before, expected), scatter)
+        return cls(nrmse, before, min(noise, before), scatter)
 
     @property
     def slack(self) -> float:
@@ -336,6 +365,17 @@ class _Validation:
             return None
         error = error_share(one.validation_error)
         return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
+
+
+def _shares(error: OutputError) -> FloatArray:
+    """Residual over measured power by output."""
+    return np.asarray(error.residual_power / error.measured_power)
+
+
+def _window_hz(on: Dataset) -> float:
+    """Of windows that have bins enough to tell noise from an answer, however short the runs."""
+    unknown = 2 * len(on.causes.commands) + len(on.spectra)
+    return max(WINDOW_HZ, BINS_FOR_EACH * unknown / sum(one.segment.duration_s for one in on.spectra))
 
 
 def _winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
@@ -379,7 +419,8 @@ def _misfit(one: Ranked) -> float:
 
 
 def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
-    """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size."""
+    """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size; else a simpler
+    one that is plainly plausible and explains as much."""
     assert winner.stepped is not None
     stepped = winner.stepped
     near = max(SAME, 2 * _misfit(winner))
@@ -388,7 +429,19 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
         for one in others
         if one.stepped is not None and _stands_beside(one, winner, gain(stepped, one.stepped)[0], near)
     ]
-    return min(alike, key=_unusual, default=winner)
+    best = min(alike, key=_unusual, default=winner)
+    if not best.outside:
+        return best
+    simpler = [one for one in others if _explains_as_much(one, best)]
+    return min(simpler, key=lambda one: one.delta_bic, default=best)
+
+
+def _explains_as_much(one: Ranked, winner: Ranked) -> bool:
+    """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair."""
+    if one.fit is None or one.outside or one.added >= winner.added or one.explained_share is None:
+        return False
+    shares = [(one.explained_share, winner.explained_share), (one.validation_share, winner.validation_share)]
+    return all(his is None or (own is not None and own >= his - ALMOST) for own, his in shares)
 
 
 def _stands_beside(one: Ranked, winner: Ranked, behind: float, near: float) -> bool:

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from sysid.data.dataset import Bins
-from sysid.data.preprocess import ComplexArray
+from sysid.data.preprocess import ComplexArray, excitation_of
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
@@ -39,6 +39,7 @@ MOST_LEFT = 2 * POOR_SHARE
 UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
 SHORT = 0.3  # standard errors of white noise: the next step is far shorter
+WORST_OF_ONE_AXIS = 4.0
 
 
 Weights = Literal["residual spectrum", "constant"]
@@ -220,7 +221,15 @@ def _unbias(
         if np.any(np.diag(curvature) == 0):
             return None
     before, after = (normal_equations(structure, x, stacks, weights, False).power for x in (model.values, values))
-    return (found, Z) if np.all(after < WORST_UNBIASING * before) else None
+    return (found, Z) if np.all(after < _worst_unbiasing(structure, stacks) * before) else None
+
+
+def _worst_unbiasing(structure: Structure, stacks: Sequence[Stack]) -> float:
+    """More where a command has no excitation: there least squares takes feedback for answers, and gusts with it."""
+    runs = [one.segment.channels for group in stacks for one in group.spectra]
+    excitations = [excitation_of(name) for name in structure.commands]
+    excited = all(any(np.any(one[name]) for one in runs if name in one) for name in excitations)
+    return WORST_UNBIASING if excited else WORST_OF_ONE_AXIS
 
 
 def asked_with(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.data.dataset import Bins, Dataset, Runs, means, prepared
+from sysid.data.dataset import Bins, Dataset, Runs, means, moves, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
-from sysid.data.record import AXIS_OF, CYCLIC, RATES, Record
+from sysid.data.record import AXIS_OF, COMMANDS, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.estimate import Estimate, Weights, estimate
@@ -43,11 +44,12 @@ def identify(
     """Fit a bare base with effects to all runs together; validation runs only judge.
 
     Effects are added one by one in the order named, each fit beginning at the one before; the steps are the fit's
-    lineage. `fixed` parameters are held at their values. `profile` and `window_s` say how the records were cut from
-    their logs and are kept with the fit. `grown` is the fit of all effects but the last on the same records, which
-    need not be made again; `begin` a model of the whole composition to begin at. `weights` are over frequency: by the
-    spectrum of what is left, or constant, as the paper's. Raises FitError where an axis is not identifiable,
-    EffectError where an effect cannot act on these runs; the message says which and what to do.
+    lineage; one that the runs do not identify is left out. `fixed` parameters are held at their values. `profile` and
+    `window_s` say how the records were cut from their logs and are kept with the fit. `grown` is the fit of all
+    effects but the last on the same records, which need not be made again; `begin` a model of the whole composition to
+    begin at. `weights` are over frequency: by the spectrum of what is left, or constant, as the paper's. Raises
+    FitError where an axis is not identifiable, EffectError where an effect cannot act on these runs; the message says
+    which and what to do.
     """
     fitted, judging = prepared(records, band_hz), prepared(validation, band_hz)
     _refuse_unfit(structure, fitted, judging)
@@ -64,7 +66,12 @@ def identify(
             continue  # it needs one that is named after it
         held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
         here = begin if last and begin is not None else parent
-        step = _Step.of(composed, fitted, judging, held=held, begin=here, weights=weights, last=last)
+        try:
+            step = _Step.of(composed, fitted, judging, held=held, begin=here, weights=weights, last=last)
+        except FitError:
+            if last:
+                raise
+            continue  # what is asked for is judged as asked for, and not by a step on the way
         parent = step.found.model
         rungs.append(step.rung)
     return Fit(
@@ -153,7 +160,7 @@ class _Step:
             *misfits(model.structure, runs.airframe),
             *self.remarks,
             *_resampling(self.fitted.spectra),
-            *_suspicious_signs(model),
+            *_suspicious_signs(self.found),
             *explained,
             *_held_stable(self.settled),
             *_vague_directions(self.found),
@@ -169,8 +176,15 @@ def on_runs(
     fitted: Sequence[Record],
     outputs: Sequence[str] | None = None,
 ) -> Structure:
-    """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition."""
+    """The composition that these runs allow: with the channels all have, and the fitted runs' mean condition.
+
+    A command that stands still on the fitted runs is left out where an effect can read another in its place.
+    """
     available = set.intersection(*(set(record.channels) for record in records))
+    still = {name for name in COMMANDS if name in available and not moves(name, fitted)}
+    if still:
+        with contextlib.suppress(EffectError):
+            return compose(base, effects, available - still, means(fitted), outputs=outputs)
     return compose(base, effects, available, means(fitted), outputs=outputs)
 
 
@@ -256,9 +270,9 @@ def _resampling(found: Sequence[Spectrum]) -> list[str]:
     return [f"time stamps are irregular: {moved} of {total} samples were put on a uniform clock"]
 
 
-def _suspicious_signs(model: Model) -> list[str]:
+def _suspicious_signs(found: Estimate) -> list[str]:
     """Positive commands give positive steady rates by convention; a model that says otherwise met other signs."""
-    said = []
+    said, model = [], found.model
     if model.stable and not model.structure.attitude_states:
         A, B, C, D = model.matrices
         steady = D - C @ np.linalg.solve(A, B)
@@ -269,8 +283,9 @@ def _suspicious_signs(model: Model) -> list[str]:
                     f"the steady {rate} answers {command} with the opposite sign: "
                     f"check the sign of {command} or of {rate} ({AXIS_OF[command]} axis)"
                 )
-    for parameter, value in zip(model.structure.parameters, model.values, strict=True):
-        if parameter.implausible(float(value)):
+    errors = np.sqrt(np.maximum(np.diag(found.covariance), 0))
+    for parameter, value, error in zip(model.structure.parameters, model.values, errors, strict=True):
+        if parameter.implausible(float(value), float(error)):
             low, high = parameter.plausible
             said.append(f"{parameter.name} = {value:.4g} is outside what physics allows ({low:g} to {high:g})")
     large = {

@@ -79,13 +79,16 @@ class Division:
         return gusts_kept_out(self.references)
 
 
-def divide(error: OutputError, stacks: Sequence[Stack], by: Causes) -> Division:
-    """Divide what a model leaves of the stacks into what the commands explain and noise."""
+def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: float | None = None) -> Division:
+    """Divide what a model leaves of the stacks into what the commands explain and noise.
+
+    A window is WINDOW_HZ wide, or `window_hz` where short runs have too few bins in so narrow a one.
+    """
     scale = np.concatenate([group.scale for group in stacks])
     frequency = np.concatenate([group.frequency_hz for group in stacks])
     rows = [scale * np.concatenate(each, axis=1) for each in (error.residuals, by.caused, by.reference)]
     segment = np.concatenate([np.full(one.shape[1], number) for number, one in enumerate(error.residuals)])
-    count = max(1, round((float(frequency.max()) - float(frequency.min())) / WINDOW_HZ))
+    count = max(1, round((float(frequency.max()) - float(frequency.min())) / (window_hz or WINDOW_HZ)))
     edges = np.linspace(float(frequency.min()), float(frequency.max()), count + 1)
     order, starts = _cut(frequency, edges)
     half = 0.5 * (edges[1] - edges[0])

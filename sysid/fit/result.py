@@ -144,6 +144,12 @@ class Fit:
         return undetermined(self.model.structure, self.model.values, self.covariance)
 
     @property
+    def implausible(self) -> tuple[str, ...]:
+        """Parameters whose values physics does not allow, their standard errors counted in."""
+        parameters = zip(self.model.structure.parameters, self.model.values, self.standard_errors, strict=True)
+        return tuple(one.name for one, value, error in parameters if one.implausible(float(value), float(error)))
+
+    @property
     def correlations(self) -> tuple[tuple[str, str, float], ...]:
         """Pairs of parameters whose estimates move together, above 0.9 in size, the closest first; else the closest.
 
@@ -198,7 +204,10 @@ class Fit:
             "validation_records": [_record_json(one, relative_to) for one in self.validation],
             "lineage": [rung.to_json() for rung in self.lineage],
             "outside_matrices": _effect_names(structure.outside_matrices, relative_to),
-            "matrices": {name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
+            "matrices": {
+                **{name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
+                "input_delay_s": list(self.model.input_delay_s),
+            },
             "covariance": [[finite(x) for x in row] for row in self.covariance],
             "correlations": [
                 {"parameters": [one, other], "correlation": finite(value)} for one, other, value in self.correlations
@@ -215,7 +224,7 @@ class Fit:
 
     def _parameters_json(self) -> dict[str, dict[str, Any]]:
         """By name; those at a bound or held have no error."""
-        vague, found = self.undetermined, {}
+        vague, wild, found = self.undetermined, self.implausible, {}
         for parameter, value, error, insensitivity in zip(
             self.model.structure.parameters,
             self.model.values,
@@ -232,7 +241,7 @@ class Fit:
                 "cramer_rao_percent": finite(100 * error / abs(value)) if estimated and value else None,
                 "insensitivity_percent": finite(insensitivity) if estimated else None,
                 "at_bound": name in self.at_bound,
-                "implausible": parameter.implausible(float(value)),
+                "implausible": name in wild,
                 "fixed": name in self.fixed,
                 "determined": name not in vague,
             }

@@ -6,6 +6,8 @@ import math
 from dataclasses import KW_ONLY, dataclass
 
 EVERYWHERE = (-math.inf, math.inf)
+SURELY = 2.0
+"""Standard errors beyond which what physics allows must lie."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,12 @@ class Parameter:
     grid: tuple[float, ...] = ()
     """Values to begin from one by one, where the cost may have several valleys or the null tells nothing."""
 
-    def implausible(self, value: float) -> bool:
+    def implausible(self, value: float, error: float = 0.0) -> bool:
+        """Whether physics does not allow an estimate: all that it allows lies beyond SURELY of its standard errors.
+
+        What the data do not determine, with an error that is not finite, is never that.
+        """
         low, high = self.plausible
-        return not low <= value <= high
+        if not math.isfinite(error):
+            return False
+        return not low - SURELY * error <= value <= high + SURELY * error

@@ -256,6 +256,19 @@ class Model:
         return self.structure.matrices(self.values)
 
     @property
+    def input_delay_s(self) -> tuple[float, ...]:
+        """How late each column of B acts, s: delays of the commands, which no matrix holds."""
+        s, late = np.array([1j, 2j]), 0.0
+        for effect in self.structure.composed:
+            if effect.response is None:
+                continue
+            factors = np.asarray(effect.response(s, {name: self[name] for name in effect.names}))
+            delay = -float(np.angle(np.ravel(factors)[0]))
+            if np.allclose(factors, np.exp(-s * delay), rtol=0, atol=1e-9):  # else it is more than a delay
+                late += delay
+        return tuple(late if name in self.structure.commands else 0.0 for name in self.structure.inputs)
+
+    @property
     def modes(self) -> tuple[Mode, ...]:
         """Of the vehicle alone, from its commands on; what `outside_matrices` does to these moves none."""
         return modes(self.matrices.A)

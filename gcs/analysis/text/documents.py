@@ -60,7 +60,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = ()) -> dic
     return {
         **found.last.to_json(),
         "warnings": list(warnings),
-        "reason": "clocks" if any(isinstance(remark, ClocksDiffer) for remark in found.remarks) else None,
+        "reason": "clocks" if any(isinstance(remark, ClocksDiffer) for remark in found.remarks) else found.last.reason,
         "character": {
             "findings": [finding_text(finding) for finding in comparison.findings],
             "bands": [band.to_json() for band in comparison.bands],

@@ -96,10 +96,8 @@ def _reached(nrmse_percent: Nrmse) -> str:
 def _judged(size: Size) -> str:
     """A value, and what is plausible for it."""
     allowed = plausible_range(size.parameter)
-    said = _quantity(size)
-    return (
-        f"{said} ({'NOT ' if size.parameter.implausible(size.value) else ''}plausible: {allowed})" if allowed else said
-    )
+    said, wild = _quantity(size), size.parameter.implausible(size.value, size.error or 0.0)
+    return f"{said} ({'NOT ' if wild else ''}plausible: {allowed})" if allowed else said
 
 
 def shown_text(shown: Shown) -> str:

@@ -191,7 +191,7 @@ def _parameters(fit: Fit) -> list[str]:
     structure = fit.model.structure
     width = max(12, *(len(name) for name in structure.names))
     lines = [f"  {'parameter':{width}}      value ± std. error  unit        CR, %  insens., %"]
-    vague = fit.undetermined
+    vague, wild = fit.undetermined, fit.implausible
     for parameter, value, error, alone in zip(
         structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
     ):
@@ -206,7 +206,7 @@ def _parameters(fit: Fit) -> list[str]:
             figures = f"{share:8.1f} {alone:9.1f}"
             if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
                 marks.append("above a guide")
-        if parameter.implausible(float(value)) and parameter.name not in vague:
+        if parameter.name in wild and parameter.name not in vague:
             marks.append("implausible")
         spread = f"± {error:<10.2g}" if figures else " " * (12 - max(0, len(number) - 11))
         lines.append(f"  {parameter.name:{width}}{number} {spread} {parameter.unit:8}{figures}".rstrip())

@@ -51,7 +51,7 @@ def moved_text(before: Fit, after: Fit) -> list[str]:
             second += " held"
         elif one.name in after.at_bound:
             second += " at its limit"
-        mark = "  implausible" if one.implausible(float(value)) else ""
+        mark = "  implausible" if one.name in after.implausible else ""
         lines.append(f"  {one.name:20}{first:>22}{second:>26}{mark}".rstrip())
     return lines
 

@@ -6,7 +6,17 @@ import math
 from pathlib import Path
 from typing import assert_never
 
-from gcs.analysis.diagnosis import ClocksDiffer, InALoop, NotAdded, NoValidation, OneRun, Remark, StoppedAsking
+from gcs.analysis.diagnosis import (
+    ClocksDiffer,
+    InALoop,
+    NoExcitation,
+    NotAdded,
+    NotSure,
+    NoValidation,
+    OneRun,
+    Remark,
+    StoppedAsking,
+)
 from gcs.analysis.quantities import listed
 from gcs.analysis.text.blocks import SHELL, Offers, Sentence, whole
 from gcs.analysis.text.checks import early_text
@@ -26,12 +36,19 @@ def remark_sentence(remark: Remark, first: str = "", rest: str = "") -> Sentence
 
 def _text(remark: Remark) -> str:
     match remark:
+        case NoExcitation():
+            return (
+                "no excitation is logged: gusts reach the commands through the feedback, and some of what these seem "
+                "to explain is the loop's. Log what is added to the commands, and ask again"
+            )
         case NoValidation():
             return "no validation runs: whether it holds on others is open"
         case OneRun():
             return "one run only: what differs from run to run cannot show"
         case NotAdded(effect, values):
             return f"not added: with {effect} the fit goes to {listed(values)}, which physics does not allow"
+        case NotSure(effect, confidence):
+            return f"not added: {effect} has a confidence of {confidence:.2f} only, and nothing is asked beside a guess"
         case StoppedAsking(questions):
             return f"stopped after {questions} questions"
         case LittleLeft(points):

@@ -52,6 +52,8 @@ def answer(last: Diagnosis) -> str:
     winner = last.winner
     if last.verdict == "complete":
         return "complete: what is left is noise"
+    if last.reason == "feedback":
+        return "unexplained: no excitation is logged, and feedback alone could make what is left: log the excitation"
     if winner is None or winner.fit is None:
         what = "a trace more than noise is left, too little to be named" if a_trace(last) else "no known effect does it"
         return f"unexplained: {what}"
@@ -109,7 +111,7 @@ def _sizes(winner: Ranked) -> list[Line]:
     for name, value in winner.values.items():
         one = parameters[name]
         said = quantity(one, value, winner.standard_errors.get(name))
-        lines.append(Sentence(f"{said:{LEFT - 1}} {_judged(one, value)}".rstrip(), "  ", "    "))
+        lines.append(Sentence(f"{said:{LEFT - 1}} {_judged(one, name in winner.implausible)}".rstrip(), "  ", "    "))
     return lines
 
 
@@ -126,10 +128,10 @@ def _sizes_that_differ(last: Diagnosis) -> list[Line]:
     return [Sentence(said, "  ", "    ")]
 
 
-def _judged(one: Parameter, value: float) -> str:
+def _judged(one: Parameter, implausible: bool) -> str:
     """What physics says of the size; empty where it says nothing."""
     allowed = plausible_range(one)
-    if not one.implausible(value):
+    if not implausible:
         return f"plausible: {allowed}" if allowed else ""
     low, high = one.plausible
     return "implausible: there should be none" if low == high == one.null else f"implausible: physics allows {allowed}"
@@ -148,11 +150,12 @@ def _why(found: FitDiagnosis) -> list[Line]:
 
 def _before(found: FitDiagnosis) -> list[Line]:
     """Values of the fit in question that physics does not allow: a missing effect often shows so."""
-    model = found.last.parent.model
+    parent = found.last.parent
+    model = parent.model
     off = [
         f"{quantity(one, float(value))} (physics allows {plausible_range(one)})"
         for one, value in zip(model.structure.parameters, model.values, strict=True)
-        if one.implausible(float(value)) and plausible_range(one)
+        if one.implausible(float(value), parent.standard_errors[one.name]) and plausible_range(one)
     ]
     return [Sentence(f"implausible in the fit as it is: {', '.join(off)}", "  ", "    ")] if off else []
 

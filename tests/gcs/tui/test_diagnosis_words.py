@@ -41,6 +41,7 @@ def unexplained(proposal: NextManeuver) -> Any:
     last = SimpleNamespace(
         verdict="unexplained", winner=None, chain=(), candidates=(), pairs=(), indistinguishable=(), parent=parent,
         noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, stands_in=False, effect=None,
+        reason=None,
     )  # fmt: skip
     return SimpleNamespace(
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),

@@ -492,6 +492,25 @@ def test_runs_of_two_vehicles_are_told_apart() -> None:
     assert not any("nothing to find" in text for text in told(found))
 
 
+def test_sweeps_without_noise_on_the_other_axis_are_of_one_vehicle(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As ArduPilot flies them: alone, a run's other command is feedback only, which is no reference."""
+    air_of_run = planted._air_of_run
+
+    def one_axis(axis: str, *rest: Any) -> list[Array]:
+        excitation, *others = air_of_run(axis, *rest)
+        return [np.where(np.arange(3) == ("roll", "pitch").index(axis), excitation, 0.0), *others]
+
+    monkeypatch.setattr(planted, "_air_of_run", one_axis)
+    same = records(fly(None, {}, seed=1, duration_s=20.0))
+    model = identify(compose("tpp"), same).model
+    found = compare(model, same, BAND)
+    assert found.references == ("excitation_x", "excitation_y")
+    assert found.suspicions == ()
+    assert found.noise_floor_percent == pytest.approx(found.nrmse_percent, abs=0.5)
+    other = records(fly("servo_lag", PLANTED["servo_lag"], seed=2, duration_s=20.0), "g")
+    assert "mixed" in kinds(compare(model, [*same, *other], BAND))
+
+
 def test_runs_are_written_short() -> None:
     assert listed_runs(["a.BIN#1", "a.BIN#2", "b.BIN#1", "run.csv"]) == "a.BIN#1, #2, b.BIN#1, run.csv"
 

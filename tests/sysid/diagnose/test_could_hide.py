@@ -15,6 +15,7 @@ from gcs.analysis.text.hidden import consequences, hidden_sentences, up_to
 from sysid.control.regulator import design
 from sysid.control.stability import closed_loop
 from sysid.data.dataset import dataset
+from sysid.diagnose.candidates import QUESTIONS, SIGNIFICANT
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
 from sysid.diagnose.hidden import HARM, CouldHide, Hidden
@@ -30,7 +31,9 @@ from sysid.model.structure import Model
 SEEDS = (3, 4, 5, 6)
 ROUGH = {"gusts": 6.0, "noise": 0.03, "duration_s": 10.0}
 TOGETHER = 1.3
-"""Factor within which the announced bias comes true."""
+TWO_MOMENTS = {"hub_gyroscopics": 1.5}
+"""Factor within which the announced bias comes true, else TOGETHER: two moments at once are large, and the bias is
+worked out by one step."""
 
 
 @cache
@@ -71,12 +74,13 @@ def test_the_announced_bias_comes_true(effect: str) -> None:
     pairs = zip(rough(None), rough(effect, planted(one)), strict=True)
     flown = np.mean([there.model[name] - here.model[name] for here, there in pairs])
     announced = one.shift[name]
-    assert 1 / TOGETHER < flown / announced < TOGETHER
+    together = TWO_MOMENTS.get(effect, TOGETHER)
+    assert 1 / together < flown / announced < together
 
 
 def test_what_is_said_to_hide_is_at_the_edge_of_what_is_seen() -> None:
     one = hidden("servo_lag")
-    threshold = math.log(0.01 / 20)
+    threshold = SIGNIFICANT - math.log(QUESTIONS * 20)  # the verdict's own
 
     def found(times: float) -> int:
         larger = tuple((name, times * value) for name, value in one.size.items())
@@ -89,8 +93,9 @@ def test_what_is_said_to_hide_is_at_the_edge_of_what_is_seen() -> None:
             count += answer is not None and answer.log_p < threshold
         return count
 
-    assert found(1.0) >= 1
+    assert found(1.0) >= len(SEEDS) - 1
     assert found(2.0) == len(SEEDS)
+    assert found(0.5) <= 1
 
 
 def test_the_worst_comes_first_and_the_rest_is_one_sentence() -> None:

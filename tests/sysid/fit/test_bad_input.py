@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import cache
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import planted
@@ -253,3 +253,48 @@ def test_a_stable_model_is_sought_without_a_traceback_where_a_step_has_no_respon
     monkeypatch.setattr("sysid.fit.stable.respond", overflows)
     with pytest.raises(FitError, match="no stable model"):
         held_stable(unstable, stacks)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_roll_flown_alone_takes_no_feedback_for_answers(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No noise on the other axis: what pitch does to its command is the controller's answer to gusts, and no number of
+    the vehicle's is made of that."""
+    air_of_run = planted._air_of_run
+
+    def one_axis(axis: str, *rest: Any) -> list[np.ndarray]:
+        excitation, *others = air_of_run(axis, *rest)
+        return [np.where(np.arange(3) == ("roll", "pitch").index(axis), excitation, 0.0), *others]
+
+    monkeypatch.setattr(planted, "_air_of_run", one_axis)
+    runs = fly(None, {}, seed=seed, duration_s=20.0)
+    roll = [Record(f"#{i}", run, maneuver="chirp", axis="roll") for i, run in enumerate(runs[::2])]
+    fit = identify(TPP, changed(roll, phi=None, theta=None))
+    assert np.max(np.abs(z(fit))) < 3.5
+    assert any("no pitch maneuver among the runs" in text for text in fit.warnings)
+
+
+def test_a_structure_is_judged_as_it_is_asked_for_and_not_by_its_base(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A late vehicle's bare base may be known to half of itself only, and the one with its lateness well."""
+
+    def vague(model: Model, covariance: np.ndarray) -> None:
+        if not model.structure.composed:
+            raise FitError("roll axis not identifiable: the effect of delta_x is known only to 59 % of itself")
+
+    expected = identify(TPP, flown("servo_lag"), effects=["servo_lag"])
+    monkeypatch.setattr("sysid.fit.estimate.refuse_vague_axes", vague)
+    fit = identify(TPP, flown("servo_lag"), effects=["servo_lag"])
+    assert [rung.effects for rung in fit.lineage] == [("servo_lag",)]
+    assert fit.model.values == pytest.approx(expected.model.values, rel=1e-3)
+    with pytest.raises(FitError, match="known only to 59 % of itself"):
+        identify(TPP, flown("servo_lag"))
+
+
+def test_a_still_command_beside_one_that_moves_is_no_input() -> None:
+    """A log may have a column for an elevator that the vehicle has not."""
+    runs = changed(flown("input_coupling"), delta_e=lambda c: np.zeros_like(c["t"]))
+    fit = identify(TPP, runs, effects=["input_coupling"])
+    assert {"L_delta_c", "M_delta_c"} <= set(fit.model.structure.names)
+    assert not {"L_delta_e", "M_delta_e"} & set(fit.model.structure.names)
+    assert fit.model["M_delta_c"] == pytest.approx(PLANTED["input_coupling"]["M_delta_c"], rel=0.2)
+    with pytest.raises(FitError, match="elevator axis not identifiable: delta_e hardly moves"):
+        identify(TPP, runs, effects=["elevator"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ from jsonschema import validate
 from sysid.data.record import Record
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit, ResultError
+from sysid.model.compose import compose
 from sysid.model.paper import CD, TPP
+from sysid.model.structure import Model
 
 Card = tuple[list[Record], list[Record]]
 
@@ -28,6 +31,20 @@ def test_a_saved_fit_is_the_same_fit(ideal_card: Card, tmp_path: Path) -> None:
     assert again.records == fit.records
     assert again.window_s == (None, 40.0)
     assert again.to_json(tmp_path) == document
+
+
+def test_saved_matrices_carry_the_delay_of_the_commands(ideal_card: Card, tmp_path: Path) -> None:
+    """Whoever takes them elsewhere has the vehicle whole; a lag of the servos is in A already, and r has no delay."""
+    structure = compose("tpp", ["servo_lag", "transport_delay", "yaw_coupling"], ["r"])
+    fit = identify(TPP, ideal_card[0])
+    values = {one.name: one.typical for one in structure.parameters} | {"T_d": 0.045}
+    count = len(structure.names)
+    late = replace(fit, model=Model(structure, structure.vector(values)), covariance=np.eye(count))
+    document = late.to_json(tmp_path)
+    assert document["structure"]["channels"] == ["delta_x", "delta_y", "r"]
+    assert document["matrices"]["input_delay_s"] == pytest.approx([0.045, 0.045, 0.0])
+    assert document["outside_matrices"] == ["transport_delay"]
+    assert fit.to_json(tmp_path)["matrices"]["input_delay_s"] == [0.0, 0.0]
 
 
 def test_paths_are_relative_to_the_file(ideal_card: Card, tmp_path: Path) -> None:

@@ -1,0 +1,124 @@
+"""What may take a name away again, and what may not: the right effect led, and something spoke against it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import planted
+import pytest
+from planted import PLANTED, Run, fly_many
+from planted_fits import records
+
+from gcs.analysis.text.verdict import answer
+from sysid.data.record import Record
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.identify import on_runs
+from sysid.model.parameter import Parameter
+
+SECONDS = 14.0
+PITCH_ALONE = {**PLANTED["structural_mode"], "kappa_roll": 0.0, "kappa_pitch": 0.06}
+
+
+EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+
+
+def asked(runs: list[Run], validation: Sequence[Run] = (), without: Sequence[str] = ()) -> Diagnosis:
+    flight = records(runs, *without)
+    return diagnose(on_runs("tpp", (), flight, flight), flight, records(validation, *without), chains=False)
+
+
+def test_a_value_is_implausible_where_all_that_physics_allows_is_beyond_two_standard_errors() -> None:
+    share = Parameter("kappa", "-", "share", plausible=(0.0, 0.7), null=0.0)
+    assert share.implausible(-0.026)
+    assert not share.implausible(-0.026, 0.041)
+    assert share.implausible(-0.026, 0.012)
+    assert not share.implausible(0.75, 0.03)
+    assert share.implausible(0.77, 0.03)
+    assert not share.implausible(-5.0, math.inf)
+
+
+@cache
+def bending() -> list[list[Run]]:
+    return fly_many("structural_mode", PITCH_ALONE, seeds=[31, 33], duration_s=SECONDS)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode", "servo_lag")], indirect=True)
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_mode_that_roll_does_not_show_is_named_from_pitch(number: int) -> None:
+    """Its share in roll is nothing within its error, and its frequency and damping there mean nothing."""
+    found = asked(bending()[number])
+    assert found.winner is not None
+    assert found.winner.implausible == ()
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    assert found.winner.values["kappa_roll"] == pytest.approx(0, abs=0.02)
+    assert found.winner.values["frequency_pitch"] == pytest.approx(PITCH_ALONE["frequency_pitch"], rel=0.02)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_rough_air_on_validation_runs_takes_no_name_away() -> None:
+    """Four times the gusts: most of what the validation runs leave is air, and they can say little of a small lag."""
+    lag = {"tau_s": 0.012}
+    calm = fly_many("servo_lag", lag, seeds=[51], duration_s=SECONDS)[0]
+    rough = fly_many("servo_lag", lag, seeds=[52], duration_s=8.0, gusts=4.0)[0][:2]
+    found = asked(calm, rough)
+    assert (found.verdict, found.effect) == ("missing", "servo_lag")
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_rough_air_hides_no_vehicle_that_lacks_the_effect() -> None:
+    calm = fly_many("servo_lag", {"tau_s": 0.03}, seeds=[53], duration_s=SECONDS)[0]
+    other = fly_many(None, {}, seeds=[54], duration_s=SECONDS, gusts=3.0)[0]
+    found = asked(calm, other)
+    assert found.verdict == "unexplained"
+    assert found.winner is not None
+    assert found.winner.validation_share is not None
+    assert found.winner.validation_share + found.winner.validation_slack < 0.5
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A vehicle that lacks nothing, in doubled gusts and a loop of double gain, whose excitation nobody logged."""
+    monkeypatch.setattr(planted, "RATE_GAIN", 2 * planted.RATE_GAIN)
+    monkeypatch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
+    runs = fly_many(None, {}, seeds=[2], duration_s=20.0, gusts=2.0)[0]
+    found = asked(runs, without=EXCITATIONS)
+    assert (found.verdict, found.reason) == ("unexplained", "feedback")
+    assert found.confidence <= 0.5
+    assert found.to_json()["reason"] == "feedback"
+    assert "no excitation is logged" in answer(found)
+    assert asked(runs).verdict == "complete"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_what_no_loop_could_make_has_no_such_reason() -> None:
+    runs = fly_many("structural_mode", PLANTED["structural_mode"], seeds=[31], duration_s=SECONDS)[0]
+    found = asked(runs, without=EXCITATIONS)
+    assert (found.verdict, found.reason) == ("unexplained", None)
+    assert found.confidence <= 0.5
+    assert 0.5 < asked(runs).confidence <= 0.85
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "servo_second_order")], indirect=True)
+def test_a_simpler_entry_is_named_before_one_whose_values_are_doubtful(shared_data: Path) -> None:
+    """A Crazyflie's motors lag by about 70 ms. Two real poles, of a damping that no servo has, do a hair better."""
+    path = shared_data / "crazyflie" / "roll_pitch_pilot_mapped.csv"
+    names, *lines = path.read_text(encoding="utf-8").split()
+    columns = dict(zip(names.split(","), np.loadtxt(lines, delimiter=",").T, strict=True))
+    within = (columns["t"] >= 55) & (columns["t"] <= 90)
+    flight = [Record("#1", {name: columns[name][within] for name in ("t", "p", "q", "delta_x", "delta_y")})]
+    found = diagnose(on_runs("cd", (), flight, flight), flight, band_hz=(1.0, 15.0), chains=False)
+    assert (found.verdict, found.effect) == ("missing", "servo_lag")
+    assert "servo_second_order" in found.indistinguishable
+    assert found.winner is not None
+    assert found.winner.values["tau_s"] == pytest.approx(0.065, abs=0.01)
