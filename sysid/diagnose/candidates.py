@@ -226,13 +226,8 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
             say(one.effect)
     fits = [one.fit for one in found.values() if one.fit is not None]
     best = min(fits, key=lambda one: one.error_share, default=parent)
-    left = best.division
-    before = parent.error_share - best.error_share
-    whole = residual_shares(best)
-    open_question = before <= 0 or float(np.sum((1 - left.noise_share) * whole)) > REMAINDER * before
-    if float(np.max(100 * (1 - np.sqrt(left.noise_share)) * np.sqrt(whole))) < CRUMBS:
-        open_question = False
-    whitening = noise_whitening(best.model, parent.dataset.stacks, left)
+    open_question = _leaves_more(best, parent)
+    whitening = noise_whitening(best.model, parent.dataset.stacks, best.division)
     explained = (
         gain(instrumental_step(best, whitening), instrumental_step(parent, whitening))[0] if best is not parent else 0.0
     )
@@ -244,6 +239,15 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
             found[one.effects] = refitted(one, parent, users)
             say(one.effect)
     return [found.get(one.effects, one) for one in asked]
+
+
+def _leaves_more(best: Candidate, parent: Candidate) -> bool:
+    """Whether the best of the quick ones leaves more than noise, and more than crumbs."""
+    left, whole = best.division, residual_shares(best)
+    if float(np.max(100 * (1 - np.sqrt(left.noise_share)) * np.sqrt(whole))) < CRUMBS:
+        return False
+    explained = parent.error_share - best.error_share
+    return explained <= 0 or float(np.sum((1 - left.noise_share) * whole)) > REMAINDER * explained
 
 
 def _quick(one: Ranked) -> bool:

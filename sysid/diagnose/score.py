@@ -127,7 +127,7 @@ def _whole_steps(sizes: Sequence[Parameter], steps: Steps) -> list[Steps]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Question:
     """One effect, asked of one candidate."""
 
@@ -153,7 +153,9 @@ class _Question:
             values = steady.vector(of.model.by_name)
             Y = _predicted(steady, of.model.by_name, of.dataset)
             Y_imposed = imposed_answers(steady, values, of.dataset, Y)[0]
-        return cls(effect, composed, of, stepped, whitening, Y, Y_imposed)
+        return cls(
+            effect=effect, composed=composed, of=of, stepped=stepped, whitening=whitening, Y=Y, Y_imposed=Y_imposed
+        )
 
     def at(self, point: Mapping[str, float], steps: Steps, tried: int) -> Score | None:
         """The score at one point, these parameters stepping from there."""

@@ -57,21 +57,16 @@ def identify(
     parent: Model | None = None if grown is None or grown.model.structure.base != structure.base else grown.model
     for count in range(0 if grown is None else len(effects), len(effects) + 1):
         last = count == len(effects)
+        here = begin if last and begin is not None else parent
         try:
             everyone = [*fitted.records, *judging.records]
             composed = on_runs(structure.base_, effects[:count], everyone, fitted.records, structure.outputs)
-        except EffectError:
-            if last:
-                raise
-            continue  # it needs one that is named after it
-        held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
-        here = begin if last and begin is not None else parent
-        try:
+            held = {name: value for name, value in (fixed or {}).items() if last or name in composed.names}
             step = _Step.of(composed, fitted, judging, held=held, begin=here, weights=weights, last=last)
-        except FitError:
+        except (EffectError, FitError):
             if last:
                 raise
-            continue  # what is asked for is judged as asked for, and not by a step on the way
+            continue  # it needs an effect named after it, or its numbers: what is asked for is judged as asked for
         parent = step.found.model
         rungs.append(step.rung)
     return Fit(
