@@ -107,7 +107,7 @@ def test_the_worst_comes_first_and_the_rest_is_one_sentence() -> None:
     assert all(group[0].harm >= HARM for group in found.harmful)
     assert len(hidden_sentences(found)) == len(found.harmful) + 1
     assert "could hide here" in hidden_sentences(found)[0]
-    assert any(" ms shorter" in said for said in hidden_sentences(found))
+    assert any(" % high" in said for said in hidden_sentences(found))
 
 
 def test_lags_and_delays_are_told_together() -> None:
@@ -151,8 +151,8 @@ def test_what_the_structure_can_do_itself_is_limited_by_plausibility_only() -> N
     one = next(each for group in (*found.harmful, *found.others) for each in group if each.effect == "spring.py")
     assert not one.visible
     assert one.size["k"] == pytest.approx(40.0)
-    # one step, taken where the fit is: the whole of it would be 0.4/1.4
-    assert one.relative["M_a"] == pytest.approx(0.4 / 1.4, rel=TOGETHER - 1)
+    # one step, taken where the fit is, leads to 0.4; the whole of it would be 0.4/1.4
+    assert 0.4 / 1.4 / TOGETHER < one.relative["M_a"] < 0.4 * 1.05
     assert "only what is plausible limits it" in consequences(one)
 
 
