@@ -359,7 +359,7 @@ def test_what_is_no_fit_and_runs_that_are_none(
         ([fits["lag"], tmp_path / "gone.BIN"], "gone.BIN"),
         ([fits["lag"], f"{log}#99"], "no such run"),
         ([fits["lag"], f"{log}#5", "--band", "9:15"], "not identifiable"),
-        ([fits["lag"], "--band", "14.5:15"], "not identifiable"),
+        ([fits["lag"], "--band", "14.5:15"], "do not determine the model"),
         ([fits["lag"], "--validate", log], "every one validates"),
         ([fits["lag"], f"{log}#1", f"{log}#3", "--validate", f"{log}#1", f"{log}#3"], "every one validates"),
         ([fits["lag"], "--with", failing], "boom"),
