@@ -25,7 +25,7 @@ TOLERANCE = 3e-6  # of the summed logarithms of residual power: at most 0.1 stan
 SMALLEST_LENGTH = 1e-5
 KEPT = 0.05
 """Of what a step promises, what it must bring;"""
-PATIENCE = 4
+PATIENCE = 30
 """this many steps in a row that bring less end the search: a bent valley that is not followed to its end."""
 SHORT = 0.9
 """Of a step to where there is no response: most often to a bound, a lag of zero."""

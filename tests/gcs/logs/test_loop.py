@@ -59,7 +59,7 @@ def test_runs_of_100_and_400_hz_fit_together(shared_data: Path) -> None:
     """A helicopter of other people's simulator, whose commands act 50 ms late: without that it comes out unstable."""
     folder, tpp = shared_data / "ardupilot", compose("tpp")
     runs = resolve_runs([f"{folder}/heli_bitmask_changed_two_runs.BIN#1", f"{folder}/heli_pitch_sweep.BIN"])
-    fit = identify(tpp, runs, band_hz=(0.5, 10.0), effects=["transport_delay"])
+    fit = identify(tpp, runs, effects=["transport_delay"])
     assert fit.nrmse_percent["p"] > 98
     assert fit.nrmse_percent["q"] > 99
     assert fit.model["T_d"] == pytest.approx(0.0507, abs=0.0003)
