@@ -27,7 +27,7 @@ NEARER = 2
 """Relaxations in which the linear part is fitted to the motion."""
 TOGETHER = 3
 """Parameters side by side: more would cost memory and save no time."""
-WORST_MODAL_CONDITION = 1e5
+WORST_RESIDUE_CONDITION = 1e5
 ENDS_RANK = 1e-12
 """Of the largest eigenvalue of inner products, of which weaker combinations of end states tell nothing."""
 
@@ -151,7 +151,7 @@ class _Run:
         """(s - A)^-1, (n, n, bins), nothing at bin zero."""
         found = np.zeros((*A.shape, self.bins), dtype=complex)
         poles, V = np.linalg.eig(A)
-        if np.linalg.cond(V) < WORST_MODAL_CONDITION:
+        if np.linalg.cond(V) < WORST_RESIDUE_CONDITION:
             residues = V[:, None, :] * np.linalg.inv(V).T
             found[..., 1:] = residues @ (1 / (self.s[1:] - poles[:, None]))
         else:
