@@ -1,6 +1,6 @@
-"""A stock ArduCopter behind a telemetry radio, in fake time: the simulated vehicle, its server, and the commands.
+"""A vehicle behind a telemetry radio, in fake time: the simulated vehicle, its server, and the commands.
 
-Time goes by only while a command waits. The radio carries `BYTES_S` each way, as `tippath sim --bandwidth` does, and
+Time goes by only while a command waits. The radio carries `bytes_s` each way, as `tippath sim --bandwidth` does, and
 the pilot hears the lines of the simulated vehicle's terminal.
 """
 
@@ -29,15 +29,14 @@ from sitl.protocol.server import Server
 
 BYTES_S = 5760.0
 """57,600 baud."""
-LINK = "/dev/ttyUSB0,57600"
 TURN_S = 0.02
 
 
 class Wire:
     """Both ends of the radio: the server's link, and the session's transport."""
 
-    def __init__(self) -> None:
-        self.name = self.ground_link = LINK
+    def __init__(self, name: str) -> None:
+        self.name = self.ground_link = name
         self.known: tuple[Address, ...] = ("radio",)
         self._up: list[bytes] = []
         self._down: list[bytes] = []
@@ -47,13 +46,12 @@ class Wire:
     class Ground:
         """The session's."""
 
-        name = LINK
         strangers = 0
         receive_buffer: int | None = None
         problem: str | None = None
 
         def __init__(self, wire: Wire) -> None:
-            self._wire = wire
+            self.name, self._wire = wire.name, wire
 
         @property
         def counts(self) -> tuple[int, int]:
@@ -89,12 +87,14 @@ class Wire:
 class SlowFlight:
     """A vehicle on the ground, its pilot, and `tippath` at the other end of the radio; a session's pace, too."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, plant: str, like: str, card: Path) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, plant: str, like: str | None, card: Path, *, bytes_s: float = BYTES_S
+    ) -> None:
         card.mkdir()
         self.vehicle: Vehicle = make_vehicle(plant, 5, directory=card, on_ground=True, like=like)
         self.vehicle.storage = LogStorage(card)
-        self.wire = Wire()
-        faults = Faults(up=(Bandwidth(BYTES_S),), down=(Bandwidth(BYTES_S),))
+        self.wire = Wire(f"/dev/ttyUSB0,{10 * bytes_s:.0f}")
+        faults = Faults(up=(Bandwidth(bytes_s),), down=(Bandwidth(bytes_s),))
         self._server = Server(self.vehicle, FaultyLink(self.wire, faults, lambda: self.vehicle.elapsed_s))
         self._steps = round(TURN_S / self.vehicle.dt)
         self._turns: list[Callable[[], None]] = []
@@ -147,9 +147,12 @@ class SlowFlight:
             turn()
         self.between()
 
+    def close(self) -> None:
+        self.vehicle.close()
+
     def pilot(self, line: str) -> None:
         assert obey(self.vehicle, line) == "ok"
 
     def tippath(self, command: str, *words: str | Path) -> int:
         """The exit status of a command that speaks to the vehicle."""
-        return main([command, "--connect", LINK, *map(str, words)])
+        return main([command, "--connect", self.wire.name, *map(str, words)])

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fake_app import screen_text, settle
 from flown_folder import fly_folder
-from flying import CHIRP, DOUBLET, LAG, PITCH, ROLL
+from flying import CHIRP, DOUBLET, LAG, PITCH, ROLL, TWO_CHIRPS
 from textual.widgets import Input
 
 from gcs.tui.app import TippathApp
@@ -31,9 +31,8 @@ async def until(condition: Callable[[], object], within_s: float = 30.0) -> None
             await asyncio.sleep(0.02)
 
 
-@pytest.mark.realtime
 @pytest.mark.usefixtures("few_effects", "answers_kept")
-async def test_a_lag_is_found_added_and_its_gains_are_pushed(tmp_path: Path) -> None:
+async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> None:
     flight = fly_folder(tmp_path / "flight-0001", LAG, CARD).path
     engine = Reconnecting(folder=tmp_path)
     desk = engine.desk
@@ -95,18 +94,39 @@ async def test_a_lag_is_found_added_and_its_gains_are_pushed(tmp_path: Path) -> 
             await until(lambda: desk.state().designed is not None and not desk.state().busy)
             assert "gain margin" in await shown()
 
-            # A vehicle on the ground comes; the gains are still on the desk.
+            commands = engine.state().commands
+            for word in ("ingest", "fit", "compare", "diagnose", "add", "design"):
+                assert any(f"tippath {word} " in one for one in commands), word
+    finally:
+        engine.close()
+
+
+@pytest.mark.realtime
+async def test_gains_of_the_desk_are_pushed_to_a_vehicle_that_comes_later(tmp_path: Path) -> None:
+    flight = fly_folder(tmp_path / "flight-0001", None, TWO_CHIRPS).path
+    engine = Reconnecting(folder=tmp_path)
+    desk = engine.desk
+    app = TippathApp(engine, bell=False, connections=engine, first="connect")
+    try:
+        async with app.run_test(size=(120, 40)) as pilot:
+            await pilot.press("3", "o")
+            app.screen.query_one(Input).value = str(flight)
+            await pilot.press("enter")
+            await until(lambda: len(desk.state().runs) == 2)
+            await pilot.press("4", "f")
+            await until(lambda: desk.state().comparison is not None)
+            await pilot.press("8", "d")
+            await until(lambda: desk.state().designed is not None and not desk.state().busy)
+
             app.connect_to(simulated("hover-ideal", seed=3, on_ground=True))
-            await until(lambda: engine.state().stage is Stage.IDLE and engine.state().vehicle is not None, 20)
+            await until(lambda: engine.state().stage is Stage.IDLE and engine.state().vehicle is not None)
             await pilot.press("p")
             assert isinstance(app.screen, Dialog)
             await pilot.press("y")
             designed = desk.state().designed
-            await until(lambda: engine.state().bank is not None and engine.state().bank.active == designed.crc, 20)
+            await until(lambda: engine.state().bank is not None and engine.state().bank.active == designed.crc)
             await pilot.press("9")
-            await until(lambda: "pushed gains" in app.screen.query_one("#text", Lines).shown, 10)
-            commands = engine.state().commands
-            for word in ("ingest", "fit", "compare", "diagnose", "add", "design", "push"):
-                assert any(f"tippath {word} " in one for one in commands), word
+            await until(lambda: "pushed gains" in app.screen.query_one("#text", Lines).shown)
+            assert any("tippath push " in command for command in engine.state().commands)
     finally:
         engine.close()

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from fake_flight import FakeSession, FakeVehicle
 from planted import TABLE_4
+from slow_flight import SlowFlight
 
 from gcs.analysis.following import following
 from gcs.cards.envelope import Limits
@@ -32,11 +33,16 @@ from gcs.demo.demo import DemoError, require_same_bytes
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.errors import LinkError, UsageError
 from gcs.flight.folder import create
-from gcs.flight.preflight import IN_THE_AIR
 from gcs.flight.run import Note
 from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
 from gcs.logs import ingest
+from sysid.control.regulator import design
+from sysid.model.compose import compose
+from sysid.model.structure import Model
+
+FAST = 92_160.0
+"""Bytes a second: 921,600 baud."""
 
 
 @pytest.mark.parametrize(
@@ -394,38 +400,26 @@ def test_the_log_must_be_a_file_of_the_vehicle_byte_for_byte(tmp_path: Path) -> 
     assert require_same_bytes(log, own).name == "vehicle-2.BIN"
 
 
-@pytest.mark.realtime
 def test_rate_doublets_need_the_lqr_and_tell_how_they_were_followed(
-    tmp_path: Path, tippath: Callable[..., tuple[int, str, str]], until: Callable[..., Any]
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A gentle set is pushed on the ground; with the switch off the card is refused, with it on it is measured."""
-    from gcs.flight.gains import gains_of, push
-    from sysid.control.regulator import design
-    from sysid.model.compose import compose
-    from sysid.model.structure import Model
-
     card = tmp_path / "rates.toml"
     card.write_text(
         'rest_s = 0\n[[maneuver]]\nkind = "doublet"\ntarget = "rate"\naxis = "roll"\namplitude = 0.3\nduration_s = 4\n'
         "pulse_s = 0.5\n"
     )
-
-    def sweep(link: str, name: str) -> tuple[int, str, str]:
-        return tippath("sweep", "--connect", link, "--card", card, "-o", tmp_path / name, "--json")
-
-    with SimulatedVehicle("hover-ideal", tmp_path / "vehicle", seed=3, on_ground=True) as vehicle:
-        tpp = compose("tpp")
-        model = Model(tpp, np.array([TABLE_4[name] for name in tpp.names]))
-        with Session.open(vehicle.ground_link) as session:
-            push(session, gains_of(design(model).to_json()))
-            vehicle.say("takeoff")
-            until(lambda: session.snapshot().status == IN_THE_AIR)
-        status, _, err = sweep(vehicle.ground_link, "refused")
-        assert status == 1
-        assert "the LQR is not selected (LQR_SW is 0)" in err
+    tpp = compose("tpp")
+    model = Model(tpp, np.array([TABLE_4[name] for name in tpp.names]))
+    (tmp_path / "gains.json").write_text(json.dumps(design(model).to_json()))
+    with contextlib.closing(SlowFlight(monkeypatch, "hover-ideal", None, tmp_path / "sd", bytes_s=FAST)) as flown:
+        assert flown.tippath("push", tmp_path / "gains.json") == 0
+        flown.pilot("takeoff")
+        flown.sleep(8.0)
+        assert flown.tippath("sweep", "--card", card, "-o", tmp_path / "refused", "--json") == 1
+        assert "the LQR is not selected (LQR_SW is 0)" in capsys.readouterr().err
         assert not (tmp_path / "refused").exists()
-        vehicle.say("lqr on")
-        status, out, err = sweep(vehicle.ground_link, "flown")
-    assert status == 0, err
-    (found,) = json.loads(out)["following"]
-    assert (found["axis"], found["follows"]) == ("roll", True)
+        flown.pilot("lqr on")
+        assert flown.tippath("sweep", "--card", card, "-o", tmp_path / "flown", "--json") == 0
+        (found,) = json.loads(capsys.readouterr().out)["following"]
+        assert (found["axis"], found["follows"]) == ("roll", True)
