@@ -85,13 +85,20 @@ class Wire:
 
 
 class SlowFlight:
-    """A vehicle on the ground, its pilot, and `tippath` at the other end of the radio; a session's pace, too."""
+    """A vehicle, its pilot, and `tippath` at the other end of the radio; a session's pace, too."""
 
     def __init__(
-        self, monkeypatch: pytest.MonkeyPatch, plant: str, like: str | None, card: Path, *, bytes_s: float = BYTES_S
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        plant: str,
+        like: str | None,
+        card: Path,
+        *,
+        bytes_s: float = BYTES_S,
+        on_ground: bool = True,
     ) -> None:
         card.mkdir()
-        self.vehicle: Vehicle = make_vehicle(plant, 5, directory=card, on_ground=True, like=like)
+        self.vehicle: Vehicle = make_vehicle(plant, 5, directory=card, on_ground=on_ground, like=like)
         self.vehicle.storage = LogStorage(card)
         self.wire = Wire(f"/dev/ttyUSB0,{10 * bytes_s:.0f}")
         faults = Faults(up=(Bandwidth(bytes_s),), down=(Bandwidth(bytes_s),))
