@@ -171,6 +171,16 @@ class Dataset:
         """The stacks with commands, and channels that follow the motion, only as far as the excitation caused them."""
         return tuple(_imposed(self.stacks, self.causes))
 
+    @cached_property
+    def surrogate(self) -> tuple[Stack, ...]:
+        """The stacks in other gusts: what the excitation caused, and the rest of the commands in other phases.
+
+        What is not linear does to a command what goes with it decides. So it is asked in gusts of the same spectrum,
+        of which the residual knows nothing: the phases are drawn, the same every time.
+        """
+        rng = np.random.default_rng(0)
+        return tuple(_rephased(*pair, rng) for pair in zip(self.stacks, self.imposed, strict=True))
+
     @property
     def samples(self) -> int:
         return sum(group.samples for group in self.stacks)
@@ -229,14 +239,30 @@ def _imposed(stacks: Sequence[Stack], made_by: Causes) -> list[Stack]:
         if following:
             U[following] = caused_by(group.U[following], caused, group.scale, group.frequency_hz)
         changed = sorted({*at, *following})
-        spectra = []
-        for one, part in zip(group.spectra, group.slices, strict=True):
-            channels = dict(one.segment.channels)
-            for row, moving in zip(changed, one.in_time(U[changed, part]), strict=True):
-                channels[group.inputs[row]] = np.mean(channels[group.inputs[row]]) + moving
-            spectra.append(replace(one, segment=replace(one.segment, channels=channels), U=U[:, part]))
-        made.append(replace(group, spectra=tuple(spectra), U=U))
+        made.append(_commanded(group, U, changed))
     return made
+
+
+def _commanded(group: Stack, U: ComplexArray, changed: Sequence[int]) -> Stack:
+    """A stack with bins U (m, bins) of its inputs, the rows `changed` of them in time too: there nothing else is left
+    but their means."""
+    spectra = []
+    for one, part in zip(group.spectra, group.slices, strict=True):
+        channels = dict(one.segment.channels)
+        for row, moving in zip(changed, one.in_time(U[changed, part]), strict=True):
+            channels[group.inputs[row]] = np.mean(channels[group.inputs[row]]) + moving
+        spectra.append(replace(one, segment=replace(one.segment, channels=channels), U=U[:, part]))
+    return replace(group, spectra=tuple(spectra), U=U)
+
+
+def _rephased(group: Stack, imposed: Stack, rng: np.random.Generator) -> Stack:
+    """What of the inputs was not imposed, with phases drawn anew: in every bin the same for all inputs."""
+    rest = group.U - imposed.U
+    changed = np.flatnonzero(np.any(rest != 0, axis=1)).tolist()
+    if not changed:
+        return group
+    phases = np.exp(2j * np.pi * rng.random(rest.shape[1]))
+    return _commanded(group, imposed.U + rest * phases, changed)
 
 
 def means(records: Sequence[Record]) -> dict[str, float]:

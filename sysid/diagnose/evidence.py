@@ -107,10 +107,10 @@ def imposed_answers(
     Y: Sequence[ComplexArray],
     J: Sequence[ComplexArray] | None = None,
 ) -> tuple[list[ComplexArray], list[ComplexArray]]:
-    """Answers to the imposed commands, from those to the commands as flown; and their sensitivities where J is given.
+    """Answers to the imposed commands, beside those to the commands as flown; and their sensitivities where J is given.
 
     Play, limits and dead bands do to small commands what the large ones that go with them decide. So there it is the
-    answer to the commands as flown, less the linear answer to what the gusts caused of them.
+    answer in surrogate gusts, less the linear answer to these: what gusts as flown would do is in the residual too.
     """
     if all(effect.samples is None for effect in structure.composed):
         found = [respond(structure, values, group, J is not None) for group in on.imposed]
@@ -120,11 +120,16 @@ def imposed_answers(
     inner = np.array([values[structure.names.index(name)] for name in smooth.names])
     rows = [structure.names.index(name) for name in smooth.names]
     Ys, Js = [], []
-    for number, (group, imposed) in enumerate(zip(on.stacks, on.imposed, strict=True)):
+    for number, (group, imposed) in enumerate(zip(on.surrogate, on.imposed, strict=True)):
+        if group is on.stacks[number]:  # nothing but what was imposed
+            Ys.append(Y[number])
+            Js += [] if J is None else [J[number]]
+            continue
+        answer = respond(structure, values, group, J is not None)
         gusts = respond(smooth, inner, replace(group, U=group.U - imposed.U), J is not None)
-        Ys.append(Y[number] - gusts.Y)
+        Ys.append(answer.Y - gusts.Y)
         if J is not None:
-            changed = J[number].copy()
+            changed = answer.slopes.copy()
             changed[rows] -= gusts.slopes
             Js.append(changed)
     return Ys, Js

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import planted
 import pytest
 from planted import PLANTED, Run, fly_many
 from planted_fits import records
@@ -86,3 +87,26 @@ def test_channels_that_do_not_move_are_set_apart() -> None:
     assert "omega" in found.still
     assert "omega" not in found.available
     assert {"delta_x", "delta_y", "r"} <= found.available
+
+
+def test_gusts_in_the_commands_are_no_play(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small helicopter in strong gusts that its controller answers: play would do something to these answers, which
+    are in the residual as well. Nothing is hidden."""
+    small = {"L_b": 1500.0, "M_a": 450.0, "tau_f": 0.05, "A_b": -0.2, "B_a": 0.2}
+    monkeypatch.setattr(planted, "TABLE_4", small | {"A_lat": -0.05, "A_lon": 0.3, "B_lat": 0.5, "B_lon": -0.03})
+    monkeypatch.setattr(planted, "GUST", (0.8, 0.7))
+    monkeypatch.setattr(planted, "RATE_GAIN", np.diag([0.045, 0.075]))
+    monkeypatch.setattr(planted, "ATTITUDE_GAIN", np.diag([0.75, 1.2]))
+    (flight,) = fly_many(None, {}, seeds=[1], duration_s=20.0, gusts=4.0)
+    for effect in ("servo_backlash", "servo_deadband"):
+        found = scored(effect, flight)
+        assert found is None or found.log_p > np.log(1e-3), effect
+
+
+def test_surrogate_gusts_have_the_spectrum_of_those_flown_and_other_phases() -> None:
+    (flight,) = fly_many(None, {}, seeds=[97], duration_s=SECONDS, gusts=2.0)
+    on = dataset(records(flight), BAND)
+    for flown, imposed, surrogate in zip(on.stacks, on.imposed, on.surrogate, strict=True):
+        ours, theirs = surrogate.U - imposed.U, flown.U - imposed.U
+        assert np.abs(ours) == pytest.approx(np.abs(theirs), rel=1e-9, abs=1e-12)
+        assert abs(np.vdot(ours, theirs)) < 0.3 * np.vdot(theirs, theirs).real
