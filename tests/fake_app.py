@@ -8,9 +8,11 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from fake_desk import DESKS, GAINS, FakeDesk
+from textual.pilot import Pilot
 
 from gcs.cards.envelope import Use
 from gcs.desk import DeskState, Fitted
@@ -22,6 +24,7 @@ from gcs.link.log_answer import LogClient
 from gcs.tui.app import TippathApp
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State, joined
 from gcs.tui.widgets.lines import Lines
+from gcs.tui.worker import FlightWorker
 from gcs.vehicle.readiness import Item, Standing
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
@@ -233,3 +236,12 @@ async def settle(app: TippathApp) -> None:
         if before == [box.region for box in app.screen.query(Lines)]:
             break
     app.look()
+
+
+async def make_ready(pilot: Pilot[Any], engine: FlightWorker) -> None:
+    """R, and again where that was not taken: a busy machine answers late now and then."""
+    async with asyncio.timeout(60.0):
+        while engine.state().stage is not Stage.READY:
+            if engine.state().stage is Stage.IDLE:
+                await pilot.press("r")
+            await asyncio.sleep(1.0)

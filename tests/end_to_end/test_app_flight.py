@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from fake_app import make_ready
 
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.tui.app import TippathApp
@@ -49,8 +50,7 @@ async def test_connect_see_samples_fly_and_abort(tmp_path):
             assert engine.state().vehicle.armed
             await until(lambda: engine.window(5).t.size > 3)
 
-            await pilot.press("r")
-            await until(lambda: engine.state().stage is Stage.READY)
+            await make_ready(pilot, engine)
             assert engine.state().vehicle.mode_name == "Stabilize", "ready moves nothing"
             assert engine.window(5).t.size > 500, "the log arrives at 500 Hz"
             assert "RETURNS" in engine.state().link_loss
@@ -76,8 +76,7 @@ async def test_connect_see_samples_fly_and_abort(tmp_path):
             await pilot.press("escape")
 
             # Quitting in a chirp: it is aborted first, and the log is whole.
-            await pilot.press("r")
-            await until(lambda: engine.state().stage is Stage.READY)
+            await make_ready(pilot, engine)
             await pilot.press("s")
             await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 0.3)
             await pilot.press("7", "q", "y")

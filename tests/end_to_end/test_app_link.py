@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fake_app import screen_text, settle
+from fake_app import make_ready, screen_text, settle
 from radio import Radio, on_radio
 
 from gcs.tui.app import TippathApp
@@ -57,8 +57,7 @@ async def test_a_link_lost_in_a_chirp_is_told_and_nothing_is_flown_after_it(tmp_
                 return "\n".join(screen_text(app))
 
             await until(lambda: engine.state().stage is Stage.IDLE)
-            await pilot.press("r")
-            await until(lambda: engine.state().stage is Stage.READY)
+            await make_ready(pilot, engine)
             await pilot.press("s")
             await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 0.5)
 
