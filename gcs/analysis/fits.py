@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -189,7 +190,10 @@ def runs_of(fit: Fit, which: Sequence[RecordUsed], cut: FromStart | None = None)
         window = cut or own_cut or fit.window_s
         if (one.path, window) not in logs:
             told = told_loop_rate(fit)
-            read = ingest([Path(one.path)], profile, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told)
+            again = partial(ingest, [Path(one.path)], profile, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told)
+            read = again()
+            if one.sha256 not in {source.sha256 for source in read.sources}:  # fitted before more of it was fetched?
+                read = again(join=False)
             logs[one.path, window] = (
                 {source.sha256 for source in read.sources},
                 {run.id: run.record for run in read.runs},

@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from gcs.flight.fetching.ways import VehicleLog
     from gcs.flight.fetching.windows import Windows
     from gcs.flight.folder import FlightFolder
+    from gcs.logs.formats.joined import Joined
 
 _HELP = """\
 Into a flight's folder (one with a flight.json) comes the log that covers that flight's runs on the vehicle's clock, as
-fetched-NNNNNNNN.BIN, beside what was streamed; flight.json names it. Into any other folder comes the newest log, or
+fetched-NNNNNNNN.BIN, beside what was streamed; flight.json names it, and both are read together from then on, each for
+what the other lacks, where they are shown to be of one flight. Into any other folder comes the newest log, or
 --log NUMBER, as NNNNNNNN.BIN. Where a flight's whole log would take more than a minute, its head and what it holds
 around the flight's runs come alone, as fetched-NNNNNNNN.runs-only.BIN, or with --run N that run's, as
 fetched-NNNNNNNN.run-N-only.BIN; --whole fetches all of it. How long it will take is said first.
@@ -35,7 +37,8 @@ a vehicle that has it, is checked by the vehicle's own CRC32.
 
 --json prints {"format": "tippath.fetch/1", "file", "log", "on_vehicle", "bytes", "by", "seconds", "bytes_per_s",
 "resumed_from", "crc32", "checked", "grows" (the vehicle was still writing), "already" (it was there), "run" or null,
-"runs" (those that came alone) or null, "chosen"}, with --list {"format", "logs": [{"log", "on_vehicle", "bytes",
+"runs" (those that came alone) or null, "chosen", "joined" (with the streamed log, as `ingest` has it) or null, "apart"
+(why it is not of one flight with it) or null}, with --list {"format", "logs": [{"log", "on_vehicle", "bytes",
 "written"}]}, or {"format", "reason"}. Exit status: 0 fetched; 1 the vehicle or the disk says no; 2 wrong usage; 130
 ended by Ctrl-C.
 """
@@ -100,13 +103,38 @@ def _run(args: argparse.Namespace) -> int:
             raise
         finally:
             lines.end()
+    joined, apart = None, None
     if flight is not None:
         note(flight, done)
+        joined, apart = _with_streamed(flight, done.path)
     if args.json:
-        print_json({"format": FORMAT, **done.to_json(), "chosen": choice.words})
-    else:
-        _print_result(done)
+        together = {"joined": None if joined is None else joined.to_json(), "apart": apart}
+        print_json({"format": FORMAT, **done.to_json(), "chosen": choice.words, **together})
+        return 0
+    _print_result(done)
+    if joined is not None:
+        print(f"   with the streamed log: {joined.words}")
+    if apart is not None:
+        print(f"   not of one flight with the streamed log: {apart}")
     return 0
+
+
+def _with_streamed(flight: FlightFolder, came: Path) -> tuple[Joined | None, str | None]:
+    """What the file makes with the flight's streamed logs, or why it is not read with them; neither without them."""
+    from gcs.logs.flight_files import is_streamed
+    from gcs.logs.joining import open_joined
+
+    apart = None
+    for log in sorted(path for path in flight.path.iterdir() if is_streamed(path)):
+        try:
+            opened = open_joined(log, [came], None)
+        except TippathError as error:
+            apart = str(error)
+            continue
+        if opened.joined is not None:
+            return opened.joined, None
+        apart = opened.apart.get(str(came))
+    return None, apart
 
 
 def _flight(args: argparse.Namespace) -> FlightFolder | None:

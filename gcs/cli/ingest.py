@@ -29,15 +29,22 @@ _FORMAT_HELP = """\
 "against", "late_ms", "correlation"}]},
 "record"}], "damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused":
 {path: reason}}. start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
-With --explain each source also has "channels": {channel: {"unit", "source", "scale", "offset"}}, "absent": {channel:
-reason} and "fields".
+Each source has "joined": null, or of logs that were read together {"files": [{"path", "sha256", "samples", "filled",
+"damage"}], "samples", "shared", "unlike", "missing", "stretches": [[start_s, stop_s]], "complete": true, false or null
+(not shown)}, and "apart": {path: why it was not read with them}. With --explain each source also has "channels":
+{channel: {"unit", "source", "scale", "offset"}}, "absent": {channel: reason} and "fields".
 
 What was read is kept beside the log in a folder .tippath and taken from there the next time, as long as log, profile
 and window are the same; it may be removed at any time. TIPPATH_CACHE=off in the environment does without it.
 
+A flight's flight.BIN and what was fetched of the same flight are read together, as flight.BIN: a sample that one of
+them lacks is taken from the other. They are of one flight where samples of the same time are equal to the last byte;
+where a few differ, the fetched ones are taken, and counted. The files stay as they are. A fetched-N.BIN that is named
+is read alone.
+
 --flight FOLDER is for a log off the vehicle's card, of a flight with `--log card`: its runs are matched to the flight's
-by the vehicle's clock; with --json "flight": {"matches": [{"label", "run", "off_s"}], "problem"}. A log of another boot
-has other times: that is said, and the exit status is 1.
+by the vehicle's clock, and it is read together with what FOLDER has of the flight; with --json "flight": {"matches":
+[{"label", "run", "off_s"}], "problem"}. A log of another boot has other times: that is said, and the exit status is 1.
 
 A flight.json beside a log is believed: a run that it says is to be flown again (aborted, link lost, limits left) is
 listed as not usable; `tippath fit LOG#n` takes it all the same.
@@ -51,7 +58,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="list the runs in logs with their health; write records",
         description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
         "telemetry .tlog and .csv, whole or damaged. A folder is searched for them, and so are those in it; "
-        "of a flight folder its flight*.BIN are taken, or what `tippath fetch` brought.",
+        "of a flight folder its flight*.BIN are taken, with what `tippath fetch` brought of the same flight, or that "
+        "alone.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -88,12 +96,15 @@ def run(args: argparse.Namespace) -> int:
     window = None if args.window is None else parse_window(args.window)
     try:
         with ReadingBar() as bar:
-            found = ingest(args.logs, args.profile, window, loop_rate_hz=args.loop_rate, progress=bar)
+            found = ingest(
+                args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar
+            )
     except UnreadableError as error:
         if not (args.json or args.explain):
             raise
         found = Ingest((), (), error.refused)
-    flight = None if args.flight is None else of_flight(found.runs, args.flight)
+    joined = {source.path: source.joined for source in found.sources if source.joined is not None}
+    flight = None if args.flight is None else of_flight(found.runs, args.flight, joined)
     if flight is not None:
         found = replace(found, runs=flight.runs)
     written: dict[str, str] = {}

@@ -46,6 +46,8 @@ def document(found: Ingest, written: Mapping[str, str] | None = None, *, explain
                 "kind": source.kind,
                 "profile": None if source.profile is None else source.profile.name,
                 "notes": [*source.notes, *source.hints],
+                "joined": None if source.joined is None else source.joined.to_json(),
+                "apart": dict(source.apart),
                 **(_channels(found, source) if explain else {}),
             }
             for source in found.sources

@@ -28,7 +28,7 @@ from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunR
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder, flight_of
 from gcs.flight.gains import gains_of
-from gcs.logs import Run, check_same_rate_source, ingest
+from gcs.logs import Ingest, Run, check_same_rate_source, ingest
 from gcs.logs.words import printable
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
@@ -85,6 +85,13 @@ Flown = tuple[list[Record], list[Record], list[Record]]
 """Runs that were fitted, runs that judge, and quiet hover."""
 
 
+def _unread(read: Ingest) -> list[str]:
+    """What of the logs could not be read, or not together; what one lacks that another has is none."""
+    alone = [source for source in read.sources if source.joined is None]
+    damaged = [f"{Path(one.path).name}: {one.damage.describe()}" for one in alone if one.damage and one.damage.any]
+    return damaged + [f"{Path(path).name}: {why}" for one in read.sources for path, why in one.apart.items()]
+
+
 class Calculations:
     """Each tells `step` how far it is. All raise TippathError or SysidError: what is wrong and what to do."""
 
@@ -108,7 +115,7 @@ class Calculations:
             rows = choices.as_fitted(rows, read.runs, kept.ladder[0].fit)
             base = choices.base_of(kept.ladder[0].fit)
         fitted = _fitted_before(kept, records)
-        unread = [*read.refused.values(), *(f"{Path(p).name}: {d.describe()}" for p, d in read.damage.items())]
+        unread = [*read.refused.values(), *_unread(read)]
         self._step("")
         state = DeskState(
             path=path,

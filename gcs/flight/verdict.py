@@ -66,6 +66,8 @@ class Verdict:
     """By how much the last sample comes before the run's end, at least a few samples; None where that is not known."""
     notes: tuple[str, ...] = ()
     """What else to know of the samples, and what would make them better."""
+    lost: str | None = None
+    """Of the reasons the one that samples did not come, though the run was flown to its end."""
     told_for_s: float | None = None
     """The log stayed on the vehicle's card, and telemetry told `samples` attitudes in so many seconds: whether the run
     is worth keeping is not known before the log is read. None where the log came."""
@@ -111,6 +113,7 @@ class Verdict:
             "keep": None if self.on_card and not self.reasons else self.keep,
             "log": "card" if self.on_card else "stream",
             "reasons": list(self.reasons),
+            "lost": self.lost,
             "samples": self.samples,
             "expected": self.expected,
             "missing": self.missing,
@@ -161,6 +164,7 @@ def judge(
         coherent_hz=band,
         coherent_share=part,
         ends_early_s=came.ends_early_s if interruption is None else None,
+        lost=lost if interruption is None else None,
         notes=_notes(came, rate_hz),
     )
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from gcs.errors import TippathError, UsageError
 from gcs.logs import opening, reading
 from gcs.logs.cache import Content
+from gcs.logs.flight_files import beside, fetched, is_streamed, of_flight
 from gcs.logs.formats.damage import Damage
 from gcs.logs.formats.raw import unreadable
 from gcs.logs.profile.choice import taking_one_of
@@ -126,7 +127,7 @@ def logs_in(folder: Path) -> list[Path]:
     for files in _files_within(folder):
         logs = [path for path in files if path.suffix.lower() in ranks and path.is_file()]
         records |= any(path.suffix.lower() == ".npz" for path in files)
-        flight = [path for path in logs if _is_flight(path)] or _fetched(logs)
+        flight = [path for path in logs if is_streamed(path)] or fetched(logs)
         for path in sorted(flight or logs, key=lambda path: (reading.size_of(path) == 0, ranks[path.suffix.lower()])):
             best.setdefault((path.parent, path.stem if path in flight else path.stem.lower()), path)
     if best:
@@ -150,21 +151,10 @@ def _files_within(folder: Path) -> Iterator[list[Path]]:
         place, real = Path(at), os.path.realpath(at)
         files = [] if real in seen else [place / name for name in names if not name.startswith(".")]
         deep = len(place.parts) - len(folder.parts) >= DEPTH - 1
-        done = deep or real in seen or any(_is_flight(path) for path in files)
+        done = deep or real in seen or any(is_streamed(path) for path in files)
         below[:] = [] if done else [name for name in below if not name.startswith(".")]
         seen.add(real)
         yield files
-
-
-def _is_flight(path: Path) -> bool:
-    return path.stem.lower().startswith("flight") and path.suffix.lower() == ".bin" and path.is_file()
-
-
-def _fetched(logs: Sequence[Path]) -> list[Path]:
-    """Those that `tippath fetch` brought, each run once: a whole log holds them all, `runs-only` all of one flight."""
-    came = [path for path in logs if path.name.startswith("fetched-") and path.suffix == ".BIN"]
-    whole = [path for path in came if "-only" not in path.name]
-    return whole or [path for path in came if ".runs-only" in path.name] or came
 
 
 def _in_order(path: Path) -> tuple[object, ...]:
@@ -180,6 +170,8 @@ def ingest(
     *,
     f_high_hz: float = F_HIGH_HZ,
     loop_rate_hz: float | None = None,
+    flight: Path | None = None,
+    join: bool = True,
     progress: Callable[[Progress], None] | None = None,
 ) -> Ingest:
     """Find the runs in logs and flight folders, cut their records, check their health.
@@ -187,8 +179,10 @@ def ingest(
     A log that cannot be read goes into `refused`; where all are, UnreadableError is raised. A file that occurs twice in
     one folder (equal bytes) is read once. `profile` is a TOML file, the name of a bundled one, or a Profile; without it
     one is chosen by what each log holds. Runs that the flight.json beside a log says are to be flown again are not
-    usable. `loop_rate_hz`, how often the vehicle's loop gave a command, goes before what a log tells. Raises
-    TippathError for a profile that makes no sense.
+    usable. `loop_rate_hz`, how often the vehicle's loop gave a command, goes before what a log tells.
+
+    A streamed log of a flight and what was fetched of the same one are read together, unless `join` is false; a log
+    from elsewhere with those in the folder of its `flight`. Raises TippathError for a profile that makes no sense.
     """
     chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
     logs: list[Path] = []
@@ -205,10 +199,40 @@ def ingest(
             logs += [log for log in its_logs if log not in logs]
     if not logs and not refused:
         raise UsageError("name at least one log, flight folder or record")
-    runs: list[Run] = []
+    together = _together(logs, flight) if join else {}
+    how = reading.Reading(chosen, window, f_high_hz, loop_rate_hz, together)
     sources: list[Source] = []
-    known: dict[tuple[Path, str], int] = {}
-    for path, content in reading.read_all(logs, reading.Reading(chosen, window, f_high_hz, loop_rate_hz), progress):
+    runs = _read(logs, how, progress, sources, refused)
+    # A streamed log that cannot be read is none: what was fetched speaks for the flight.
+    instead = [other for path in logs if str(path) in refused for other in together.get(path, ()) if other not in logs]
+    runs += _read(instead, replace(how, beside={}), None, sources, refused)
+    if not sources:
+        raise UnreadableError(refused)
+    return Ingest(tuple(runs), tuple(_with_apart(sources)), refused)
+
+
+def _together(logs: Sequence[Path], flight: Path | None) -> dict[Path, tuple[Path, ...]]:
+    """For each log the others that may be of the same flight, where there are any."""
+    found: dict[Path, tuple[Path, ...]] = {}
+    for log in logs:
+        if is_streamed(log):
+            found[log] = tuple(other for other in beside(log) if other not in logs)
+        elif flight is not None and log.suffix.lower() == ".bin":
+            found[log] = of_flight(flight, log)
+    return {log: others for log, others in found.items() if others}
+
+
+def _read(
+    logs: Sequence[Path],
+    how: reading.Reading,
+    progress: Callable[[Progress], None] | None,
+    sources: list[Source],
+    refused: dict[str, str],
+) -> list[Run]:
+    """The runs of these logs; what was read of them, or why nothing was, is added to `sources` and `refused`."""
+    runs: list[Run] = []
+    known = {(Path(source.path).parent, source.sha256): place for place, source in enumerate(sources)}
+    for path, content in reading.read_all(logs, how, progress):
         if not isinstance(content, Content):
             refused[str(path)] = str(content)
             continue
@@ -220,10 +244,25 @@ def ingest(
                 sources[place] = replace(sources[place], hints=(*sources[place].hints, again))
                 continue
         sources.append(source)
-        runs += with_verdicts(content.runs, path)
-    if not sources:
-        raise UnreadableError(refused)
-    return Ingest(tuple(runs), tuple(sources), refused)
+        runs += with_verdicts(content.runs, path, source.joined)
+    return runs
+
+
+def _with_apart(sources: Sequence[Source]) -> list[Source]:
+    """The sources, those beside which logs lie that no log of the flight was joined with say so."""
+    taken = {one.path for source in sources if source.joined for one in source.joined.files}
+    told = {source.path for source in sources} | taken
+    out = []
+    for source in sources:
+        apart = {path: why for path, why in source.apart.items() if path not in told}
+        told |= set(apart)
+        hints = [
+            f"{printable(Path(path).name)} is not read with it: {printable(why)}; it stays as it is, and is read by "
+            "itself where it is named"
+            for path, why in apart.items()
+        ]
+        out.append(replace(source, apart=apart, hints=(*source.hints, *hints)))
+    return out
 
 
 def split_run_word(word: str) -> tuple[Path, int | None]:

@@ -7,8 +7,8 @@ it to `FORMATS`.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs.errors import TippathError
@@ -16,8 +16,10 @@ from gcs.logs.formats import dataflash, dataflash_text, ulog
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.csv_table import CsvLog, open_table
 from gcs.logs.formats.damage import Damage
+from gcs.logs.formats.dataflash_join import JoinedLog
 from gcs.logs.formats.dataflash_scan import HEAD
 from gcs.logs.formats.dataflash_table import DataFlashTables, MessageLog
+from gcs.logs.formats.joined import Joined
 from gcs.logs.formats.raw import unreadable
 from gcs.logs.formats.tables import Log
 from gcs.logs.formats.ulog_table import UlogTables
@@ -51,6 +53,10 @@ class Opened:
     """What is wrong with the log and so with every run of it."""
     hints: tuple[str, ...] = ()
     """What whoever ingests it should know, but not whoever fits its runs."""
+    joined: Joined | None = None
+    """What came of reading it with others of the same flight; None where it was read alone."""
+    apart: Mapping[str, str] = field(default_factory=dict)
+    """Path of a log beside it -> why it was not joined."""
     cut: tuple[Profile, ...] = ()
     """For each boot the profile with the runs that the log itself cuts out of it; empty where it does not."""
 
@@ -120,13 +126,13 @@ def _is_dataflash(head: bytes) -> bool:
 
 def _open_dataflash(path: Path, profile: Profile | None) -> Opened:
     log = dataflash.read(path)
-    boots, chosen, notes = _dataflash_boots(log.boots, path, profile)
+    boots, chosen, notes = dataflash_boots(log.boots, path, profile)
     return Opened(boots=boots, kind="dataflash", sha256=log.sha256(), profile=chosen, damage=log.damage, notes=notes)
 
 
 def _open_dataflash_text(path: Path, profile: Profile | None) -> Opened:
     log, sha256 = dataflash_text.read(path)
-    boots, chosen, notes = _dataflash_boots(log.boots, path, profile)
+    boots, chosen, notes = dataflash_boots(log.boots, path, profile)
     return Opened(
         boots=boots,
         kind="dataflash",
@@ -137,13 +143,13 @@ def _open_dataflash_text(path: Path, profile: Profile | None) -> Opened:
     )
 
 
-def _dataflash_boots(
+def dataflash_boots(
     logs: Sequence[MessageLog], path: Path, profile: Profile | None
 ) -> tuple[tuple[DataFlashTables, ...], Profile, tuple[str, ...]]:
     """The boots of a DataFlash log, in whichever of its two spellings, its profile, and a note on several boots."""
     time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
     scale = None if profile is None else profile.time_scale
-    boots = tuple(DataFlashTables(boot, str(path), time, scale) for boot in logs)
+    boots = tuple(DataFlashTables(boot, str(path), time, scale, sifted=isinstance(boot, JoinedLog)) for boot in logs)
     sampled = tuple(boot for boot in boots if boot.sampled) or boots[:1]
     notes: tuple[str, ...] = ()
     if len(boots) > 1:

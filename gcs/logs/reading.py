@@ -7,10 +7,10 @@ import os
 import signal
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs.errors import TippathError
@@ -19,6 +19,7 @@ from gcs.logs.cache import Content
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.raw import unreadable
 from gcs.logs.formats.tables import Log
+from gcs.logs.joining import open_joined
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import cutting, runs
 from gcs.logs.runs.loop import TOLD
@@ -40,6 +41,8 @@ class Reading:
     f_high_hz: float
     loop_rate_hz: float | None = None
     """How often the vehicle's loop gave a command, where the user says so."""
+    beside: Mapping[Path, tuple[Path, ...]] = field(default_factory=dict)
+    """Log -> others that may be of the same flight, to be read with it."""
 
 
 @dataclass(frozen=True)
@@ -70,16 +73,21 @@ def read(path: Path, how: Reading) -> Content:
     if cache.wanted() and path.is_file():
         try:
             sha256 = cache.digest_of(path)
+            others = [(str(other), cache.digest_of(other)) for other in how.beside.get(path, ()) if other.is_file()]
         except OSError as error:
             raise unreadable(path, error) from error
-        kept = cache.place(path, sha256, (how,))
+        kept = cache.place(path, sha256, (replace(how, beside={}), *others))
         content = cache.load(kept)
         if content is not None:
             return content
     content = _parse(path, how)
-    if kept is not None and content.source.sha256 == sha256:  # else it grew meanwhile
+    if kept is not None and sha256 in _digests(content.source):  # else it grew meanwhile
         cache.save(kept, content)
     return content
+
+
+def _digests(source: Source) -> set[str]:
+    return {source.sha256, *(one.sha256 for one in (source.joined.files if source.joined else ()))}
 
 
 def _is_record(path: Path) -> bool:
@@ -94,7 +102,8 @@ def _is_record(path: Path) -> bool:
 
 
 def _parse(path: Path, how: Reading) -> Content:
-    opened = opening.open_log(path, how.profile)
+    beside = how.beside.get(path, ())
+    opened = open_joined(path, beside, how.profile) if beside else opening.open_log(path, how.profile)
     name = printable(path.name)
     parts = opened.parts
     if how.loop_rate_hz is not None:
@@ -102,6 +111,7 @@ def _parse(path: Path, how: Reading) -> Content:
         parts = [(log, profile) for (log, _), profile in zip(parts, told, strict=True)]
     flown = runs.runs_of(parts, name, opened.sha256, how.window, how.f_high_hz)
     fields = dict.fromkeys(field for log in opened.boots for field in log.fields())
+    hints: list[str] = []
     # Asked for after the runs: what breaks the order of time is found when a series is read.
     notes = [*opened.notes]
     for log in opened.boots:
@@ -109,7 +119,10 @@ def _parse(path: Path, how: Reading) -> Content:
             f"{count} messages of {name} left out: their time stamps break the order of the others"
             for name, count in sorted(log.dropped.items())
         ]
-    if opened.damage is not None and opened.damage.any:
+    if opened.joined is not None:  # what one of them lacks the other may have: the runs' gaps tell what is left
+        hints = [f"with others of the same flight: {opened.joined.words}"]
+        hints += [f"{Path(one.path).name}: {one.damage}" for one in opened.joined.files if one.damage]
+    elif opened.damage is not None and opened.damage.any:
         notes.append(opened.damage.describe())
     source = Source(
         path=str(path),
@@ -119,7 +132,9 @@ def _parse(path: Path, how: Reading) -> Content:
         damage=opened.damage,
         fields=tuple(fields),
         notes=tuple(notes),
-        hints=(*opened.hints, *flown.elsewhere, *_left_out(opened.boots)),
+        hints=(*opened.hints, *hints, *flown.elsewhere, *_left_out(opened.boots)),
+        joined=opened.joined,
+        apart=opened.apart,
     )
     return Content(source, tuple(_told(run, source) for run in flown.runs))
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from gcs.logs.formats.damage import Damage
+from gcs.logs.formats.joined import Joined
 from gcs.logs.profile.profiles import Profile
 
 
@@ -14,6 +16,7 @@ class Source:
 
     path: str
     sha256: str
+    """Of its bytes; of logs read together, of theirs, unless the others add nothing to it."""
     kind: str
     """`dataflash`, `ulog`, `tlog`, `csv` or `record`."""
     profile: Profile | None = None
@@ -25,3 +28,7 @@ class Source:
     """What is wrong with the log and so with every run of it."""
     hints: tuple[str, ...] = ()
     """What whoever ingests it should know, but not whoever fits its runs."""
+    joined: Joined | None = None
+    """What came of reading it with others of the same flight; None where it was read alone."""
+    apart: Mapping[str, str] = field(default_factory=dict)
+    """Path of a log beside it -> why it was not joined."""

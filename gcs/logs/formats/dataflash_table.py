@@ -14,7 +14,7 @@ from gcs.logs.formats.dataflash_scan import CLOCKS, Format
 from gcs.logs.formats.tables import FloatArray, Series, before_no_gap, increasing
 
 _FIELD = re.compile(r"([A-Za-z0-9_]{1,4})(?:\[(\d{1,3})\])?\.([A-Za-z0-9_]+)")
-_INSTANCE = ("I", "Instance")
+INSTANCE = ("I", "Instance")
 EVENTS = frozenset({"CMD", "ERR", "EV", "FILE", "FMT", "FMTU", "MAVC", "MODE", "MSG", "MULT", "ORGN", "PARM"})
 EVENTS |= {"SIDS", "SIDY", "UNIT", "VER"}
 """Messages that tell of something that happened once: several may share a time, and nothing is due after them."""
@@ -54,9 +54,17 @@ class DataFlashTables:
     kind = "dataflash"
 
     def __init__(
-        self, log: MessageLog, path: str, time_field: str | None = None, time_scale: float | None = None
+        self,
+        log: MessageLog,
+        path: str,
+        time_field: str | None = None,
+        time_scale: float | None = None,
+        *,
+        sifted: bool = False,
     ) -> None:
+        """`sifted`: what a gap follows was left out of the log before."""
         self.log = log
+        self._sifted = sifted
         self.path = path
         self.dropped: dict[str, int] = {}
         """Message type -> samples thrown out for an impossible time stamp."""
@@ -178,7 +186,7 @@ class DataFlashTables:
         name = f"{message}[{instance}]"
         if name not in self._clocks:
             starts = self.log.starts(message)
-            column = next((c for c in _INSTANCE if c in self.log.formats[message].columns), None)
+            column = next((c for c in INSTANCE if c in self.log.formats[message].columns), None)
             if column is not None and starts.size:
                 numbers = self.log.column(message, column, starts)
                 starts = starts[numbers == (numbers.min() if instance is None else instance)]
@@ -191,7 +199,7 @@ class DataFlashTables:
             if not keep.all():
                 self.dropped[name if instance is not None else message] = int(np.count_nonzero(~keep))
             t, starts = t[keep], starts[keep]
-            trusted = np.ones(t.size, np.bool_) if event else before_no_gap(t)
+            trusted = np.ones(t.size, np.bool_) if event or self._sifted else before_no_gap(t)
             if not trusted.all():
                 self.before_gaps[name if instance is not None else message] = int(np.count_nonzero(~trusted))
             self._clocks[name] = (t[trusted], starts[trusted])

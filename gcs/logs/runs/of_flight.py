@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
+from gcs.logs.formats.joined import Joined
 from gcs.logs.runs.run import Run
 from gcs.logs.runs.verdicts import judged, same
 from gcs.logs.words import printable
@@ -51,8 +53,8 @@ class FlightRuns:
         return {"matches": rows, "problem": self.problem or None}
 
 
-def of_flight(runs: Sequence[Run], folder: Path) -> FlightRuns:
-    """What the flight in this folder says of a log's runs.
+def of_flight(runs: Sequence[Run], folder: Path, joined: Mapping[str, Joined] = MappingProxyType({})) -> FlightRuns:
+    """What the flight in this folder says of a log's runs; `joined` has by their paths the logs read with others of it.
 
     Raises TippathError where the folder has no flight.json, or that tells no times.
     """
@@ -61,7 +63,7 @@ def of_flight(runs: Sequence[Run], folder: Path) -> FlightRuns:
         raise TippathError(f"{folder}: its flight.json tells no run's time by the vehicle's clock")
     matches = tuple(_match(entry, runs) for entry in flown)
     problem = "" if any(match.run is not None for match in matches) else _another(flown, runs)
-    return FlightRuns(tuple(judged(run, flown) for run in runs), matches, problem)
+    return FlightRuns(tuple(judged(run, flown, joined.get(run.path)) for run in runs), matches, problem)
 
 
 def _match(entry: Mapping[str, Any], runs: Sequence[Run]) -> Match:

@@ -16,6 +16,7 @@ from typing import Any
 
 from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder, NoFlightError
+from gcs.logs.formats.joined import Joined
 from gcs.logs.runs.run import Run
 from gcs.logs.words import printable
 
@@ -23,20 +24,24 @@ SAME_S = 0.25
 """Between the two times of one entry; a run takes seconds."""
 
 
-def with_verdicts(runs: Sequence[Run], log: Path) -> list[Run]:
+def with_verdicts(runs: Sequence[Run], log: Path, joined: Joined | None = None) -> list[Run]:
     """The runs of a log, those not usable that the flight.json beside it says are to be flown again.
 
-    Where there is none, or it speaks of other logs, the runs as they are; where it is damaged, they say so.
+    Where there is none, or it speaks of other logs, the runs as they are; where it is damaged, they say so. What the
+    flight had against a run for samples that did not come counts no more where the log is `joined` with others of the
+    flight, and the run has no gap.
     """
     try:
         flown = _flown(log)
     except TippathError as error:
         note = printable(f"what was said of this run in flight is not known: {error}")
         return [_noted(run, note) for run in runs]
-    return [judged(run, flown) for run in runs]
+    return [judged(run, flown, joined) for run in runs]
 
 
 def _noted(run: Run, note: str) -> Run:
+    if note in run.notes:
+        return run
     record = None if run.record is None else replace(run.record, notes=(*run.record.notes, note))
     return replace(run, record=record, notes=(*run.notes, note))
 
@@ -54,19 +59,23 @@ def _flown(log: Path) -> list[Mapping[str, Any]]:
     recording = about.get("recording")
     logs = recording.get("logs") if isinstance(recording, dict) else None
     if isinstance(logs, list):
-        known = log.name in [Path(str(entry.get("path"))).name for entry in logs if isinstance(entry, dict)]
+        fetched = about.get("fetched")
+        entries = [*((one, "path") for one in logs), *((one, "file") for one in fetched or () if fetched is not None)]
+        known = log.name in [Path(str(entry.get(key))).name for entry, key in entries if isinstance(entry, dict)]
     else:
         known = log.stem.lower().startswith("flight")  # it ended before the recording was summed up
     return list(flown) if known else []
 
 
-def judged(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
+def judged(run: Run, flown: Sequence[Mapping[str, Any]], joined: Joined | None = None) -> Run:
     """The run, not usable where one of these runs of a flight.json is the same and has something against it."""
-    if run.entered_s is None:
+    if run.entered_s is None or run.verdict is not None:
         return run
     for entry in flown:
         against = _against(entry)
         if against and same(run, entry):
+            if joined is not None and run.usable and not run.gaps and _for_samples_alone(entry):
+                return _noted(run, f"the flight's verdict on the stream no longer holds ({against})")
             judged = replace(run, usable=False, verdict=against)
             return replace(judged, reasons=(*run.reasons, _reason(judged)))
     return run
@@ -104,6 +113,14 @@ def _against(flown: Mapping[str, Any]) -> str:
         listed = [str(reason) for reason in reasons] if isinstance(reasons, list) else []
         return printable("fly again: " + ("; ".join(listed) or f"{ending}: {reason}"))
     return "" if ending == "finished" else printable(f"{ending}: {reason}")
+
+
+def _for_samples_alone(flown: Mapping[str, Any]) -> bool:
+    """Whether nothing is against it but samples that did not come."""
+    verdict = flown.get("verdict")
+    if not isinstance(verdict, dict) or flown.get("ending") != "finished" or flown.get("probe") is True:
+        return False
+    return verdict.get("lost") is not None and verdict.get("reasons") == [verdict["lost"]]
 
 
 def named_all_the_same(run: Run) -> Run:
