@@ -60,7 +60,7 @@ class Joined:
             case True:
                 return "0 missing"
             case False:
-                return f"{self.missing:,} missing in all of them ({count}, {seconds:.2f} s)"
+                return f"about {self.missing:,} missing in all of them ({count}, {seconds:.2f} s)"
         return f"none seen missing, but not shown for {seconds:.2f} s"
 
     def to_json(self) -> dict[str, Any]:
