@@ -18,7 +18,7 @@ from gcs.vehicle.autopilots import (
     IN_THE_AIR,
     LEAN_LIMIT,
     LOG_BACKEND,
-    LOG_LESS,
+    LOG_BITMASK,
     LOG_TO_MAVLINK,
     SWITCH,
     lean_limit_deg,
@@ -188,7 +188,7 @@ def carried(health: LogHealth | None, loop_hz: float | None) -> tuple[Check, ...
         return (Check("log rate", f"{counted.carried / 1e3:.0f} kB/s arrive of the {needed:.0f} that it needs{more}"),)
     words = (
         f"the link carries {counted.carried / 1e3:.1f} kB/s and the log needs {needed:.0f}{more}: "
-        f"use a faster link (USB, UDP), let the vehicle log less ({LOG_LESS}), or take the log from its card "
+        f"use a faster link (USB, UDP), let the vehicle log less ({LOG_BITMASK}), or take the log from its card "
         "afterwards (`tippath sweep --log card`)"
     )
     return (Check("log rate", words, False),)

@@ -144,7 +144,7 @@ _LOG_FAILED: Final = (
     "no sd card",
     "out of space for logging",
 )
-LOG_LESS: Final = "LOG_BITMASK"
+LOG_BITMASK: Final = "LOG_BITMASK"
 """Which of its records the vehicle writes."""
 
 

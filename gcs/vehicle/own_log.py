@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gcs.vehicle.autopilots import LOG_BACKEND, LOOP_RATE
+from gcs.vehicle.autopilots import LOG_BACKEND, LOG_BITMASK, LOOP_RATE
 from sysid.data.airframe import Airframe
 
 SAMPLES_OF_A_PERIOD = 10.0
@@ -108,6 +108,6 @@ def thinned(rate_hz: float, settings: Mapping[str, float]) -> str | None:
     loop_hz = settings.get(LOOP_RATE, 0.0)
     if not 0 < rate_hz < SLOWER * loop_hz:
         return None
-    told = int(settings.get("LOG_BITMASK", EVERY_LOOP))
+    told = int(settings.get(LOG_BITMASK, EVERY_LOOP))
     do = "" if told & EVERY_LOOP else f"; {LOG_EVERY_LOOP}"
     return f"{slower_than_loop(rate_hz, loop_hz)}{do}"

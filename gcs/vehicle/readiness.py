@@ -15,18 +15,17 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from gcs.vehicle.autopilots import LOG_BACKEND, LOOP_RATE, RENAMED, lean_limit_deg, link_loss
+from gcs.vehicle.autopilots import LOG_BACKEND, LOG_BITMASK, LOOP_RATE, RENAMED, lean_limit_deg, link_loss
 from gcs.vehicle.own_log import ENOUGH_BUFFER, SAMPLES_OF_A_PERIOD, cost_of
 from gcs.vehicle.profile import VehicleProfile
 
-BITMASK: Final = "LOG_BITMASK"
 BUFFER: Final = "LOG_MAV_BUFSIZE"
 DISARMED: Final = "LOG_DISARMED"
 LOGS_TO_CARD: Final = f"on ArduPilot {LOG_BACKEND} 1 or 3"
 GYRO_FILTER: Final = "INS_GYRO_FILTER"
 ARMING, ARMING_SKIPS = "ARMING_CHECK", "ARMING_SKIPCHK"
 _LINK_LOSS: Final = ("FS_GCS_ENABLE", "FS_OPTIONS", "FS_GCS_TIMEOUT", "FS_THR_ENABLE")
-OF_LOG: Final = (LOG_BACKEND, BITMASK, BUFFER, DISARMED, LOOP_RATE)
+OF_LOG: Final = (LOG_BACKEND, LOG_BITMASK, BUFFER, DISARMED, LOOP_RATE)
 ASKED: Final = (
     *(*OF_LOG, GYRO_FILTER, ARMING, ARMING_SKIPS),
     *(*_LINK_LOSS, *(name for pair in RENAMED for name in pair)),
@@ -108,7 +107,7 @@ def tells_of_log(settings: Mapping[str, float]) -> bool:
 
 def logged_hz(settings: Mapping[str, float]) -> float | None:
     """How often SIDD and RATE are written; None where the vehicle does not tell."""
-    loop_hz, mask = settings.get(LOOP_RATE), settings.get(BITMASK)
+    loop_hz, mask = settings.get(LOOP_RATE), settings.get(LOG_BITMASK)
     return None if loop_hz is None or mask is None else loop_hz / _every(int(mask))
 
 
@@ -191,7 +190,7 @@ def _every(mask: int) -> int:
 
 
 def _bitmask(settings: Mapping[str, float], asked: Asked, stream: bool) -> Item | None:
-    value, loop_hz, hz = settings.get(BITMASK), settings.get(LOOP_RATE), logged_hz(settings)
+    value, loop_hz, hz = settings.get(LOG_BITMASK), settings.get(LOOP_RATE), logged_hz(settings)
     if value is None or loop_hz is None or hz is None:
         return None
     needed = SAMPLES_OF_A_PERIOD * asked.f_stop_hz
@@ -206,11 +205,11 @@ def _bitmask(settings: Mapping[str, float], asked: Asked, stream: bool) -> Item 
         words = f"enough for a sweep to {asked.f_stop_hz:g} Hz, but {cost_of(hz, loop_hz)}"
         words += "; bit 0 logs every loop" if carried else "; this link does not carry every loop"
     return Item(
-        name=BITMASK,
+        name=LOG_BITMASK,
         standing=standing,
         value=f"{int(value)}: SIDD and RATE at {hz:g} Hz",
         words=words,
-        wanted=() if standing is Standing.FINE else ((BITMASK, wanted),),
+        wanted=() if standing is Standing.FINE else ((LOG_BITMASK, wanted),),
     )
 
 

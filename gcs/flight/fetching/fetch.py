@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,46 @@ class Fetched:
     """It was there."""
     runs: tuple[int, ...] = ()
     """The flight's runs that it holds alone; none for the whole log."""
+
+    @classmethod
+    def of_part(
+        cls,
+        part: PartFile,
+        log: VehicleLog,
+        way: str,
+        *,
+        crc32: int,
+        checked: bool = False,
+        grows: bool = False,
+        runs: Sequence[int] = (),
+    ) -> Fetched:
+        """Of a file that has come to its end."""
+        return cls(
+            path=part.target,
+            log=log,
+            size=part.size,
+            way=way,
+            seconds=part.seconds,
+            came=part.size - part.resumed_from,
+            resumed_from=part.resumed_from,
+            crc32=crc32,
+            checked=checked,
+            grows=grows,
+            runs=tuple(runs),
+        )
+
+    @classmethod
+    def there(
+        cls, path: Path, log: VehicleLog, way: str, *, theirs: int | None = None, runs: Sequence[int] = ()
+    ) -> Fetched:
+        """Of a file that was there; `theirs` is the vehicle's CRC32 of it. Raises TippathError where it cannot be
+        read."""
+        crc = checksum_of(path)
+        size = path.stat().st_size
+        return cls(
+            path=path, log=log, size=size, way=way, seconds=0.0, came=0, crc32=crc, checked=theirs == crc,
+            already=True, runs=tuple(runs),
+        )  # fmt: skip
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -198,10 +238,9 @@ def fetch(fetching: Fetching, log: VehicleLog, folder: Path, stem: str) -> Fetch
     read = fetching.reading(log)
     target, already = target_of(folder, stem, log, read)
     if already:
-        return _already(fetching, log, target)
-    began = fetching.clock()
+        theirs = ways.checksum_on_board(fetching.session, log)
+        return Fetched.there(target, log, fetching.ways_of(log)[0], theirs=theirs)
     with PartFile(target, fetching.clock) as part:
-        resumed_from = part.size
         way, log, grows = _to_its_end(fetching, log, part)
         crc = part.checksum()
         theirs = None if grows else ways.checksum_on_board(fetching.session, log)
@@ -210,18 +249,7 @@ def fetch(fetching: Fetching, log: VehicleLog, folder: Path, stem: str) -> Fetch
                 raise _other_bytes(part, crc, theirs)
             theirs, grows = None, True
         part.finish()
-        return Fetched(
-            path=target,
-            log=log,
-            size=part.size,
-            way=way,
-            seconds=fetching.clock() - began,
-            came=part.size - resumed_from,
-            resumed_from=resumed_from,
-            crc32=crc,
-            checked=theirs is not None,
-            grows=grows,
-        )
+        return Fetched.of_part(part, log, way, crc32=crc, checked=theirs is not None, grows=grows)
 
 
 def _other_bytes(part: PartFile, ours: int, theirs: int) -> TippathError:
@@ -232,16 +260,6 @@ def _other_bytes(part: PartFile, ours: int, theirs: int) -> TippathError:
         f"what came is not what the vehicle has: CRC32 {ours:08x}, and {theirs:08x} on board. It is kept as "
         f"{aside.name}; give the same command again to fetch it anew"
     )
-
-
-def _already(fetching: Fetching, log: VehicleLog, target: Path) -> Fetched:
-    crc = checksum_of(target)
-    theirs = ways.checksum_on_board(fetching.session, log)
-    way = fetching.ways_of(log)[0]
-    return Fetched(
-        path=target, log=log, size=log.size, way=way, seconds=0.0, came=0, crc32=crc, checked=theirs == crc,
-        already=True,
-    )  # fmt: skip
 
 
 # The name

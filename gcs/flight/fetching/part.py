@@ -30,10 +30,11 @@ class PartFile:
         self._clock = clock
         try:
             self._stream = self.path.open("ab", buffering=0)
-            self.size = self._stream.tell()
+            self.resumed_from = self.size = self._stream.tell()
         except OSError as error:
             raise self._refusal(error) from error
-        self._sync_at = clock() + SYNC_S
+        self._began = clock()
+        self._sync_at = self._began + SYNC_S
 
     def __enter__(self) -> Self:
         return self
@@ -46,6 +47,11 @@ class PartFile:
         self._stream.close()
         if self.size == 0:
             self.path.unlink(missing_ok=True)
+
+    @property
+    def seconds(self) -> float:
+        """Since it was opened."""
+        return self._clock() - self._began
 
     def append(self, data: bytes) -> None:
         """The next bytes. Raises TippathError where the disk does not take them; what it took stays and counts."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gcs.flight.fetching.fetch import Fetched, Fetching, target_of
-from gcs.flight.fetching.part import PartFile, checksum_of
+from gcs.flight.fetching.part import PartFile
 from gcs.flight.fetching.times import BLOCK_BYTES, HEAD_BYTES, Read, layout, offset_of, span, stamps
 from gcs.flight.fetching.ways import VehicleLog
 
@@ -85,23 +85,12 @@ def fetch_runs(
     """
     part_of_log = replace(log, size=wanted.size)
     target, already = target_of(folder, stem, part_of_log, wanted.of(fetching.reading(log)))
-    way, began, resumed_from = fetching.ways_of(log)[0], fetching.clock(), wanted.size
-    if not already:
-        with PartFile(target, fetching.clock) as part:
-            resumed_from = part.size
-            for start, stop in wanted.within(part.size, wanted.size):
-                fetching.read(log, way, part.append, start, stop, wanted.size, lambda: part.size)
-            part.finish()
-    return Fetched(
-        path=target,
-        log=log,
-        size=wanted.size,
-        way=way,
-        seconds=fetching.clock() - began,
-        came=wanted.size - resumed_from,
-        resumed_from=0 if already else resumed_from,
-        crc32=checksum_of(target),
-        checked=False,
-        already=already,
-        runs=tuple(numbers),
-    )
+    way = fetching.ways_of(log)[0]
+    if already:
+        return Fetched.there(target, log, way, runs=numbers)
+    with PartFile(target, fetching.clock) as part:
+        for start, stop in wanted.within(part.size, wanted.size):
+            fetching.read(log, way, part.append, start, stop, wanted.size, lambda: part.size)
+        crc = part.checksum()
+        part.finish()
+        return Fetched.of_part(part, log, way, crc32=crc, runs=numbers)
