@@ -38,6 +38,8 @@ class Wire:
     def __init__(self, name: str) -> None:
         self.name = self.ground_link = name
         self.known: tuple[Address, ...] = ("radio",)
+        self.others_say: list[bytes] = []
+        """What another station sends, over a radio of its own; what it hears is nobody's matter."""
         self._up: list[bytes] = []
         self._down: list[bytes] = []
         self._finder = FrameFinder()
@@ -69,7 +71,8 @@ class Wire:
 
     def receive(self) -> list[tuple[Address, bytes]]:
         up, self._up = self._up, []
-        return [("radio", data) for data in up]
+        others, self.others_say = self.others_say, []
+        return [*(("radio", data) for data in up), *(("another", data) for data in others)]
 
     def gone(self) -> list[Address]:
         return []
@@ -78,7 +81,8 @@ class Wire:
         return True
 
     def send(self, address: Address, data: bytes) -> None:
-        self._down.append(data)
+        if address == "radio":
+            self._down.append(data)
 
     def close(self) -> None:
         """Nothing to close."""
@@ -96,9 +100,12 @@ class SlowFlight:
         *,
         bytes_s: float = BYTES_S,
         on_ground: bool = True,
+        settings: dict[str, float] | None = None,
     ) -> None:
         card.mkdir()
-        self.vehicle: Vehicle = make_vehicle(plant, 5, directory=card, on_ground=on_ground, like=like)
+        self.vehicle: Vehicle = make_vehicle(
+            plant, 5, directory=card, on_ground=on_ground, like=like, parameters=settings
+        )
         self.vehicle.storage = LogStorage(card)
         self.wire = Wire(f"/dev/ttyUSB0,{10 * bytes_s:.0f}")
         faults = Faults(up=(Bandwidth(bytes_s),), down=(Bandwidth(bytes_s),))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -282,7 +283,7 @@ def print_document(result: SweepResult, followed: Sequence[Following]) -> None:
 
 def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
     """The sweep in lines: where it was recorded, whether whole, and how rates followed."""
-    from gcs.flight.log_way import log_words
+    from gcs.flight.log_way import log_words, rest_words
     from gcs.logs.words import printable
 
     ended = f"   stopped: {printable(result.stopped)}" if result.stopped else ""
@@ -294,6 +295,8 @@ def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
         print(f"   the {log_words(result.folder.path)}")
     for problem in result.recording.problems if result.recording is not None else ():
         print(f"   {printable(problem)}")
+    if result.log == "stream" and result.runs and result.recording is not None and not result.recording.complete:
+        print(textwrap.indent(rest_words(result.folder.path), "   "))
     if followed:
         print(" how the rates followed their commands")
     for one in followed:

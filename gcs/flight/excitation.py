@@ -145,6 +145,7 @@ class Excitation:
             answer_age_s=snapshot.answer_age_s,
             log_age_s=None if log is None else log.silent_s,
             log_on_card=log is not None and log.on_card,
+            log_taken=log is not None and log.another,
             log_stopped="" if log is None else log.reported,
             log_mode=None if log is None or (log.silent_s or 0.0) > LOG_SILENCE_S else self._log_mode,
             texts=tuple(text.text for text in texts),

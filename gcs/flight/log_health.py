@@ -85,6 +85,8 @@ class LogHealth:
     """The vehicle's own words about having stopped the stream, empty while it goes on."""
     problem: str | None
     """Why blocks are not being kept (a full disk)."""
+    another: bool = False
+    """Another station answers the vehicle's log."""
     on_card: bool = False
     """The log stays on the vehicle and nothing of it is sent: `blocks` are attitudes by telemetry, `silent_s` is since
     the newest of them, and `reported` says that the vehicle does not write its log."""

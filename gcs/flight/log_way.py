@@ -107,7 +107,12 @@ def silent(session: Connection, clock: Clock, log: LogWay) -> str:
         if clock.now() >= end:
             if log == "card":
                 return f"no telemetry arrives (no new attitude in {LOG_SILENCE_S:g} s); nothing was started"
-            return f"the vehicle's log no longer arrives (no new block in {LOG_SILENCE_S:g} s); nothing was started"
+            health = session.log_health()
+            another = health is not None and health.another
+            taken = ": another station's log client has taken it, end that one first" if another else ""
+            return (
+                f"the vehicle's log no longer arrives (no new block in {LOG_SILENCE_S:g} s){taken}; nothing was started"
+            )
         clock.sleep(TICK_S)
     return ""
 
@@ -123,6 +128,14 @@ def not_written(session: Connection, log: LogWay) -> str:
     """The vehicle's word, since the recording began, that its card's log is not written; empty where none."""
     health = session.log_health()
     return "" if log == "stream" or health is None else health.reported
+
+
+def rest_words(path: Path) -> str:
+    """What to do about a streamed log that is not whole."""
+    return (
+        "what is missing the vehicle's own file may have, if it keeps one: disarm, then\n"
+        f"`tippath fetch --connect LINK -o {path}`; both are read together"
+    )
 
 
 def log_words(path: Path) -> str:

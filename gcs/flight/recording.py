@@ -11,6 +11,7 @@ from gcs.flight.live import LiveLog, LiveWindow
 from gcs.flight.log_health import LogHealth, Tally, capacity
 from gcs.flight.recorder import Recorder, RecordingSummary
 from gcs.link.encode import Send
+from gcs.link.log_answer import LogAnswer
 from gcs.link.log_blocks import LogBlocks
 
 TALLY_EVERY_S = 0.2
@@ -24,10 +25,13 @@ class Recording:
     `blocks` is the conversation that brings the log; its caller lets it start, stop and hear events.
     """
 
-    def __init__(self, recorder: Recorder, live: LiveLog, clock: Callable[[], float]) -> None:
+    def __init__(
+        self, recorder: Recorder, live: LiveLog, clock: Callable[[], float], station: tuple[int, int] | None = None
+    ) -> None:
+        """`station` is (system, component) of ours."""
         live.restart()
         self.recorder = recorder
-        self.blocks = LogBlocks(self._store, live.end_s)
+        self.blocks = LogBlocks(self._store, live.end_s, station)
         self.over = threading.Event()
         """The vehicle has sent the rest, or has nothing more."""
         self._live = live
@@ -56,6 +60,7 @@ class Recording:
             capacity=capacity([*self._tallies, present]),
             reported=blocks.reported,
             problem=self.recorder.problem,
+            another=blocks.another_at is not None and now - blocks.another_at < LogAnswer.ANOTHER_FOR_S,
         )
 
     def seen(self) -> dict[str, Any]:

@@ -323,7 +323,8 @@ def _wants_end(state: RunState, seen: Seen) -> tuple[Ending, str] | None:
 def _silence(seen: Seen) -> tuple[Ending, str]:
     if seen.log_on_card:
         return Ending.TELEMETRY, f"no attitude by telemetry for {seen.log_age_s:.1f} s"
-    return Ending.LOG, f"no new block of the vehicle's log for {seen.log_age_s:.1f} s"
+    taken = ": another station's log client has taken it; end that one first" if seen.log_taken else ""
+    return Ending.LOG, f"no new block of the vehicle's log for {seen.log_age_s:.1f} s{taken}"
 
 
 def _end(state: RunState, seen: Seen, ending: Ending, reason: str, *, at_once: bool = False) -> RunState:

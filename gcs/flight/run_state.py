@@ -70,6 +70,8 @@ class Seen:
     """Since the last new block of the log, or attitude where the log stays on the card; None where none came."""
     log_on_card: bool = False
     """The log stays on the vehicle's card: telemetry stands for it."""
+    log_taken: bool = False
+    """Another station answers the vehicle's log."""
     log_stopped: str = ""
     """The vehicle's own words about having stopped its log."""
     log_mode: int | None = None

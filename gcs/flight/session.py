@@ -279,7 +279,7 @@ class Session:
                 self._recording = CardRecording(recorder, *told)
                 self._say(self._recording.ask(self._clock()))
             else:
-                self._recording = Recording(recorder, self._live, self._clock)
+                self._recording = Recording(recorder, self._live, self._clock, (self.station, STATION_COMPONENT))
             self._window = self._recording.window
             if self._answer is not None:
                 self._say(self._answer.hand_over(self._clock()))
@@ -427,8 +427,9 @@ class Session:
                 self._step(call, lambda procedure: procedure.on_event(event, now))
 
     def _answered(self, event: Event, now: float) -> None:
-        if self._answer is not None:
-            self._say(self._answer.on_event(event, now))
+        for client in (self._answer, None if self._recording is None else self._recording.blocks):
+            if client is not None:
+                self._say(client.on_event(event, now))
 
     def _poll_answer(self, now: float) -> None:
         """Of the log: answered while it is not recorded, and handed over to a recording that begins."""

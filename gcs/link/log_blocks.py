@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from gcs.link.encode import START_BLOCKS, STOP_BLOCKS, BlockStatus, Send
-from gcs.link.events import Attitude, Event, LogBlock, StatusText, SystemTime
+from gcs.link.events import Attitude, Event, LogBlock, LogReceipt, StatusText, SystemTime
 from gcs.link.log_end import NOT_JUDGED, LogEnd, end_of_asked, end_of_followed, end_of_restarted
 from gcs.link.procedures import Done, Failed
 
@@ -152,8 +152,15 @@ class LogBlocks:
     """Blocks of a stopped stream that were under way come so long after that text at most."""
 
     def __init__(
-        self, store: Callable[[int, int, bytes], bool], log_end_s: Callable[[], float | None] = lambda: None
+        self,
+        store: Callable[[int, int, bytes], bool],
+        log_end_s: Callable[[], float | None] = lambda: None,
+        station: tuple[int, int] | None = None,
     ) -> None:
+        """`station` is (system, component) of ours; None takes every block for ours."""
+        self.another_at: float | None = None
+        """When it was heard last that another station answers the vehicle's log."""
+        self._station = station
         self.outcome: Done[tuple[StreamResult, ...]] | Failed | None = None
         self._store = store
         self._log_end_s = log_end_s
@@ -235,16 +242,28 @@ class LogBlocks:
     def on_event(self, event: Event, now: float) -> list[Send]:
         if not self._started or self.outcome is not None:
             return []
+        if isinstance(event, LogReceipt):
+            self._note_another((event.system, event.component), now)
+            return []
         if self._stopping and now - self._last_heard > 1.0:
             self._last_new = now  # found again, it may have more
         self._last_heard = now
         if isinstance(event, LogBlock):
-            return self._on_block(event.number, event.data, now)
+            theirs = self._note_another((event.target_system, event.target_component), now)
+            sends = self._on_block(event.number, event.data, now)
+            return [] if theirs else sends  # kept all the same; their receipts are theirs to give
         if isinstance(event, Attitude | SystemTime):
             return self._on_clock(event.boot_s, now)
         if isinstance(event, StatusText) and event.text.startswith(self.STOPPED):
             self._stream.reported, self._stream.reported_at = event.text, now
         return []
+
+    def _note_another(self, station: tuple[int, int], now: float) -> bool:
+        """Whether it is another station that takes the log."""
+        if self._station is None or station in ((0, 0), self._station):
+            return False
+        self.another_at = now
+        return True
 
     def _on_clock(self, boot_s: float, now: float) -> list[Send]:
         before = self._clock.hear(boot_s, now)

@@ -122,7 +122,8 @@ PARAMETER_ERROR: Final = "SystemID Parameter Error"
 """What ArduPilot says about a sweep; its only word on progress."""
 NO_EXCITATION: Final = (
     "this vehicle offers no excitation on board: it has no SID_AXIS. On ArduPilot that is firmware built without "
-    "the SystemID mode; other autopilots are not supported yet"
+    "the SystemID mode: put a build with it on the vehicle (custom.ardupilot.org, or a board of 2 MB). Other "
+    "autopilots are not supported yet; their logs are read, once somebody has flown the maneuvers by hand"
 )
 
 # ------------------------------------------------------------------------------------------------ parameters around it

@@ -87,10 +87,7 @@ def of_flight(
     first, last = min(start for start, _ in known), max(stop for _, stop in known)
     covering = [log for log in _latest(logs) if _covers(log, reading(log), first, last)]
     if not covering:
-        raise TippathError(
-            f"none of the vehicle's newest logs covers the flight's runs ({first:.0f} to {last:.0f} s of the vehicle's "
-            f"clock): was it flown with another card, or are they erased? It has {_list(logs)}; --log NUMBER takes one"
-        )
+        return _of_most(logs, known, reading)
     if len(covering) == 1:
         return Choice(covering[0], "by the vehicle's clock")
     same = [log for log in covering if _holds(log, reading(log), streamed, (first + last) / 2.0)]
@@ -104,6 +101,29 @@ def of_flight(
         f"the newest of {len(covering)} logs that show the same times of the vehicle's clock ({_list(covering)}); "
         "--log NUMBER takes another",
     )
+
+
+def _of_most(
+    logs: Sequence[VehicleLog],
+    known: Sequence[tuple[float, float]],
+    reading: Callable[[VehicleLog], Read],
+) -> Choice:
+    """The log with the most of the runs, where none has all: the vehicle ended it early, or began another in between.
+
+    Raises TippathError where none has one.
+    """
+    latest = _latest(logs)
+    counts = [sum(_covers(log, reading(log), first, last) for first, last in known) for log in latest]
+    most = max(counts, default=0)
+    if not most:
+        first, last = min(first for first, _ in known), max(last for _, last in known)
+        raise TippathError(
+            f"none of the vehicle's newest logs covers the flight's runs ({first:.0f} to {last:.0f} s of the vehicle's "
+            "clock): was its card full, or another one, or are they erased? What was recorded in flight stays as it "
+            f"is. It has {_list(logs)}; --log NUMBER takes one"
+        )
+    words = f"by the vehicle's clock; it has {most} of the flight's {len(known)} runs, no log has more"
+    return Choice(latest[counts.index(most)], words)
 
 
 def _latest(logs: Sequence[VehicleLog]) -> list[VehicleLog]:

@@ -260,3 +260,24 @@ def test_a_link_that_the_log_makes_late_is_freed_of_it() -> None:
     assert answer.client is LogClient.SHED
     answer.restart()
     assert answer.poll(100.0, False, link) == []
+
+
+def test_a_recording_that_another_client_takes_over_keeps_what_it_hears_and_names_it(
+    session: Session, log: Logging, vehicle: Any, fake_time: Any, tmp_path: Path
+) -> None:
+    session.answer_log()
+    passes(fake_time, 2.0)
+    session.start_recording(tmp_path)
+    passes(fake_time, 4.0)
+    health = session.log_health()
+    assert health is not None
+    assert not health.another
+    kept = health.blocks
+    log.begin((255, 230))
+    passes(fake_time, 2.0)
+    health = session.log_health()
+    assert health is not None
+    assert health.another
+    assert health.blocks > 20, "kept, in a file of its own"
+    assert health.file == 1 or health.blocks > kept
+    assert len(log.held) == 60, "and left to the other to acknowledge"
