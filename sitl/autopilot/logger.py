@@ -7,6 +7,7 @@ file byte for byte.
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -228,6 +229,8 @@ class DataFlashLog:
     def _give_up(self, sink: Sink, error: OSError) -> None:
         self.trouble = error.strerror or type(error).__name__
         self._sinks.remove(sink)
+        with contextlib.suppress(OSError):
+            sink.close()
 
 
 def next_log_path(directory: Path) -> Path:

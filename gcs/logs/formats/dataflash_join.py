@@ -20,7 +20,7 @@ from gcs.logs.formats.dataflash_merge import Ints, Merged, RowLog, clock_of, mer
 from gcs.logs.formats.dataflash_scan import Format
 from gcs.logs.formats.dataflash_table import EVENTS, INSTANCE
 from gcs.logs.formats.raw import Bytes
-from gcs.logs.formats.tables import FloatArray, late_after_s
+from gcs.logs.formats.tables import LATE, FloatArray, late_after_s
 
 ENOUGH = 20
 """Samples that are equal and tell something: fewer prove no flight."""
@@ -154,11 +154,12 @@ def _missing(t: FloatArray, lost: Stretches) -> int:
     steps = np.diff(t)
     if steps.size < 2:
         return 0
-    late = np.flatnonzero(steps > late_after_s(steps))
-    pace = float(np.median(steps))
+    late_after = late_after_s(steps)
+    late = np.flatnonzero(steps > late_after)
     inside = _lost_before(t[late + 1], lost) - _lost_before(t[late], lost)
     # A kind that is silent for long, and lost for a moment of it, says nothing of that moment.
     hit = late[inside >= MOST_OF * steps[late]]
+    pace = late_after[hit] / LATE
     return int(np.sum(np.maximum(0, np.round(steps[hit] / pace) - 1)))
 
 

@@ -81,6 +81,7 @@ class Log(Protocol):
 
 
 NEARBY = 64  # spacings that tell the rate of a place in a log
+LATE = 3  # spacings like those nearby
 
 
 def before_no_gap(t: FloatArray) -> NDArray[np.bool_]:
@@ -109,7 +110,7 @@ def late_after_s(spacing: FloatArray) -> FloatArray:
     last = (whole - 1) * NEARBY
     medians = np.append(np.median(spacing[:last].reshape(-1, NEARBY), axis=1), np.median(spacing[last:]))
     padded = np.concatenate((medians[:1], medians, medians[-1:]))
-    return np.asarray(3 * np.maximum(np.maximum(padded[:-2], medians), padded[2:])[stretch])
+    return np.asarray(LATE * np.maximum(np.maximum(padded[:-2], medians), padded[2:])[stretch])
 
 
 def covered_s(t: FloatArray) -> float:

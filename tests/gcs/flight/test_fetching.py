@@ -265,6 +265,15 @@ def test_of_two_logs_with_the_same_clock_the_one_with_its_bytes_is_taken(tmp_pat
     assert (chosen.log.number, "--log NUMBER" in chosen.words) == (2, True)
 
 
+def test_where_no_log_has_all_runs_the_one_with_most_is_taken_and_said(tmp_path: Path) -> None:
+    contents = {1: dataflash(60.0, start_s=1.0), 2: dataflash(60.0, start_s=70.0), 3: dataflash(5.0, start_s=140.0)}
+    chosen = choose(contents, runs(10.0, 55.0, 80.0, 100.0), tmp_path / "none")
+    assert chosen.log.number == 2
+    assert chosen.words == "by the vehicle's clock; it has 2 of the flight's 4 runs, no log has more"
+    with pytest.raises(TippathError, match=r"was its card full.*What was recorded in flight stays"):
+        choose({3: contents[3]}, runs(10.0, 80.0), tmp_path / "none")
+
+
 @pytest.mark.parametrize(("booted_s", "number"), [(1000.0, 1), (4000.0, 2), (9000.0, 2), (None, 2)])
 def test_after_a_reboot_the_log_of_the_flights_boot_is_taken(booted_s: float | None, number: int) -> None:
     contents = {1: dataflash(100.0, seed=1), 2: dataflash(100.0, seed=2)}
