@@ -18,7 +18,7 @@ from pathlib import Path
 from gcs.errors import TippathError, UsageError
 from gcs.logs import opening, reading
 from gcs.logs.cache import Content
-from gcs.logs.flight_files import beside, fetched, is_streamed, of_flight
+from gcs.logs.flight_files import beside, fetched, is_streamed, of_flight, streamed_after
 from gcs.logs.formats.damage import Damage
 from gcs.logs.formats.raw import unreadable
 from gcs.logs.profile.choice import taking_one_of
@@ -202,7 +202,11 @@ def ingest(
     together = _together(logs, flight) if join else {}
     how = reading.Reading(chosen, window, f_high_hz, loop_rate_hz, together)
     sources: list[Source] = []
-    runs = _read(logs, how, progress, sources, refused)
+    later = [log for log in logs if any(log in others for others in together.values())]
+    runs = _read([log for log in logs if log not in later], how, progress, sources, refused)
+    for log in later:
+        if str(log) not in _taken(sources):
+            runs += _read([log], how, None, sources, refused)
     # A streamed log that cannot be read is none: what was fetched speaks for the flight.
     instead = [other for path in logs if str(path) in refused for other in together.get(path, ()) if other not in logs]
     runs += _read(instead, replace(how, beside={}), None, sources, refused)
@@ -211,12 +215,19 @@ def ingest(
     return Ingest(tuple(runs), tuple(_with_apart(sources)), refused)
 
 
+def _taken(sources: Sequence[Source]) -> set[str]:
+    """The paths of the logs that were read together with others."""
+    return {one.path for source in sources if source.joined for one in source.joined.files}
+
+
 def _together(logs: Sequence[Path], flight: Path | None) -> dict[Path, tuple[Path, ...]]:
     """For each log the others that may be of the same flight, where there are any."""
     found: dict[Path, tuple[Path, ...]] = {}
     for log in logs:
         if is_streamed(log):
-            found[log] = tuple(other for other in beside(log) if other not in logs)
+            came = [other for other in beside(log) if other not in logs]
+            # A log that was streamed in two is one on the card: it is not to be read twice.
+            found[log] = (*came, *streamed_after(log)) if came else ()
         elif flight is not None and log.suffix.lower() == ".bin":
             found[log] = of_flight(flight, log)
     return {log: others for log, others in found.items() if others}
@@ -250,8 +261,7 @@ def _read(
 
 def _with_apart(sources: Sequence[Source]) -> list[Source]:
     """The sources, those beside which logs lie that no log of the flight was joined with say so."""
-    taken = {one.path for source in sources if source.joined for one in source.joined.files}
-    told = {source.path for source in sources} | taken
+    told = {source.path for source in sources} | _taken(sources)
     out = []
     for source in sources:
         apart = {path: why for path, why in source.apart.items() if path not in told}

@@ -31,6 +31,12 @@ def beside(log: Path) -> tuple[Path, ...]:
     return tuple(path for _, paths in sorted(by_number.items()) for path in sorted(fetched(paths)))
 
 
+def streamed_after(log: Path) -> tuple[Path, ...]:
+    """The streamed logs of a folder that come behind this one: where the vehicle began anew."""
+    every = sorted((path for path in _files(log.parent) if is_streamed(path)), key=lambda path: (len(path.name), path))
+    return tuple(every[every.index(log) + 1 :]) if log in every else ()
+
+
 def of_flight(folder: Path, log: Path) -> tuple[Path, ...]:
     """The logs in a flight's folder that another log, as one off the vehicle's card, may be of one flight with."""
     if folder.resolve() == log.parent.resolve():

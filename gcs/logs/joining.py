@@ -39,25 +39,26 @@ class _Joining:
         problem, taken = "", False
         for other in file.log.boots:
             for k, boot in enumerate(self.boots):
-                first_is_new = file.streamed and not base.streamed
-                both = join(other, boot) if first_is_new else join(boot, other)
+                both = join(other, boot) if file.streamed else join(boot, other)
                 if isinstance(both, str):
                     problem = max(problem, both, key=len)
                     continue
-                self._count(both, boot, file.path, base.path, first_is_new=first_is_new)
+                self._count(both, boot, file, base)
                 self.boots[k], taken = both, True
                 break
         return "" if taken else problem
 
-    def _count(self, both: JoinedLog, boot: AnyLog, new: Path, base: Path, *, first_is_new: bool) -> None:
-        first, second = both.filled
-        named = [(new, second, 0), (base, first, second)] if first_is_new else [(base, second, 0), (new, first, second)]
-        for path, others_alone, filled in named:
-            if path == new or isinstance(boot, DataFlashLog):
-                self.samples[path] = self.samples.get(path, 0) + both.samples - others_alone
-                self.filled[path] = self.filled.get(path, 0) + filled
+    def _count(self, both: JoinedLog, boot: AnyLog, new: _File, base: _File) -> None:
+        ours, theirs = both.filled if new.streamed else both.filled[::-1]
+        listed_first = new.streamed and not base.streamed
+        counts = [(new.path, theirs, 0 if listed_first else ours)]
+        if isinstance(boot, DataFlashLog):
+            counts.append((base.path, ours, theirs if listed_first else 0))
+        for path, others_alone, filled in counts:
+            self.samples[path] = self.samples.get(path, 0) + both.samples - others_alone
+            self.filled[path] = self.filled.get(path, 0) + filled
         self.shared += both.shared
-        self.adds |= both.added[not first_is_new]
+        self.adds |= both.added[not new.streamed]
 
 
 def open_joined(path: Path, beside: Sequence[Path], profile: Profile | None) -> Opened:
@@ -77,7 +78,9 @@ def open_joined(path: Path, beside: Sequence[Path], profile: Profile | None) -> 
         else:
             joined_files.append(file)
     boots, chosen, notes = dataflash_boots(joining.boots, path, profile)
-    files = sorted([base, *joined_files], key=lambda file: not file.streamed)
+    files = [base, *joined_files]
+    if not base.streamed:
+        files.sort(key=lambda file: not file.streamed)
     digests = {file.path: file.log.sha256() for file in files}
     joined = _joined(joining, files, digests) if joined_files else None
     all_of_them = hashlib.sha256("".join(digests.values()).encode()).hexdigest()

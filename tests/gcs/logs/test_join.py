@@ -313,6 +313,32 @@ def test_a_fetched_part_of_a_flight_fills_what_it_has(log: bytes, tmp_path: Path
     assert 0.05 < stop - start < 0.3
 
 
+def test_a_log_that_was_streamed_in_two_is_one_on_the_card(log: bytes, tmp_path: Path) -> None:
+    """Each of the vehicle's two streams begins with the formats; the card has all of it in one."""
+    places = read(log).places("RATE") / len(log)
+    folder = flight(tmp_path / "flight-0001", without(log, (0.4, 1.0)), without(log, (0.1, 0.2), (0.9, 0.92)))
+    (folder / "flight-2.BIN").write_bytes(without(log, (places[0], 0.6)))
+    found = ingest([folder])
+    assert [run.id for run in found.runs] == ["flight.BIN#1", "flight.BIN#2"]
+    (source,) = found.sources
+    assert source.joined is not None
+    names = [Path(one.path).name for one in source.joined.files]
+    assert names == ["flight.BIN", "fetched-00000004.BIN", "flight-2.BIN"]
+    assert (source.joined.complete, source.joined.samples) == (True, samples(log))
+    assert sum(one.filled for one in source.joined.files) + source.joined.files[0].samples == samples(log)
+    (folder / "fetched-00000004.BIN").unlink()
+    assert len(ingest([folder]).sources) == 2
+
+
+def test_a_stream_of_another_boot_is_read_by_itself(log: bytes, another: bytes, tmp_path: Path) -> None:
+    folder = flight(tmp_path / "flight-0001", without(log, (0.3, 0.4)), log)
+    (folder / "flight-2.BIN").write_bytes(another)
+    found = ingest([folder])
+    assert [run.id for run in found.runs] == ["flight.BIN#1", "flight.BIN#2", "flight-2.BIN#1"]
+    assert [source.joined is not None for source in found.sources] == [True, False]
+    assert [dict(source.apart) for source in found.sources] == [{}, {}]
+
+
 def test_a_copy_that_adds_nothing_changes_no_log(log: bytes, tmp_path: Path) -> None:
     """A fit made before the fetch is of the same bytes after it."""
     folder = flight(tmp_path / "flight-0001", log, without(log, (0.5, 0.6)))
