@@ -44,7 +44,12 @@ def test_a_client_takes_the_log_in_mid_run_and_the_laptops_disk_is_full_when_the
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flown = SlowFlight(
-        monkeypatch, "hover-ideal", "ardupilot-heli", tmp_path / "sd", 300_000.0, LOG_BACKEND_TYPE=3, LOG_MAV_BUFSIZE=50
+        monkeypatch,
+        "hover-ideal",
+        "ardupilot-heli",
+        tmp_path / "sd",
+        bytes_s=300_000.0,
+        settings={"LOG_BACKEND_TYPE": 3, "LOG_MAV_BUFSIZE": 50},
     )
     (tmp_path / "card.toml").write_text(CARD)
     flight = tmp_path / "flight-0001"
@@ -161,7 +166,7 @@ def test_a_card_that_gets_full_ends_the_run_and_gives_the_one_before(
 def test_a_vehicle_without_the_systemid_mode_says_what_to_put_on_it(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    flown = SlowFlight(monkeypatch, "hover-ideal", "ardupilot-heli", tmp_path / "sd", 100_000.0)
+    flown = SlowFlight(monkeypatch, "hover-ideal", "ardupilot-heli", tmp_path / "sd", bytes_s=100_000.0)
     table = flown.vehicle.parameters.table
     for name in [name for name in table if name.startswith("SID_")]:
         del table[name]
