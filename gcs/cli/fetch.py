@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -113,10 +114,14 @@ def _run(args: argparse.Namespace) -> int:
         return 0
     _print_result(done)
     if joined is not None:
-        print(f"   with the streamed log: {joined.words}")
+        print(_indented(f"with the streamed log: {joined.words}"))
     if apart is not None:
-        print(f"   not of one flight with the streamed log: {apart}")
+        print(_indented(f"not read with the streamed log: {apart}"))
     return 0
+
+
+def _indented(text: str) -> str:
+    return textwrap.fill(text, 78, initial_indent="   ", subsequent_indent="   ", break_on_hyphens=False)
 
 
 def _with_streamed(flight: FlightFolder, came: Path) -> tuple[Joined | None, str | None]:

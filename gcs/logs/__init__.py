@@ -185,18 +185,8 @@ def ingest(
     from elsewhere with those in the folder of its `flight`. Raises TippathError for a profile that makes no sense.
     """
     chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
-    logs: list[Path] = []
     refused: dict[str, str] = {}
-    for word in paths:
-        path = Path(word)
-        try:
-            its_logs = logs_in(path) if path.is_dir() else [path]
-        except OSError as error:
-            refused[str(path)] = str(unreadable(path, error))
-        except TippathError as error:
-            refused[str(path)] = str(error)
-        else:
-            logs += [log for log in its_logs if log not in logs]
+    logs = _logs_of(paths, refused)
     if not logs and not refused:
         raise UsageError("name at least one log, flight folder or record")
     together = _together(logs, flight) if join else {}
@@ -213,6 +203,22 @@ def ingest(
     if not sources:
         raise UnreadableError(refused)
     return Ingest(tuple(runs), tuple(_with_apart(sources)), refused)
+
+
+def _logs_of(paths: Iterable[Path | str], refused: dict[str, str]) -> list[Path]:
+    """The logs that paths name, each once; why one has none is added to `refused`."""
+    logs: list[Path] = []
+    for word in paths:
+        path = Path(word)
+        try:
+            its_logs = logs_in(path) if path.is_dir() else [path]
+        except OSError as error:
+            refused[str(path)] = str(unreadable(path, error))
+        except TippathError as error:
+            refused[str(path)] = str(error)
+        else:
+            logs += [log for log in its_logs if log not in logs]
+    return logs
 
 
 def _taken(sources: Sequence[Source]) -> set[str]:

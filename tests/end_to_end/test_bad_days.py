@@ -113,7 +113,7 @@ def test_a_client_takes_the_log_in_mid_run_and_the_laptops_disk_is_full_when_the
     assert not ingest([flight]).runs[0].gaps
 
     assert flown.tippath("fetch", "--whole", "--log", "9", "-o", flight) == 0
-    assert "not of one flight with the streamed log" in capsys.readouterr().out
+    assert "not read with the streamed log: they share no sample" in capsys.readouterr().out
     assert main(["ingest", str(flight)]) == 1
     out = capsys.readouterr().out
     assert "fetched-00000009.BIN is not read with it: they share no sample" in out
