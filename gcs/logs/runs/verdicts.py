@@ -60,8 +60,9 @@ def _flown(log: Path) -> list[Mapping[str, Any]]:
     logs = recording.get("logs") if isinstance(recording, dict) else None
     if isinstance(logs, list):
         fetched = about.get("fetched")
-        entries = [*((one, "path") for one in logs), *((one, "file") for one in fetched or () if fetched is not None)]
-        known = log.name in [Path(str(entry.get(key))).name for entry, key in entries if isinstance(entry, dict)]
+        named = [(one, "path") for one in logs]
+        named += [(one, "file") for one in (fetched if isinstance(fetched, list) else ())]
+        known = log.name in [Path(str(entry.get(key))).name for entry, key in named if isinstance(entry, dict)]
     else:
         known = log.stem.lower().startswith("flight")  # it ended before the recording was summed up
     return list(flown) if known else []

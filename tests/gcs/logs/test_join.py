@@ -9,12 +9,14 @@ import json
 import struct
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from flying import CHIRP, PITCH, ROLL, flown
 
+from gcs.analysis.fits import runs_of
 from gcs.cli import main
 from gcs.flight.folder import FlightFolder
 from gcs.logs import ingest, resolve_runs
@@ -300,6 +302,14 @@ def test_one_that_cannot_be_read_leaves_the_other(bad: bytes, log: bytes, tmp_pa
     assert list(found.refused) == [str(streamed_is_bad / "flight.BIN")]
 
 
+def test_what_was_fetched_is_judged_by_the_flight_too(log: bytes, tmp_path: Path) -> None:
+    entered = ingest([_saved(tmp_path / "whole.BIN", log)]).runs[0].entered_s
+    aborted = {"label": "roll", "log_start_s": entered, "ending": "aborted", "reason": "Ctrl-C", "verdict": None}
+    about = {"recording": {"logs": [{"path": "flight.BIN"}]}, "fetched": [{"file": "fetched-00000004.BIN"}]}
+    folder = flight(tmp_path / "flight-0001", b"", log, runs=[aborted], **about)
+    assert [run.usable for run in ingest([folder]).runs] == [False, True]
+
+
 def test_a_fetched_part_of_a_flight_fills_what_it_has(log: bytes, tmp_path: Path) -> None:
     folder = flight(tmp_path / "flight-0001", zeroed(log, (0.3, 0.4), (0.8, 0.81)), log)
     places = read(log).places("RATE") / len(log)
@@ -345,6 +355,19 @@ def test_a_copy_that_adds_nothing_changes_no_log(log: bytes, tmp_path: Path) -> 
     assert ingest([folder]).sources[0].sha256 == ingest([folder], join=False).sources[0].sha256
     filled = flight(tmp_path / "flight-0002", without(log, (0.5, 0.6)), log)
     assert ingest([filled]).sources[0].sha256 != ingest([filled], join=False).sources[0].sha256
+
+
+def test_a_fit_made_before_the_fetch_has_its_runs_again(log: bytes, tmp_path: Path) -> None:
+    folder = flight(tmp_path / "flight-0001", without(log, (0.2, 0.24)), log)
+    alone, together = (ingest([folder], join=join).usable[0].record for join in (False, True))
+    assert alone is not None
+    assert together is not None
+    fit: Any = SimpleNamespace(profile=None, window_s=None, band_hz=(0.0, 15.0), records=())
+    for record in (alone, together):
+        used: Any = SimpleNamespace(id=record.id, path=record.path, sha256=record.sha256)
+        (again,) = runs_of(fit, [used])
+        assert np.array_equal(again.t, record.t)
+    assert alone.sha256 != together.sha256
 
 
 def test_a_change_of_either_file_is_read_anew(log: bytes, tmp_path: Path) -> None:
