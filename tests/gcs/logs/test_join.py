@@ -236,7 +236,7 @@ def test_stretches_are_added_and_shared() -> None:
 # Folders
 
 
-def flight(path: Path, streamed: bytes, fetched: bytes, **about: Any) -> Path:
+def flight(path: Path, streamed: bytes, fetched: bytes, /, **about: Any) -> Path:
     path.mkdir()
     (path / "flight.BIN").write_bytes(streamed)
     (path / "fetched-00000004.BIN").write_bytes(fetched)
