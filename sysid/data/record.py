@@ -95,6 +95,8 @@ class Record:
     not every loop. None: not known, and taken as held from sample to sample."""
     loop_told_by: str = ""
     """Where that is from: a setting in the log, a profile, the user."""
+    excitation_from: str = ""
+    """What the excitation was rebuilt from; empty where it was logged, or is not known."""
 
     def __post_init__(self) -> None:
         missing = [name for name in REQUIRED if name not in self.channels]
@@ -159,6 +161,7 @@ class Record:
             vehicle=self.vehicle,
             loop_dt_s=self.loop_dt_s,
             loop_told_by=self.loop_told_by,
+            excitation_from=self.excitation_from,
         )
 
     def save(self, path: Path) -> None:
@@ -181,6 +184,7 @@ class Record:
             "vehicle": dict(self.vehicle),
             "loop_dt_s": self.loop_dt_s,
             "loop_told_by": self.loop_told_by,
+            "excitation_from": self.excitation_from,
         }
         part = path.with_name(path.name + ".part")
         arrays: dict[str, Any] = dict(self.channels)
@@ -219,6 +223,7 @@ class Record:
             vehicle={str(key): str(value) for key, value in about.get("vehicle", {}).items()},
             loop_dt_s=about.get("loop_dt_s"),
             loop_told_by=about.get("loop_told_by", ""),
+            excitation_from=about.get("excitation_from", ""),
         )
 
 

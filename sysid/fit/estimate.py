@@ -43,6 +43,9 @@ WORST_OF_ONE_AXIS = 4.0
 
 
 Weights = Literal["residual spectrum", "constant"]
+Instrument = Literal["excitation logged", "excitation rebuilt", "prediction error", "commands"]
+"""What keeps feedback out of the values: the excitation, or the noise predicted from its past; nothing does where the
+commands stand for themselves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,10 +57,14 @@ class Estimate:
     """(parameters, parameters), honest under coloured residuals; zero for held parameters."""
     error: OutputError
     at_bound: tuple[str, ...] = field(default=())
-    instrumented: bool = False
-    """The logged excitation served as instrument, so that feedback does not bias the values."""
+    instrument: Instrument = "commands"
     weights: Weights = "constant"
     """What of the residual weighed: its spectrum, or each output's power alone."""
+
+    @property
+    def instrumented(self) -> bool:
+        """The excitation served as instrument, so that feedback does not bias the values."""
+        return self.instrument in ("excitation logged", "excitation rebuilt")
 
 
 def estimate(
@@ -184,8 +191,13 @@ def _with_errors(
         covariance=covariance,
         error=output_error(model, stacks),
         at_bound=bound,
-        instrumented=Z is not None,
+        instrument="commands" if Z is None else _kind_of(stacks),
     )
+
+
+def _kind_of(stacks: Sequence[Stack]) -> Instrument:
+    rebuilt = any(one.segment.record.excitation_from for group in stacks for one in group.spectra)
+    return "excitation rebuilt" if rebuilt else "excitation logged"
 
 
 def _unbias(

@@ -16,6 +16,7 @@ from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.estimate import Estimate, Weights, estimate
 from sysid.fit.identifiable import structural, vague
 from sysid.fit.output_error import OutputError, output_error
+from sysid.fit.prediction_error import prediction_error
 from sysid.fit.result import Fit, RecordUsed, Rung
 from sysid.fit.stable import Settled, settle
 from sysid.model.airframe import misfits
@@ -84,6 +85,7 @@ def identify(
         fixed=tuple(fixed or ()),
         lineage=tuple(rungs),
         weights=step.found.weights,
+        instrument=step.found.instrument,
     )
 
 
@@ -128,6 +130,8 @@ class _Step:
         if begin is not None and begin.structure.base != composed.base:
             begin = None  # cylinder dynamics know nothing of flapping
         found = estimate(composed, fitted, begin, held, weights)
+        if last and weights != "constant" and found.instrument == "commands":
+            found = prediction_error(found, fitted, held) or found
         settled = settle(found, fitted, held, weights) if last else Settled(found)
         found = settled.estimate
         validated: Mapping[str, float] | None = None

@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from sysid.data.band import BandFrom
 from sysid.data.preprocess import gaps, rate_hz
 from sysid.data.record import Record
 from sysid.errors import SysidError
-from sysid.fit.estimate import Weights
+from sysid.fit.estimate import Instrument, Weights
 from sysid.fit.identifiable import undetermined
 from sysid.model.base import Base, load_base
 from sysid.model.compose import compose
@@ -118,6 +118,8 @@ class Fit:
     """Why the band is this; None where whoever fitted does not tell."""
     weights: Weights = "constant"
     """Over frequency: by the spectrum of what is left, or constant."""
+    instrument: Instrument | None = None
+    """What keeps feedback out of the values; None of a fit that was saved without it."""
 
     @property
     def airframe(self) -> Airframe | None:
@@ -216,6 +218,7 @@ class Fit:
             "band_from": self.band_from,
             "airframe": self.airframe,
             "weights": self.weights,
+            "instrument": self.instrument,
             "profile": self.profile,
             "window_s": None if self.window_s is None else list(self.window_s),
             "warnings": list(self.warnings),
@@ -290,6 +293,7 @@ class Fit:
                     for one in document["lineage"]
                 ),
                 weights="residual spectrum" if document.get("weights") == "residual spectrum" else "constant",
+                instrument=next((one for one in get_args(Instrument) if one == document.get("instrument")), None),
             )
         except EffectError as error:
             raise ResultError(f"its structure cannot be composed: {error}") from error

@@ -62,14 +62,14 @@ def noise_whitening(model: Model, stacks: Sequence[Stack], division: Division) -
     ends = []
     for group in stacks:
         white = whitener_of(division.at(group.frequency_hz))
-        E = np.concatenate([respond(model.structure, model.values, group, False).E, _jumps(group)])
+        E = np.concatenate([respond(model.structure, model.values, group, False).E, jumps(group)])
         E = np.einsum("fij,cjf->cif", white, group.scale * E)
         whitener.append(white)
         ends.append([orthonormal(rows(E[..., part])) for part in group.slices])
     return Whitening(tuple(stacks), whitener, ends)
 
 
-def _jumps(group: Stack) -> ComplexArray:
+def jumps(group: Stack) -> ComplexArray:
     """A jump and a bend of each output alone at a segment's ends, which gusts leave there, (2 k, k, bins)."""
     k = group.Y.shape[0]
     step = 1 / (group.z - 1)
