@@ -73,6 +73,7 @@ FIT = exactly(
         "correlations": listed(exactly({"parameters": listed(TEXT), "correlation": MAYBE})),
         "band_hz": {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2},
         "weights": {"enum": ["residual spectrum", "constant"]},
+        "instrument": {"enum": ["excitation logged", "excitation rebuilt", "prediction error", "commands", None]},
         "profile": {"type": ["string", "null"]},
         "warnings": listed(TEXT),
         "version": TEXT,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAMETERS, Identification, Judgement
@@ -14,6 +15,7 @@ from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches
 from sysid.data.band import Band, BandFrom
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.fit.checks import Check
+from sysid.fit.estimate import Instrument
 from sysid.fit.implied import Implied
 from sysid.fit.result import HIGH_CORRELATION, Fit
 
@@ -35,6 +37,14 @@ BAND_REASONS = {
     BandFrom.COHERENT: "no sweep is known, there the rates follow the commands",
     BandFrom.USUAL: "the usual one, for no sweep and no coherence tell of another",
 }
+
+INSTRUMENTS: Mapping[Instrument | None, str] = MappingProxyType(
+    {
+        "excitation rebuilt": "feedback is kept out by the excitation, rebuilt from the chirp's settings",
+        "prediction error": "feedback is kept out by predicting the noise, for no excitation is logged",
+    }
+)
+"""What is told of how feedback was kept out of the values, where no excitation was logged."""
 
 
 def identification_text(found: Identification) -> str:
@@ -150,6 +160,7 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
     title = f"{' + '.join([structure.base_.label, *structure.effects])} fitted to {count}"
     lines = [*wrapped(f"{title}, {fit.band_hz[0]:g}-{fit.band_hz[1]:g} Hz", rest="  ")]
     lines += [] if fit.band_from is None else wrapped(band_line(fit.band_hz, fit.band_from), "  ", "    ")
+    lines += [] if fit.instrument not in INSTRUMENTS else wrapped(INSTRUMENTS[fit.instrument], "  ", "    ")
     lines += [""]
     lines.append(f"NRMSE fit, %  {''.join(f'{name:>7}   ' for name in structure.outputs)}".rstrip())
     lines.append(f"  fitted      {_by_output(fit.nrmse_percent)}")

@@ -49,6 +49,11 @@ class _Flown:
             maneuver=maneuver,
             axis=None if axis == "other" else axis,
             swept_band_hz=band if swept else None,
+            law=settings.law,
+            c1=settings.c1,
+            fade_in_s=settings.fade_in_s,
+            fade_out_s=settings.fade_out_s,
+            amplitude=None if self.amplitude is None else float(self.amplitude[start]),
         )
 
 

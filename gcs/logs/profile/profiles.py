@@ -28,6 +28,7 @@ from gcs.errors import TippathError
 from gcs.logs.formats.tables import Log
 from gcs.logs.words import printable
 from sysid.data.airframe import Airframe
+from sysid.data.chirp import Law
 from sysid.data.record import CHANNELS
 
 Kind = Literal["dataflash", "ulog", "tlog", "csv"]
@@ -54,13 +55,23 @@ class ChannelSource:
 
 
 class Cut(Strict, frozen=True):
-    """[[runs]]: a run that the profile cuts out of the log, in seconds of the log's own time."""
+    """[[runs]]: a run that the profile cuts out of the log, in seconds of the log's own time.
+
+    With the law of its chirp the excitation can be rebuilt where it is not logged; the chirp then begins at `start_s`,
+    give or take a second, and lasts until `stop_s`.
+    """
 
     start_s: float = -math.inf
     stop_s: float = math.inf
     maneuver: Maneuver = "unknown"
     axis: Axis | None = None
     swept_band_hz: tuple[float, float] | None = None
+    law: Law | None = None
+    c1: Annotated[float, Meta(gt=0, lt=50)] = 4.0
+    """Of Tischler's law."""
+    fade_in_s: Annotated[float, Meta(ge=0)] = 0.0
+    fade_out_s: Annotated[float, Meta(ge=0)] = 0.0
+    amplitude: float | None = None
 
 
 class Settings(Strict, frozen=True):
@@ -76,6 +87,11 @@ class Settings(Strict, frozen=True):
     f_stop_hz: str | None = None
     amplitude: str | None = None
     maneuver: Maneuver = "chirp"
+    law: Law | None = None
+    """Of the chirps, as in [[runs]], with what goes with it."""
+    c1: Annotated[float, Meta(gt=0, lt=50)] = 4.0
+    fade_in_s: Annotated[float, Meta(ge=0)] = 0.0
+    fade_out_s: Annotated[float, Meta(ge=0)] = 0.0
 
     @property
     def sources(self) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from gcs.logs.runs.health import F_HIGH_HZ, Health
 from gcs.logs.runs.loop import TOLD, held, loop_of
 from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
+from sysid.data.chirp import with_excitation
 from sysid.data.record import Record, RecordError
 
 KEEP_BEFORE_S = 0.5
@@ -141,7 +142,7 @@ class Cutting:
             samples = "1 sample" if mapped.rows_dropped == 1 else f"{mapped.rows_dropped} samples"
             notes.append(f"{samples} left out: a channel had no value there, or an impossible one")
         loop = loop_of(self.log, self.profile, span.start_s)
-        return Record(
+        record = Record(
             id=id,
             channels=channels,
             maneuver=span.maneuver,
@@ -157,6 +158,7 @@ class Cutting:
             loop_dt_s=None if loop is None else loop.dt_s,
             loop_told_by="" if loop is None else loop.told_by,
         )
+        return _with_excitation(record, span)
 
     def _without_record(
         self,
@@ -277,6 +279,16 @@ def _flown_band(log: Log, span: Span, start_s: float, stop_s: float) -> tuple[fl
     first = low if start_s <= span.start_s else float(np.median(flown[:FEW]))
     last = high if stop_s >= planned_stop_s - CUT_SHORT_S else float(np.median(flown[-FEW:]))
     return first, max(first, last)
+
+
+def _with_excitation(record: Record, span: Span) -> Record:
+    """The record, its excitation rebuilt where nobody logged it, its law is known and its command shows it."""
+    known = span.law
+    if known is None or span.maneuver != "chirp" or not span.excites_command:
+        return record
+    if any(name.startswith("excitation_") for name in record.channels):
+        return record
+    return with_excitation(record, known.chirp, span.start_s, known.within_s, known.source) or record
 
 
 def _excitation_known(channels: Mapping[str, FloatArray], span: Span) -> bool:

@@ -17,13 +17,17 @@ from dataclasses import dataclass, replace
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import Log
 from gcs.logs.profile.mapping import OutsideLog
-from gcs.logs.profile.profiles import Profile
+from gcs.logs.profile.profiles import Cut, Profile
 from gcs.logs.runs import excited, systemid, told
 from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S, SWEEP
 from gcs.logs.runs.run import AnyWindow, FromStart, Run
-from gcs.logs.runs.span import Span
+from gcs.logs.runs.span import Known, Span
 from gcs.vehicle.autopilots import SYSTEMID
+from sysid.data.chirp import Chirp
+
+CUT_WITHIN_S = 1.0
+"""By which a chirp may begin beside where a profile says that it does."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +150,29 @@ def _spans(log: Log, profile: Profile) -> list[Span]:
                 maneuver=cut.maneuver,
                 axis=cut.axis,
                 swept_band_hz=cut.swept_band_hz,
+                law=_known(cut),
             )
             for cut in profile.cuts
         ]
     return _maneuvers(log, profile)
+
+
+def _known(cut: Cut) -> Known | None:
+    """The chirp that a profile tells of; None where it does not tell all."""
+    if cut.law is None or cut.axis is None or cut.swept_band_hz is None:
+        return None
+    chirp = Chirp(
+        axis=cut.axis,
+        law=cut.law,
+        f_start_hz=cut.swept_band_hz[0],
+        f_stop_hz=cut.swept_band_hz[1],
+        duration_s=cut.stop_s - cut.start_s,
+        amplitude=cut.amplitude,
+        fade_in_s=cut.fade_in_s,
+        fade_out_s=cut.fade_out_s,
+        c1=cut.c1,
+    )
+    return Known(chirp, CUT_WITHIN_S, "the profile's settings") if chirp.makes_sense else None
 
 
 def _whole(log: Log, profile: Profile, window: AnyWindow | None) -> Span:

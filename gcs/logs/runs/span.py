@@ -5,6 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gcs.logs.formats.tables import FloatArray
+from sysid.data.chirp import Chirp
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A chirp whose law is known."""
+
+    chirp: Chirp
+    within_s: float
+    """By which its start may be off."""
+    source: str
+    """Who tells."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,3 +43,5 @@ class Span:
     entered_s: float | None = None
     track: tuple[FloatArray, FloatArray] | None = None
     """Times (s) and frequencies (Hz) of a chirp that was found by its excitation, both of shape (n,)."""
+    law: Known | None = None
+    """The chirp by its law, where it is known."""

@@ -7,7 +7,7 @@ until the mode is left. Where SIDS was lost, SIDD's own clock tells the entry.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +15,13 @@ import numpy as np
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray, Series
 from gcs.logs.runs.health import SHORTEST_RUN_S
-from gcs.logs.runs.span import Span
+from gcs.logs.runs.span import Known, Span
 from gcs.vehicle.autopilots import PARAMETER_ERROR, STOPPED, SYSTEMID
+from sysid.data.chirp import Chirp
 
 LEAD_S = 1.0  # of nothing before the maneuver
+START_WITHIN_S = 0.06
+"""What the time of the entry, and a loop of another length than it counts, may be off."""
 AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
 """SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
 OTHER_AXES = {3: "yaw", 6: "yaw", 9: "yaw", 12: "yaw", 13: "thrust"}
@@ -40,6 +43,8 @@ class _Entry:
     magnitude: float | None = None
     band: tuple[float, float] | None = None
     duration_s: float | None = None
+    fades_s: tuple[float, float] = (0.0, 0.0)
+    """In and out."""
     lost: bool = False
     """SIDS is missing; the entry was worked out from SIDD."""
 
@@ -67,7 +72,8 @@ def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
     entries = []
     if log.has("SIDS.Ax"):
         t = log.series("SIDS.Ax").t
-        columns = {c: log.series(f"SIDS.{c}").values for c in ("Ax", "Mag", "FSt", "FSp", "TR") if log.has(f"SIDS.{c}")}
+        names = ("Ax", "Mag", "FSt", "FSp", "TR", "TFin", "TFout")
+        columns = {c: log.series(f"SIDS.{c}").values for c in names if log.has(f"SIDS.{c}")}
         for i, at in enumerate(t.tolist()):
             magnitude, low, high, duration = (
                 float(columns[c][i]) if c in columns else math.nan for c in ("Mag", "FSt", "FSp", "TR")
@@ -79,6 +85,7 @@ def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
                     magnitude=magnitude if 0 < magnitude < math.inf else None,
                     band=(low, high) if 0 < low < high < math.inf else None,
                     duration_s=duration if 0 < duration < 3600 else None,
+                    fades_s=(_fade(columns, "TFin", i), _fade(columns, "TFout", i)),
                 )
             )
     if sidd is not None:
@@ -87,6 +94,11 @@ def _entries(log: DataFlashTables, sidd: Series | None) -> list[_Entry]:
             if not any(abs(at - entry.t) < 1.5 for entry in entries):
                 entries.append(_Entry(t=at, lost=True))
     return sorted(entries, key=lambda entry: entry.t)
+
+
+def _fade(columns: Mapping[str, FloatArray], name: str, row: int) -> float:
+    value = float(columns[name][row]) if name in columns else 0.0
+    return value if 0 < value < 3600 else 0.0
 
 
 def _number(value: float) -> int:
@@ -134,6 +146,8 @@ class _Maneuver:
     band: tuple[float, float] | None
     noise: float | None = None
     """Over the chirp's amplitude."""
+    c1: float | None = None
+    """Of Tischler's law; None: ArduPilot's."""
     last_s: float | None = None
     """The record must end here, where that is before the mode was left."""
     notes: tuple[str, ...] = ()
@@ -181,7 +195,27 @@ class _Flown:
             explained=maneuver.explained,
             notes=tuple(notes),
             entered_s=entry.t,
+            law=self._known(maneuver),
         )
+
+    def _known(self, maneuver: _Maneuver) -> Known | None:
+        """The chirp by the settings at the entry, which SIDD repeats sample by sample where it is logged."""
+        entry = self.entry
+        if maneuver.kind != "chirp" or entry.band is None or entry.duration_s is None:
+            return None
+        chirp = Chirp(
+            axis=AXES.get(-1 if entry.axis is None else entry.axis, ""),
+            law="ardupilot" if maneuver.c1 is None else "tischler",
+            f_start_hz=entry.band[0],
+            f_stop_hz=entry.band[1],
+            duration_s=entry.duration_s,
+            amplitude=entry.magnitude,
+            fade_in_s=entry.fades_s[0],
+            fade_out_s=entry.fades_s[1],
+            flown_s=maneuver.stop_s - maneuver.start_s,
+            c1=4.0 if maneuver.c1 is None else maneuver.c1,
+        )
+        return Known(chirp, START_WITHIN_S, "SIDS") if chirp.makes_sense else None
 
     def _as_set(self) -> _Maneuver:
         """By the settings at the entry."""
@@ -189,19 +223,20 @@ class _Flown:
         kind = "chirp"
         notes: list[str] = []
         noise: float | None = None
+        c1: float | None = None
         if log.has("SIDY.Kind"):
             kinds = log.series("SIDY.Kind")
             nearest = int(np.argmin(np.abs(kinds.t - entry.t)))
             if abs(kinds.t[nearest] - entry.t) < 0.5:
                 kind = KINDS.get(_number(kinds.values[nearest]), "unknown")
-                law, noise = _law(log, nearest)
+                law, noise, c1 = _law(log, nearest)
                 notes += [law] if kind == "chirp" else []
         elif not entry.lost:
             notes.append("ArduPilot's law, no noise")
             noise = 0.0
         start = entry.t + LEAD_S
         stop = self.end_s if entry.duration_s is None else min(start + entry.duration_s, self.end_s)
-        return _Maneuver(kind=kind, start_s=start, stop_s=stop, band=entry.band, noise=noise, notes=tuple(notes))
+        return _Maneuver(kind=kind, start_s=start, stop_s=stop, band=entry.band, noise=noise, c1=c1, notes=tuple(notes))
 
     def _as_told(self, maneuver: _Maneuver, texts: Sequence[tuple[float, str]]) -> _Maneuver:
         """By the vehicle's own words about its end."""
@@ -277,16 +312,16 @@ def other_axis(number: int) -> str:
     )
 
 
-def _law(log: DataFlashTables, row: int) -> tuple[str, float]:
-    """In words, and its noise over its amplitude."""
+def _law(log: DataFlashTables, row: int) -> tuple[str, float, float | None]:
+    """In words, its noise over its amplitude, and C1 where it is Tischler's."""
 
     def setting(name: str) -> float:
         return float(log.series(f"SIDY.{name}").values[row]) if log.has(f"SIDY.{name}") else math.nan
 
     if setting("Law") == 1:
         noise = setting("Noise")
-        return f"Tischler's law, C1 {setting('C1'):g}, noise {noise:g}", noise
-    return "ArduPilot's law", 0.0
+        return f"Tischler's law, C1 {setting('C1'):g}, noise {noise:g}", noise, setting("C1")
+    return "ArduPilot's law", 0.0, None
 
 
 def _moved(sidd: Series, entry: _Entry, end: float) -> tuple[float, float] | None:
