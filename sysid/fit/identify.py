@@ -14,6 +14,7 @@ from sysid.data.record import AXIS_OF, COMMANDS, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
 from sysid.fit.estimate import Estimate, Weights, estimate
+from sysid.fit.feedback import refuse_feedback_alone
 from sysid.fit.identifiable import structural, vague
 from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.prediction_error import prediction_error
@@ -129,6 +130,7 @@ class _Step:
             raise FitError(open_to_all)
         if begin is not None and begin.structure.base != composed.base:
             begin = None  # cylinder dynamics know nothing of flapping
+        refuse_feedback_alone(composed, fitted)
         found = estimate(composed, fitted, begin, held, weights)
         if last and weights != "constant" and found.instrument == "commands":
             found = prediction_error(found, fitted, held) or found

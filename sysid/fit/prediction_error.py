@@ -222,20 +222,6 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     )
 
 
-def past_share(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -> float | None:
-    """Of the answers to the commands that `found` predicts, what the noise's past foretells, at the parameter of which
-    most is left; None where there is no response. Near one, the runs show a controller, not a vehicle."""
-    stacks, rate_hz = _widened(bins, found.model.structure)
-    free = free_of(found.model, fixed)
-    try:
-        with np.errstate(all="ignore"):
-            noise = _Noise.of(output_error(found.model, stacks), stacks, rate_hz)
-            share = _Equations.at(found.model, noise, stacks).past_share(free)
-    except (RelaxationError, np.linalg.LinAlgError):
-        return None
-    return float(np.min(share)) if share.size and np.all(np.isfinite(share)) else None
-
-
 def _widened(bins: Bins, structure: Structure) -> tuple[tuple[Stack, ...], float]:
     """The same segments with bins up to WIDER, as far as they are sampled, and the rate of samples that had just
     these."""
