@@ -1,4 +1,4 @@
-"""Fits of flights in a loop, by what keeps feedback out of them: the excitation, logged or rebuilt; the noise, predicted;
+"""Fits of flights in a loop, by what keeps feedback out: the excitation, logged or rebuilt; the noise, predicted; or
 nothing, as before.
 
     python tests/study/study_feedback.py [FLIGHTS [SECONDS [VERDICTS]]]
@@ -128,9 +128,8 @@ def diagnosed(flights: Sequence[Sequence[planted.Run]]) -> None:
 
 
 def study_feedback(flights: int = 20, seconds: float = 30.0, verdicts: int = 4) -> None:
-    print(
-        f"\n{flights} flights of four {seconds:g}-s chirps from seed {FIRST_SEED}; a mean's own error {flights**-0.5:.2f}"
-    )
+    print(f"\n{flights} flights of four {seconds:g}-s chirps from seed {FIRST_SEED}")
+    print(f"  (sampling error of a mean {flights**-0.5:.2f})")
     for case in CASES:
         print(f"  {case.name}")
         flown = fly(case, flights, seconds)

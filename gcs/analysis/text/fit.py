@@ -41,7 +41,7 @@ BAND_REASONS = {
 INSTRUMENTS: Mapping[Instrument | None, str] = MappingProxyType(
     {
         "excitation rebuilt": "feedback is kept out by the excitation, rebuilt from the chirp's settings",
-        "prediction error": "feedback is kept out by predicting the noise, for no excitation is logged",
+        "prediction error": "feedback is kept out by predicting the noise, for no excitation serves as instrument",
     }
 )
 """What is told of how feedback was kept out of the values, where no excitation was logged."""
