@@ -102,7 +102,7 @@ def placed(chirp: Chirp, t: FloatArray, command: FloatArray, start_s: float, wit
     at = int(np.argmax(explained))
     if not 0 < at < starts.size - 1:
         return None
-    before, best, after = explained[at - 1 : at + 2]
+    before, best, after = map(float, explained[at - 1 : at + 2])
     bend = 2 * best - before - after
     start = float(starts[at] + (0.5 * spacing * (after - before) / bend if bend > 0 else 0.0))
     wave = chirp.wave(t - start)
@@ -123,7 +123,7 @@ def placed(chirp: Chirp, t: FloatArray, command: FloatArray, start_s: float, wit
 
 
 def _explained(wave: FloatArray, u: FloatArray) -> float:
-    return float(max(wave @ u, 0.0) ** 2 / max(float(wave @ wave), 1e-300))
+    return max(float(wave @ u), 0.0) ** 2 / max(float(wave @ wave), 1e-300)
 
 
 def with_excitation(record: Record, chirp: Chirp, start_s: float, within_s: float, source: str) -> Record | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.dataset import Bins
 from sysid.data.record import CYCLIC, RATES
@@ -35,7 +36,7 @@ def refuse_feedback_alone(structure: Structure, bins: Bins) -> None:
         )
 
 
-def _fed_back(bins: Bins, late_s: float) -> tuple[FloatArray, FloatArray]:
+def _fed_back(bins: Bins, late_s: float) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Of each command's power, (2,), what gains on both rates and both angles explain; and whether its own act against
     the motion, (2,)."""
     inner, cross, power = np.zeros((4, 4)), np.zeros((4, 2)), np.zeros(2)
@@ -54,6 +55,6 @@ def _fed_back(bins: Bins, late_s: float) -> tuple[FloatArray, FloatArray]:
             power += np.sum(each[4:] ** 2, axis=1)
     size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     gains = np.linalg.lstsq(inner / np.outer(size, size), cross / size[:, None], rcond=1e-10)[0]
-    shares = np.sum(gains * cross / size[:, None], axis=0) / np.maximum(power, 1e-300)
+    shares: FloatArray = np.sum(gains * cross / size[:, None], axis=0) / np.maximum(power, 1e-300)
     own = np.array([gains[axis, axis] + gains[2 + axis, axis] for axis in range(2)])
     return shares, own < 0

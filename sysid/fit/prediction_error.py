@@ -120,8 +120,8 @@ def _blocks(model: Model, noise: _Noise, stacks: Sequence[Stack]) -> Iterator[_B
             new = found[0].view(complex).reshape(k, -1, 1)
             v = np.linalg.solve(W[..., part].transpose(2, 0, 1), new.swapaxes(0, 1))[:, :, 0].T
             # (lag, row of the lags, column, output, bins)
-            past = -noise.root.T[None, :, None, :, None] * (late[:, None, part] * v)[:, None, :, None, :]
-            past = past * group.scale[part]
+            foretold: ComplexArray = group.scale[part] * late[:, None, part] * v
+            past: ComplexArray = np.asarray(-noise.root.T[:, None, :, None] * foretold[:, None, :, None, :], complex)
             yield _Block(
                 found[:1], found[1:], _less(basis, rows(past.reshape(-1, k, v.shape[1]))), group.frequency_hz[part]
             )
