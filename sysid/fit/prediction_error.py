@@ -196,7 +196,7 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     """The estimate where noise is predicted too, begun at `found`; `fixed` parameters stay.
 
     None where no loop shows, where the commands follow so closely from past noise that nothing is left to identify by,
-    or where the search does not settle near where it began.
+    or where the search does not settle near where it began, within the bounds.
     """
     structure = found.model.structure
     if jumping(structure, found.model.values, bins.stacks[0]):
@@ -217,6 +217,8 @@ def prediction_error(found: Estimate, bins: Bins, fixed: Collection[str] = ()) -
     if not np.all(np.isfinite(covariance)) or np.any(error.residual_power > WORST * found.error.residual_power):
         return None
     bound = tuple(name for i, name in enumerate(structure.names) if name not in fixed and i not in free)
+    if set(bound) - set(found.at_bound):
+        return None
     return replace(
         found, model=model, covariance=covariance, error=error, at_bound=bound, instrument="prediction error"
     )

@@ -293,7 +293,7 @@ class Fit:
                     for one in document["lineage"]
                 ),
                 weights="residual spectrum" if document.get("weights") == "residual spectrum" else "constant",
-                instrument=next((one for one in get_args(Instrument) if one == document.get("instrument")), None),
+                instrument=_instrument(document.get("instrument")),
             )
         except EffectError as error:
             raise ResultError(f"its structure cannot be composed: {error}") from error
@@ -311,6 +311,10 @@ class Fit:
             return cls.from_json(document, path.parent, named)
         except ResultError as error:
             raise ResultError(f"{path}: {error}") from error
+
+
+def _instrument(word: str | None) -> Instrument | None:
+    return next((one for one in get_args(Instrument) if one == word), None)
 
 
 def _kind_or_none(kind: type[Kind], word: str | None) -> Kind | None:
