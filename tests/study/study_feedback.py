@@ -120,7 +120,7 @@ def diagnosed(flights: Sequence[Sequence[planted.Run]]) -> None:
         "not logged": lambda flight: records(flight, *EXCITATIONS),
     }
     for way, of in ways.items():
-        said = Counter()
+        said: Counter[str] = Counter()
         for flight in flights:
             one = diagnose(TPP, of(flight), chains=False)
             said[one.verdict + (f" ({one.reason})" if one.reason else "")] += 1

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from gcs.logs import ingest
+from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.runs import systemid
+from gcs.logs.runs.span import Span
 from sysid.data.chirp import placed, with_excitation
 from sysid.data.record import Record
 
@@ -138,11 +140,17 @@ def test_a_profile_that_tells_the_law_rebuilds_the_chirp(saved: Saved, runs: str
 def test_the_law_is_a_real_autopilots(shared_data: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     record = record_of(shared_data / "ardupilot" / name)
     assert record.excitation_from == ""
-    spans: list[Any] = []
+    spans: list[Span] = []
     find = systemid.find
-    monkeypatch.setattr(systemid, "find", lambda log: spans.extend(find(log)) or find(log))
+
+    def keep(log: DataFlashTables) -> list[Span]:
+        spans.extend(find(log))
+        return spans
+
+    monkeypatch.setattr(systemid, "find", keep)
     record_of(shared_data / "ardupilot" / name)
     known = spans[0].law
+    assert known is not None
     bare = {key: values for key, values in record.channels.items() if not key.startswith("excitation_")}
     again = with_excitation(replace(record, channels=bare), known.chirp, spans[0].start_s, known.within_s, known.source)
     assert again is not None
