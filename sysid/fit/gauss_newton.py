@@ -79,11 +79,11 @@ def normal_equations(
             structure, values, group, sensitivities=full, U=None, ends=None if ends is None else ends[number]
         )
         n = response.E.shape[0]
-        whole = np.concatenate(
-            [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
-        )
-        whole = weighed(weight, whole)
-        blocks = [rows(whole[..., part]) for part in group.slices]
+        columns = [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
+        blocks = [
+            rows(np.concatenate([weighed(weight[..., part], some[..., part]) for some in columns]))
+            for part in group.slices
+        ]
         products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)
         found.append(explained[:, :, 0])
         moved = np.zeros(products.shape[0] - 1)

@@ -20,9 +20,8 @@ from sysid.model import polynomial
 from sysid.model.acting import acting_commands, divided, linear_dynamics
 from sysid.model.relaxation import driven_by, relaxed_response
 from sysid.model.response import Ends, Response
-from sysid.model.structure import FloatArray, Structure, discretise, stepped
-
-WORST_MODAL_CONDITION = 1e7
+from sysid.model.modal import Modes
+from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
 
 
 def respond(
@@ -74,42 +73,36 @@ def _linear(
     """Response to acting inputs U, and to each of the `changes` of them, which stand behind the parameters in J."""
     parameters = stepped(values) if sensitivities else values[None, :].astype(complex)
     matrices = structure.matrices(parameters)
-    Ads, Bds = discretise(matrices.A, matrices.B, stack.held_s)
-    samples = discretise(matrices.A, matrices.B, stack.dt)[0] if stack.thinned_log else Ads
-    Ad, Bd, C, D = Ads[0].real, Bds[0].real, matrices.C[0].real, matrices.D[0].real
-    mu, V = np.linalg.eig(Ad)
-    if np.linalg.cond(V) > WORST_MODAL_CONDITION:
-        # equal poles that do not part: nudge the matrix by far less than any estimate resolves
-        n = Ad.shape[0]
-        mu, V = np.linalg.eig(Ad + np.diag(np.arange(n)) * 1e-9)
-    W = np.linalg.inv(V)
-    poles = 1 / (stack.z_held - mu[:, None])
-    free = 1 / (stack.z - np.diag(W @ samples[0].real @ V)[:, None]) if stack.thinned_log else poles
-    CV = C @ V
-    X = (W @ Bd @ U) * poles
+    A, B, C, D = (x[0].real for x in matrices)
+    modes = Modes.of(A, stack.held_s)
+    sampled = modes.sampled(stack.dt) if stack.thinned_log else modes
+    V, W = modes.V, modes.W
+    poles = 1 / (stack.z_held - modes.factor[:, None])
+    free = 1 / (stack.z - sampled.factor[:, None]) if stack.thinned_log else poles
+    CV, Bd = C @ V, modes.held[:, None] * (W @ B)
+    X = (Bd @ U) * poles
     Y = CV @ X + D @ U
-    n, k = Ad.shape[0], C.shape[0]
+    n, k = A.shape[0], C.shape[0]
     ends = (CV.T[:, :, None] * W[:, None, :]).transpose(2, 1, 0).reshape(n * k, n)
     E = (ends @ (free * stack.z)).reshape(n, k, -1)
     if not sensitivities:
         return Response(Y, E, None)
     count = values.size
-    h = 1e-30
-    dA, dB = Ads.imag / h, Bds.imag / h
-    dC, dD = matrices.C.imag / h, matrices.D.imag / h
-    drive = np.concatenate([W @ dA @ V, W @ dB], axis=2).reshape(count * n, -1)
+    dA, dB, dC, dD = (x.imag / COMPLEX_STEP for x in matrices)
+    turned = W @ dA @ V
+    dAd, dBd = turned * modes.moved, (turned * modes.held_moved) @ (W @ B) + modes.held[:, None] * (W @ dB)
     driven, X = X, X if initial is None else X + _free_motion(stack, free, W, initial)
+    drive = np.concatenate([dAd, dBd], axis=2).reshape(count * n, -1)
+    inner = (drive @ np.concatenate([driven if stack.thinned_log else X, U])).reshape(count, n, -1)
+    inner *= poles
     if stack.thinned_log:
-        freely = (W @ (samples.imag / h) @ V).reshape(count * n, -1) @ (X - driven)
-        inner = (drive @ np.concatenate([driven, U])).reshape(count, n, -1) * poles
+        freely = (turned * sampled.moved).reshape(count * n, -1) @ (X - driven)
         inner += freely.reshape(count, n, -1) * free
-    else:
-        inner = (drive @ np.concatenate([X, U])).reshape(count, n, -1) * poles
     J = CV @ inner
     if np.any(dC) or np.any(dD):
         J = J + (dC @ V) @ X + dD @ U
     if changes:
-        J = np.concatenate([J, [CV @ ((W @ Bd @ dU) * poles) + D @ dU for dU in changes]])
+        J = np.concatenate([J, [CV @ ((Bd @ dU) * poles) + D @ dU for dU in changes]])
     return Response(Y, E, J)
 
 
