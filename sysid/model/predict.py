@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,6 +63,44 @@ def respond(
     return Response(found.Y, found.E, J)
 
 
+class _Answering(NamedTuple):
+    """A linear structure at its values, in modal form: all of a response that the bins have no part in."""
+
+    modes: Modes
+    C: FloatArray
+    D: FloatArray
+    held: ComplexArray
+    """(n, m), from inputs, held for the modes' time, to modes."""
+    slopes: _Slopes | None
+
+
+class _Slopes(NamedTuple):
+    """What each parameter moves."""
+
+    turned: ComplexArray
+    """(parameters, n, n), between modes;"""
+    drive: ComplexArray
+    """(parameters, n, n + m), from modes and inputs to modes over the time that inputs are held;"""
+    C: FloatArray
+    D: FloatArray
+
+
+@lru_cache(maxsize=64)
+def _answering(structure: Structure, values: tuple[float, ...], held_s: float, sensitivities: bool) -> _Answering:
+    """Kept: fits, instruments and comparisons ask the same numbers on other bins and of other inputs."""
+    at = np.array(values)
+    matrices = structure.matrices(stepped(at) if sensitivities else at[None, :].astype(complex))
+    A, B, C, D = (x[0].real for x in matrices)
+    modes = Modes.of(A, held_s)
+    W, WB, held = modes.W, modes.W @ B, modes.held[:, None]
+    if not sensitivities:
+        return _Answering(modes, C, D, held * WB, None)
+    dA, dB, dC, dD = (x.imag / COMPLEX_STEP for x in matrices)
+    turned = W @ dA @ modes.V
+    drive = np.concatenate([turned * modes.moved, (turned * modes.held_moved) @ WB + held * (W @ dB)], axis=2)
+    return _Answering(modes, C, D, held * WB, _Slopes(turned, drive, dC, dD))
+
+
 def _linear(
     structure: Structure,
     values: FloatArray,
@@ -71,38 +111,32 @@ def _linear(
     initial: Ends | None = None,
 ) -> Response:
     """Response to acting inputs U, and to each of the `changes` of them, which stand behind the parameters in J."""
-    parameters = stepped(values) if sensitivities else values[None, :].astype(complex)
-    matrices = structure.matrices(parameters)
-    A, B, C, D = (x[0].real for x in matrices)
-    modes = Modes.of(A, stack.held_s)
+    modes, C, D, held, slopes = _answering(structure, tuple(values.tolist()), stack.held_s, sensitivities)
     sampled = modes.sampled(stack.dt) if stack.thinned_log else modes
     V, W = modes.V, modes.W
     poles = 1 / (stack.z_held - modes.factor[:, None])
     free = 1 / (stack.z - sampled.factor[:, None]) if stack.thinned_log else poles
-    CV, Bd = C @ V, modes.held[:, None] * (W @ B)
-    X = (Bd @ U) * poles
+    CV = C @ V
+    X = (held @ U) * poles
     Y = CV @ X + D @ U
-    n, k = A.shape[0], C.shape[0]
+    n, k = len(V), len(C)
     ends = (CV.T[:, :, None] * W[:, None, :]).transpose(2, 1, 0).reshape(n * k, n)
     E = (ends @ (free * stack.z)).reshape(n, k, -1)
-    if not sensitivities:
+    if slopes is None:
         return Response(Y, E, None)
     count = values.size
-    dA, dB, dC, dD = (x.imag / COMPLEX_STEP for x in matrices)
-    turned = W @ dA @ V
-    dAd, dBd = turned * modes.moved, (turned * modes.held_moved) @ (W @ B) + modes.held[:, None] * (W @ dB)
     driven, X = X, X if initial is None else X + _free_motion(stack, free, W, initial)
-    drive = np.concatenate([dAd, dBd], axis=2).reshape(count * n, -1)
-    inner = (drive @ np.concatenate([driven if stack.thinned_log else X, U])).reshape(count, n, -1)
+    moving = np.concatenate([driven if stack.thinned_log else X, U])
+    inner = (slopes.drive.reshape(count * n, -1) @ moving).reshape(count, n, -1)
     inner *= poles
     if stack.thinned_log:
-        freely = (turned * sampled.moved).reshape(count * n, -1) @ (X - driven)
+        freely = (slopes.turned * sampled.moved).reshape(count * n, -1) @ (X - driven)
         inner += freely.reshape(count, n, -1) * free
     J = CV @ inner
-    if np.any(dC) or np.any(dD):
-        J = J + (dC @ V) @ X + dD @ U
+    if np.any(slopes.C) or np.any(slopes.D):
+        J = J + (slopes.C @ V) @ X + slopes.D @ U
     if changes:
-        J = np.concatenate([J, [CV @ ((Bd @ dU) * poles) + D @ dU for dU in changes]])
+        J = np.concatenate([J, [CV @ ((held @ dU) * poles) + D @ dU for dU in changes]])
     return Response(Y, E, J)
 
 
