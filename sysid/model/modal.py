@@ -50,7 +50,7 @@ class Modes:
     @cached_property
     def factor(self) -> ComplexArray:
         """(n,)"""
-        return np.exp(self.poles * self.dt)
+        return np.asarray(np.exp(self.poles * self.dt))
 
     @cached_property
     def held(self) -> ComplexArray:
@@ -60,8 +60,9 @@ class Modes:
     @cached_property
     def moved(self) -> ComplexArray:
         """(n, n): times W dA V what dA does to the motion over the sample."""
-        apart = self.poles[:, None] - self.poles
-        return self.dt * self.factor * _mean(apart * self.dt)
+        x, y = np.broadcast_arrays(self.poles[:, None], self.poles)
+        slower, faster = np.where(x.real >= y.real, x, y), np.where(x.real >= y.real, y, x)
+        return np.asarray(self.dt * np.exp(slower * self.dt) * _mean((faster - slower) * self.dt))
 
     @cached_property
     def held_moved(self) -> ComplexArray:
@@ -70,12 +71,13 @@ class Modes:
         a, b = np.broadcast_arrays(x[:, None], x)
         further = np.where(np.abs(a) >= np.abs(b), a, b)
         nearer = a + b - further
+        far = np.abs(further) > SHORT
+        closed = (self.moved / self.dt - _mean(nearer)) / np.where(far, further, 1.0)
+        a, b = np.where(far, 0.0, a), np.where(far, 0.0, b)
         series, power = np.zeros_like(a), np.ones_like(a)
         for k in range(TERMS):
             series, power = series + power / math.factorial(k + 2), a * power + b ** (k + 1)
-        far = np.abs(further) > SHORT
-        closed = (self.moved / self.dt - _mean(nearer)) / np.where(far, further, 1.0)
-        return self.dt**2 * np.where(far, closed, series)
+        return np.asarray(self.dt**2 * np.where(far, closed, series))
 
 
 def _mean(x: ComplexArray) -> ComplexArray:

@@ -20,9 +20,9 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.model import polynomial
 from sysid.model.acting import acting_commands, divided, linear_dynamics
+from sysid.model.modal import Modes
 from sysid.model.relaxation import driven_by, relaxed_response
 from sysid.model.response import Ends, Response
-from sysid.model.modal import Modes
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
 
 

@@ -96,9 +96,7 @@ def _answer(
 
 
 @lru_cache(maxsize=KEPT)
-def _as_flown(
-    structure: Structure, values: tuple[float, ...], one: Spectrum
-) -> tuple[_Run, ComplexArray, _Settled]:
+def _as_flown(structure: Structure, values: tuple[float, ...], one: Spectrum) -> tuple[_Run, ComplexArray, _Settled]:
     """The same with the free motion. Kept: what is left is asked first, derivatives and errors at the same values."""
     return _answer(structure, values, one, ended=True)
 
