@@ -60,9 +60,11 @@ class Modes:
     @cached_property
     def moved(self) -> ComplexArray:
         """(n, n): times W dA V what dA does to the motion over the sample."""
-        x, y = np.broadcast_arrays(self.poles[:, None], self.poles)
-        slower, faster = np.where(x.real >= y.real, x, y), np.where(x.real >= y.real, y, x)
-        return np.asarray(self.dt * np.exp(slower * self.dt) * _mean((faster - slower) * self.dt))
+        x, y = self.poles[:, None], self.poles[None, :]
+        swap = x.real < y.real
+        slower: ComplexArray = np.where(swap, y, x)
+        apart: ComplexArray = np.where(swap, x, y) - slower
+        return np.asarray(self.dt * np.exp(slower * self.dt) * _mean(np.asarray(apart * self.dt, dtype=np.complex128)))
 
     @cached_property
     def held_moved(self) -> ComplexArray:

@@ -30,12 +30,15 @@ def test_values_and_derivatives_are_those_of_the_matrix_exponential(poles: tuple
     modes = Modes.of(A, dt)
     V, W = modes.V, modes.W
     turned, WB = W @ dA @ V, W @ B
-    near = {"rtol": 1e-6, "atol": 1e-7 * dt}
-    np.testing.assert_allclose(V @ (modes.factor[:, None] * W), Ad.real, **near)
-    np.testing.assert_allclose(V @ (modes.held[:, None] * WB), Bd.real, **near)
-    np.testing.assert_allclose(V @ (turned * modes.moved) @ W, Ad.imag / COMPLEX_STEP, **near)
+
+    def near(found: np.ndarray, wanted: np.ndarray) -> None:
+        np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-7 * dt)
+
+    near(V @ (modes.factor[:, None] * W), Ad.real)
+    near(V @ (modes.held[:, None] * WB), Bd.real)
+    near(V @ (turned * modes.moved) @ W, Ad.imag / COMPLEX_STEP)
     moved = (turned * modes.held_moved) @ WB + modes.held[:, None] * (W @ dB)
-    np.testing.assert_allclose(V @ moved, Bd.imag / COMPLEX_STEP, **near)
+    near(V @ moved, Bd.imag / COMPLEX_STEP)
 
 
 def test_poles_that_do_not_part_are_nudged() -> None:
