@@ -119,7 +119,6 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
     """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
     # heavier than NumPy itself to load: only where it is needed
     from scipy.linalg import solve_continuous_are
-    from scipy.signal import place_poles
 
     whole, model = model, _flown_by(model)
     if not (input_cost > 0 and math.isfinite(input_cost)):
@@ -131,7 +130,7 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
     Q, R = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST]), input_cost * np.eye(2)
     try:
         K = np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R))
-        L = place_poles(A.T, C.T, np.array(observer_poles)).gain_matrix.T
+        L = _observer_gain(A, C, observer_poles)
         g = np.linalg.inv(C @ np.linalg.solve(-A + B @ K, B))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise DesignError(f"no gains for this model: {error}") from error
@@ -146,6 +145,23 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
         loop=ClosedLoop(None),
     )
     return replace(gains, loop=closed_loop(gains, whole))
+
+
+def _observer_gain(A: FloatArray, C: FloatArray, poles: Sequence[float]) -> FloatArray:
+    """L (n, k), with which A - L C has these poles.
+
+    Where each is wanted once for every output, as the paper's are, there is one such L: that whose left eigenvectors to
+    a pole are all that there can be, C (A - pole)^-1. Else the most robust.
+    """
+    n, k = len(A), len(C)
+    distinct = sorted(set(poles))
+    if len(poles) == n and all(poles.count(pole) == k for pole in distinct):
+        left = np.vstack([np.linalg.solve((A - pole * np.eye(n)).T, C.T).T for pole in distinct])
+        return np.asarray(np.linalg.solve(left, np.tile(np.eye(k), (len(distinct), 1))))
+    # takes longer to load than a diagnosis to compute: only where it is needed
+    from scipy.signal import place_poles
+
+    return np.asarray(place_poles(A.T, C.T, np.array(poles)).gain_matrix.T)
 
 
 def designs_on(structure: Structure) -> bool:

@@ -13,7 +13,7 @@ from sysid.data.dataset import Dataset
 from sysid.data.preprocess import Spectrum
 from sysid.data.record import RATES
 from sysid.diagnose.evidence import Candidate
-from sysid.model.structure import FloatArray
+from sysid.model.structure import FloatArray, recursion
 
 MOST_TIMES = 2.0
 """The amplitude flown, at most."""
@@ -175,14 +175,11 @@ def chirp(amplitude: float, start_hz: float, stop_hz: float, n: int, dt: float) 
 
 def _noise(plan: Plan, n: int, dt: float) -> FloatArray:
     """Table 1's noise, independent on every axis, the same each time it is asked for."""
-    # heavier than NumPy itself to load: only where it is needed
-    from scipy.signal import lfilter
-
     corner = 2 * np.pi * plan.f_stop_hz * dt
     part = corner / (1 + corner)
     white = np.random.default_rng(1).normal(0.0, LAW_NOISE * plan.amplitude, (3, n))
     white[2] *= plan.axis == "elevator"
-    return np.asarray(lfilter([part], [1.0, part - 1.0], white, axis=1))
+    return recursion(np.array([[1 - part]]), part * white[:, None])[:, 0]
 
 
 def _doublets(amplitude: float, n: int, dt: float) -> FloatArray:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,7 @@ class Rivals:
     """(N,), predicted by the truth less by the rival on the flown runs."""
     J: FloatArray
     """(free, N), what the rival's parameters can do there."""
+    _known: dict[Plan, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, truth: Candidate, rival: Candidate, whitening: Whitening) -> Rivals:
@@ -61,7 +62,7 @@ class Rivals:
         """Standard errors that flying the plan would add, and how often it must be flown; 0 where it cannot be."""
         try:
             with np.errstate(all="ignore"):
-                apart, J, old = self._imagined(plan, flown, division)
+                apart, J, old = self._scaled(plan, flown, division)
         except (EffectError, RelaxationError, np.linalg.LinAlgError, KeyError):
             return 0.0, 1
         before = self.flown
@@ -70,6 +71,19 @@ class Rivals:
             if added >= NEEDED:
                 break
         return added, repeats
+
+    def _scaled(self, plan: Plan, flown: Flown, division: Division) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As `_imagined`; where all that answers is linear, and moved by the plan alone, from the same at full command,
+        imagined once."""
+        structures = [one.model.structure for one in (self.truth, self.rival)]
+        moved = {f"delta_{letter}" for letter in LETTERS.values()}
+        if plan.effect is not None or not all(one.linear and moved.issuperset(one.inputs) for one in structures):
+            return self._imagined(plan, flown, division)
+        full = replace(plan, amplitude=1.0, times=1.0)
+        if full not in self._known:
+            self._known[full] = self._imagined(full, flown, division)
+        apart, J, old = self._known[full]
+        return plan.amplitude * apart, plan.amplitude * J, old
 
     def _imagined(self, plan: Plan, flown: Flown, division: Division) -> tuple[FloatArray, FloatArray, FloatArray]:
         """On the plan's run: truth less rival (N,), what the rival can do (free, N), and the same on the flown runs."""

@@ -79,11 +79,11 @@ def normal_equations(
             structure, values, group, sensitivities=full, U=None, ends=None if ends is None else ends[number]
         )
         n = response.E.shape[0]
-        whole = np.concatenate(
-            [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
-        )
-        whole = weighed(weight, whole)
-        blocks = [rows(whole[..., part]) for part in group.slices]
+        columns = [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
+        blocks = [
+            rows(np.concatenate([weighed(weight[..., part], some[..., part]) for some in columns]))
+            for part in group.slices
+        ]
         products, explained = less_ends(np.array([block @ block.T for block in blocks]), n)
         found.append(explained[:, :, 0])
         moved = np.zeros(products.shape[0] - 1)
@@ -161,15 +161,19 @@ def _lower(
 ) -> tuple[FloatArray, NormalEquations] | None:
     """Where on the way from one end to the other the cost is lower, the way being halved; None where it nowhere is.
 
-    It is halved until nothing is promised that counts, `least` of the whole way.
+    It is halved until nothing is promised that counts, `least` of the whole way. Most steps go all the way; where one
+    does not, derivatives are taken where the cost is lower, and nowhere else.
     """
     begin, end = ends
     length = 1.0
     while length > max(SMALLEST_LENGTH, 0.5 * least):
         trial = end if length == 1 else begin + length * (end - begin)
-        there = _try(structure, trial, stacks, weights, here.ends)
+        there = _try(structure, trial, stacks, weights, here.ends, full=length == 1)
         if there is not None and there.cost < here.cost:
-            return trial, there
+            if length < 1:
+                there = _try(structure, trial, stacks, weights, here.ends)
+            if there is not None:
+                return trial, there
         length = SHORT if there is None and length == 1 else length / 2
     return None
 
@@ -207,13 +211,14 @@ def _try(
     stacks: Sequence[Stack],
     weights: Sequence[AnyArray],
     ends: Sequence[Ends],
+    full: bool = True,
 ) -> NormalEquations | None:
-    """The normal equations there, or None where there is no response."""
+    """The normal equations there, or what is left alone where not `full`; None where there is no response."""
     if not np.all(np.isfinite(values)):
         return None
     try:
         with np.errstate(all="ignore"):  # a time constant of zero has no response: what comes out is not finite
-            found = normal_equations(structure, values, stacks, weights=weights, full=True, ends=ends)
+            found = normal_equations(structure, values, stacks, weights=weights, full=full, ends=ends)
     except (RelaxationError, np.linalg.LinAlgError):
         return None
     return found if found.finite else None

@@ -13,7 +13,7 @@ import numpy as np
 from sysid.data.preprocess import ComplexArray, Segment
 from sysid.data.stacks import Stack
 from sysid.model.effect import Effect, Signals
-from sysid.model.structure import FloatArray, Structure, discretise
+from sysid.model.structure import FloatArray, Structure, discretise, recursion
 
 STEP = 1e-3
 """Of a parameter, for differences."""
@@ -160,9 +160,6 @@ def _sampled(effect: Effect, commands: FloatArray, dt: float, parameters: Mappin
 
 def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
     """A servo's linear answer to held commands (c, n), steady before the first sample; the mean over each sample."""
-    # heavier than NumPy itself to load: only where it is needed
-    from scipy.signal import lfilter, ss2tf
-
     assert effect.equations is not None
     unit = np.eye(len(effect.states) + 1)
     signals = {**parameters, "delta": unit[-1], **{state: unit[i] for i, state in enumerate(effect.states)}}
@@ -170,8 +167,10 @@ def _filtered(effect: Effect, commands: FloatArray, dt: float, parameters: Mappi
     rows = np.stack([said[f"{state}_dot"] for state in effect.states])
     A, B = discretise(rows[:, :-1], rows[:, -1:], dt)
     C = np.asarray(said["delta"])[None, :-1]
-    numerator, denominator = ss2tf(A, B, C, np.zeros((1, 1)))
     first = commands[:, :1]
-    answer = lfilter(numerator[0], denominator, commands - first, axis=1) + first
+    moving = (commands - first)[:, None]
+    state = recursion(A, B @ moving)
+    before = np.concatenate([np.zeros_like(state[..., :1]), state[..., :-1]], axis=2)
+    answer = (C @ before)[:, 0] + first
     following = np.concatenate([answer[:, 1:], answer[:, -1:]], axis=1)
     return np.asarray(0.5 * (answer + following))

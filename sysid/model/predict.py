@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,11 +20,10 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.model import polynomial
 from sysid.model.acting import acting_commands, divided, linear_dynamics
+from sysid.model.modal import Modes
 from sysid.model.relaxation import driven_by, relaxed_response
 from sysid.model.response import Ends, Response
-from sysid.model.structure import FloatArray, Structure, discretise, stepped
-
-WORST_MODAL_CONDITION = 1e7
+from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
 
 
 def respond(
@@ -62,6 +63,44 @@ def respond(
     return Response(found.Y, found.E, J)
 
 
+class _Answering(NamedTuple):
+    """A linear structure at its values, in modal form: all of a response that the bins have no part in."""
+
+    modes: Modes
+    C: FloatArray
+    D: FloatArray
+    held: ComplexArray
+    """(n, m), from inputs, held for the modes' time, to modes."""
+    slopes: _Slopes | None
+
+
+class _Slopes(NamedTuple):
+    """What each parameter moves."""
+
+    turned: ComplexArray
+    """(parameters, n, n), between modes;"""
+    drive: ComplexArray
+    """(parameters, n, n + m), from modes and inputs to modes over the time that inputs are held;"""
+    C: FloatArray
+    D: FloatArray
+
+
+@lru_cache(maxsize=64)
+def _answering(structure: Structure, values: tuple[float, ...], held_s: float, sensitivities: bool) -> _Answering:
+    """Kept: fits, instruments and comparisons ask the same numbers on other bins and of other inputs."""
+    at = np.array(values)
+    matrices = structure.matrices(stepped(at) if sensitivities else at[None, :].astype(complex))
+    A, B, C, D = (x[0].real for x in matrices)
+    modes = Modes.of(A, held_s)
+    W, WB, held = modes.W, modes.W @ B, modes.held[:, None]
+    if not sensitivities:
+        return _Answering(modes, C, D, held * WB, None)
+    dA, dB, dC, dD = (x.imag / COMPLEX_STEP for x in matrices)
+    turned = W @ dA @ modes.V
+    drive = np.concatenate([turned * modes.moved, (turned * modes.held_moved) @ WB + held * (W @ dB)], axis=2)
+    return _Answering(modes, C, D, held * WB, _Slopes(turned, drive, dC, dD))
+
+
 def _linear(
     structure: Structure,
     values: FloatArray,
@@ -72,44 +111,32 @@ def _linear(
     initial: Ends | None = None,
 ) -> Response:
     """Response to acting inputs U, and to each of the `changes` of them, which stand behind the parameters in J."""
-    parameters = stepped(values) if sensitivities else values[None, :].astype(complex)
-    matrices = structure.matrices(parameters)
-    Ads, Bds = discretise(matrices.A, matrices.B, stack.held_s)
-    samples = discretise(matrices.A, matrices.B, stack.dt)[0] if stack.thinned_log else Ads
-    Ad, Bd, C, D = Ads[0].real, Bds[0].real, matrices.C[0].real, matrices.D[0].real
-    mu, V = np.linalg.eig(Ad)
-    if np.linalg.cond(V) > WORST_MODAL_CONDITION:
-        # equal poles that do not part: nudge the matrix by far less than any estimate resolves
-        n = Ad.shape[0]
-        mu, V = np.linalg.eig(Ad + np.diag(np.arange(n)) * 1e-9)
-    W = np.linalg.inv(V)
-    poles = 1 / (stack.z_held - mu[:, None])
-    free = 1 / (stack.z - np.diag(W @ samples[0].real @ V)[:, None]) if stack.thinned_log else poles
+    modes, C, D, held, slopes = _answering(structure, tuple(values.tolist()), stack.held_s, sensitivities)
+    sampled = modes.sampled(stack.dt) if stack.thinned_log else modes
+    V, W = modes.V, modes.W
+    poles = 1 / (stack.z_held - modes.factor[:, None])
+    free = 1 / (stack.z - sampled.factor[:, None]) if stack.thinned_log else poles
     CV = C @ V
-    X = (W @ Bd @ U) * poles
+    X = (held @ U) * poles
     Y = CV @ X + D @ U
-    n, k = Ad.shape[0], C.shape[0]
+    n, k = len(V), len(C)
     ends = (CV.T[:, :, None] * W[:, None, :]).transpose(2, 1, 0).reshape(n * k, n)
     E = (ends @ (free * stack.z)).reshape(n, k, -1)
-    if not sensitivities:
+    if slopes is None:
         return Response(Y, E, None)
     count = values.size
-    h = 1e-30
-    dA, dB = Ads.imag / h, Bds.imag / h
-    dC, dD = matrices.C.imag / h, matrices.D.imag / h
-    drive = np.concatenate([W @ dA @ V, W @ dB], axis=2).reshape(count * n, -1)
     driven, X = X, X if initial is None else X + _free_motion(stack, free, W, initial)
+    moving = np.concatenate([driven if stack.thinned_log else X, U])
+    inner = (slopes.drive.reshape(count * n, -1) @ moving).reshape(count, n, -1)
+    inner *= poles
     if stack.thinned_log:
-        freely = (W @ (samples.imag / h) @ V).reshape(count * n, -1) @ (X - driven)
-        inner = (drive @ np.concatenate([driven, U])).reshape(count, n, -1) * poles
+        freely = (slopes.turned * sampled.moved).reshape(count * n, -1) @ (X - driven)
         inner += freely.reshape(count, n, -1) * free
-    else:
-        inner = (drive @ np.concatenate([X, U])).reshape(count, n, -1) * poles
     J = CV @ inner
-    if np.any(dC) or np.any(dD):
-        J = J + (dC @ V) @ X + dD @ U
+    if np.any(slopes.C) or np.any(slopes.D):
+        J = J + (slopes.C @ V) @ X + slopes.D @ U
     if changes:
-        J = np.concatenate([J, [CV @ ((W @ Bd @ dU) * poles) + D @ dU for dU in changes]])
+        J = np.concatenate([J, [CV @ ((held @ dU) * poles) + D @ dU for dU in changes]])
     return Response(Y, E, J)
 
 

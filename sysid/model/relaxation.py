@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ NEARER = 2
 """Relaxations in which the linear part is fitted to the motion."""
 TOGETHER = 3
 """Parameters side by side: more would cost memory and save no time."""
+KEPT = 8
+"""Responses of single runs: of the last two sets of values, most often."""
 WORST_RESIDUE_CONDITION = 1e5
 ENDS_RANK = 1e-12
 """Of the largest eigenvalue of inner products, of which weaker combinations of end states tell nothing."""
@@ -54,16 +57,17 @@ def relaxed_response(
     front, rest = divided(structure)
     outside = {name for effect in front for name in effect.names}
     named = structure.by_name(values)
+    at_values = (structure, tuple(values.tolist()))
     count = len(structure.names) if sensitivities else 0
     Y = np.empty((len(structure.outputs), stack.z.size), dtype=complex)
     E = np.empty((len(rest.states), *Y.shape), dtype=complex)
     J = np.empty((count, *Y.shape), dtype=complex)
     for one, part in zip(stack.spectra, stack.slices, strict=True):
-        if U is not None:
+        if U is None:
+            run, logged, settled = _as_flown(*at_values, one)
+        else:
             one = driven_by(one, U[:, part])
-        run = _Run(rest, one)
-        logged = run.commands(in_time(structure, front, one.segment, named), named)
-        settled = _settle(run, named, logged, ended=U is None)
+            run, logged, settled = _answer(*at_values, one, ended=False)
         Y[:, part], E[..., part] = settled.Y, settled.E
         for first in range(0, count, TOGETHER):
             names = structure.names[first : first + TOGETHER]
@@ -78,6 +82,23 @@ def relaxed_response(
             moved = _settle_beside(run, settled, [named, *batch], [logged, *acting])
             J[first : first + TOGETHER, :, part] = moved / steps[:, None, None]
     return Response(Y, E, J if sensitivities else None)
+
+
+def _answer(
+    structure: Structure, values: tuple[float, ...], one: Spectrum, ended: bool
+) -> tuple[_Run, ComplexArray, _Settled]:
+    """A run, the bins of the commands that act in it, and the response to these."""
+    front, rest = divided(structure)
+    named = structure.by_name(np.array(values))
+    run = _Run(rest, one)
+    acting = run.commands(in_time(structure, front, one.segment, named), named)
+    return run, acting, _settle(run, named, acting, ended)
+
+
+@lru_cache(maxsize=KEPT)
+def _as_flown(structure: Structure, values: tuple[float, ...], one: Spectrum) -> tuple[_Run, ComplexArray, _Settled]:
+    """The same with the free motion. Kept: what is left is asked first, derivatives and errors at the same values."""
+    return _answer(structure, values, one, ended=True)
 
 
 def _step(structure: Structure, named: Mapping[str, float], name: str) -> dict[str, float]:

@@ -28,6 +28,8 @@ SMALL_MOTION = 2.0**-300
 """Far below rounding, and exact to divide by: what is not proportional to the motion vanishes beside what is."""
 DRIFT_RAD_S = 2 * math.pi * 0.5
 """Where the attitude has a part, slower roots are the hover's drift, which no rate shows and the pilot holds."""
+NOTHING = 1e-20
+"""Of a motion, what no sum shows."""
 FLIGHT_CONDITION = {"omega": "Omega_0", "airspeed": "V_0"}
 """Channels that do not vary about zero, and the constants that they are at rest."""
 
@@ -83,6 +85,14 @@ class Structure:
         object.__setattr__(self, "states", tuple(states))
         object.__setattr__(self, "parameters", tuple(parameters))
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        """Of what all else follows from; asked for at every look into what is known of a structure."""
+        return hash((self.base_, self.composed, self.outputs, self.commands, self.channels, self.constants))
+
     @property
     def base(self) -> str:
         """The name of the base, or the path of a user's."""
@@ -104,17 +114,17 @@ class Structure:
         """The base alone, with the same outputs."""
         return Structure(base_=self.base_, outputs=self.outputs, commands=self.base_.commands)
 
-    @property
+    @cached_property
     def effects(self) -> tuple[str, ...]:
         """Catalogue ids, or the paths of users' effects."""
         return tuple(effect.path or effect.id for effect in self.composed)
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[str, ...]:
         """What drives the equations: commands, then channels."""
         return (*self.commands, *self.channels)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         return tuple(parameter.name for parameter in self.parameters)
 
@@ -123,7 +133,7 @@ class Structure:
         """Effects on the commands that matrices leave out, and with them poles and modes: delay, play, limits."""
         return tuple(one.path or one.id for one in self.composed if one.response is not None or one.samples is not None)
 
-    @property
+    @cached_property
     def linear(self) -> bool:
         """Constant coefficients throughout: the response is exact in matrices."""
         return all(effect.linear for effect in self.composed)
@@ -318,6 +328,18 @@ def discretise(A: AnyArray, B: AnyArray, dt: float) -> tuple[AnyArray, AnyArray]
     for _ in range(squarings):
         power = power @ power
     return power[..., :n, :n], power[..., :n, n:]
+
+
+def recursion(A: FloatArray, driving: FloatArray) -> FloatArray:
+    """x_k = A x_(k-1) + d_k from rest, of d (..., n, samples); the same shape.
+
+    The sum over 2, 4, 8, ... samples comes from those over half as many, all at once, until A to that power is nothing.
+    """
+    x, power, reach = driving, A, 1
+    while reach < x.shape[-1] and np.max(np.abs(power)) > NOTHING:
+        x = np.concatenate([x[..., :reach], x[..., reach:] + power @ x[..., :-reach]], axis=-1)
+        power, reach = power @ power, 2 * reach
+    return x
 
 
 def stepped(values: FloatArray) -> AnyArray:

@@ -12,9 +12,11 @@ from planted_fits import records
 from scipy.optimize import lsq_linear
 
 from sysid.data.dataset import dataset
+from sysid.fit import gauss_newton
 from sysid.fit.estimate import estimate
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
 from sysid.fit.identify import on_runs
+from sysid.model.paper import TPP
 
 
 def equations(J: np.ndarray, e: np.ndarray) -> NormalEquations:
@@ -65,3 +67,17 @@ def test_lapack_has_nothing_to_print() -> None:
         [sys.executable, "-c", LINEAR_ALGEBRA_OF_WHAT_IS_NO_NUMBER], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_step_that_is_halved_takes_derivatives_only_where_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[float, bool]] = []
+
+    def equations_at(_: object, values: np.ndarray, *__: object, full: bool, **___: object) -> NormalEquations:
+        asked.append((float(values[0]), full))
+        return NormalEquations(np.array([1.0 + (values[0] - 0.25) ** 2]), np.eye(1), np.ones(1), [])
+
+    monkeypatch.setattr(gauss_newton, "normal_equations", equations_at)
+    ends, here = (np.zeros(1), np.full(1, 2.0)), NormalEquations(np.array([1.05]), np.eye(1), np.ones(1), [])
+    reached = gauss_newton._lower(TPP, ends, (), (), here, 1e-3)
+    assert reached is not None
+    assert asked == [(2.0, True), (1.0, False), (0.5, False), (0.25, False), (0.25, True)]

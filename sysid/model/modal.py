@@ -1,0 +1,88 @@
+"""A linear system's modes over a sample, and how they move with its matrix.
+
+In modal form the matrix exponential is one number for each mode, and its derivative to the matrix, element by element,
+what two modes do over the sample together (Daleckii and Krein): exact, without any exponential of matrices.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.data.preprocess import ComplexArray
+from sysid.model.structure import FloatArray
+
+WORST_CONDITION = 1e7
+NUDGE = 1e-9
+SHORT = 0.5
+"""Of a time constant, a sample within which a series serves; its terms:"""
+TERMS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """x' = A x + B u with A = V diag(poles) W, over one sample in which u is held: W x goes to factor * W x + held *
+    W B u."""
+
+    poles: ComplexArray
+    """(n,), 1/s."""
+    V: ComplexArray
+    W: ComplexArray
+    dt: float
+    """s."""
+
+    @classmethod
+    def of(cls, A: FloatArray, dt: float) -> Modes:
+        """Raises LinAlgError where A is not finite."""
+        poles, V = np.linalg.eig(A)
+        if np.linalg.cond(V) > WORST_CONDITION:
+            # equal poles that do not part: nudge the matrix by far less than any estimate resolves
+            poles, V = np.linalg.eig(A + np.diag(np.arange(len(A))) * NUDGE / dt)
+        return cls(poles.astype(complex), V, np.linalg.inv(V), dt)
+
+    def sampled(self, dt: float) -> Modes:
+        """The same modes over another sample."""
+        return replace(self, dt=dt)
+
+    @cached_property
+    def factor(self) -> ComplexArray:
+        """(n,)"""
+        return np.asarray(np.exp(self.poles * self.dt))
+
+    @cached_property
+    def held(self) -> ComplexArray:
+        """(n,), s."""
+        return self.dt * _mean(self.poles * self.dt)
+
+    @cached_property
+    def moved(self) -> ComplexArray:
+        """(n, n): times W dA V what dA does to the motion over the sample."""
+        x, y = self.poles[:, None], self.poles[None, :]
+        swap = x.real < y.real
+        slower: ComplexArray = np.where(swap, y, x)
+        apart: ComplexArray = np.where(swap, x, y) - slower
+        return np.asarray(self.dt * np.exp(slower * self.dt) * _mean(np.asarray(apart * self.dt, dtype=np.complex128)))
+
+    @cached_property
+    def held_moved(self) -> ComplexArray:
+        """(n, n): times W dA V what it does to `held`, the differences of that over those of the poles."""
+        x = self.poles * self.dt
+        a, b = np.broadcast_arrays(x[:, None], x)
+        further = np.where(np.abs(a) >= np.abs(b), a, b)
+        nearer = a + b - further
+        far = np.abs(further) > SHORT
+        closed = (self.moved / self.dt - _mean(nearer)) / np.where(far, further, 1.0)
+        a, b = np.where(far, 0.0, a), np.where(far, 0.0, b)
+        series, power = np.zeros_like(a), np.ones_like(a)
+        for k in range(TERMS):
+            series, power = series + power / math.factorial(k + 2), a * power + b ** (k + 1)
+        return np.asarray(self.dt**2 * np.where(far, closed, series))
+
+
+def _mean(x: ComplexArray) -> ComplexArray:
+    """(exp(x) - 1) / x."""
+    still = x == 0
+    return np.asarray(np.where(still, 1.0, np.expm1(x) / np.where(still, 1.0, x)))
