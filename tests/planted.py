@@ -100,6 +100,7 @@ PLANTED: Mapping[str, Mapping[str, float]] = MappingProxyType(
         # sensors
         "gyro_lag": {"tau_g": 0.008},
         "gyro_misalignment": {"e": 0.1},
+        "gyro_filter": {"corner": 20.0, "zeta": 0.707},
     }
 )  # fmt: skip
 """Effect -> sizes that a user would meet, in SI and Hz, under the catalogue's names. `flapping` is the base itself
@@ -381,6 +382,12 @@ def equations(effect: str | None, size: Mapping[str, float], forward: bool) -> _
         case "gyro_lag":
             for axis in ("p", "q"):
                 E.add(f"y_{axis}", **{axis: 1 / size["tau_g"], f"y_{axis}": -1 / size["tau_g"]})
+                E.measured[axis] = {f"y_{axis}": 1.0}
+        case "gyro_filter":
+            w, zeta = 2 * math.pi * size["corner"], size["zeta"]
+            for axis in ("p", "q"):
+                E.add(f"y_{axis}", **{f"z_{axis}": 1.0})
+                E.add(f"z_{axis}", **{axis: w * w, f"y_{axis}": -w * w, f"z_{axis}": -2 * zeta * w})
                 E.measured[axis] = {f"y_{axis}": 1.0}
         case "gyro_misalignment":
             E.measured = {"p": {"p": 1.0, "q": size["e"]}, "q": {"q": 1.0, "p": -size["e"]}}

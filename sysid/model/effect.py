@@ -51,7 +51,8 @@ class Stage(enum.IntEnum):
 class Signals:
     """The names an effect may read: parameters, states, commands, channels, the rates summed so far, constants.
 
-    Constants: `g` (m/s^2), `Omega_0` (rad/s) and `V_0` (m/s), the means over the fitted runs where they are logged.
+    Constants: `g` (m/s^2), `Omega_0` (rad/s) and `V_0` (m/s), the means over the fitted runs where they are logged; and
+    what the runs' settings tell of filters (`sysid.data.gyro_settings`).
     """
 
     def __init__(self, values: dict[str, Any]) -> None:
@@ -86,6 +87,8 @@ class Surroundings:
     """Ids of all effects composed, its own too, sorted."""
     available: frozenset[str]
     """Channels that every run has."""
+    known: frozenset[str] = frozenset()
+    """Constants of these runs, by name: means, and what their settings tell."""
 
 
 @dataclass(frozen=True, slots=True)
