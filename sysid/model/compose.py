@@ -157,6 +157,9 @@ def not_testable(effect: Effect, base: str | Base, others: Collection[str], avai
         names = need.split("|")
         if not any(name in others or name in base.contains for name in names):
             return f"it needs {' or '.join(names)}"
+    measured = [name for name in effect.unless_logged if name in available]
+    if measured:
+        return f"{', '.join(measured)} is logged: what it would work out is measured"
     logged = {*base.states, *base.commands, *available}
     missing = [name.replace("|", " or ") for name in effect.channels if logged.isdisjoint(name.split("|"))]
     if missing:
