@@ -13,6 +13,8 @@ from sysid.effects.second_order_flapping import NOMINAL
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
+USUAL_TIME_S = 0.5
+
 
 def equations(s: Signals) -> Mapping[str, Any]:
     """tau_f as Omega^-1, A_b and B_a as Omega^-2: the paper's section 4.3."""
@@ -23,6 +25,11 @@ def equations(s: Signals) -> Mapping[str, Any]:
     else:  # second-order flapping has none of its own: it reads Omega
         changed["Omega"] = (s.Omega_0 if s.has("Omega_0") else NOMINAL) * ratio
     return changed
+
+
+def start(_known: Mapping[str, float], _constants: Mapping[str, float]) -> Mapping[str, float]:
+    """One valley: every look at another beginning would cost as much as the search from this one."""
+    return {"tau_o": USUAL_TIME_S}
 
 
 EFFECT = Effect(
@@ -48,13 +55,14 @@ EFFECT = Effect(
             "time constant of the drivetrain behind its governor",
             plausible=(0.05, 3.0),
             bounds=(0.005, 30.0),
-            typical=0.5,
-            grid=(0.2, 0.5, 1.5),
+            typical=USUAL_TIME_S,
+            grid=(USUAL_TIME_S,),
         ),
     ),
     airframes=(Airframe.HELICOPTER,),
     stage=Stage.SCHEDULE,
     equations=equations,
+    start=start,
     states=("loaded",),
     channels=("delta_c",),
     unless_logged=("omega",),
