@@ -81,7 +81,7 @@ EFFECT = Effect(
     group="sensors",
     equation="y'' + 2 zeta w y' + w^2 y = w^2 p on both rates, w = 2 pi corner; corner and notches that the log tells "
     "of are applied, not fitted",
-    source="the autopilot's filter (ArduPilot's INS_GYRO_FILTER, Butterworth; INS_HNTCH_), the sensor's own, soft mounts",
+    source="the autopilot's filter (ArduPilot's INS_GYRO_FILTER, INS_HNTCH_), the sensor's own, soft mounts",
     signature="phase falls nearly as with a delay, gain only close to the corner, alike on both axes for every input",
     parameters=(
         Parameter(

@@ -33,8 +33,8 @@ EFFECT = Effect(
     id="lead_lag",
     title="lead-lag mode of the blades",
     group="rotor",
-    equation="y'' + 2 zeta_lag w y' + w^2 y = w^2 a, q_dot += M_a gain (y - a), w = 2 pi frequency_lag; the same with b, "
-    "L_b, p_dot",
+    equation="y'' + 2 zeta_lag w y' + w^2 y = w^2 a, q_dot += M_a gain (y - a), w = 2 pi frequency_lag; the same with "
+    "b, L_b, p_dot",
     source="Tischler and Remple 2012, chapter 15: regressive lead-lag, a dipole in the rates' responses",
     signature="a narrow peak and dip side by side, at one frequency in both axes, that moves with the rotor speed",
     parameters=(

@@ -8,7 +8,6 @@ from typing import Any
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
-
 SQUARE = 2.0
 
 

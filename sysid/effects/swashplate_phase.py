@@ -1,7 +1,7 @@
 """The swashplate leads or lags by an angle: roll and pitch cyclic are mixed before they reach the rotor.
 
 Both bases have the four terms of the cyclic free, so they contain it: what a fit implies of the angle is a reading of
-these terms, `sysid.fit.implied.swashplate_phases`. On a base whose cyclic is not free it is an effect.
+these terms, `sysid.fit.implied`. On a base whose cyclic is not free it is an effect.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from sysid.fit.identifiable import undetermined
 from sysid.model.base import Base, load_base
 from sysid.model.compose import compose
 from sysid.model.effect import EffectError, load
-from sysid.model.structure import FloatArray, Model
+from sysid.model.structure import FloatArray, Model, Structure
 
 FORMAT = "tippath.fit/1"
 HIGH_CORRELATION = 0.9
