@@ -43,7 +43,7 @@ EFFECT = Effect(
             "Hz",
             "frequency of the regressive lag mode, seen from the body",
             plausible=(3.0, 15.0),  # rotor speed less lag frequency; beyond the band it shows no more
-            bounds=(0.3, 100.0),
+            bounds=(1.0, 40.0),
             typical=7.0,
             grid=(4.0, 5.5, 7.0, 9.0, 12.0),
         ),
@@ -52,7 +52,7 @@ EFFECT = Effect(
             "-",
             "damping ratio of the lag mode",
             plausible=(0.01, 0.3),  # bolted grips to elastomeric dampers
-            bounds=(0.0, 3.0),
+            bounds=(0.0, 1.0),
             typical=0.08,
             grid=(0.08,),
         ),
@@ -62,7 +62,7 @@ EFFECT = Effect(
             "share of the hub moment that goes through the mode",
             plausible=(-0.5, 0.5),
             null=0.0,
-            bounds=(-5.0, 5.0),
+            bounds=(-1.5, 1.5),
             typical=0.1,
         ),
     ),

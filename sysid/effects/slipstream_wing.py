@@ -29,7 +29,7 @@ def _moment(name: str, axis: str, tilt: str) -> Parameter:
         f"{axis} acceleration per {tilt} tilt of the wake",
         plausible=(-500.0, 500.0),  # at most of the hub moment's own size
         null=0.0,
-        bounds=(-1e4, 1e4),
+        bounds=(-1500.0, 1500.0),
         typical=60.0,
     )
 
@@ -49,7 +49,7 @@ EFFECT = Effect(
             "s",
             "time that the wake takes to the wing",
             plausible=(0.02, 0.3),  # half a rotor radius to two, over the induced velocity
-            bounds=(0.001, 3.0),
+            bounds=(0.01, 3.0),
             typical=0.1,
             grid=(0.05, 0.1, 0.25),
         ),

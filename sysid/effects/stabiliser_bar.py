@@ -37,7 +37,7 @@ EFFECT = Effect(
             "cyclic per angle that the bar lags behind the body",
             plausible=(0.0, 1.0),
             null=0.0,
-            bounds=(-20.0, 20.0),
+            bounds=(-3.0, 3.0),
             typical=0.3,
         ),
         Parameter(
@@ -46,7 +46,7 @@ EFFECT = Effect(
             "cyclic that the bar adds, settled, to a cyclic of one",
             plausible=(-0.5, 2.0),  # paddles that are steered themselves add as much as the blades' own
             null=0.0,
-            bounds=(-20.0, 20.0),
+            bounds=(-0.9, 3.0),  # beyond, the blades would hardly be steered but by the bar: a lag of the servos
             typical=0.2,
         ),
         Parameter(
@@ -54,7 +54,7 @@ EFFECT = Effect(
             "s",
             "time constant of the bar",
             plausible=(0.1, 1.0),  # 16/(Lock number of the paddles, rotor speed)
-            bounds=(0.01, 20.0),
+            bounds=(0.05, 20.0),
             typical=0.3,
             grid=(0.15, 0.3, 0.8),
         ),
