@@ -2,6 +2,7 @@
 
 The mode is the regressive one, which a body sees near the difference of rotor speed and lag frequency; both axes share
 it. Settled, the moment is what it was: `gain` is the share that goes through the mode.
+Its peak lies below its dip; of inertia that swings along (`structural_mode`) the dip comes first.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ EFFECT = Effect(
     equation="y'' + 2 zeta_lag w y' + w^2 y = w^2 a, q_dot += M_a gain (y - a), w = 2 pi frequency_lag; the same with "
     "b, L_b, p_dot",
     source="Tischler and Remple 2012, chapter 15: regressive lead-lag, a dipole in the rates' responses",
-    signature="a narrow peak and dip side by side, at one frequency in both axes, that moves with the rotor speed",
+    signature="a narrow peak and then a dip, at one frequency in both axes, that moves with the rotor speed",
     parameters=(
         Parameter(
             "frequency_lag",
@@ -60,9 +61,9 @@ EFFECT = Effect(
             "gain",
             "-",
             "share of the hub moment that goes through the mode",
-            plausible=(-0.5, 0.5),
+            plausible=(0.0, 0.5),
             null=0.0,
-            bounds=(-1.5, 1.5),
+            bounds=(0.0, 1.5),  # a share below zero is inertia that swings along: `structural_mode`
             typical=0.1,
         ),
     ),
@@ -72,4 +73,5 @@ EFFECT = Effect(
     equations=equations,
     states=("lag_a", "lag_a_rate", "lag_b", "lag_b_rate"),
     needs=("flapping",),
+    null_tolerance=1e-7,
 )
