@@ -104,7 +104,7 @@ def test_a_filter_that_the_log_tells_of_is_applied_and_not_fitted() -> None:
 def motors(seed: int) -> list[Record]:
     """The stock quadrotor of the simulator, steered open loop by chirps; its motors lag by 35 ms."""
     dt, seconds = 0.0025, 10.0
-    t = np.arange(round(seconds / dt)) * dt
+    t: planted.Array = np.linspace(0.0, seconds, round(seconds / dt), endpoint=False)
     rng = np.random.default_rng(seed)
     found: list[Record] = []
     for axis in ("roll", "pitch") * 2:
