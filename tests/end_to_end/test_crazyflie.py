@@ -18,7 +18,7 @@ import pytest
 from gcs.cli import main
 
 Tippath = Callable[..., tuple[int, str, str]]
-LATE = {"motor_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag", "gyro_filter"}
+LATE = {"servo_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag", "gyro_filter"}
 
 pytestmark = pytest.mark.data
 
@@ -72,15 +72,17 @@ def test_the_diagnosis_names_something_late_as_a_lag_is(fit: Path, tippath: Tipp
     found = json.loads(out)
     assert found["verdict"] == "missing"
     assert found["effect"] in LATE
-    assert "motor_lag" in {found["effect"], *found["indistinguishable"]}, "its motors are lags, and no delay"
+    assert "servo_lag" in {found["effect"], *found["indistinguishable"]}, (
+        "its motors are lags, and no delay; no airframe is told"
+    )
     singles = {one["effect"]: one for one in found["candidates"]}
-    assert late_s(singles["motor_lag"]) == pytest.approx(0.041, abs=0.003)
+    assert late_s(singles["servo_lag"]) == pytest.approx(0.041, abs=0.003)
     assert late_s(singles["transport_delay"]) == pytest.approx(0.034, abs=0.003)
-    for name in (found["effect"], "motor_lag", "transport_delay"):
+    for name in (found["effect"], "servo_lag", "transport_delay"):
         if name != "servo_rate_limit":  # late by as much as the command moves
             assert 0.03 <= late_s(singles[name]) <= 0.06, name
-    assert singles["motor_lag"]["nrmse_percent"]["p"] == pytest.approx(65, abs=1.5)
-    assert singles["motor_lag"]["nrmse_percent"]["q"] == pytest.approx(69, abs=1.5)
+    assert singles["servo_lag"]["nrmse_percent"]["p"] == pytest.approx(65, abs=1.5)
+    assert singles["servo_lag"]["nrmse_percent"]["q"] == pytest.approx(69, abs=1.5)
     assert singles["transport_delay"]["nrmse_percent"]["p"] == pytest.approx(59, abs=1.5)
     # the feedback is spoken of, and that the excitation was not logged
     assert "feedback" in out
