@@ -55,6 +55,8 @@ TRIM = (0.02, -0.03, 0.0)
 GUST = (0.16, 0.7)
 """Standard deviation in rad/s^2, about as the inverse inertias."""
 GUST_HZ = 1.5
+COLLECTIVE = 0.05
+"""Standard deviation of the pilot's, about a hover's 0.2."""
 
 SIZES = MappingProxyType({"roll": 0.10, "pitch": 0.15, "elevator": 0.30})
 """Chirp amplitudes, of full command."""
@@ -74,7 +76,7 @@ PLANTED: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "disc_incidence": {"A_alpha": 0.2, "B_alpha": 0.1},
         # fuselage
         "angular_damping": {"L_p": -0.5, "M_q": -2.0},
-        "quadratic_damping": {"L_pp": -3.0, "M_qq": -6.0},
+        "quadratic_damping": {"L_pp": -3.0, "M_qq": -6.0, "exponent": 2.0},
         "attitude_stiffness": {"L_phi": -8.0, "M_theta": -20.0},
         "speed_stability": {"Y_v": -0.3, "L_v": -2.0, "X_u": -0.3, "M_u": 6.0},
         "inertia_coupling": {"c_p": 0.05},
@@ -100,6 +102,14 @@ PLANTED: Mapping[str, Mapping[str, float]] = MappingProxyType(
         # sensors
         "gyro_lag": {"tau_g": 0.008},
         "gyro_misalignment": {"e": 0.1},
+        "gyro_filter": {"corner": 20.0, "zeta": 0.707},
+        # what Mettler's model of a small helicopter has, its bar steered a little
+        "stabiliser_bar": {"k_b": 0.3, "d_b": 0.15, "tau_b": 0.36},
+        "lead_lag": {"frequency_lag": 7.0, "zeta_lag": 0.05, "gain": 0.15},
+        "slipstream_wing": {"L_w": 0.0, "M_w": 120.0, "tau_w": 0.12},
+        "governor": {"k_g": 0.5, "tau_o": 0.4},
+        # its sign and size are a reading of the cyclic's four terms: nothing else of the base changes
+        "swashplate_phase": {"psi": 0.2},
     }
 )  # fmt: skip
 """Effect -> sizes that a user would meet, in SI and Hz, under the catalogue's names. `flapping` is the base itself
@@ -118,7 +128,7 @@ NULLS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "hub_gyroscopics": {"h_p": 0.0, "h_q": 0.0},
         "disc_incidence": {"A_alpha": 0.0, "B_alpha": 0.0},
         "angular_damping": {"L_p": 0.0, "M_q": 0.0},
-        "quadratic_damping": {"L_pp": 0.0, "M_qq": 0.0},
+        "quadratic_damping": {"L_pp": 0.0, "M_qq": 0.0, "exponent": 2.0},
         "attitude_stiffness": {"L_phi": 0.0, "M_theta": 0.0},
         "speed_stability": {"Y_v": -0.3, "L_v": 0.0, "X_u": -0.3, "M_u": 0.0},
         "inertia_coupling": {"c_p": 0.0},
@@ -137,6 +147,11 @@ NULLS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "servo_deadband": {"width": 0.0},
         "servo_backlash": {"half_width": 0.0},
         "gyro_misalignment": {"e": 0.0},
+        "stabiliser_bar": {"k_b": 0.0, "d_b": 0.0, "tau_b": 0.36},
+        "lead_lag": {"frequency_lag": 7.0, "zeta_lag": 0.05, "gain": 0.0},
+        "slipstream_wing": {"L_w": 0.0, "M_w": 0.0, "tau_w": 0.12},
+        "governor": {"k_g": 0.0, "tau_o": 0.4},
+        "swashplate_phase": {"psi": 0.0},
     }
 )  # fmt: skip
 """Effect -> sizes at which there is none. Lags have theirs at a time constant of zero, which no integrator can take;
@@ -213,7 +228,7 @@ def _air_of_run(axis: str, seed: Sequence[int], duration_s: float, gusts: float,
         _coloured(rng, 0.6, 0.5, n),  # turning about the shaft by hand
         _wander(rng, *ROTOR_RPM, t) * 2 * np.pi / 60,
         _wander(rng, *AIRSPEED, t),
-        0.2 + _coloured(rng, 0.05, 1.0, n),
+        0.2 + _coloured(rng, COLLECTIVE, 1.0, n),
         _coloured(rng, 0.1, 2.0, n),
     ]
 
@@ -303,6 +318,31 @@ def equations(effect: str | None, size: Mapping[str, float], forward: bool) -> _
                 }
 
             E.varying = faster
+        case "governor":
+            E.varying = lambda u, mean: _faster(u["omega"] / NOMINAL_OMEGA, N)
+        case "stabiliser_bar":
+            # Mettler's c and d: what reaches the rotor is the cyclic and K times the bar; here K = k_b, C = d_b/k_b
+            k_b, d_b, tau_b = (size[name] for name in ("k_b", "d_b", "tau_b"))
+            E.add("bar_c", bar_c=-1 / tau_b, q=-1.0, y=d_b / (k_b or 1.0) / tau_b)
+            E.add("bar_d", bar_d=-1 / tau_b, p=-1.0, x=d_b / (k_b or 1.0) / tau_b)
+            E.add("a", bar_c=k_b * N["A_lon"] / tau, bar_d=k_b * N["A_lat"] / tau)
+            E.add("b", bar_c=k_b * N["B_lon"] / tau, bar_d=k_b * N["B_lat"] / tau)
+        case "lead_lag":
+            w, zeta, gain = 2 * math.pi * size["frequency_lag"], size["zeta_lag"], size["gain"]
+            for axis, tilt, moment in (("p", "b", L_b), ("q", "a", M_a)):
+                E.add(f"g_{tilt}", **{f"h_{tilt}": 1.0})
+                E.add(f"h_{tilt}", **{tilt: w * w, f"g_{tilt}": -w * w, f"h_{tilt}": -2 * zeta * w})
+                E.add(axis, **{tilt: -gain * moment, f"g_{tilt}": gain * moment})
+        case "slipstream_wing":
+            # the wake's direction in space, W = (tilt + attitude)/(1 + tau_w s); the wing feels it against the body
+            tau_w = size["tau_w"]
+            for axis, tilt, angle, moment in (("p", "b", "phi", "L_w"), ("q", "a", "theta", "M_w")):
+                E.add(f"W_{tilt}", **{tilt: 1 / tau_w, angle: 1 / tau_w, f"W_{tilt}": -1 / tau_w})
+                E.add(axis, **{f"W_{tilt}": size[moment], angle: -size[moment]})
+        case "swashplate_phase":
+            cosine, sine = math.cos(size["psi"]), math.sin(size["psi"])
+            for tilt, lat, lon in (("a", N["A_lat"], N["A_lon"]), ("b", N["B_lat"], N["B_lon"])):
+                E.add(tilt, x=(lat * cosine + lon * sine - lat) / tau, y=(lon * cosine - lat * sine - lon) / tau)
         case "hub_gyroscopics":
             E.add("p", q=-size["h_p"])
             E.add("q", p=size["h_q"])
@@ -313,8 +353,8 @@ def equations(effect: str | None, size: Mapping[str, float], forward: bool) -> _
             E.add("b", alpha=size["B_alpha"] / tau)
         case "quadratic_damping":
             E.nonlinear = lambda s: {
-                "p": size["L_pp"] * s["p"] * np.abs(s["p"]),
-                "q": size["M_qq"] * s["q"] * np.abs(s["q"]),
+                "p": size["L_pp"] * s["p"] * np.abs(s["p"]) ** (size["exponent"] - 1),
+                "q": size["M_qq"] * s["q"] * np.abs(s["q"]) ** (size["exponent"] - 1),
             }
         case "attitude_stiffness":
             E.add("p", phi=size["L_phi"])
@@ -382,9 +422,33 @@ def equations(effect: str | None, size: Mapping[str, float], forward: bool) -> _
             for axis in ("p", "q"):
                 E.add(f"y_{axis}", **{axis: 1 / size["tau_g"], f"y_{axis}": -1 / size["tau_g"]})
                 E.measured[axis] = {f"y_{axis}": 1.0}
+        case "gyro_filter":
+            w, zeta = 2 * math.pi * size["corner"], size["zeta"]
+            for axis in ("p", "q"):
+                E.add(f"y_{axis}", **{f"z_{axis}": 1.0})
+                E.add(f"z_{axis}", **{axis: w * w, f"y_{axis}": -w * w, f"z_{axis}": -2 * zeta * w})
+                E.measured[axis] = {f"y_{axis}": 1.0}
         case "gyro_misalignment":
             E.measured = {"p": {"p": 1.0, "q": size["e"]}, "q": {"q": 1.0, "p": -size["e"]}}
     return E
+
+
+def _faster(ratio: Array, N: Mapping[str, float]) -> dict[tuple[str, str], Array]:
+    """The rotor's rows at so many times its speed: tau_f as ratio^-1, A_b and B_a as ratio^-2."""
+    tau = N["tau_f"]
+    rate, coupling = (ratio - 1) / tau, (1 / ratio - 1) / tau
+    own = {("a", "a"): -rate, ("b", "b"): -rate, ("a", "b"): coupling * N["A_b"], ("b", "a"): coupling * N["B_a"]}
+    cyclic = (("a", "x", "A_lat"), ("a", "y", "A_lon"), ("b", "x", "B_lat"), ("b", "y", "B_lon"))
+    return own | {(tilt, command): rate * N[name] for tilt, command, name in cyclic}
+
+
+def _governed(size: Mapping[str, float], collective: Array) -> Array:
+    """Rotor speed that collective (n, runs), held over each sample, pulls down; in the middle of each sample."""
+    left = math.exp(-DT / size["tau_o"])
+    pulled = lfilter([0.0, 1 - left], [1.0, -left], collective - collective.mean(axis=0), axis=0)
+    middle = math.exp(-0.5 * DT / size["tau_o"])
+    moved = middle * pulled + (1 - middle) * (collective - collective.mean(axis=0))
+    return np.asarray(NOMINAL_OMEGA * (1 - size["k_g"] * moved))
 
 
 def _second_order_flapping(E: _Equations, size: Mapping[str, float], N: Mapping[str, float]) -> None:
@@ -691,6 +755,8 @@ def _fly(
     omega = air.omega
     if effect == "second_order_flapping":
         omega = np.full_like(omega, NOMINAL_OMEGA)
+    elif effect == "governor":
+        omega = _governed(size, air.delta_c)
     elif rpm is not None:
         omega = np.full_like(omega, rpm * 2 * math.pi / 60)
     mean = {"omega": _mean(omega, flights), "airspeed": _mean(air.airspeed, flights)}

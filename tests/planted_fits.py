@@ -14,6 +14,10 @@ from sysid.model.compose import compose
 
 ATTITUDE = {"phi", "theta"}
 """Logged without error in planted flights, so it is left out: effects integrate it themselves."""
+UNLOGGED = {"governor": ("omega",)}
+"""What is not logged where an effect is to be found."""
+READ_FROM_THE_BASE = {"swashplate_phase"}
+"""What the bases contain: there is nothing to add."""
 FORWARD_FLIGHT = ("angular_damping", "elevator")
 
 
@@ -33,7 +37,7 @@ def effects_with(effect: str) -> tuple[str, ...]:
 
 
 def fitted(effect: str, flight: Sequence[Run]) -> Fit:
-    return identify(compose("tpp"), records(flight), effects=effects_with(effect))
+    return identify(compose("tpp"), records(flight, *UNLOGGED.get(effect, ())), effects=effects_with(effect))
 
 
 def planted_values(effect: str) -> Mapping[str, float]:

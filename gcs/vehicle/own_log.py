@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 from gcs.vehicle.autopilots import LOG_BACKEND, LOG_BITMASK, LOOP_RATE
 from sysid.data.airframe import Airframe
+from sysid.data.gyro_settings import NOTCH_PREFIXES as NOTCHES
+from sysid.data.gyro_settings import NOTCH_WORDS
 
 SAMPLES_OF_A_PERIOD = 10.0
 """Of the highest frequency swept: fewer, and what moved between them is a large part of it."""
@@ -67,7 +69,11 @@ def identity(settings: Mapping[str, float]) -> dict[str, str]:
         known["system id"] = f"{system:g}"
     if settings.get("BRD_SERIAL_NUM"):
         known["BRD_SERIAL_NUM"] = f"{settings['BRD_SERIAL_NUM']:g}"
-    return known | {name: f"{settings[name]:g}" for name in SETUP if name in settings}
+    setup = [
+        *SETUP,
+        *(f"{notch}_{word}" for notch in NOTCHES if settings.get(f"{notch}_ENABLE") for word in NOTCH_WORDS),
+    ]
+    return known | {name: f"{settings[name]:g}" for name in setup if name in settings}
 
 
 def airframe(settings: Mapping[str, float], frame: str = "") -> Airframe | None:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.airframe import Airframe, agreed
+from sysid.data.gyro_settings import told_filters
 from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes, instruments
 from sysid.data.preprocess import ComplexArray, Piece, Spectrum, pieces
 from sysid.data.record import COMMANDS, CYCLIC, RATES, Record
@@ -139,7 +140,7 @@ class Dataset:
 
     @cached_property
     def constants(self) -> Mapping[str, float]:
-        """Omega_0, V_0: means over the fitted runs."""
+        """Omega_0, V_0: means over the fitted runs; and filters that their logs tell of."""
         return means(self.records) if self.like is None else self.like.constants
 
     @cached_property
@@ -266,8 +267,8 @@ def _rephased(group: Stack, imposed: Stack, rng: np.random.Generator) -> Stack:
 
 
 def means(records: Sequence[Record]) -> dict[str, float]:
-    """The mean flight condition, Omega_0 and V_0, as far as every run logs it."""
-    return {
+    """The mean flight condition, Omega_0 and V_0, as far as every run logs it, and filters that all logs tell of."""
+    return told_filters(records) | {
         name: float(np.mean(np.concatenate([record.channels[channel] for record in records])))
         for name, channel in (("Omega_0", "omega"), ("V_0", "airspeed"))
         if all(channel in record.channels for record in records)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, refit
 from sysid.diagnose.initial_states import validation_error
@@ -167,7 +168,11 @@ def score_effects(
         name = effect.path or effect.id
         if name in structure.effects or effect.id in present or effect.id in structure.base_.contains:
             continue
+        if not on.common.isdisjoint(effect.unless_logged):
+            continue  # it is measured
         elsewhere = not_offered(effect, on.airframe)
+        if elsewhere is not None and not effect.can_be_on(Airframe.HELICOPTER):
+            continue  # a multirotor's own, which has another name here
         if elsewhere is not None:
             found.append(Ranked(effects=(name,), score=None, not_testable=elsewhere, not_offered=True))
             continue

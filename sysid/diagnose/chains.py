@@ -41,6 +41,8 @@ PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
 ALIKE = 0.2
 """Of what two effects explain, by which their answers must differ to begin two chains."""
+TWINS = 1e-6
+"""The same, below which two effects are one under two names."""
 SECONDS = 4
 """How many effects are refitted on each of them."""
 
@@ -186,11 +188,28 @@ class _Chains:
         scores = [one.score for one in seconds if one.score is not None]
         if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
             return False
-        chosen = sorted((one for one in seconds if one.not_testable is None), key=_promise)[:SECONDS]
+        asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
+        chosen = self.without_twins(asked)[:SECONDS]
         for second in chosen:
             if _names(first.effect, second.effect) not in self.found and self.promising(first, second):
                 self.fit(first, second)
         return True
+
+    def without_twins(self, seconds: Sequence[Ranked]) -> list[Ranked]:
+        """Of those that alone answer the same to the last digits the first: the others are exchanged for it at the
+        end."""
+        kept: list[Ranked] = []
+        for one in seconds:
+            if not any(self.twins(one.effect, other.effect) for other in kept):
+                kept.append(one)
+        return kept
+
+    def twins(self, one: str, other: str) -> bool:
+        """Whether two plausible effects are the same one under two names, as a lag of all servos and of both gyros."""
+        if one not in self.alone or other not in self.alone:
+            return False
+        first, second = self.alone[one], self.alone[other]
+        return first.added == second.added and not _apart(first, second, TWINS)
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
         """Whether the second is significant beside the first, and comes near to what the best chain explains more."""
@@ -266,11 +285,11 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
     return chosen
 
 
-def _apart(one: Ranked, other: Ranked) -> bool:
+def _apart(one: Ranked, other: Ranked, alike: float = ALIKE) -> bool:
     """Whether two effects explain different things: how far their answers are apart, beside what they explain."""
     assert one.stepped is not None
     assert other.stepped is not None
-    return gain(one.stepped, other.stepped)[1] > ALIKE * min(one.chi_squared, other.chi_squared)
+    return gain(one.stepped, other.stepped)[1] > alike * min(one.chi_squared, other.chi_squared)
 
 
 def _remainder(one: Ranked, reference: Reference) -> float:

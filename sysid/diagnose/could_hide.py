@@ -157,7 +157,9 @@ class _Asking:
         """None where the effect moves nothing, or has no response that settles."""
         known = self.parent.model.by_name
         new = [one for one in composed.parameters if one.name not in known]
-        sized = tuple(one for one in new if one.null is not None)
+        sized = tuple(one for one in new if one.sizes)
+        if not sized:
+            return None  # all of it is known
         point = _Point(composed, known, new, sized)
         try:
             with np.errstate(all="ignore"):

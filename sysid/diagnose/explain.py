@@ -114,7 +114,7 @@ def _what(fit: Candidate, effect: Effect) -> EffectFound:
         if one.name not in names:
             continue
         value, error = fit.model[one.name], errors[one.name]
-        if one.null is not None and len(effect.parameters) > 1 and abs(value - one.null) < SMALL * error:
+        if one.null is not None and one.sizes and len(effect.parameters) > 1 and abs(value - one.null) < SMALL * error:
             none.append(one.name)
         else:
             sizes.append(Size(one, value, error))

@@ -94,7 +94,7 @@ def _points(composed: Structure, of: Candidate) -> list[tuple[dict[str, float], 
 
 
 def _begins_at_null(one: Parameter, linear: bool) -> bool:
-    return one.null is not None and math.isfinite(one.null) and (linear or not one.grid)
+    return one.sizes and math.isfinite(one.null or 0.0) and (linear or not one.grid)
 
 
 def _begun_from(composed: Structure, of: Candidate) -> dict[str, float]:

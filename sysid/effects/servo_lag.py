@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.model.effect import Effect, Signals, Stage, Words
+from sysid.data.airframe import Airframe
+from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
 
 
@@ -31,10 +32,7 @@ EFFECT = Effect(
             typical=0.03,
         ),
     ),
-    on_multirotor=Words(
-        title="first-order lag of the motors",
-        source="brushless motors with their propellers answer a small step in 10 to 150 ms",
-    ),
+    airframes=(Airframe.HELICOPTER,),  # a multirotor's motors have `motor_lag`
     stage=Stage.COMMAND,
     order=4,
     equations=equations,

@@ -222,7 +222,7 @@ def explain_instability(settled: Settled, bins: Bins) -> list[str]:
     return said
 
 
-LATE_ALREADY = frozenset({"servo_lag", "servo_second_order", "transport_delay", "gyro_lag"})
+LATE_ALREADY = frozenset({"servo_lag", "motor_lag", "servo_second_order", "transport_delay", "gyro_lag", "gyro_filter"})
 LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 

@@ -82,7 +82,8 @@ def rotor_speed(records: Sequence[Record]) -> float | None:
 
 
 def implied(fit: Fit, vehicle: Vehicle, omega: float | None) -> tuple[Implied, ...]:
-    """Inertias from L_b and M_a; Lock number and flap frequency ratio from the rotor's parameters.
+    """Inertias from L_b and M_a; Lock number and flap frequency ratio from the rotor's parameters; the angle by which
+    the cyclic is turned from its own.
 
     `omega` is the logged rotor speed, else the vehicle's own is taken; without either there are only inertias.
     """
@@ -123,7 +124,23 @@ def implied(fit: Fit, vehicle: Vehicle, omega: float | None) -> tuple[Implied, .
 
         found.append(_figure(fit, "Lock number", "-", of=lock, measured=None, plausible=LOCK_NUMBERS))
         found.append(_figure(fit, "flap frequency ratio", "-", of=ratio, measured=None, plausible=RATIOS))
-    return tuple(found)
+    return (*found, *_swashplate(fit))
+
+
+def _swashplate(fit: Fit) -> list[Implied]:
+    """By how much the cyclic is turned, from each row of its four terms: a phase offset of the swashplate turns both
+    alike (`swashplate_phase`), hinges and springs of the rotor do not."""
+    rows = (("roll", lambda p: (-p["B_lon"], p["B_lat"])), ("pitch", lambda p: (p["A_lat"], p["A_lon"])))
+    if not {"A_lat", "A_lon", "B_lat", "B_lon"} <= set(fit.model.structure.names):
+        return []
+
+    def turned(row: Callable[[dict[str, float]], tuple[float, float]]) -> Callable[[dict[str, float]], float]:
+        return lambda p: math.degrees(math.atan2(*row(p)))
+
+    return [
+        _figure(fit, f"cyclic turned, {axis}", "deg", of=turned(row), measured=None, plausible=(-180.0, 180.0))
+        for axis, row in rows
+    ]
 
 
 LOCK_NUMBERS = (0.3, 15.0)

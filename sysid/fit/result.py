@@ -26,7 +26,7 @@ from sysid.fit.identifiable import undetermined
 from sysid.model.base import Base, load_base
 from sysid.model.compose import compose
 from sysid.model.effect import EffectError, load
-from sysid.model.structure import FloatArray, Model
+from sysid.model.structure import FloatArray, Model, Structure
 
 FORMAT = "tippath.fit/1"
 HIGH_CORRELATION = 0.9
@@ -267,10 +267,13 @@ class Fit:
                 said.get("constants", {}),
                 outputs=said.get("outputs"),
             )
-            values = structure.vector({name: one["value"] for name, one in document["parameters"].items()})
+            later = _declared_later(structure, document["parameters"])
+            values = structure.vector({**later, **{name: one["value"] for name, one in document["parameters"].items()}})
             covariance = np.array(
                 [[math.nan if x is None else x for x in row] for row in document["covariance"]], dtype=float
             )
+            for place in (i for i, name in enumerate(structure.names) if name in later):
+                covariance = np.insert(np.insert(covariance, place, 0.0, axis=0), place, 0.0, axis=1)
             if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
                 raise ResultError("parameters or covariance are not numbers of the right shape")
             window = document.get("window_s")
@@ -287,7 +290,7 @@ class Fit:
                 profile=document["profile"],
                 window_s=None if window is None else (window[0], window[1]),
                 at_bound=tuple(name for name, one in document["parameters"].items() if one["at_bound"]),
-                fixed=tuple(name for name, one in document["parameters"].items() if one["fixed"]),
+                fixed=(*(name for name, one in document["parameters"].items() if one["fixed"]), *later),
                 lineage=tuple(
                     Rung(tuple(one["effects"]), dict(one["nrmse_percent"]), one["validation_nrmse_percent"])
                     for one in document["lineage"]
@@ -323,6 +326,13 @@ def _kind_or_none(kind: type[Kind], word: str | None) -> Kind | None:
         return None if word is None else kind(word)
     except ValueError as error:
         raise ResultError(str(error)) from error
+
+
+def _declared_later(structure: Structure, said: Mapping[str, Any]) -> dict[str, float]:
+    """What effects of the catalogue have gained since a document was written: it was made with these at their nulls."""
+    own = (parameter for effect in structure.composed if effect.path is None for parameter in effect.parameters)
+    missing = ((one.name, one.null) for one in own if one.name not in said)
+    return {name: null for name, null in missing if null is not None and math.isfinite(null)}
 
 
 def _base(said: Any, directory: Path, named: Sequence[str]) -> str | Base:

@@ -29,7 +29,7 @@ def compose(
     """
     declared = [one if isinstance(one, Effect) else find(one) for one in effects]
     base, declared = _grown(as_base(base), declared)
-    found = _declared(declared, base, available)
+    found = _declared(declared, base, available, constants or {})
     _refuse_clashes(base, found)
     ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
     needed = [name for one in ordered for name in one.channels]
@@ -74,7 +74,9 @@ def _measurable(base: Base, outputs: Sequence[str]) -> tuple[str, ...]:
     return tuple(outputs)
 
 
-def _declared(effects: Sequence[Effect], base: Base, available: Collection[str]) -> list[Effect]:
+def _declared(
+    effects: Sequence[Effect], base: Base, available: Collection[str], known: Collection[str]
+) -> list[Effect]:
     """The effects as they are declared for each other, this base and these runs. Raises EffectError where one cannot
     act."""
     ids = [one.id for one in effects]
@@ -84,7 +86,7 @@ def _declared(effects: Sequence[Effect], base: Base, available: Collection[str])
         reason = not_testable(one, base, ids, available)
         if reason is not None:
             raise EffectError(f"{one.id} cannot act here: {reason}")
-    return [adapted(one, base, ids, available) for one in effects]
+    return [adapted(one, base, ids, available, known) for one in effects]
 
 
 def _refuse_clashes(base: Base, effects: Sequence[Effect]) -> None:
@@ -130,11 +132,18 @@ def _refuse_broken(structure: Structure) -> None:
         raise EffectError(f"{users}: its equations give no finite numbers at their typical parameters")
 
 
-def adapted(effect: Effect, base: str | Base, others: Collection[str], available: Collection[str]) -> Effect:
-    """The effect as it is declared for this base, with these effects, on runs with these channels."""
+def adapted(
+    effect: Effect,
+    base: str | Base,
+    others: Collection[str],
+    available: Collection[str],
+    known: Collection[str] = (),
+) -> Effect:
+    """The effect as it is declared for this base, with these effects, on runs with these channels and constants."""
     if effect.adapt is None:
         return effect
-    made = effect.adapt(Surroundings(as_base(base).name, tuple(sorted({effect.id, *others})), frozenset(available)))
+    composed = tuple(sorted({effect.id, *others}))
+    made = effect.adapt(Surroundings(as_base(base).name, composed, frozenset(available), frozenset(known)))
     return made if effect.path is None else replace(made, path=effect.path, sha256=effect.sha256)
 
 
@@ -148,6 +157,9 @@ def not_testable(effect: Effect, base: str | Base, others: Collection[str], avai
         names = need.split("|")
         if not any(name in others or name in base.contains for name in names):
             return f"it needs {' or '.join(names)}"
+    measured = [name for name in effect.unless_logged if name in available]
+    if measured:
+        return f"{', '.join(measured)} is logged: what it would work out is measured"
     logged = {*base.states, *base.commands, *available}
     missing = [name.replace("|", " or ") for name in effect.channels if logged.isdisjoint(name.split("|"))]
     if missing:

@@ -51,7 +51,8 @@ class Stage(enum.IntEnum):
 class Signals:
     """The names an effect may read: parameters, states, commands, channels, the rates summed so far, constants.
 
-    Constants: `g` (m/s^2), `Omega_0` (rad/s) and `V_0` (m/s), the means over the fitted runs where they are logged.
+    Constants: `g` (m/s^2), `Omega_0` (rad/s) and `V_0` (m/s), the means over the fitted runs where they are logged; and
+    what the runs' settings tell of filters (`sysid.data.gyro_settings`).
     """
 
     def __init__(self, values: dict[str, Any]) -> None:
@@ -86,6 +87,8 @@ class Surroundings:
     """Ids of all effects composed, its own too, sorted."""
     available: frozenset[str]
     """Channels that every run has."""
+    known: frozenset[str] = frozenset()
+    """Constants of these runs, by name: means, and what their settings tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +119,8 @@ class Effect:
     """Its own; each needs a `<state>_dot`."""
     channels: tuple[str, ...] = ()
     """That the log must have; a member may name alternatives as `a|b`, and `adapt` then chooses."""
+    unless_logged: tuple[str, ...] = ()
+    """Channels that measure what it would have to work out: on runs that have one it is not asked."""
     attitude: bool = False
     """Reads phi and theta: logged ones where there are, else integrated from p and q."""
     needs: tuple[str, ...] = ()
@@ -165,8 +170,8 @@ class Effect:
         return tuple(parameter.name for parameter in self.parameters)
 
     def can_be_on(self, airframe: Airframe | None) -> bool:
-        """Whether such an airframe can have it; an unknown one can have everything."""
-        return airframe is None or airframe in self.airframes
+        """Whether such an airframe can have it; an unknown one can have all that a helicopter can."""
+        return (airframe or Airframe.HELICOPTER) in self.airframes
 
     def worded(self, airframe: Airframe | None) -> Effect:
         """With its words for people as they are right on this airframe."""

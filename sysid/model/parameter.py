@@ -30,6 +30,12 @@ class Parameter:
     grid: tuple[float, ...] = ()
     """Values to begin from one by one, where the cost may have several valleys or the null tells nothing."""
 
+    @property
+    def sizes(self) -> bool:
+        """Whether it says how much there is of an effect. What is usually at its null only says of which kind it is: an
+        exponent, of whatever has a size beside it."""
+        return self.null is not None and self.null != self.typical
+
     def implausible(self, value: float, error: float = 0.0) -> bool:
         """Whether physics does not allow an estimate: all that it allows lies beyond SURELY of its standard errors.
 

@@ -211,10 +211,12 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
     u, driven = run.on_grid(U), B @ (U * run.hold)
     transfer = run.resolvent(A)
     X = _through(transfer, driven[None])[0]
+    unseen = ~np.any(transfer[rows], axis=(0, 2))  # states that only schedule others: no rate tells where they began
     outputs, last = X[rows], np.inf
     for count in range(RELAXATIONS):
         # the free motion from the run's end states, as the measured rates show it
         E = transfer[rows][:, :, inside].transpose(1, 0, 2)
+        E[unseen] = 0
         rest = (run.one.Y - outputs[:, inside]).reshape(-1).view(float)
         ends = _explaining(np.ascontiguousarray(E).reshape(n, -1).view(float), rest) if ended else np.zeros(n)
         free = np.einsum("ijf,j->if", transfer, ends)

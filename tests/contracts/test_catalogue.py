@@ -17,7 +17,7 @@ from gcs.analysis.fits import PAPER_PARAMETERS
 from sysid.data.airframe import Airframe
 from sysid.data.record import CHANNELS
 from sysid.model.compose import compose, not_testable
-from sysid.model.effect import FOLDER, Effect, EffectError, Stage, catalogue, find, load
+from sysid.model.effect import FOLDER, Effect, EffectError, Signals, Stage, catalogue, find, load
 from sysid.model.paper import CD, TPP
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Matrices, Model, Structure, stepped
 
@@ -26,24 +26,31 @@ IDS = [
     "angular_damping", "quadratic_damping", "attitude_stiffness", "speed_stability", "inertia_coupling", "yaw_coupling",
     "structural_mode", "input_coupling", "elevator", "angle_of_attack", "sideslip", "airspeed_scaling",
     "servo_lag", "servo_second_order", "transport_delay", "servo_rate_limit", "servo_saturation", "servo_deadband",
-    "servo_backlash", "gyro_lag", "gyro_misalignment",
+    "servo_backlash", "gyro_lag", "gyro_misalignment", "gyro_filter", "motor_lag", "swashplate_phase",
+    "stabiliser_bar", "lead_lag", "slipstream_wing", "governor",
 ]  # fmt: skip
 """What users, files and JSON name: it may grow and never shrinks. A new effect needs no line here: what it declares is
 held against what it does, as for these; these besides against what is known of them, below."""
 
 NEED_A_DISC = {
     "second_order_flapping", "dynamic_inflow", "rotor_speed", "disc_incidence", "speed_stability", "inertia_coupling",
+    "lead_lag", "slipstream_wing", "governor",
 }  # fmt: skip
-ABSORBED_BY_CD = {"angular_damping", "hub_gyroscopics", "gyro_misalignment"}
+ABSORBED_BY_BOTH = {"swashplate_phase"}
+ABSORBED_BY_CD = {"angular_damping", "hub_gyroscopics", "gyro_misalignment"} | ABSORBED_BY_BOTH
 COMMAND_ORDER = [
     {"servo_saturation"},
     {"transport_delay"},
     {"servo_deadband"},
-    {"servo_lag", "servo_second_order", "servo_rate_limit"},
+    {"servo_lag", "motor_lag", "servo_second_order", "servo_rate_limit"},
     {"servo_backlash"},
+    {"swashplate_phase"},
+    {"stabiliser_bar"},
 ]
 KNOWN_SEQUENTIAL = {"servo_saturation", "servo_deadband", "servo_rate_limit", "servo_backlash"}
-KNOWN_NONLINEAR = KNOWN_SEQUENTIAL | {"quadratic_damping", "yaw_coupling", "rotor_speed", "airspeed_scaling"}
+KNOWN_NONLINEAR = KNOWN_SEQUENTIAL | {
+    "quadratic_damping", "yaw_coupling", "rotor_speed", "airspeed_scaling", "governor",
+}  # fmt: skip
 SEQUENTIAL = {name for name, one in catalogue().items() if one.samples is not None}
 NONLINEAR = {name for name, one in catalogue().items() if not one.linear}
 
@@ -60,11 +67,16 @@ WITH_EQUATIONS = [
 ]  # fmt: skip
 
 
-def composed(effect: Effect, base: str = "tpp", available: tuple[str, ...] = EVERYTHING) -> Structure:
+def logged(effect: Effect) -> tuple[str, ...]:
+    """Everything but what it would work out itself."""
+    return tuple(name for name in EVERYTHING if name not in effect.unless_logged)
+
+
+def composed(effect: Effect, base: str = "tpp") -> Structure:
     companions = [one for one in COMPANIONS.get(effect.id, []) if not (base == "cd" and one in ABSORBED_BY_CD)]
     if effect.id == "flapping":
         base = "cd"
-    return compose(base, [*companions, effect], available, CONSTANTS)
+    return compose(base, [*companions, effect], logged(effect), CONSTANTS)
 
 
 def absorbed_by(base: str) -> list[str]:
@@ -115,7 +127,7 @@ def histories(structure: Structure, n: int = 40) -> dict[str, FloatArray]:
 
 
 def test_the_folder_is_the_catalogue_and_never_shrinks() -> None:
-    assert len(IDS) == len(set(IDS)) == 27
+    assert len(IDS) == len(set(IDS)) == 34
     assert sorted(catalogue()) == sorted(path.stem for path in FOLDER.glob("[a-z]*.py"))
     assert set(IDS) <= set(catalogue())
 
@@ -177,7 +189,8 @@ def test_the_order_is_that_of_physics() -> None:
     assert all(max(a) < min(b) for a, b in pairwise(orders))
     assert all(catalogue()[name].stage is Stage.COMMAND for names in COMMAND_ORDER for name in names)
     assert {name for name in IDS if catalogue()[name].stage is Stage.COMMAND} == set().union(*COMMAND_ORDER)
-    apart = ("flapping", "second_order_flapping", "servo_second_order")  # each stands for a part that another has
+    apart = {"flapping", "second_order_flapping", "servo_second_order", "motor_lag"}  # for a part that another has
+    apart |= {"governor"} | ABSORBED_BY_BOTH  # where all is logged, and where the cyclic is free
     everything = [one for one in catalogue() if one not in apart]
     forward = compose("tpp", everything, EVERYTHING, CONSTANTS)
     assert forward.effects == compose("tpp", everything[::-1], EVERYTHING, CONSTANTS).effects
@@ -201,15 +214,15 @@ def test_which_are_nonlinear() -> None:
 @pytest.mark.parametrize("base", ["tpp", "cd"])
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_it_composes_or_says_why_not(effect: Effect, base: str) -> None:
-    refused = {"tpp": {"flapping"}, "cd": NEED_A_DISC | ABSORBED_BY_CD}[base]
+    refused = {"tpp": {"flapping"} | ABSORBED_BY_BOTH, "cd": NEED_A_DISC | ABSORBED_BY_CD}[base]
     others = COMPANIONS.get(effect.id, [])
-    reason = not_testable(effect, base, others, EVERYTHING)
+    reason = not_testable(effect, base, others, logged(effect))
     if effect.id in refused or (effect.id not in IDS and reason is not None):
         assert reason is not None
         absorbed = ABSORBED_BY_CD | {"flapping"} if effect.id in IDS else {effect.id} & set(absorbed_by(base))
         assert ("not testable on" in reason) == (effect.id in absorbed)
         with pytest.raises(EffectError, match=effect.id):
-            compose(base, [*(one for one in others if one not in ABSORBED_BY_CD), effect], EVERYTHING, CONSTANTS)
+            compose(base, [*(one for one in others if one not in ABSORBED_BY_CD), effect], logged(effect), CONSTANTS)
         return
     assert reason is None
     structure = composed(effect, base)
@@ -217,7 +230,7 @@ def test_it_composes_or_says_why_not(effect: Effect, base: str) -> None:
         assert (structure.base, structure.composed, structure.names) == ("tpp", (), TPP.names)
         return
     assert structure == composed(effect, base), "equal compositions are equal, adapted or not"
-    assert structure == compose(base, structure.composed, EVERYTHING, CONSTANTS), "adapted effects compose again"
+    assert structure == compose(base, structure.composed, logged(effect), CONSTANTS), "adapted effects compose again"
     assert structure.linear == all(one not in NONLINEAR for one in structure.effects)
     assert not set(effect.replaces) & set(structure.names)
     matrices = structure.matrices(values(structure))
@@ -237,7 +250,7 @@ def test_a_missing_channel_is_named(effect: Effect) -> None:
         assert reason is not None
         assert "not logged" in reason
         assert effect.channels[0].split("|")[0] in reason
-    elif effect.id != "flapping":
+    elif effect.id not in {"flapping"} | ABSORBED_BY_BOTH:
         assert reason is None
 
 
@@ -247,10 +260,10 @@ def test_a_missing_channel_is_named(effect: Effect) -> None:
 @pytest.mark.parametrize("base", ["tpp", "cd"])
 @pytest.mark.parametrize("effect", [one for one in WITH_EQUATIONS if one.id != "second_order_flapping"])
 def test_at_its_null_the_base_is_unchanged(effect: Effect, base: str) -> None:
-    if not_testable(effect, base, COMPANIONS.get(effect.id, []), EVERYTHING) is not None:
+    if not_testable(effect, base, COMPANIONS.get(effect.id, []), logged(effect)) is not None:
         return
     structure = composed(effect, base)
-    without = compose(base, [one for one in structure.composed if one.id != effect.id], EVERYTHING, CONSTANTS)
+    without = compose(base, [one for one in structure.composed if one.id != effect.id], logged(effect), CONSTANTS)
     at = nulls(next(one for one in structure.composed if one.id == effect.id))
     assert at
     new = response(structure.matrices(values(structure, **at)))
@@ -319,7 +332,7 @@ def test_delay_passes_at_the_null() -> None:
 @pytest.mark.parametrize("effect", WITH_EQUATIONS)
 def test_complex_steps_are_derivatives(effect: Effect, base: str) -> None:
     """Of the matrices for linear structures, of the rates on time histories for the others: against differences."""
-    if not_testable(effect, base, COMPANIONS.get(effect.id, []), EVERYTHING) is not None:
+    if not_testable(effect, base, COMPANIONS.get(effect.id, []), logged(effect)) is not None:
         return
     structure = composed(effect, base)
     here = values(structure)
@@ -513,6 +526,29 @@ def test_sequential_effects_by_hand() -> None:
     )
 
 
+def test_a_turned_swashplate_is_the_bases_cyclic_turned() -> None:
+    """Nothing else of the base changes: so it is a reading of the cyclic's four terms and no effect beside them."""
+    equations = find("swashplate_phase").equations
+    assert equations is not None
+    turned = equations(Signals({"psi": 0.3, "delta_x": 0.1, "delta_y": -0.2}))
+    assert complex(turned["delta_x"], turned["delta_y"]) == pytest.approx(complex(0.1, -0.2) * np.exp(0.3j))
+    for base in ("cd", "tpp"):
+        reason = not_testable(find("swashplate_phase"), base, [], EVERYTHING)
+        assert reason == f"not testable on {base}: its parameters are the base's own there"
+
+
+def test_a_governor_is_asked_where_the_rotor_speed_is_not_logged() -> None:
+    assert "omega is logged" in str(not_testable(find("governor"), "tpp", [], ["delta_c", "omega"]))
+    assert not_testable(find("governor"), "tpp", [], ["delta_c"]) is None
+    both = compose("tpp", ["governor", "second_order_flapping"], ["delta_c"])
+    signals = histories(both)
+    slow, still = (
+        both.evaluate(both.named(values(both, k_g=0.3)), {**signals, "loaded": loaded})[0]["a_rate_dot"]
+        for loaded in (0.3, 0.0)
+    )
+    assert not np.allclose(slow, still, rtol=1e-3)
+
+
 # ---------------------------------------------------------------------------------------------- a user's own
 
 
@@ -564,8 +600,10 @@ def test_what_needs_an_effect_that_an_airframe_cannot_have_is_not_on_it(airframe
 def test_a_multirotor_has_no_disc_no_linkage_and_no_wing() -> None:
     absent = {one.id for one in catalogue().values() if not one.can_be_on(Airframe.MULTIROTOR)}
     wing = {one.id for one in catalogue().values() if one.group == "forward"}
-    assert absent == NEED_A_DISC | wing | {"flapping", "servo_backlash", "servo_deadband"}
-    assert all(one.can_be_on(Airframe.HELICOPTER) and one.can_be_on(None) for one in catalogue().values())
+    linkage = {"servo_lag", "servo_backlash", "servo_deadband", "swashplate_phase", "stabiliser_bar"}
+    assert absent == NEED_A_DISC | wing | linkage | {"flapping"}
+    motors = {one.id for one in catalogue().values() if not one.can_be_on(Airframe.HELICOPTER)}
+    assert motors == {one.id for one in catalogue().values() if not one.can_be_on(None)} == {"motor_lag"}
 
 
 def test_on_a_multirotor_words_say_motors() -> None:
@@ -577,4 +615,4 @@ def test_on_a_multirotor_words_say_motors() -> None:
         assert not re.search(r"servo|swash|linkage|cyclic|disc\b", said), f"{effect.id}: {said}"
         assert effect.worded(Airframe.HELICOPTER) is effect
         assert effect.worded(None) is effect
-    assert catalogue()["servo_lag"].worded(Airframe.MULTIROTOR).title == "first-order lag of the motors"
+    assert catalogue()["servo_second_order"].worded(Airframe.MULTIROTOR).title == "second-order lag of the motors"

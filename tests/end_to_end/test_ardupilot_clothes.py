@@ -59,8 +59,8 @@ def flown(like: str, plant: str, folder: Path, **settings: float) -> Path:
             "quad",
             0.05,
             "cd",
-            ["servo_lag"],
-            {"L_lat": QUAD.L_lat, "M_lon": QUAD.M_lon, "tau_s": QUAD.tau},
+            ["motor_lag"],
+            {"L_lat": QUAD.L_lat, "M_lon": QUAD.M_lon, "tau_m": QUAD.tau},
         ),
     ],
 )

@@ -18,7 +18,7 @@ import pytest
 from gcs.cli import main
 
 Tippath = Callable[..., tuple[int, str, str]]
-LATE = {"servo_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag"}
+LATE = {"servo_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag", "gyro_filter"}
 
 pytestmark = pytest.mark.data
 
@@ -72,7 +72,9 @@ def test_the_diagnosis_names_something_late_as_a_lag_is(fit: Path, tippath: Tipp
     found = json.loads(out)
     assert found["verdict"] == "missing"
     assert found["effect"] in LATE
-    assert "servo_lag" in {found["effect"], *found["indistinguishable"]}, "its motors are lags, and no delay"
+    assert "servo_lag" in {found["effect"], *found["indistinguishable"]}, (
+        "its motors are lags, and no delay; no airframe is told"
+    )
     singles = {one["effect"]: one for one in found["candidates"]}
     assert late_s(singles["servo_lag"]) == pytest.approx(0.041, abs=0.003)
     assert late_s(singles["transport_delay"]) == pytest.approx(0.034, abs=0.003)

@@ -190,20 +190,20 @@ def test_runs_of_two_vehicles_have_no_one_answer(
 
 
 @pytest.mark.usefixtures("only_effects")
-@pytest.mark.parametrize("only_effects", [("flapping", "servo_backlash", "servo_lag")], indirect=True)
+@pytest.mark.parametrize("only_effects", [("flapping", "motor_lag", "servo_backlash", "servo_lag")], indirect=True)
 def test_what_an_airframe_cannot_have_is_not_asked(fits: dict[str, Path], tippath: Tippath) -> None:
-    absent = {"flapping", "servo_backlash"}
+    absent = {"flapping", "servo_backlash", "servo_lag"}
     words = ("diagnose", fits["cd"], "--airframe", "multirotor")
     for more in ((), ("--explain",)):
         status, out, err = tippath(*words, *more)
         assert status == 0, err
-        assert " not asked: 2 effects that a multirotor cannot have; --json names them" in out.splitlines()
+        assert " not asked: 3 effects that a multirotor cannot have; --json names them" in out.splitlines()
         assert not [word for word in ("flapping", "backlash", "linkage", "servos") if word in out]
         assert "of the motors" in out
     document = no_constants(tippath(*words, "--json")[1])
     assert document["airframe"] == "multirotor"
     reasons = {one["effect"]: one["not_testable"] for one in document["candidates"]}
-    assert reasons == {"servo_lag": None, **dict.fromkeys(absent, "a multirotor cannot have it")}
+    assert reasons == {"motor_lag": None, **dict.fromkeys(absent, "a multirotor cannot have it")}
     helicopter = tippath("diagnose", fits["cd"], "--airframe", "helicopter")[1]
     assert "not asked" not in helicopter
     assert "missing: flapping" in helicopter

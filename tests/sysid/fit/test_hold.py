@@ -22,6 +22,7 @@ from sysid.fit.identify import identify
 from sysid.fit.result import Fit
 from sysid.model.acting import divided, in_time
 from sysid.model.compose import compose
+from sysid.model.effect import at_null
 from sysid.model.predict import respond
 
 LOOP_S = planted.DT
@@ -114,7 +115,7 @@ def test_what_acts_on_samples_sees_those_of_the_loop(effects: list[str]) -> None
 def test_what_is_not_linear_is_driven_by_the_loops_commands() -> None:
     stack = prepared(logged(flown(), 5, LOOP_S)[:2], BAND).viewed(TPP.inputs).stacks[0]
     bent = compose("tpp", ["quadratic_damping"])
-    values = bent.vector({**planted.TABLE_4, **{one.name: 0.0 for one in bent.composed[0].parameters}})
+    values = bent.vector({**planted.TABLE_4, **at_null(bent.composed[0])})
     straight = respond(TPP, TPP.vector(dict(planted.TABLE_4)), stack, False)
     relaxed = respond(bent, values, stack, False)
     low = stack.frequency_hz < 8.0

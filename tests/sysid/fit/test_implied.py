@@ -7,9 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from planted import NOMINAL_OMEGA, TABLE_4
+from planted import NOMINAL_OMEGA, TABLE_4, fly
+from planted_fits import records
 
 from sysid.data.record import Record
+from sysid.fit.identify import identify
 from sysid.fit.implied import Implied, Vehicle, implied, rotor_speed
 from sysid.fit.result import Fit
 from sysid.model.compose import compose
@@ -95,11 +97,25 @@ def test_impossible_parameters_give_flags_and_no_error() -> None:
 
 
 def test_what_cannot_be_implied_is_left_out() -> None:
-    assert [one.name for one in implied(fit(TABLE_4), PAPER, None)] == ["I_xx", "I_yy"]
-    assert len(implied(fit(TABLE_4), Vehicle(k_beta=88.0, omega=NOMINAL_OMEGA), None)) == 4
+    assert [one.name for one in implied(fit(TABLE_4), PAPER, None)][:2] == ["I_xx", "I_yy"]
+    assert "Lock number" not in figures(fit(TABLE_4), PAPER, None)
+    assert len(implied(fit(TABLE_4), Vehicle(k_beta=88.0, omega=NOMINAL_OMEGA), None)) == 6
     assert figures(fit(TABLE_4), Vehicle(k_beta=88.0, omega=99.0))["Lock number"].value == pytest.approx(1.0, abs=0.03)
     cd = dict.fromkeys(CD.names, 1.0)
     assert implied(fit(cd, CD), PAPER, NOMINAL_OMEGA) == ()
+
+
+def test_a_turned_swashplate_turns_both_rows_alike() -> None:
+    """The independent integrator's vehicle, its swashplate turned by 0.2 rad, against the same vehicle as it was."""
+    size = {"psi": 0.2}
+    flight = fly("swashplate_phase", size, seed=5, duration_s=12.0, gusts=0.3)
+    found, before = figures(identify(TPP, records(flight))), figures(fit(TABLE_4))
+    for name in ("cyclic turned, roll", "cyclic turned, pitch"):
+        error = found[name].standard_error
+        assert error is not None
+        assert error < 1.0
+        assert found[name].value - before[name].value == pytest.approx(math.degrees(size["psi"]), abs=4 * error)
+        assert not found[name].implausible
 
 
 def test_held_parameters_have_no_error() -> None:

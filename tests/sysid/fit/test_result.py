@@ -47,6 +47,23 @@ def test_saved_matrices_carry_the_delay_of_the_commands(ideal_card: Card, tmp_pa
     assert fit.to_json(tmp_path)["matrices"]["input_delay_s"] == [0.0, 0.0]
 
 
+def test_what_an_effect_gained_later_stands_where_it_was_taken_for_granted(ideal_card: Card, tmp_path: Path) -> None:
+    structure = compose("tpp", ["quadratic_damping"])
+    values = structure.vector({one.name: one.typical for one in structure.parameters})
+    count = len(structure.names)
+    fit = replace(
+        identify(TPP, ideal_card[0]), model=Model(structure, values), covariance=np.diag(np.arange(1.0, count + 1))
+    )
+    document = fit.to_json(tmp_path)
+    del document["parameters"]["exponent"]
+    with pytest.raises(ResultError, match="shape"):
+        Fit.from_json(document, tmp_path)
+    document["covariance"] = [row[:-1] for row in document["covariance"][:-1]]
+    again = Fit.from_json(document, tmp_path)
+    assert (again.model["exponent"], again.fixed) == (2.0, ("exponent",))
+    np.testing.assert_array_equal(np.diag(again.covariance), [*range(1, count), 0])
+
+
 def test_paths_are_relative_to_the_file(ideal_card: Card, tmp_path: Path) -> None:
     log = tmp_path / "flights" / "one.BIN"
     chirps = [

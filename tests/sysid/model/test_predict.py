@@ -118,7 +118,8 @@ def test_inputs_in_place_of_the_logged_ones_drive_nonlinear_effects(runs: list[R
     """Given what was logged they answer as to the log; given nothing, only what does not depend on inputs is left."""
     structure = compose("tpp", effects)
     (group,) = stack(spectra(runs, structure.inputs, ("p", "q"))[0])
-    small = np.append(TRUTH, [1e-3] * (len(structure.names) - TRUTH.size))
+    tiny = {"exponent": 2.0}
+    small = np.append(TRUTH, [tiny.get(name, 1e-3) for name in structure.names[TRUTH.size :]])
     logged, given = (respond(structure, small, group, True, U) for U in (None, group.U))
     assert logged.J is not None
     assert given.J is not None
@@ -133,7 +134,8 @@ def test_play_is_not_forgotten_beside_nonlinear_dynamics(runs: list[Record]) -> 
     plain = compose("tpp", ["servo_backlash", "transport_delay"])
     both = compose("tpp", ["servo_backlash", "transport_delay", "quadratic_damping"])
     groups = stack(spectra(runs, plain.inputs, ("p", "q"))[0])
-    extra = {"half_width": 0.02, "T_d": 0.02, "L_pp": 0.0, "M_qq": 0.0, **dict(zip(TPP.names, TRUTH, strict=True))}
+    extra = {"half_width": 0.02, "T_d": 0.02, "L_pp": 0.0, "M_qq": 0.0, "exponent": 2.0}
+    extra |= dict(zip(TPP.names, TRUTH, strict=True))
     linear = output_error(Model(plain, plain.vector(extra)), groups).nrmse_percent
     relaxed = output_error(Model(both, both.vector(extra)), groups).nrmse_percent
     without = output_error(Model(TPP, TRUTH), groups).nrmse_percent
