@@ -268,14 +268,7 @@ class Fit:
                 outputs=said.get("outputs"),
             )
             later = _declared_later(structure, document["parameters"])
-            values = structure.vector({**later, **{name: one["value"] for name, one in document["parameters"].items()}})
-            covariance = np.array(
-                [[math.nan if x is None else x for x in row] for row in document["covariance"]], dtype=float
-            )
-            for place in (i for i, name in enumerate(structure.names) if name in later):
-                covariance = np.insert(np.insert(covariance, place, 0.0, axis=0), place, 0.0, axis=1)
-            if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
-                raise ResultError("parameters or covariance are not numbers of the right shape")
+            values, covariance = _numbers(structure, document, later)
             window = document.get("window_s")
             return cls(
                 model=Model(structure, values),
@@ -333,6 +326,17 @@ def _declared_later(structure: Structure, said: Mapping[str, Any]) -> dict[str, 
     own = (parameter for effect in structure.composed if effect.path is None for parameter in effect.parameters)
     missing = ((one.name, one.null) for one in own if one.name not in said)
     return {name: null for name, null in missing if null is not None and math.isfinite(null)}
+
+
+def _numbers(structure: Structure, document: Any, later: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Values (parameters,) and covariance (parameters, parameters) as they were saved. Raises ResultError."""
+    values = structure.vector({**later, **{name: one["value"] for name, one in document["parameters"].items()}})
+    covariance = np.array([[math.nan if x is None else x for x in row] for row in document["covariance"]], dtype=float)
+    for place in (i for i, name in enumerate(structure.names) if name in later):
+        covariance = np.insert(np.insert(covariance, place, 0.0, axis=0), place, 0.0, axis=1)
+    if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
+        raise ResultError("parameters or covariance are not numbers of the right shape")
+    return values, covariance
 
 
 def _base(said: Any, directory: Path, named: Sequence[str]) -> str | Base:
