@@ -28,6 +28,8 @@ PAPER_NRMSE = {
     ("cd", "doublets"): (76.7, 20.0),
 }
 
+MODEL_ERROR = "(± model): what clocks may be off, and what frequencies and runs disagree about"
+
 BAND_REASONS = {
     BandFrom.GIVEN: "as asked for",
     BandFrom.SWEPT: "what was swept",
@@ -188,30 +190,37 @@ def _by_output(nrmse_percent: Mapping[str, float]) -> str:
 
 def _parameters(fit: Fit) -> list[str]:
     """Values with standard errors and the engineers' two figures, what is to be said of a value on a line below it."""
-    structure = fit.model.structure
+    structure, judged = fit.model.structure, bool(fit.model_errors)
     width = max(12, *(len(name) for name in structure.names))
-    lines = [f"  {'parameter':{width}}      value ± std. error  unit        CR, %  insens., %"]
+    error_head = (
+        "std. error (± model)  unit       CR, % ins., %" if judged else "std. error  unit        CR, %  insens., %"
+    )
+    lines = [f"  {'parameter':{width}}      value ± {error_head}"]
     vague, wild = fit.undetermined, fit.implausible
     for parameter, value, error, alone in zip(
         structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
     ):
         marks = []
-        number, figures = f"{value:11.4f}", ""
+        number, figures, spread = f"{value:11.4f}", "", ""
         if parameter.name in fit.fixed or parameter.name in fit.at_bound:
             marks.append("held" if parameter.name in fit.fixed else "at its bound")
         elif parameter.name in vague:
             number = "not determined"
         else:
             share = 100 * error / abs(value) if value else math.inf
-            figures = f"{share:8.1f} {alone:9.1f}"
+            figures = f"{share:6.1f} {alone:7.1f}" if judged else f"{share:8.1f} {alone:9.1f}"
             if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
                 marks.append("above a guide")
+            model = fit.model_errors.get(parameter.name)
+            spread = f"± {error:.2g}" + ("" if model is None else f" (± {model.total:.2g})")
         if parameter.name in wild and parameter.name not in vague:
             marks.append("implausible")
-        spread = f"± {error:<10.2g}" if figures else " " * (12 - max(0, len(number) - 11))
-        lines.append(f"  {parameter.name:{width}}{number} {spread} {parameter.unit:8}{figures}".rstrip())
+        room = (21 if judged else 12) - max(0, len(number) - 11)
+        lines.append(f"  {parameter.name:{width}}{number} {spread:{room}} {parameter.unit:8}{figures}".rstrip())
         if marks:
             lines.append(f"  {'':{width}}    {', '.join(marks)}")
+    if judged:
+        lines += wrapped(MODEL_ERROR, "  ", "    ")
     lines.append(f"  guides: CR at most {GUIDE_CRAMER_RAO:g} %, insensitivity at most {GUIDE_INSENSITIVITY:g} %")
     pairs = [f"{one} and {other} {value:+.2f}" for one, other, value in fit.correlations]
     if pairs:
