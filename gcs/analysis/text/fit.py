@@ -192,10 +192,8 @@ def _parameters(fit: Fit) -> list[str]:
     """Values with standard errors and the engineers' two figures, what is to be said of a value on a line below it."""
     structure, judged = fit.model.structure, bool(fit.model_errors)
     width = max(12, *(len(name) for name in structure.names))
-    error_head = (
-        "std. error (± model)  unit       CR, % ins., %" if judged else "std. error  unit        CR, %  insens., %"
-    )
-    lines = [f"  {'parameter':{width}}      value ± {error_head}"]
+    head = "std. err. (± model) unit     CR, % ins., %" if judged else "std. error  unit        CR, %  insens., %"
+    lines = [f"  {'parameter':{width}}      value ± {head}"]
     vague, wild = fit.undetermined, fit.implausible
     for parameter, value, error, alone in zip(
         structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
