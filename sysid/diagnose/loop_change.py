@@ -32,6 +32,10 @@ WINDOW_HZ = 0.5
 FEWEST = 8
 """bins beyond its unknowns, and how the window grows until it has them."""
 WIDER = 1.5
+NEAR = 0.01
+"""Of a frequency, to either side: the slope of a locus;"""
+DB = 20 / math.log(10)
+"""and dB of one in the logarithm of its size."""
 LARGEST_GAIN_DB, LARGEST_PHASE_DEG = 40.0, 180.0
 """Margins beyond which more makes no difference."""
 
@@ -98,11 +102,9 @@ def seen(one: Candidate) -> MarginChange | None:
     if not units.size and not reals.size:
         return None
     bins = _Left.of(one)
-    edges = [_edge(gains, one.model, bins, float(hz), gain=False) for hz in units]
-    phase = _lost([(angle, _turned(change)) for angle, _, change in edges])
-    edges = [_edge(gains, one.model, bins, float(hz), gain=True) for hz in reals]
-    gain = _lost([(_db(1 / size), _db(1 + change)) for _, size, change in edges])
-    return MarginChange(gain_db=gain, phase_deg=phase)
+    phase = _lost([_edge(gains, one.model, bins, float(hz), gain=False) for hz in units])
+    gain = _lost([_edge(gains, one.model, bins, float(hz), gain=True) for hz in reals])
+    return MarginChange(gain_db=float(gain), phase_deg=float(phase))
 
 
 def _lost(edges: list[tuple[float, float]]) -> float:
@@ -110,15 +112,6 @@ def _lost(edges: list[tuple[float, float]]) -> float:
     if not edges:
         return 0.0
     return min(margin for margin, _ in edges) - min(margin - less for margin, less in edges)
-
-
-def _db(ratio: float) -> float:
-    return 20 * math.log10(ratio)
-
-
-def _turned(change: float) -> float:
-    """Degrees, at most, that a relative change turns an eigenvalue."""
-    return math.degrees(math.asin(change)) if change < 1 else LARGEST_PHASE_DEG
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,18 +148,27 @@ class _Left:
         return D, rest @ rest.conj().T / (E.shape[1] - len(X)), inverse
 
 
-def _edge(gains: Gains, model: Model, left: _Left, hz: float, *, gain: bool) -> tuple[float, float, float]:
-    """Of the eigenvalue of the loop that crosses the negative axis (gain) or the unit circle at this frequency: degrees
-    from -1, size, and the 95 % limit of its change over its size."""
-    s = np.array([2j * np.pi * hz])
-    D, S, inverse = left.about(hz)
-    controller = from_rates(gains, s)[0]
-    values, right = np.linalg.eig(controller @ rates_per_command(model, s)[0])
+def _edge(gains: Gains, model: Model, left: _Left, hz: float, *, gain: bool) -> tuple[float, float]:
+    """Margin of the eigenvalue of the loop that crosses the negative axis (gain, dB) or the unit circle (degrees) at
+    this frequency, and the 95 % limit of its change: at the frequency where it crosses then."""
+    s = 2j * np.pi * hz * np.array([1 - NEAR, 1.0, 1 + NEAR])
+    controller = from_rates(gains, s)
+    loop = controller @ rates_per_command(model, s)
+    values, right = np.linalg.eig(loop[1])
     which = int(np.argmin(np.abs(np.angle(-values)) if gain else np.abs(np.log(np.abs(values)))))
-    a, b = (np.linalg.inv(right) @ controller)[which], right[:, which]
-    spread = math.sqrt(float(np.real(a @ S @ a.conj())) * float(np.real(b.conj() @ inverse @ b)))
-    size = float(abs(values[which]))
-    return math.degrees(abs(np.angle(-values[which]))), size, (float(abs(a @ D @ b)) + UPPER * spread) / size
+    value = values[which]
+    below, above = (each[np.argmin(np.abs(each - value))] for each in np.linalg.eigvals(loop[[0, 2]]))
+    along = np.log(above / below)
+    D, S, inverse = left.about(hz)
+    a, b = (np.linalg.inv(right) @ controller[1])[which], right[:, which]
+    spread = math.sqrt(float(np.real(a @ S @ a.conj())) * float(np.real(b.conj() @ inverse @ b))) / abs(value)
+    moved, path = (each if gain else each / 1j for each in ((a @ D @ b) / value, along))
+    # the real part of `moved` is the margin's, and what the other makes of it on the way to where it crosses
+    slope = float(path.real / path.imag) if path.imag else math.inf
+    less = abs(float(moved.real) - slope * float(moved.imag)) + UPPER * spread * math.hypot(1, slope) / math.sqrt(2)
+    if gain:
+        return -DB * math.log(abs(value)), DB * float(less)
+    return math.degrees(abs(np.angle(-value))), min(math.degrees(float(less)), LARGEST_PHASE_DEG)
 
 
 def of_margins(here: Margins, there: Margins) -> MarginChange:

@@ -58,7 +58,8 @@ def study_matters() -> None:
             alone.append(value <= bound)
         print(
             f"  {effect:20} {true.gain_db:.2f} dB {true.phase_deg:.2f} deg; "
-            f"said {said.gain_db:.2f} {said.phase_deg:.2f}, by chance {spread[0]:.2f} {spread[1]:.2f}; within {found.remainder.within_points:.2f} points"
+            f"said {said.gain_db:.2f} {said.phase_deg:.2f}, by chance {spread[0]:.2f} {spread[1]:.2f}; "
+            f"within {found.remainder.within_points:.2f} points"
         )
     print(
         f"{complete} of {FLIGHTS} complete; margins within what is said and chance: {np.mean(inside):.1%}; "

@@ -22,8 +22,7 @@ from sysid.fit.estimate import estimate
 from sysid.model.compose import compose
 from sysid.model.structure import Model
 
-CALM = {"gusts": 0.1, "noise": 0.001, "duration_s": 20.0}
-LAG_S = 0.006
+CALM = {"gusts": 0.1, "noise": 0.001, "duration_s": 15.0}
 NONE = CouldHide((), ())
 LEFT = Remainder(
     within_points=0.21,
@@ -38,22 +37,25 @@ LEFT = Remainder(
 )
 
 
-def test_the_error_that_is_seen_bounds_what_a_lag_does_to_margins() -> None:
-    """Gains are designed on a fit without the lag, and flown on the vehicle that has it."""
-    on = dataset(records(fly("servo_lag", {"tau_s": LAG_S}, seed=3, **CALM)), (0.0, 15.0))
+@pytest.mark.parametrize(
+    ("effect", "size"), [("servo_lag", {"tau_s": 0.003}), ("gyro_misalignment", {"e": 0.05})], ids=["phase", "coupling"]
+)
+def test_the_error_that_is_seen_is_what_an_effect_does_to_margins(effect: str, size: dict[str, float]) -> None:
+    """Gains are designed on a fit without the effect, and flown on the vehicle that has it."""
+    on = dataset(records(fly(effect, size, seed=3, steps=4, **CALM)), (0.0, 15.0))
     structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
-    parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
+    parent = candidate(estimate(structure, on.viewed(structure.inputs), weights="constant"), (), on)
     gains, change = held_gains(parent.model), seen(parent)
     assert gains is not None
     assert change is not None
-    flown = compose("tpp", ["servo_lag"])
-    there = closed_loop(gains, Model(flown, flown.vector({**TABLE_4, "tau_s": LAG_S}))).margins
+    flown = compose("tpp", [effect])
+    there = closed_loop(gains, Model(flown, flown.vector({**TABLE_4, **size}))).margins
     assert there is not None
     true = of_margins(gains.margins, there)
-    assert true.over(Limit()) > 0.3
-    assert true.gain_db < change.gain_db + 0.1
-    assert true.phase_deg < change.phase_deg + 0.5
-    assert change.over(Limit()) < 5 * true.over(Limit()) + 1
+    assert true.over(Limit()) > 1
+    assert true.gain_db < 1.1 * change.gain_db
+    assert true.phase_deg < 1.1 * change.phase_deg
+    assert change.over(Limit()) < 1.5 * true.over(Limit())
 
 
 @pytest.fixture(scope="module")
