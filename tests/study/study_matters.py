@@ -12,11 +12,14 @@ import planted
 from planted_fits import records
 from study_model_error import FIXED, LARGEST
 
-from gcs.analysis.diagnosis import diagnose_fit
 from sysid.control.regulator import lqr
 from sysid.control.stability import closed_loop
+from sysid.diagnose.could_hide import could_hide
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import instrumental_step
 from sysid.diagnose.loop_change import of_margins
-from sysid.fit.identify import identify
+from sysid.diagnose.matters import remainder
+from sysid.fit.identify import on_runs
 from sysid.model.compose import compose
 from sysid.model.structure import Model
 
@@ -35,23 +38,25 @@ def study_matters() -> None:
         size = {name: value if name in FIXED else part * value for name, value in LARGEST[effect].items()}
         steps = 8 if "lag" in effect else planted.STEPS
         runs = records(planted.fly(effect, size, seed=FIRST_SEED + number, duration_s=SECONDS, steps=steps))
-        fit = identify(compose("tpp"), runs)
-        found = diagnose_fit(fit, runs)
-        if found.last.verdict != "complete" or found.remainder is None or found.remainder.margins is None:
-            print(f"  {effect}: {found.last.verdict}")
+        answer = diagnose(on_runs("tpp", (), runs, runs), runs, chains=False)
+        if answer.verdict != "complete":
+            print(f"  {effect}: {answer.verdict}")
             continue
+        parent, white = answer.parent, answer.whitening
+        left = remainder(answer, could_hide(parent, instrumental_step(parent, white), white, answer.division))
+        assert left.margins is not None
         complete += 1
-        model = found.last.parent.model
+        model = parent.model
         gains = lqr(model)
         flown = compose("tpp", [effect])
         there = closed_loop(gains, Model(flown, flown.vector({**planted.TABLE_4, **size}))).margins
         assert there is not None
         true = of_margins(gains.margins, there)
-        drawn = rng.multivariate_normal(model.values, found.last.parent.estimate.covariance, DRAWS)
+        drawn = rng.multivariate_normal(model.values, parent.estimate.covariance, DRAWS)
         loops = [closed_loop(gains, Model(model.structure, x)).margins for x in drawn]
         chance = [of_margins(gains.margins, at) for at in loops if at is not None]
         spread = 2 * np.sqrt(np.mean([[one.gain_db**2, one.phase_deg**2] for one in chance], axis=0))
-        said = found.remainder.margins
+        said = left.margins
         bounds = (said.gain_db, said.phase_deg)
         for value, bound, more in zip((true.gain_db, true.phase_deg), bounds, spread, strict=True):
             inside.append(value <= bound + more)
@@ -59,7 +64,7 @@ def study_matters() -> None:
         print(
             f"  {effect:20} {true.gain_db:.2f} dB {true.phase_deg:.2f} deg; "
             f"said {said.gain_db:.2f} {said.phase_deg:.2f}, by chance {spread[0]:.2f} {spread[1]:.2f}; "
-            f"within {found.remainder.within_points:.2f} points"
+            f"within {left.within_points:.2f} points"
         )
     print(
         f"{complete} of {FLIGHTS} complete; margins within what is said and chance: {np.mean(inside):.1%}; "

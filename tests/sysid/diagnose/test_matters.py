@@ -22,7 +22,6 @@ from sysid.fit.estimate import estimate
 from sysid.model.compose import compose
 from sysid.model.structure import Model
 
-CALM = {"gusts": 0.1, "noise": 0.001, "duration_s": 15.0}
 NONE = CouldHide((), ())
 LEFT = Remainder(
     within_points=0.21,
@@ -42,7 +41,7 @@ LEFT = Remainder(
 )
 def test_the_error_that_is_seen_is_what_an_effect_does_to_margins(effect: str, size: dict[str, float]) -> None:
     """Gains are designed on a fit without the effect, and flown on the vehicle that has it."""
-    on = dataset(records(fly(effect, size, seed=3, steps=4, **CALM)), (0.0, 15.0))
+    on = dataset(records(fly(effect, size, seed=3, gusts=0.1, noise=0.001, duration_s=15.0, steps=4)), (0.0, 15.0))
     structure = compose("tpp", (), on.available, {"Omega_0": 171.2})
     parent = candidate(estimate(structure, on.viewed(structure.inputs), weights="constant"), (), on)
     gains, change = held_gains(parent.model), seen(parent)
