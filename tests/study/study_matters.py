@@ -23,7 +23,7 @@ from sysid.fit.identify import on_runs
 from sysid.model.compose import compose
 from sysid.model.structure import Model
 
-FLIGHTS = 16
+FLIGHTS = 11
 FIRST_SEED = 8200
 SECONDS = 15.0
 DRAWS = 12
