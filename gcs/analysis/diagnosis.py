@@ -182,8 +182,7 @@ def diagnose_fit(
         fit, composed = grown, [*grown.model.structure.composed]
     looped = _in_a_loop(answer) or _no_excitation(answer)
     remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *looped]
-    if answer.unsearched is not None:
-        remarks.append(answer.unsearched)
+    remarks += [] if answer.unsearched is None else [answer.unsearched]
     if repeat and grown is not None:
         remarks.append(_stopped(answer, wild))
         grown = grown if isinstance(remarks[-1], StoppedAsking) else None

@@ -137,7 +137,6 @@ def run(args: argparse.Namespace) -> int:
         refuse_existing(path, args.force)
     if len({path.resolve() for path in targets}) < len(targets):
         raise UsageError("two results cannot be written to one file")
-    limit = _limit(args.matters)
     words = parse_words(args.effects)
     fit = Fit.load(args.fit, words)
     used = {Path(one).resolve() for one in fit.model.structure.files}
@@ -155,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
             band_hz=band,
             repeat=args.repeat,
             suggesting=args.suggest is not None,
-            limit=limit,
+            limit=_limit(args.matters),
             say=say,
         )
     document = None if args.output is None else grown_document(found, args.output.parent)

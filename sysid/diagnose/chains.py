@@ -111,9 +111,9 @@ def chains_of_two(
     if not able or _remainder(able[0], reference) < REMAINDER:
         return ChainSearch()
     points = points_left(able[0], reference)
-    if points < CRUMBS or (points < LITTLE_POINTS and _harmless(able[0], limit or Limit())):
+    if _crumbs(able[0], points, limit or Limit()):
         return ChainSearch(unsearched=LittleLeft(points))
-    chains = _Chains(fitted, reference, say, BUDGET if budget is None else budget)
+    chains = _Chains(fitted, reference, say, budget)
     waiting, done = _different(able), set[str]()
     while waiting and len(done) < MOST_FIRSTS:
         first = waiting.pop(0)
@@ -131,11 +131,13 @@ def chains_of_two(
     return ChainSearch(tuple(sorted(chains.found.values(), key=rank)), chains.unsearched)
 
 
-def _harmless(one: Ranked, limit: Limit) -> bool:
-    """Whether what the effect leaves is known to change no margin by more than this."""
+def _crumbs(one: Ranked, points: float, limit: Limit) -> bool:
+    """Whether so many points are too few, or little and known to change no margin by more than this."""
     assert one.fit is not None
-    change = seen(one.fit)
-    return change is not None and change.over(limit) <= 1
+    if CRUMBS <= points < LITTLE_POINTS:
+        change = seen(one.fit)
+        return change is not None and change.over(limit) <= 1
+    return points < CRUMBS
 
 
 def points_left(one: Ranked, reference: Reference) -> float:
@@ -165,8 +167,8 @@ def price(composed: Structure, begin: Model) -> float:
 class _Chains:
     """Chains that were fitted, each pair of effects once, at its best."""
 
-    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float) -> None:
-        self.reference, self.say, self.left = reference, say, budget
+    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None) -> None:
+        self.reference, self.say, self.left = reference, say, BUDGET if budget is None else budget
         self.alone = {one.effect: one for one in fitted if not one.implausible}
         """Plausible single effects."""
         self.found: dict[tuple[str, ...], Ranked] = {}

@@ -209,8 +209,7 @@ def _parameters(fit: Fit) -> list[str]:
             figures = f"{share:6.1f} {alone:7.1f}" if judged else f"{share:8.1f} {alone:9.1f}"
             if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
                 marks.append("above a guide")
-            model = fit.model_errors.get(parameter.name)
-            spread = f"± {error:.2g}" + ("" if model is None else f" (± {model.total:.2g})")
+            spread = f"± {error:.2g}{_model_spread(fit, parameter.name)}"
         if parameter.name in wild and parameter.name not in vague:
             marks.append("implausible")
         room = (21 if judged else 12) - max(0, len(number) - 11)
@@ -226,6 +225,12 @@ def _parameters(fit: Fit) -> list[str]:
         said = f"correlated above {HIGH_CORRELATION:g}" if above else "largest correlation"
         lines += wrapped(f"{said}: {', '.join(pairs)}", "  ", "    ")
     return lines
+
+
+def _model_spread(fit: Fit, name: str) -> str:
+    """` (± 0.6)`; nothing where the fit has no model errors."""
+    one = fit.model_errors.get(name)
+    return "" if one is None else f" (± {one.total:.2g})"
 
 
 def responses_text(found: Mismatches) -> str:
