@@ -26,9 +26,11 @@ from sysid.diagnose.chains import BudgetSpent, LittleLeft
 from sysid.diagnose.clocks import clocks
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
-from sysid.diagnose.evidence import instrumental_step
+from sysid.diagnose.evidence import Candidate, instrumental_step
 from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.hidden import CouldHide
+from sysid.diagnose.loop_change import Limit
+from sysid.diagnose.matters import Remainder, judged, remainder
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
@@ -129,6 +131,8 @@ class FitDiagnosis:
     """With the winner, where one is missing."""
     explanation: Explanation
     hiding: CouldHide
+    remainder: Remainder | None
+    """What is left, and what it could do, where nothing is missing by name."""
     next: NextManeuver | None
     suggestion: Suggestion | None
     """The simple terms that explain most beside the structure, where something is left; asked for only."""
@@ -151,22 +155,24 @@ def diagnose_fit(
     band_hz: Band | None = None,
     repeat: bool = False,
     suggesting: bool = False,
+    limit: Limit | None = None,
     say: Progress = lambda _: None,
 ) -> FitDiagnosis:
     """Ask what a fit lacks; with `repeat`, add the answer and ask again until it is another one than `missing`.
 
-    `effects` are a user's own, asked beside the catalogue's; `suggesting` looks for simple terms too. Raises SysidError
-    where the runs do not identify the structure.
+    `effects` are a user's own, asked beside the catalogue's; `suggesting` looks for simple terms too; `limit` says
+    which changes of margins matter, of what has a name as well. Raises SysidError where the runs do not identify the
+    structure.
     """
     band = band_hz or fit.band_hz
     fitted, judging = prepared(records, band), prepared(validation, band)
-    question = _Question(fitted, judging, effects, say)
+    question = _Question(fitted, judging, effects, limit, say)
     composed: Sequence[Effect] = [*fit.model.structure.composed]
     if not made_from(fit, fitted, judging):
         fit = refitted(fit, composed, fitted, judging, band)
     rungs: list[Step] = []
     while True:
-        answer = question.ask(fit, composed)
+        answer, hiding, left = question.weighed(question.ask(fit, composed))
         rungs.append(_step(answer))
         grown = question.grown(fit, composed, answer)
         wild = () if grown is None else newly_implausible(fit, grown)
@@ -176,8 +182,7 @@ def diagnose_fit(
         fit, composed = grown, [*grown.model.structure.composed]
     looped = _in_a_loop(answer) or _no_excitation(answer)
     remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *looped]
-    if answer.unsearched is not None:
-        remarks.append(answer.unsearched)
+    remarks += [] if answer.unsearched is None else [answer.unsearched]
     if repeat and grown is not None:
         remarks.append(_stopped(answer, wild))
         grown = grown if isinstance(remarks[-1], StoppedAsking) else None
@@ -185,8 +190,6 @@ def diagnose_fit(
     comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
     say("why")
     explanation = _explained(answer)
-    say("what could hide")
-    hiding = _hiding(answer, effects)
     say("what would tell")
     return FitDiagnosis(
         fit=fit,
@@ -196,7 +199,8 @@ def diagnose_fit(
         rungs=tuple(rungs),
         added=grown,
         explanation=explanation,
-        hiding=hiding,
+        hiding=hiding or _hiding(answer, effects),
+        remainder=left,
         suggestion=_suggested(answer, fit, len(fitted.records)) if suggesting else None,
         next=_next(answer),
         remarks=tuple(remarks),
@@ -210,6 +214,7 @@ class _Question:
     fitted: Dataset
     judging: Dataset
     users: Sequence[Effect]
+    limit: Limit | None
     say: Progress
 
     def ask(self, fit: Fit, composed: Sequence[Effect]) -> Diagnosis:
@@ -226,7 +231,18 @@ class _Question:
             fixed=held,
             begin=fit.model,
             say=self.say,
+            limit=self.limit,
         )
+
+    def weighed(self, answer: Diagnosis) -> tuple[Diagnosis, CouldHide | None, Remainder | None]:
+        """The answer by what matters, with what could hide beside it; both None where it is missing by name."""
+        if answer.verdict == "missing" and self.limit is None:
+            return answer, None, None
+        self.say("what could hide")
+        hiding = _behind(answer.parent, answer, self.users)
+        left = remainder(answer, hiding, self.limit)
+        answer = judged(answer, left, asked=self.limit is not None)
+        return (answer, None, None) if answer.verdict == "missing" else (answer, hiding, left)
 
     def grown(self, fit: Fit, composed: Sequence[Effect], answer: Diagnosis) -> Fit | None:
         """The fit with what is missing added; None where nothing is."""
@@ -269,7 +285,12 @@ def _hiding(answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
     """What could hide behind the model with the answer, where one is missing."""
     winner = answer.winner
     missing = answer.verdict == "missing"
-    last = winner.fit if missing and winner is not None and winner.fit is not None else answer.parent
+    return _behind(
+        winner.fit if missing and winner is not None and winner.fit is not None else answer.parent, answer, users
+    )
+
+
+def _behind(last: Candidate, answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
     return could_hide(last, instrumental_step(last, answer.whitening), answer.whitening, answer.division, users)
 
 

@@ -28,6 +28,7 @@ from sysid.fit.checks import Check, Spread, eigenfrequency_checks, fit_checks
 from sysid.fit.identify import identify, judge
 from sysid.fit.implied import Implied, Vehicle, implied, rotor_speed
 from sysid.fit.low_edge import LowEdges, low_edges
+from sysid.fit.model_error import with_model_errors
 from sysid.fit.result import Fit, RecordUsed
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import find
@@ -89,7 +90,7 @@ def identify_flight(
     fitted, judging = prepared(records, band.hz), prepared(validation, band.hz)
     tpp = identify(TPP, fitted, judging, band.hz, effects=effects)
     cd = identify(CD, fitted, judging, band.hz, effects=on_cd(effects))
-    tpp, cd = (replace(one, band_from=band.source) for one in (tpp, cd))
+    tpp, cd = (replace(with_model_errors(one, fitted, judging), band_from=band.source) for one in (tpp, cd))
     return side_by_side(tpp, cd, fitted, judging)
 
 

@@ -10,6 +10,7 @@ from sysid.data.band import BandFrom
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.record import Record
 from sysid.fit.identify import identify, on_runs
+from sysid.fit.model_error import with_model_errors
 from sysid.fit.result import Fit, RecordUsed
 from sysid.model.effect import Effect
 from sysid.model.structure import Model
@@ -49,6 +50,7 @@ def refitted(
         grown=grown,
         begin=begin,
     )
+    made = with_model_errors(made, fitted, judging)
     return replace(made, band_from=fit.band_from if band == fit.band_hz else BandFrom.GIVEN)
 
 

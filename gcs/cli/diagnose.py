@@ -24,6 +24,7 @@ from gcs.cli.options import (
 
 if TYPE_CHECKING:
     from gcs.analysis.diagnosis import FitDiagnosis
+    from sysid.diagnose.loop_change import Limit
 
 _EPILOG = """\
 RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` numbers them), or a
@@ -32,15 +33,20 @@ them first. Validation runs, of another maneuver or amplitude, never enter a fit
 from one that only follows the noise.
 
 Chains of two effects are searched where the best single one leaves at least 0.1 points of NRMSE that could be
-explained, and within a budget; what was not searched is said.
+explained, or 0.3 where that is known not to matter, and within a budget; what was not searched is said.
 
-Verdicts: "complete", what the model leaves is noise; "missing", one effect or a chain of two explains at least 80 % of
-what can be explained, on fitted and validation runs, at plausible values; "unexplained", there is something, and
-nothing in the catalogue does it. An effect that explains it at values that physics does not allow "stands in" for
-something else; one whose size is another on the validation runs only resembles what is there. The reason "feedback"
-says that no excitation is logged and that the loop alone could make what is left: no alarm. With --repeat the
-effect is added and the question asked again, until the answer is another one or is not sure; -o keeps the fit with all
-that was found.
+What matters is what could change the margins of the loop that `tippath design` would close on the fit by 1 dB or 5
+degrees, or by --matters. What is left and seen is bounded by its 95 % limit at the loop's crossings, what is not seen
+by the effects that could hide. Up to 0.3 points of fit that no effect explains and that do not matter make a fit
+complete; what has a name does so only with --matters.
+
+Verdicts: "complete", what the model leaves is noise, or does not matter; "missing", one effect or a chain of two
+explains at least 80 % of what can be explained, on fitted and validation runs, at plausible values; "unexplained",
+there is something, and nothing in the catalogue does it. An effect that explains it at values that physics does not
+allow "stands in" for something else; one whose size is another on the validation runs only resembles what is there.
+The reason "feedback" says that no excitation is logged and that the loop alone could make what is left: no alarm. With
+--repeat the effect is added and the question asked again, until the answer is another one or is not sure; -o keeps the
+fit with all that was found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often
@@ -51,7 +57,9 @@ answers like this one were right on flights whose answer was known.
 "nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best
 first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}],
 "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation",
-"suspicions", "warnings", "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or
+"suspicions", "warnings", "within_points" (of NRMSE fit, that could still be gained), "remainder" (what that could do:
+"seen" and "margins" with "gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio", "limit", "matters") or
+null where one is missing by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or
 null), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect",
 "confidence"}], "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget", "chains",
 "firsts"} or null}.
@@ -71,6 +79,12 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("runs", nargs="*", metavar="RUN")
     parser.add_argument(
         "--validate", nargs="+", default=[], metavar="RUN", help="runs that only judge; they never enter a fit"
+    )
+    parser.add_argument(
+        "--matters",
+        metavar="LIMIT",
+        help="changes of the designed loop's margins from which on something matters (1dB,5deg where left out); what "
+        "has a name and changes less is not missing then",
     )
     parser.add_argument("--repeat", action="store_true", help="add the answer and ask again, showing each rung")
     parser.add_argument(
@@ -140,6 +154,7 @@ def run(args: argparse.Namespace) -> int:
             band_hz=band,
             repeat=args.repeat,
             suggesting=args.suggest is not None,
+            limit=_limit(args.matters),
             say=say,
         )
     document = None if args.output is None else grown_document(found, args.output.parent)
@@ -158,6 +173,17 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(text)
     return 0
+
+
+def _limit(words: str | None) -> Limit | None:
+    """What matters, as asked for. Raises UsageError for words that say no limit."""
+    from gcs.errors import UsageError
+    from sysid.diagnose.loop_change import parse_limit
+
+    try:
+        return None if words is None else parse_limit(words)
+    except ValueError as error:
+        raise UsageError(f"--matters {words}: wants changes of margins above 0, such as 1dB,5deg") from error
 
 
 def rest_of(args: argparse.Namespace, used: Collection[Path]) -> str:

@@ -50,6 +50,12 @@ runs, in standard errors), "low_edges" (their values if the band began higher; n
 "instrument" (what kept feedback out of the values: "excitation logged", "excitation rebuilt" from the chirp's settings,
 "prediction error", the noise predicted from its past, or "commands": nothing did), "correlations", "guides", and
 "implied" with a vehicle file.
+
+± in the table is the standard error: right where structure and clocks are. Behind it, (± model) is one standard
+deviation of what speaks against that: stamps of commands and rates off by up to half a period of the loop (of the log,
+where the loop's rate is not known), and what octaves of the band, runs and validation runs disagree about beyond
+chance. "model_error" of each parameter is its size, "model_error_by" the parts: "clocks", "frequencies", "runs",
+"validation". What every run and every frequency shares is not seen.
 """
 
 
@@ -113,6 +119,7 @@ def run(args: argparse.Namespace) -> int:
     from sysid.data.band import USUAL, BandFrom, ChosenBand
     from sysid.data.dataset import prepared
     from sysid.fit.identify import identify
+    from sysid.fit.model_error import with_model_errors
     from sysid.model.compose import compose
 
     asked = None if args.band is None else ChosenBand(parse_band(args.band), BandFrom.GIVEN)
@@ -139,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
         window_s=None if isinstance(window, FromStart) else window,  # else the runs' own ids tell it
     )
     doubts = doubted([*records, *validation]) or not_of_one_model(fit, records)
-    fit = replace(fit, band_from=band.source, warnings=(*doubts, *fit.warnings))
+    fit = replace(with_model_errors(fit, fitted, validation), band_from=band.source, warnings=(*doubts, *fit.warnings))
     judged = assess(fit, fitted, vehicle)
     document = {**fit.to_json(args.output.parent if args.output else Path.cwd()), **judgement_document(judged)}
     if args.output:

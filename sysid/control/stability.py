@@ -319,6 +319,25 @@ def _margins(gains: Feedback, loop: Loop) -> Margins:
     return Margins(float(gain), phase, delay)
 
 
+def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArray]:
+    """Where loci of the loop have the size 1, which decides its phase margin, and where they are negative and smaller,
+    which decides its gain margin."""
+    loop = loop_of(gains, vehicle)
+    w = _frequencies(gains, loop)
+    loci = _loci(gains, loop, w)
+    smaller = np.abs(loci[:-1]) < 1
+    units, reals = (np.any(each, axis=1) for each in (_unit(loci), _real(loci) & smaller))
+    middle = np.sqrt(w[:-1] * w[1:]) / (2 * np.pi)
+    return middle[units], middle[reals]
+
+
+def from_rates(gains: Feedback, s: AnyArray) -> ComplexArray:
+    """Of the controller: what it takes from the commands per rate, (f, commands, rates)."""
+    inner = _inner(gains)
+    gain = gains.observer_gain.astype(complex)
+    return np.asarray(gains.K @ np.linalg.solve(s[:, None, None] * np.eye(len(inner)) - inner, gain))
+
+
 def _frequencies(gains: Feedback, loop: Loop) -> FloatArray:
     """rad/s: close together, and closest about every resonance of vehicle and controller."""
     end = _end(loop)

@@ -31,6 +31,7 @@ from sysid.diagnose.candidates import (
     silent,
 )
 from sysid.diagnose.evidence import gain
+from sysid.diagnose.loop_change import Limit, seen
 from sysid.diagnose.term_search import Selection
 from sysid.fit.grow import looks
 from sysid.model.acting import divided, linear_dynamics
@@ -47,6 +48,9 @@ SECONDS = 4
 """How many effects are refitted on each of them."""
 
 
+LITTLE_POINTS = 0.3
+"""Of NRMSE, that an effect may leave for no chain to be looked for beside it, where that does not matter to the loop
+that would be designed."""
 BUDGET = 300.0
 """Base fits that all chains of one diagnosis may cost, by these prices:"""
 ASKED = 20.0
@@ -93,20 +97,25 @@ class ChainSearch:
 
 
 def chains_of_two(
-    singles: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None = None
+    singles: Sequence[Ranked],
+    reference: Reference,
+    say: Progress,
+    budget: float | None = None,
+    limit: Limit | None = None,
 ) -> ChainSearch:
     """The best second effects on the best first ones, where those leave something that is not noise; best first.
 
-    `budget`: base fits that this may cost, BUDGET where none is named.
+    `budget`: base fits that this may cost, BUDGET where none is named; `limit`: changes of margins from which on what
+    is left matters.
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
     if not able or _remainder(able[0], reference) < REMAINDER:
         return ChainSearch()
     points = points_left(able[0], reference)
-    if points < CRUMBS:
+    if _crumbs(able[0], points, limit or Limit()):
         return ChainSearch(unsearched=LittleLeft(points))
-    chains = _Chains(fitted, reference, say, BUDGET if budget is None else budget)
+    chains = _Chains(fitted, reference, say, budget)
     waiting, done = _different(able), set[str]()
     while waiting and len(done) < MOST_FIRSTS:
         first = waiting.pop(0)
@@ -124,6 +133,15 @@ def chains_of_two(
     return ChainSearch(tuple(sorted(chains.found.values(), key=rank)), chains.unsearched)
 
 
+def _crumbs(one: Ranked, points: float, limit: Limit) -> bool:
+    """Whether so many points are too few, or little and known to change no margin by more than this."""
+    assert one.fit is not None
+    if CRUMBS <= points < LITTLE_POINTS:
+        change = seen(one.fit)
+        return change is not None and change.over(limit) <= 1
+    return points < CRUMBS
+
+
 def points_left(one: Ranked, reference: Reference) -> float:
     """NRMSE that noise alone would allow beyond this effect's, in points, in the output that has most left; what the
     commands explain, and what simple terms do."""
@@ -135,7 +153,7 @@ def points_left(one: Ranked, reference: Reference) -> float:
         return float(np.max(100 * (reached - np.sqrt(noise_shares(fit, terms))), initial=0.0))
 
     linear = left(None)
-    return linear if linear >= CRUMBS else max(linear, left(reference.simple(fit)))
+    return linear if linear >= LITTLE_POINTS else max(linear, left(reference.simple(fit)))
 
 
 def price(composed: Structure, begin: Model) -> float:
@@ -151,8 +169,8 @@ def price(composed: Structure, begin: Model) -> float:
 class _Chains:
     """Chains that were fitted, each pair of effects once, at its best."""
 
-    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float) -> None:
-        self.reference, self.say, self.left = reference, say, budget
+    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None) -> None:
+        self.reference, self.say, self.left = reference, say, BUDGET if budget is None else budget
         self.alone = {one.effect: one for one in fitted if not one.implausible}
         """Plausible single effects."""
         self.found: dict[tuple[str, ...], Ranked] = {}

@@ -186,6 +186,7 @@ class _Asking:
             relative=watched,
             modes=_pairs(self.parent.model.modes, vehicle),
             margins=self._margins(vehicle),
+            distance=self._distance(change),
         )
 
     def _watched(self, shift: Mapping[str, float]) -> list[str]:

@@ -34,6 +34,7 @@ from sysid.diagnose.candidates import (
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
+from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
@@ -53,11 +54,12 @@ def diagnose(
     begin: Model | None = None,
     say: Progress = silent,
     chains: bool = True,
+    limit: Limit | None = None,
 ) -> Diagnosis:
     """Diagnose a structure on runs. `effects` are a user's own, asked beside the catalogue's; `chains` of two too.
 
-    `begin` is where the structure was fitted to, if it was. Raises FitError where the runs do not identify the
-    structure itself.
+    `begin` is where the structure was fitted to, if it was; `limit` changes of margins from which on it matters what a
+    chain could explain more. Raises FitError where the runs do not identify the structure itself.
     """
     on = dataset(records, band_hz, outputs=structure.outputs)
     judging = prepared(validation, band_hz)
@@ -78,7 +80,7 @@ def diagnose(
     reference = _reference(parent, candidates, effects, validated_on)
     candidates = sorted((ranked(one, reference) for one in candidates), key=rank)
     asked = chains and chance < SIGNIFICANT
-    chained = chains_of_two(candidates, reference, say) if asked else ChainSearch()
+    chained = chains_of_two(candidates, reference, say, limit=limit) if asked else ChainSearch()
     return replace(verdict_on(candidates, chained.pairs, chance, reference), unsearched=chained.unsearched)
 
 

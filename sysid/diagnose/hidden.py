@@ -40,6 +40,8 @@ class Hidden:
     """Each of the fit's modes, and that of the vehicle with the effect."""
     margins: tuple[Margins, Margins] | None
     """Of the gains designed on the fit: on the fit, and on the vehicle with the effect."""
+    distance: float = math.inf
+    """Of the fit with the effect from that without it, in standard errors of what these runs tell."""
 
     @property
     def delay_loss_ms(self) -> float:

@@ -88,6 +88,8 @@ class Rivals:
     def _imagined(self, plan: Plan, flown: Flown, division: Division) -> tuple[FloatArray, FloatArray, FloatArray]:
         """On the plan's run: truth less rival (N,), what the rival can do (free, N), and the same on the flown runs."""
         truth, rival = (_with(one.model, plan, flown.dataset) for one in (self.truth, self.rival))
+        if not set(self.rival.free) <= set(rival.structure.names):
+            raise EffectError("what the plan moves stands for a part of the rival")
         stacks = _synthesised(plan, flown, [truth.structure, rival.structure], truth)
         whitening = noise_whitening(truth, stacks, division)
         ours = whitening([respond(truth.structure, truth.values, group, False).Y[None] for group in stacks])[0]

@@ -109,6 +109,11 @@ class Diagnosis:
         return self.parent.dataset.airframe
 
     @property
+    def noise_left(self) -> bool:
+        """Whether nothing significant is left: else a complete model leaves what does not matter."""
+        return self.log_chance >= SIGNIFICANT
+
+    @property
     def sizes_that_differ(self) -> tuple[Size, ...]:
         """Sizes that the validation runs contradict."""
         return tuple(one for one in self.sizes if one.off > LARGEST_DIFFERENCE)

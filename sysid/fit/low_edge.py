@@ -104,7 +104,7 @@ def low_edges(
         return None
     caused = bins.instruments(model.structure.commands)
     try:
-        parts = _parts(model, bins, free, weights_at(model, bins, weights), caused)
+        parts = parts_of(model, bins, free, weights_at(model, bins, weights), caused)
     except RelaxationError:
         return None
     steps = [_step(parts, edge) for edge in (band_hz[0], *edges)]
@@ -130,7 +130,7 @@ def low_edges(
     )
 
 
-class _Part(NamedTuple):
+class Part(NamedTuple):
     """A segment's bins, weighted."""
 
     frequency_hz: FloatArray
@@ -142,13 +142,14 @@ class _Part(NamedTuple):
     """(k, k, bins), of what is left."""
 
 
-def _parts(
+def parts_of(
     model: Model,
     bins: Bins,
     free: Sequence[int],
     weights: Sequence[AnyArray],
     caused: Sequence[ComplexArray] | None,
-) -> list[_Part]:
+) -> list[Part]:
+    """Every segment's bins by these weights, with the slopes of the free parameters."""
     found = []
     asked = None if caused is None else asked_with(model, bins.stacks, free, caused)
     for number, (group, weight) in enumerate(zip(bins.stacks, weights, strict=True)):
@@ -160,7 +161,7 @@ def _parts(
             left = project(rows(E[..., part]), rows(T[:1, :, part])).view(complex).reshape(len(group.Y), -1)
             cross = left[:, None, :] * left[None, :, :].conj()
             S = smooth(cross.reshape(-1, cross.shape[-1]).T, group.frequency_hz[part]).T.reshape(cross.shape)
-            found.append(_Part(group.frequency_hz[part], E[..., part], T[..., part], S))
+            found.append(Part(group.frequency_hz[part], E[..., part], T[..., part], S))
     return found
 
 
@@ -173,7 +174,7 @@ class _Step(NamedTuple):
     """For every segment what each bin's residual adds to it, (free, k, bins)."""
 
 
-def _step(parts: Sequence[_Part], edge_hz: float) -> _Step | None:
+def _step(parts: Sequence[Part], edge_hz: float) -> _Step | None:
     """None where these bins do not determine it."""
     count = parts[0].columns.shape[0] // 2
     curvature, gradient, asked = np.zeros((count, count)), np.zeros(count), []
@@ -193,7 +194,7 @@ def _step(parts: Sequence[_Part], edge_hz: float) -> _Step | None:
     return _Step(inverse @ gradient, [np.tensordot(inverse, Z, 1) for Z in asked])
 
 
-def _spread(parts: Sequence[_Part], step: _Step, less: _Step | None = None) -> FloatArray:
+def _spread(parts: Sequence[Part], step: _Step, less: _Step | None = None) -> FloatArray:
     """Standard deviations by chance of a step, or of its difference to another, (free,)."""
     variance = np.zeros(step.move.size)
     for number, one in enumerate(parts):

@@ -10,7 +10,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -90,6 +90,25 @@ class Rung:
         }
 
 
+@dataclass(frozen=True, kw_only=True)
+class ModelError:
+    """How far one parameter may be off because the model is not the vehicle: a standard deviation by each cause, in its
+    unit."""
+
+    clocks: float
+    """Stamps of commands and rates, each off by up to half a period; the hold."""
+    frequencies: float
+    """What octaves of the band disagree about, beyond chance;"""
+    runs: float
+    """what runs do;"""
+    validation: float
+    """and how far validation runs would move it."""
+
+    @property
+    def total(self) -> float:
+        return math.hypot(self.clocks, self.frequencies, self.runs, self.validation)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
     """A model fitted to runs."""
@@ -120,6 +139,8 @@ class Fit:
     """Over frequency: by the spectrum of what is left, or constant."""
     instrument: Instrument | None = None
     """What keeps feedback out of the values; None of a fit that was saved without it."""
+    model_errors: Mapping[str, ModelError] = field(default_factory=dict)
+    """Of free parameters, beside their standard errors; empty where nobody asked (`sysid.fit.model_error`)."""
 
     @property
     def airframe(self) -> Airframe | None:
@@ -247,6 +268,7 @@ class Fit:
                 "implausible": name in wild,
                 "fixed": name in self.fixed,
                 "determined": name not in vague,
+                **_model_error_json(self.model_errors.get(name)),
             }
         return found
 
@@ -288,6 +310,7 @@ class Fit:
                     Rung(tuple(one["effects"]), dict(one["nrmse_percent"]), one["validation_nrmse_percent"])
                     for one in document["lineage"]
                 ),
+                model_errors=_model_errors(document["parameters"]),
                 weights="residual spectrum" if document.get("weights") == "residual spectrum" else "constant",
                 instrument=_instrument(document.get("instrument")),
             )
@@ -311,6 +334,21 @@ class Fit:
 
 def _instrument(word: str | None) -> Instrument | None:
     return next((one for one in get_args(Instrument) if one == word), None)
+
+
+def _model_error_json(one: ModelError | None) -> dict[str, Any]:
+    if one is None:
+        return {"model_error": None}
+    return {"model_error": finite(one.total), "model_error_by": {name: finite(x) for name, x in asdict(one).items()}}
+
+
+def _model_errors(parameters: Any) -> dict[str, ModelError]:
+    """Of those that have one."""
+    causes = {name: one["model_error_by"] for name, one in parameters.items() if one.get("model_error_by")}
+    return {
+        name: ModelError(**{key.name: math.nan if by[key.name] is None else by[key.name] for key in fields(ModelError)})
+        for name, by in causes.items()
+    }
 
 
 def _kind_or_none(kind: type[Kind], word: str | None) -> Kind | None:

@@ -59,6 +59,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = ()) -> dic
     comparison, structure, terms = found.comparison, found.fit.model.structure, found.last.terms
     return {
         **found.last.to_json(),
+        **({"within_points": None, "remainder": None} if found.remainder is None else found.remainder.to_json()),
         "warnings": list(warnings),
         "reason": "clocks" if any(isinstance(remark, ClocksDiffer) for remark in found.remarks) else found.last.reason,
         "character": {

@@ -30,6 +30,8 @@ PAPER_NRMSE = {
     ("cd", "doublets"): (76.7, 20.0),
 }
 
+MODEL_ERROR = "(± model): what clocks may be off, and what frequencies and runs disagree about"
+
 BAND_REASONS = {
     BandFrom.GIVEN: "as asked for",
     BandFrom.SWEPT: "what was swept",
@@ -199,30 +201,34 @@ def _by_output(nrmse_percent: Mapping[str, float]) -> str:
 
 def _parameters(fit: Fit) -> list[str]:
     """Values with standard errors and the engineers' two figures, what is to be said of a value on a line below it."""
-    structure = fit.model.structure
+    structure, judged = fit.model.structure, bool(fit.model_errors)
     width = max(12, *(len(name) for name in structure.names))
-    lines = [f"  {'parameter':{width}}      value ± std. error  unit        CR, %  insens., %"]
+    head = "std. err. (± model) unit     CR, % ins., %" if judged else "std. error  unit        CR, %  insens., %"
+    lines = [f"  {'parameter':{width}}      value ± {head}"]
     vague, wild = fit.undetermined, fit.implausible
     for parameter, value, error, alone in zip(
         structure.parameters, fit.model.values, fit.standard_errors, fit.insensitivity_percent, strict=True
     ):
         marks = []
-        number, figures = f"{value:11.4f}", ""
+        number, figures, spread = f"{value:11.4f}", "", ""
         if parameter.name in fit.fixed or parameter.name in fit.at_bound:
             marks.append("held" if parameter.name in fit.fixed else "at its bound")
         elif parameter.name in vague:
             number = "not determined"
         else:
             share = 100 * error / abs(value) if value else math.inf
-            figures = f"{share:8.1f} {alone:9.1f}"
+            figures = f"{share:6.1f} {alone:7.1f}" if judged else f"{share:8.1f} {alone:9.1f}"
             if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
                 marks.append("above a guide")
+            spread = f"± {error:.2g}{_model_spread(fit, parameter.name)}"
         if parameter.name in wild and parameter.name not in vague:
             marks.append("implausible")
-        spread = f"± {error:<10.2g}" if figures else " " * (12 - max(0, len(number) - 11))
-        lines.append(f"  {parameter.name:{width}}{number} {spread} {parameter.unit:8}{figures}".rstrip())
+        room = (21 if judged else 12) - max(0, len(number) - 11)
+        lines.append(f"  {parameter.name:{width}}{number} {spread:{room}} {parameter.unit:8}{figures}".rstrip())
         if marks:
             lines.append(f"  {'':{width}}    {', '.join(marks)}")
+    if judged:
+        lines += wrapped(MODEL_ERROR, "  ", "    ")
     lines.append(f"  guides: CR at most {GUIDE_CRAMER_RAO:g} %, insensitivity at most {GUIDE_INSENSITIVITY:g} %")
     pairs = [f"{one} and {other} {value:+.2f}" for one, other, value in fit.correlations]
     if pairs:
@@ -230,6 +236,12 @@ def _parameters(fit: Fit) -> list[str]:
         said = f"correlated above {HIGH_CORRELATION:g}" if above else "largest correlation"
         lines += wrapped(f"{said}: {', '.join(pairs)}", "  ", "    ")
     return lines
+
+
+def _model_spread(fit: Fit, name: str) -> str:
+    """` (± 0.6)`; nothing where the fit has no model errors."""
+    one = fit.model_errors.get(name)
+    return "" if one is None else f" (± {one.total:.2g})"
 
 
 def responses_text(found: Mismatches) -> str:

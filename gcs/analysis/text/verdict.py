@@ -8,6 +8,7 @@ from gcs.analysis.quantities import listed, plausible_range, quantity
 from gcs.analysis.text.blocks import WIDTH, Line, Sentence, broken
 from gcs.analysis.text.explanation import shown_text
 from gcs.analysis.text.ladder import LEFT, nrmse_row
+from gcs.analysis.text.matters import remainder_sentence
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
@@ -33,7 +34,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     winner = last.winner
     before, floor = last.parent.nrmse_percent, last.noise_floor_percent
     if winner is None or winner.fit is None or last.verdict == "complete":
-        return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_before(found)]
+        return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_left(found), *_before(found)]
     share = f"explains {100 * (last.explained_share or 0.0):.0f} % of what can be explained"
     lines: list[Line] = [*_which(winner, last.airframe), nrmse_row(share, before, winner.fit.nrmse_percent)]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
@@ -41,6 +42,11 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     lines.append(nrmse_row("noise alone would allow", None, floor))
     lines += [*_sizes(winner), *_sizes_that_differ(last), *_others(last)]
     return [*lines, *(_why(found) if reasons else []), *_before(found)]
+
+
+def _left(found: FitDiagnosis) -> list[Line]:
+    left = found.remainder
+    return [] if left is None else [Sentence(remainder_sentence(left), "  ", "    ")]
 
 
 def _numbers(name: str, percent: Nrmse) -> str:
@@ -51,7 +57,7 @@ def answer(last: Diagnosis) -> str:
     """The first line, without the confidence."""
     winner = last.winner
     if last.verdict == "complete":
-        return "complete: what is left is noise"
+        return f"complete: what is left {'is noise' if last.noise_left else 'does not matter'}"
     if last.reason == "feedback":
         return "unexplained: no excitation is logged, and feedback alone could make what is left: log the excitation"
     if winner is None or winner.fit is None:

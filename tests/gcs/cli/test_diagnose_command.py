@@ -432,3 +432,23 @@ def test_what_could_hide_behind_a_dead_band_is_told_too(tippath: Tippath, tmp_pa
     assert status == 0
     assert out.startswith("missing: servo_deadband")
     assert "could hide" in out
+
+
+def test_complete_says_what_is_left_and_whether_it_matters(tippath: Tippath, fits: dict[str, Path]) -> None:
+    document = no_constants(tippath("diagnose", fits["clean"], "--json")[1])
+    left = document["remainder"]
+    assert 0 <= document["within_points"] < 2
+    assert left["limit"] == {"gain_db": 1.0, "phase_deg": 5.0}
+    assert (left["seen"], left["matters"]) == (None, False)
+    assert left["margins"]["gain_db"] < 1
+    lines = tippath("diagnose", fits["clean"])[1].splitlines()
+    assert any(line.startswith("  what is left could change at most ") for line in lines)
+    assert max(map(len, lines)) <= 78
+    assert no_constants(tippath("diagnose", fits["lag"], "--json")[1])["within_points"] is None
+
+
+@pytest.mark.parametrize("words", ["1", "0dB", "1dB,2dB", "5Hz"])
+def test_a_limit_is_in_decibels_and_degrees(tippath: Tippath, fits: dict[str, Path], words: str) -> None:
+    status, _, err = tippath("diagnose", fits["clean"], "--matters", words)
+    assert status == 2
+    assert f"--matters {words}: wants changes of margins above 0, such as 1dB,5deg" in " ".join(err.split())

@@ -1,0 +1,164 @@
+"""Does it matter: what is left of a fit's error, in points of fit, and what it could do to modes and margins.
+
+What is left and seen is measured, as an error of the model's response in windows of frequency, with its 95 % limit: at
+the crossings of the loop that would be designed on the fit it becomes, to first order, a change of that loop's margins.
+What is not seen is bounded by what could hide: each effect at the largest size that these runs would not show, in the
+loop. The sizes of both are held against a limit, which margins that count as sensible set unless the user does.
+
+It is a bound on small motion, where something was flown: a crossing beyond the band has no bound but that of the
+effects that could hide, and play and limits have no margins.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sysid.control.stability import Margins, closed_loop
+from sysid.diagnose.chains import LITTLE_POINTS
+from sysid.diagnose.hidden import CouldHide, Hidden
+from sysid.diagnose.loop_change import UPPER, Limit, MarginChange, held_gains, of_margins, seen
+from sysid.diagnose.verdict import COMPLETE_RIGHT, Diagnosis
+from sysid.fit.result import finite
+
+WELL_KNOWN = 0.95
+"""Confidence at most, where something is left that is seen and bounded by its 95 % limit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remainder:
+    """What is left, and what it could do."""
+
+    within_points: float
+    """Of NRMSE fit, that could still be gained at most, in the output that has most left."""
+    seen: MarginChange | None
+    """By what the commands explain of the error, where that is significant; None without gains that hold the model, or
+    without bins there."""
+    margins: MarginChange | None
+    """By the effect that could hide and changes them most; None where none has any."""
+    margins_by: Hidden | None
+    mode_hz: float
+    """Change of a mode's frequency, and"""
+    mode_damping: float
+    """of its damping ratio, by the effects that could hide and change them most."""
+    mode_by: Hidden | None
+    limit: Limit
+    unlikely: float
+    """Chance that an effect hides that matters."""
+
+    @property
+    def matters(self) -> bool | None:
+        """Whether what is left could; None where no loop tells."""
+        told = [one.over(self.limit) for one in (self.seen, self.margins) if one is not None]
+        return max(told) > 1 if told else None
+
+    def to_json(self) -> dict[str, Any]:
+        """Keys of the `tippath.diagnosis/1` document."""
+        return {
+            "within_points": finite(self.within_points),
+            "remainder": {
+                "seen": None if self.seen is None else _margins_json(self.seen),
+                "margins": None if self.margins is None else _margins_json(self.margins),
+                "margins_effect": None if self.margins_by is None else self.margins_by.effect,
+                "modes": {"frequency_hz": finite(self.mode_hz), "damping_ratio": finite(self.mode_damping)},
+                "modes_effect": None if self.mode_by is None else self.mode_by.effect,
+                "limit": {"gain_db": self.limit.gain_db, "phase_deg": self.limit.phase_deg},
+                "matters": self.matters,
+            },
+        }
+
+
+def _margins_json(one: MarginChange) -> dict[str, float | None]:
+    return {"gain_db": finite(one.gain_db), "phase_deg": finite(one.phase_deg)}
+
+
+def remainder(answer: Diagnosis, hiding: CouldHide, limit: Limit | None = None) -> Remainder:
+    """Of a diagnosis about its parent, beside which this could hide."""
+    limit = limit or Limit()
+    hidden = [one for group in (*hiding.harmful, *hiding.others) for one in group]
+    moved = [(one, of_margins(*one.margins)) for one in hidden if one.margins is not None]
+    by, most = max(moved, key=lambda each: each[1].over(limit), default=(None, None))
+    modes = [(one, *_of_modes(one)) for one in hidden if one.modes]
+    return Remainder(
+        within_points=within_points(answer),
+        seen=None if answer.noise_left else seen(answer.parent),
+        margins=most,
+        margins_by=by,
+        mode_hz=max((hz for _, hz, _ in modes), default=0.0),
+        mode_damping=max((damping for *_, damping in modes), default=0.0),
+        mode_by=max(modes, key=lambda each: each[1], default=(None,))[0],
+        limit=limit,
+        unlikely=max((_chance(one, change, limit) for one, change in moved), default=0.0),
+    )
+
+
+def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagnosis:
+    """The diagnosis as what matters has it.
+
+    `complete` then says that nothing that matters is left. What nothing explains and does not matter is nothing, where
+    it is little; what is missing by name only where the limit was asked for (`asked`).
+    """
+    sure = COMPLETE_RIGHT * (1 - left.unlikely)
+    if answer.verdict == "complete":
+        return replace(answer, confidence=sure)
+    change = winner_change(answer) if answer.verdict == "missing" else left.seen
+    harmless = change is not None and change.over(left.limit) <= 1
+    little = left.within_points <= LITTLE_POINTS and answer.verdict == "unexplained" and (harmless or change is None)
+    if answer.reason is not None or not (little or (asked and harmless)):
+        return answer
+    return replace(
+        answer,
+        verdict="complete",
+        effect=None,
+        stands_in=False,
+        chain=(),
+        indistinguishable=(),
+        explained_share=None,
+        lead=None,
+        sizes=(),
+        confidence=min(sure, WELL_KNOWN),
+    )
+
+
+def within_points(answer: Diagnosis) -> float:
+    """NRMSE that could still be gained, at the 95 % limit of what the commands explain of the error, and by what the
+    best candidate or a simple term reaches."""
+    parent, division = answer.parent, answer.parent.division
+    share = parent.estimate.error.residual_power / parent.estimate.error.measured_power
+    whole = np.maximum(np.sum(division.power, axis=0), 1e-300)
+    own = np.real(np.einsum("wkk->wk", division.level))
+    unknowns = division.degrees / (2 * len(whole) * len(own))
+    chance = np.sqrt(unknowns * np.sum(own**2, axis=0))
+    explained = np.maximum(np.sum(division.explained, axis=0), 0) + UPPER * chance
+    left = share * (1 - np.clip(explained / whole, 0, 1))
+    points = 100 * (np.sqrt(share) - np.sqrt(left))
+    reached = [answer.noise_floor_percent[name] - value for name, value in parent.nrmse_percent.items()]
+    return float(max(*points, *reached, 0.0))
+
+
+def winner_change(answer: Diagnosis) -> MarginChange | None:
+    """What the effect that is missing does to margins of the loop designed without it."""
+    winner, gains = answer.winner, held_gains(answer.parent.model)
+    if winner is None or winner.fit is None or gains is None or not winner.fit.model.structure.linear:
+        return None
+    there = closed_loop(gains, winner.fit.model).margins
+    return of_margins(gains.margins, there or Margins(0.0, 0.0, 0.0))
+
+
+def _of_modes(one: Hidden) -> tuple[float, float]:
+    """Largest changes of a frequency, Hz, and of a damping ratio."""
+    return (
+        max(abs(there.frequency_hz - here.frequency_hz) for here, there in one.modes),
+        max(abs(there.damping_ratio - here.damping_ratio) for here, there in one.modes),
+    )
+
+
+def _chance(one: Hidden, change: MarginChange, limit: Limit) -> float:
+    """That it hides at a size that matters: its size in standard errors, in proportion to what it changes."""
+    if not one.visible or not math.isfinite(one.distance):
+        return 0.0
+    errors = one.distance / max(change.over(limit), 1e-300)
+    return math.erfc(errors / math.sqrt(2))
