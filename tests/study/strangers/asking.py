@@ -1,0 +1,46 @@
+"""The diagnosis of a strange flight, by one who knows its log alone; the only place here that knows the package."""
+
+from __future__ import annotations
+
+import time
+
+from sysid.data.band import USUAL, swept_band
+from sysid.data.record import Record
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.identify import on_runs
+
+from strangers.flights import Stranger
+
+AXES = ("roll", "pitch")
+
+
+def records(stranger: Stranger) -> list[Record]:
+    """The card's runs, in order."""
+    plan = stranger.plan
+    return [
+        Record(
+            f"#{number}",
+            dict(run),
+            maneuver=maneuver.kind,
+            axis=AXES[maneuver.axis],
+            swept_band_hz=plan.vehicle.band_hz if maneuver.kind == "chirp" else None,
+            chirp_noise=plan.weather.chirp_noise if maneuver.kind == "chirp" else None,
+            loop_dt_s=1 / plan.loop_hz if plan.loop_told else None,
+        )
+        for number, (run, maneuver) in enumerate(zip(stranger.runs, plan.card, strict=True), 1)
+    ]
+
+
+def ask(stranger: Stranger) -> tuple[Diagnosis, Diagnosis | None, float]:
+    """What is said; where two are hidden, once more with the answer added; seconds of computing of the first."""
+    runs = records(stranger)
+    fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
+    band_hz = (swept_band(fitted) or USUAL).hz
+    begin = time.process_time()
+    found = diagnose(on_runs("tpp", (), runs, fitted), fitted, judging, band_hz)
+    taken = time.process_time() - begin
+    if len(stranger.hidden.names) < 2 or found.verdict != "missing" or found.effect is None:
+        return found, None, taken
+    again = on_runs("tpp", (found.effect,), runs, fitted)
+    return found, diagnose(again, fitted, judging, band_hz), taken
