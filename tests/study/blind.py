@@ -258,18 +258,17 @@ def asked_for(args: argparse.Namespace) -> Iterator[Case]:
     if args.roc:
         yield from of_sizes(args.first, args.roc, only or ROC)
     elif args.count is not None:
-        every = mixed(args.first, args.count)
-        yield from (case for case in every if case.plant == STRANGER or not args.strangers) if not args.longest else (
-            case for case in every if case.plant == STRANGER and _chirp_s(case) <= args.longest
-        )
+        yield from (case for case in mixed(args.first, args.count) if _wanted(case, args.strangers, args.longest))
     else:
         yield from cases(args.plant.split(","), args.first, args.seeds, only, args.clean)
 
 
-def _chirp_s(case: Case) -> float:
+def _wanted(case: Case, strangers: bool, longest_s: float | None) -> bool:
     from strangers.flights import planned
 
-    return planned(case.seed, case.names).card[0].duration_s
+    if case.plant != STRANGER:
+        return not strangers and longest_s is None
+    return longest_s is None or planned(case.seed, case.names).card[0].duration_s <= longest_s
 
 
 def main() -> int:

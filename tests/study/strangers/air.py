@@ -62,7 +62,7 @@ def doublets(size: float, duration_s: float, slowest: float, dt: float) -> Array
     t = np.arange(round(duration_s / dt)) * dt
     half = math.pi / slowest
     phase = np.mod(t, 4 * half)
-    return np.asarray(size * (np.where(phase < half, 1.0, 0.0) - np.where((phase >= half) & (phase < 2 * half), 1.0, 0)))
+    return np.asarray(size * np.where(phase < half, 1.0, np.where(phase < 2 * half, -1.0, 0.0)))
 
 
 def excitation(

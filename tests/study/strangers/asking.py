@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import time
 
+from strangers.flights import Stranger
 from sysid.data.band import USUAL, swept_band
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
-
-from strangers.flights import Stranger
 
 AXES = ("roll", "pitch")
 

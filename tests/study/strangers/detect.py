@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from planted import TABLE_4, Array, equations, in_numbers
 
 from strangers.flying import Air, Loop, flown
@@ -31,7 +32,7 @@ class Ground:
     still: Air
     """The maneuvers without gusts and noise."""
     loop: Loop
-    bins: Array
+    bins: NDArray[np.intp]
     """Of the spectra, inside the band."""
     noise: Array
     """(bins, 2): power of what gusts and gyro noise leave."""

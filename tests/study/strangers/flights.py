@@ -178,7 +178,7 @@ def _card(rng: np.random.Generator, duration_s: float) -> tuple[Maneuver, ...]:
 
 
 def fly(seed: int, only: tuple[str, ...] = ()) -> Stranger:
-    """The flight of a seed, or one that hides `only` this. Raises RuntimeError where the vehicle cannot be held, whatever it hides."""
+    """The flight of a seed, or one that hides `only` this. Raises RuntimeError where the vehicle cannot be held."""
     plan = planned(seed, only)
     loop = Loop(dt=1 / plan.loop_hz, fitted=plan.fitted)
     air = _air(plan)
@@ -288,4 +288,3 @@ def _logged(plan: Plan, air: Air, commands: Array, measured: Array, run: int) ->
         channels["excitation_y"] = air.excitation[:, 1, run]
     channels |= {name: getattr(air, name)[:, run] for name in plan.logged}
     return {name: values[keep].copy() for name, values in channels.items()}
-

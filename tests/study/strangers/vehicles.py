@@ -102,7 +102,7 @@ def drawn(rng: np.random.Generator) -> Vehicle:
     steady = steady_rates(table)
     strength = float(rng.uniform(*LOOPS[loop]))
     slowest = float(np.min(np.abs(np.linalg.eigvals(_alone(table)))))
-    inverse = np.linalg.inv(steady)
+    inverse: Array = np.asarray(np.linalg.inv(steady), dtype=np.float64)
     rate, attitude = strength * RATE_SHARE * inverse, strength * BANDWIDTH * slowest * inverse
     while not _holds(table, rate, attitude, LOOP_DECAY * slowest):
         rate, attitude = rate / 2, attitude / 2
