@@ -186,10 +186,11 @@ def _strange(case: Case) -> dict[str, Any]:
         "flight": flown.plan.to_json(),
     }
     try:
-        found, second, seconds = ask_strange(flown)
+        said = ask_strange(flown)
     except Exception as error:
         return answer | {"failed": f"{type(error).__name__}: {error}"}
-    return answer | told(found) | {"second": None if second is None else told(second), "seconds": seconds}
+    second = None if said.second is None else told(said.second)
+    return answer | told(said.first) | {"second": second, "clocks": said.clocks, "seconds": said.seconds}
 
 
 def mixed(first: int, count: int) -> Iterator[Case]:

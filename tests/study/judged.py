@@ -62,6 +62,12 @@ class Flight:
         return not self.strange or bool(self.said["flight"]["excitation_logged"])
 
     @property
+    def loop_known(self) -> bool:
+        """Whether the log tells how long commands were held: by itself, or having every sample of the loop."""
+        flight = self.said.get("flight")
+        return flight is None or bool(flight["loop_told"]) or flight["log_hz"] == flight["loop_hz"]
+
+    @property
     def detectability(self) -> float | None:
         """Times what is just detectable, by the truth; known of strangers alone, and None where nothing is hidden."""
         told = self.said.get("detectability")
@@ -76,8 +82,10 @@ class Flight:
 
     @property
     def alarm(self) -> bool:
-        """Something is said to be missing; what only the loop may have made is none."""
-        return self.said["verdict"] != "complete" and self.said.get("reason") != "feedback"
+        """Something is said to be missing; what only the loop may have made is none, nor are thinned commands where
+        they are."""
+        excused = self.said.get("reason") == "feedback" or (bool(self.said.get("clocks")) and not self.loop_known)
+        return self.said["verdict"] != "complete" and not excused
 
     @property
     def answer_right(self) -> bool:

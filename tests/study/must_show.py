@@ -172,10 +172,11 @@ def alarms(flights: Sequence[Flight]) -> list[str]:
     """Alarms where nothing is hidden, by what differs between flights."""
     clean = [one for one in flights if one.level == "none" and one.strange]
     lines = ["alarms on clean strangers"]
-    for word in ("size", "loop", "gust_kind", "excitation_logged", "loop_told", "log_hz"):
+    for word in ("size", "loop", "gust_kind", "excitation_logged", "chirp_noise", "loop known", "log_hz"):
         by: dict[str, Counter[bool]] = defaultdict(Counter)
         for one in clean:
-            by[str(one.said["flight"][word])][one.alarm] += 1
-        told = ", ".join(f"{key} {count[True]} of {count.total()}" for key, count in sorted(by.items()))
-        lines.append(f"  {word:18} {told}")
+            told = one.loop_known if word == "loop known" else one.said["flight"][word]
+            by[str(told)][one.alarm] += 1
+        counts = ", ".join(f"{key} {count[True]} of {count.total()}" for key, count in sorted(by.items()))
+        lines.append(f"  {word:18} {counts}")
     return lines

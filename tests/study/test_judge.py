@@ -51,9 +51,10 @@ def answered(level: str, verdict: str, effect: str | None = None, **more: Any) -
         "indistinguishable": [], "confidence": 0.95, "candidates": [], "pairs": [], "seconds": 1.0,
         "noise_floor_percent": nrmse, "nrmse_percent": nrmse, "log10_chance": -3.0, "E0": 0.01, "N": 0.01,
     }  # fmt: skip
-    flight = {"excitation_logged": True, "size": "small", "loop": "weak", "gust_kind": "white", "loop_told": True}
+    flight: dict[str, Any] = {"excitation_logged": True, "size": "small", "loop": "weak", "gust_kind": "white", "loop_told": True}
     table = {"L_b": 1.0, "M_a": 1.0, "tau_f": 1.0}
-    return Flight(said | {"flight": flight | {"log_hz": 50.0, "table": table}} | more)
+    flight |= {"log_hz": 50.0, "loop_hz": 500, "chirp_noise": 0.2, "table": table}
+    return Flight(said | {"flight": flight | more.pop("flight", {})} | more)
 
 
 def line_of(flights: list[Flight], words: str) -> str:
@@ -66,6 +67,14 @@ def test_one_alarm_fails_the_first_line_and_feedback_is_none() -> None:
     assert "0 of 10" in line_of([*clean, feedback], "alarms, nothing hidden")
     assert "pass" in line_of([*clean, feedback], "alarms, nothing hidden")
     assert "FAIL" in line_of([*clean, answered("none", "unexplained")], "alarms, nothing hidden")
+
+
+def test_thinned_commands_are_no_alarm_where_nobody_told_of_the_loop() -> None:
+    said = {"clocks": "CommandsThinned"}
+    unknown, told = ({"loop_told": known} for known in (False, True))
+    assert not answered("none", "missing", "gyro_lag", flight=unknown, **said).alarm
+    assert answered("none", "missing", "gyro_lag", flight=told, **said).alarm
+    assert answered("none", "missing", "gyro_lag", flight=unknown).alarm
 
 
 def test_a_class_counts_and_a_large_one_does_not() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 from strangers.flights import Stranger
 from sysid.data.band import USUAL, swept_band
 from sysid.data.record import Record
+from sysid.diagnose.clocks import clocks
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
@@ -31,15 +33,29 @@ def records(stranger: Stranger) -> list[Record]:
     ]
 
 
-def ask(stranger: Stranger) -> tuple[Diagnosis, Diagnosis | None, float]:
-    """What is said; where two are hidden, once more with the answer added; seconds of computing of the first."""
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What is said of a flight."""
+
+    first: Diagnosis
+    second: Diagnosis | None
+    """With the answer added, where two are hidden."""
+    clocks: str | None
+    """What is said of the time of the commands, where it explains what is left: `CommandsThinned`, `CommandsLate`."""
+    seconds: float
+    """Of computing, of the first."""
+
+
+def ask(stranger: Stranger) -> Answer:
+    """What is said of a strange flight, by its log and card."""
     runs = records(stranger)
     fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
     band_hz = (swept_band(fitted) or USUAL).hz
     begin = time.process_time()
     found = diagnose(on_runs("tpp", (), runs, fitted), fitted, judging, band_hz)
+    early = clocks(found)
     taken = time.process_time() - begin
-    if len(stranger.hidden.names) < 2 or found.verdict != "missing" or found.effect is None:
-        return found, None, taken
-    again = on_runs("tpp", (found.effect,), runs, fitted)
-    return found, diagnose(again, fitted, judging, band_hz), taken
+    second = None
+    if len(stranger.hidden.names) == 2 and found.effect is not None and found.verdict == "missing":
+        second = diagnose(on_runs("tpp", (found.effect,), runs, fitted), fitted, judging, band_hz)
+    return Answer(found, second, None if early is None else type(early).__name__, taken)
