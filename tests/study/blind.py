@@ -257,11 +257,12 @@ def done_already(file: Path) -> set[str]:
 def asked_for(args: argparse.Namespace) -> Iterator[Case]:
     only = [name for name in args.only.split(",") if name]
     if args.roc:
-        yield from of_sizes(args.first, args.roc, only or ROC)
+        every = of_sizes(args.first, args.roc, only or ROC)
     elif args.count is not None:
-        yield from (case for case in mixed(args.first, args.count) if _wanted(case, args.strangers, args.longest))
+        every = mixed(args.first, args.count)
     else:
-        yield from cases(args.plant.split(","), args.first, args.seeds, only, args.clean)
+        every = cases(args.plant.split(","), args.first, args.seeds, only, args.clean)
+    return (case for case in every if _wanted(case, args.strangers, args.longest))
 
 
 def _wanted(case: Case, strangers: bool, longest_s: float | None) -> bool:

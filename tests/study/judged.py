@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +61,12 @@ class Flight:
     @property
     def excitation_logged(self) -> bool:
         return not self.strange or bool(self.said["flight"]["excitation_logged"])
+
+    @property
+    def shown(self) -> float:
+        """How much the flight shows that is no noise: less the power of ten of the chance."""
+        told = self.said["log10_chance"]
+        return math.inf if told is None else -float(told)
 
     @property
     def loop_known(self) -> bool:

@@ -103,7 +103,7 @@ def _with_and_without(
 def sureness(flights: Sequence[Flight]) -> list[str]:
     """Confidence against the share that was right, of all verdicts that claim something, and of each."""
     lines = ["reliability: mean confidence, share right (95 %), kept where inside or within 0.05"]
-    claims = [one for one in flights if one.level != "two" and one.said["reason"] != "feedback"]
+    claims = [one for one in flights if one.level != "two" and one.said.get("reason") != "feedback"]
     for word, some in (
         ("all", claims),
         *((verdict, [one for one in claims if one.said["verdict"] == verdict]) for verdict in VERDICTS),
@@ -123,7 +123,7 @@ def _bin(found: Bin) -> str:
 
 def of_sizes(flights: Sequence[Flight]) -> list[str]:
     """What is seen, and what is named, by size; and the curve: hits where so many clean flights would alarm."""
-    clean = [-one.said["log10_chance"] for one in flights if one.level == "none" and one.strange]
+    clean = [one.shown for one in flights if one.level == "none" and one.strange]
     by_entry: dict[str, list[Flight]] = defaultdict(list)
     for one in flights:
         if one.strange and one.level == "catalogue":
@@ -139,7 +139,7 @@ def of_sizes(flights: Sequence[Flight]) -> list[str]:
     lines.append(f"hits where so many of {len(clean)} clean strangers would alarm; area under the curve")
     for name, some in sorted(by_entry.items()):
         if len(some) >= ROC_LEAST:
-            hits = [-one.said["log10_chance"] for one in some]
+            hits = [one.shown for one in some]
             told = [
                 f"at {100 * rate:g} %: {sum(hit > threshold_at(rate, clean) for hit in hits)} of {len(hits)}"
                 for rate in FALSE_ALARMS

@@ -51,9 +51,10 @@ def answered(level: str, verdict: str, effect: str | None = None, **more: Any) -
         "indistinguishable": [], "confidence": 0.95, "candidates": [], "pairs": [], "seconds": 1.0,
         "noise_floor_percent": nrmse, "nrmse_percent": nrmse, "log10_chance": -3.0, "E0": 0.01, "N": 0.01,
     }  # fmt: skip
-    flight: dict[str, Any] = {"excitation_logged": True, "size": "small", "loop": "weak", "gust_kind": "white", "loop_told": True}
-    table = {"L_b": 1.0, "M_a": 1.0, "tau_f": 1.0}
-    flight |= {"log_hz": 50.0, "loop_hz": 500, "chirp_noise": 0.2, "table": table}
+    flight: dict[str, Any] = {
+        "excitation_logged": True, "size": "small", "loop": "weak", "gust_kind": "white", "loop_told": True,
+        "log_hz": 50.0, "loop_hz": 500, "chirp_noise": 0.2, "table": {"L_b": 1.0, "M_a": 1.0, "tau_f": 1.0},
+    }  # fmt: skip
     return Flight(said | {"flight": flight | more.pop("flight", {})} | more)
 
 

@@ -86,5 +86,5 @@ def _response(table: dict[str, float], s: Array) -> Array:
     return np.asarray(C[:, :4] @ np.linalg.solve(inside, np.broadcast_to(B[:4, :2].astype(complex), (s.size, 4, 2))))
 
 
-def _real(values: Array) -> Array:
+def _real(values: NDArray[np.complex128]) -> Array:
     return np.concatenate([values.real.ravel(), values.imag.ravel()])
