@@ -98,6 +98,7 @@ def test_two_at_once_are_both_there() -> None:
     vehicle = planned(0).vehicle
     pair = ("servo_lag", "hub_gyroscopics")
     assert may_stand_together(pair)
+    assert not may_stand_together(("servo_lag", "gyro_lag"))
     sizes = tuple(CATALOGUE[name].sizes(vehicle, 1.0, np.full(8, 0.5)) for name in pair)
     both = Hidden(pair, sizes).equations(vehicle).rows
     lag, hub = (Hidden((name,), (size,)).equations(vehicle).rows for name, size in zip(pair, sizes, strict=True))

@@ -390,7 +390,12 @@ def _beside(found: _Equations, more: _Equations, vehicle: Vehicle) -> _Equations
     return found
 
 
+LATE = frozenset({"servo_lag", "servo_second_order", "transport_delay", "gyro_lag"})
+"""Two of these in a row are one to any log."""
+
+
 def may_stand_together(names: Sequence[str]) -> bool:
-    """Two of different families, neither of them one that changes the other's rows."""
+    """Two of different families, neither of them one that changes the other's rows, and not both a lateness."""
     entries = [CATALOGUE[name] for name in names]
-    return len({one.family for one in entries}) == len(entries) and not any(one.alone for one in entries)
+    apart = len({one.family for one in entries}) == len(entries) and not any(one.alone for one in entries)
+    return apart and len(LATE & set(names)) < 2
