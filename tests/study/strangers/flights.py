@@ -38,7 +38,7 @@ FAST_LOOP_S = 40.0
 TARGETS: Mapping[str, tuple[float, float]] = {"catalogue": (-0.5, 2.3), "beyond": (0.3, 2.5), "two": (0.5, 2.3)}
 """Powers of ten, of how well the flight shows it."""
 NEAR = 1.3
-SEARCHES = 5
+SEARCHES = 6
 HALVINGS = 8
 LEAST_STRENGTH = 0.02
 
@@ -257,11 +257,15 @@ def _sized(plan: Plan, ground: Ground, name: str, target: float, draws: Array) -
         sizes, seen = at(strength)
     if getattr(entry, "fixed", False):
         return sizes, seen
+    low, high = 0.0, math.inf
     for _ in range(SEARCHES):
         if target / NEAR < seen < target * NEAR:
             break
+        low, high = (max(low, strength), high) if seen < target else (low, min(high, strength))
         factor = min(5.0, max(0.1, math.sqrt(target / max(seen, 1e-9))))
         wanted = min(most, max(LEAST_STRENGTH, strength * factor))
+        if not low < wanted < high and low > 0 and high < math.inf:  # a limit is not met at all, or plain
+            wanted = math.sqrt(low * high)
         if wanted == strength:
             break
         found, shown = at(wanted)

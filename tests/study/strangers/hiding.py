@@ -114,7 +114,9 @@ def _mode(vehicle: Vehicle, strength: float, draws: Array) -> Sizes:
 
 CATALOGUE: Mapping[str, Entry] = MappingProxyType(
     {
-        "second_order_flapping": Entry(sizes=_flapping, family="rotor", alone=True, fixed=True),
+        "second_order_flapping": Entry(
+            sizes=_flapping, needs=("omega",), family="rotor", alone=True, fixed=True
+        ),
         "dynamic_inflow": Entry(sizes=_of_planted("dynamic_inflow", "k_l"), most=1.5, family="rotor"),
         "rotor_speed": Entry(sizes=_of_planted("rotor_speed", "k", "n"), most=1.3, needs=("omega",), family="rotor"),
         "hub_gyroscopics": Entry(sizes=_of_planted("hub_gyroscopics", "h_p", "h_q"), most=3.0),
