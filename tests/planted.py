@@ -262,11 +262,14 @@ SIGNALS = ("x", "y", "e", "c", "r_command", "gust_p", "gust_q", "gust_alpha", "r
 """Acting commands (x, y, e: less their trim), gusts and what else equations may read, in the order of the columns."""
 
 
-def equations(effect: str | None, size: Mapping[str, float], forward: bool) -> _Equations:
-    """The base with one effect. Raises KeyError for an effect or a size that does not exist."""
+def equations(
+    effect: str | None, size: Mapping[str, float], forward: bool, table: Mapping[str, float] | None = None
+) -> _Equations:
+    """The base with one effect; `table` is a vehicle's own in place of the paper's, `omega` its rotor's speed. Raises
+    KeyError for an effect or a size that does not exist."""
     if effect is not None and set(size) != set(PLANTED[effect]):
         raise KeyError(f"{effect} takes {', '.join(PLANTED[effect])}")
-    N = dict(TABLE_5 if forward else TABLE_4)
+    N = dict(table or (TABLE_5 if forward else TABLE_4))
     N.setdefault("L_p", 0.0)
     N.setdefault("M_q", 0.0)
     N.setdefault("M_elev", 0.0)
@@ -463,7 +466,7 @@ def _second_order_flapping(E: _Equations, size: Mapping[str, float], N: Mapping[
     Without the first two terms of each these are the first-order rows, tau_f = 16/(Lock number Omega),
     A_b = -B_a = -(8/Lock number) s. With them, aa = a' + q and bb = b' + p are the states beside a and b.
     """
-    w = NOMINAL_OMEGA
+    w = N.get("omega", NOMINAL_OMEGA)
     g, s = size["lock_number"] / 8, size["flap_frequency_ratio"] ** 2 - 1
     del E.rows["a"], E.rows["b"]
     E.add("a", aa=1.0, q=-1.0)
@@ -483,11 +486,12 @@ ACTUATOR_EFFECTS = ("servo_saturation", "servo_deadband", "servo_backlash", "tra
 class _Actuators:
     """From command samples (3, runs) to what acts, for the effects that are about single commands."""
 
-    def __init__(self, effect: str | None, size: Mapping[str, float], start: Array) -> None:
+    def __init__(self, effect: str | None, size: Mapping[str, float], start: Array, dt: float = DT) -> None:
         self._effect = effect
         self._size = size
         self._held = start
-        self._recent = [start] * (2 + int(size["T_d"] / DT)) if effect == "transport_delay" else []
+        self._dt = dt
+        self._recent = [start] * (2 + int(size["T_d"] / dt)) if effect == "transport_delay" else []
 
     @property
     def pass_on(self) -> bool:
@@ -496,7 +500,7 @@ class _Actuators:
 
     def pieces(self, command: Array, steps: int) -> list[tuple[float, Array]]:
         """(length in s, acting command), adding up to one sample."""
-        h = DT / steps
+        h = self._dt / steps
         match self._effect:
             case "servo_saturation":
                 limit = self._size["limit"]
@@ -519,14 +523,15 @@ class _Actuators:
     def _delayed(self, command: Array, steps: int) -> list[tuple[float, Array]]:
         """The delayed command jumps inside a sample: a step ends there."""
         self._recent = [*self._recent[1:], command]
-        whole, rest = divmod(self._size["T_d"], DT)
-        if rest > DT * (1 - 1e-9):
+        dt = self._dt
+        whole, rest = divmod(self._size["T_d"], dt)
+        if rest > dt * (1 - 1e-9):
             whole, rest = whole + 1, 0.0
         new = self._recent[-1 - int(whole)]
-        if rest < DT * 1e-9:
-            return [(DT / steps, new)] * steps
+        if rest < dt * 1e-9:
+            return [(dt / steps, new)] * steps
         old, half = self._recent[-2 - int(whole)], max(1, steps // 2)
-        return [(rest / half, old)] * half + [((DT - rest) / half, new)] * half
+        return [(rest / half, old)] * half + [((dt - rest) / half, new)] * half
 
     def _slewed(self, command: Array, h: float) -> Array:
         """The mean over h of a position that runs at the limit until it is there."""
@@ -579,6 +584,7 @@ class _Flight:
     trim: Array
     """(3, runs)"""
     steps: int
+    dt: float = DT
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -651,7 +657,7 @@ def _linear(flight: _Flight) -> tuple[Array, Array]:
     for begin in range(0, n, PART):
         part = slice(begin, min(begin + PART, n))
         A, B = _matrices(flight, part)
-        step, held = _runge_kutta(A, DT / flight.steps, flight.steps)
+        step, held = _runge_kutta(A, flight.dt / flight.steps, flight.steps)
         g = held @ (B @ (signals[part].swapaxes(1, 2)[..., None] if apart else signals[part, None]))
         F = step - held @ B[..., :2] @ flight.feedback
         every = _march(np.broadcast_to(F, (len(g), *F.shape[1:])), g, x)
@@ -696,6 +702,15 @@ def _sample_by_sample(flight: _Flight, actuators: _Actuators) -> tuple[Array, Ar
     return commands, seen
 
 
+def integrated(flight: _Flight, actuators: _Actuators) -> tuple[Array, Array]:
+    """Commands (n, 3, runs) and states (n, states, runs)."""
+    if flight.E.nonlinear is None and actuators.pass_on:
+        commands, seen = _linear(flight)
+        if not np.any(np.abs(commands) > 1.0):
+            return commands, seen
+    return _sample_by_sample(flight, actuators)
+
+
 def _varied(flight: _Flight, k: int, X: Array, moved: Array, h: float, times: int) -> Array:
     """X after steps of h in a sample in which every run has its own matrices."""
     A, B = _matrices(flight, slice(k, k + 1))
@@ -726,6 +741,21 @@ def _bent(flight: _Flight, X: Array, constant: Array, h: float, times: int) -> A
     return X
 
 
+def in_numbers(E: _Equations) -> tuple[Array, Array, Array]:
+    """A (states, states), B (states, SIGNALS) and what the gyro shows, C (2, states)."""
+    index = {name: i for i, name in enumerate(E.rows)}
+    columns = {name: i for i, name in enumerate(SIGNALS)}
+    A, B = np.zeros((len(index), len(index))), np.zeros((len(index), len(SIGNALS)))
+    for state, row in E.rows.items():
+        for name, value in row.items():
+            (A if name in index else B)[index[state], index.get(name, columns.get(name, -1))] = value
+    C = np.zeros((2, len(index)))
+    for i, row in enumerate(E.measured.values()):
+        for name, value in row.items():
+            C[i, index[name]] = value
+    return A, B, C
+
+
 def _fly(
     effect: str | None,
     size: Mapping[str, float],
@@ -740,16 +770,8 @@ def _fly(
     """Arrays (n, runs) of everything that happens, for runs of several flights; `closed` False: no controller."""
     E = equations(effect, size, forward)
     index = {name: i for i, name in enumerate(E.rows)}
-    columns = {name: i for i, name in enumerate(SIGNALS)}
     runs = air.excitation.shape[2]
-    A, B = np.zeros((len(index), len(index))), np.zeros((len(index), len(SIGNALS)))
-    for state, row in E.rows.items():
-        for name, value in row.items():
-            (A if name in index else B)[index[state], index.get(name, columns.get(name, -1))] = value
-    C = np.zeros((2, len(index)))
-    for i, row in enumerate(E.measured.values()):
-        for name, value in row.items():
-            C[i, index[name]] = value
+    A, B, C = in_numbers(E)
 
     trim = np.repeat(np.array(TRIM)[:, None], runs, axis=1)
     omega = air.omega
@@ -774,11 +796,7 @@ def _fly(
         feedback[:, [index["phi"], index["theta"]]] += ATTITUDE_GAIN
         command[:, :2] -= RATE_GAIN @ air.noise
     flight = _Flight(E, A, B, feedback, command, outside, mean, trim, steps)
-    actuators = _Actuators(effect, size, trim)
-    if E.nonlinear is None and actuators.pass_on:
-        commands, seen = _linear(flight)
-    if E.nonlinear is not None or not actuators.pass_on or np.any(np.abs(commands) > 1.0):
-        commands, seen = _sample_by_sample(flight, actuators)
+    commands, seen = integrated(flight, _Actuators(effect, size, trim))
     measured = C @ seen + air.noise
     found = {
         "p": measured[:, 0],

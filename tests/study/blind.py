@@ -1,8 +1,10 @@
 """Blind flights: the simulated vehicle hides something, its log is ingested, and the diagnosis is asked.
 
 Truth and question meet only here, in the judge. Run as a program it flies a list of cases on all cores and appends one
-line of JSON each; `study_blind` counts them.
+line of JSON each; what the file holds already is not flown again. `judge` counts them.
 
+    python tests/study/blind.py FILE.jsonl --first 1000000 --count 300      # one in three the simulated vehicle's
+    python tests/study/blind.py FILE.jsonl --first 1000000 --roc 50         # each of ROC on so many strange vehicles
     python tests/study/blind.py FILE.jsonl --first 0 --seeds 3 [--only NAME,...] [--plant hover-ideal|forward]
 """
 
@@ -10,6 +12,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import random
 import sys
 import tempfile
 import time
@@ -50,17 +54,30 @@ PAIRS = (
 """Two at once, in hover."""
 FORWARD_BASE = ("angular_damping", "elevator")
 SHOWN = 8
+STRANGER = "stranger"
+"""The plant of a case that `strangers` draws, vehicle and all."""
+ONE_IN = 3
+"""Of mixed cases, the simulated vehicle's."""
+CLEAN, TWO = 0.35, 0.08
+"""Shares of those with nothing hidden, and with two at once."""
+ROC = ("servo_lag", "transport_delay", "servo_backlash", "servo_deadband", "inertia_coupling", "dynamic_inflow")
+"""Whose sizes are asked for from too small to plain."""
 
 
 @dataclass(frozen=True)
 class Case:
     plant: str
     names: tuple[str, ...]
-    """What is hidden: none, one, or two at once."""
+    """What is hidden: none, one, or two at once; a stranger without names hides what its seed says."""
     seed: int
     scale: float = 1.0
     gusts: float = 1.0
     condition: str | None = None
+
+    @property
+    def key(self) -> str:
+        """What tells it from every other."""
+        return json.dumps(asdict(self))
 
 
 def fly(case: Case, folder: Path) -> tuple[Path, list[dict[str, Any]]]:
@@ -140,8 +157,10 @@ def told(found: Any) -> dict[str, Any]:
 
 
 def run(case: Case) -> dict[str, Any]:
-    answer: dict[str, Any] = {"case": asdict(case)}
+    answer: dict[str, Any] = {"case": asdict(case), "key": case.key}
     try:
+        if case.plant == STRANGER:
+            return answer | _strange(case)
         with tempfile.TemporaryDirectory() as folder:
             log, hidden = fly(case, Path(folder))
             answer["hidden"] = hidden
@@ -152,6 +171,54 @@ def run(case: Case) -> dict[str, Any]:
     except Exception as error:  # a case that fails is counted as one
         answer["failed"] = f"{type(error).__name__}: {error}"
     return answer
+
+
+def _strange(case: Case) -> dict[str, Any]:
+    """A vehicle that nobody knows: its truth, and what is said of it."""
+    from strangers.asking import ask as ask_strange
+    from strangers.flights import fly as fly_strange
+
+    flown = fly_strange(case.seed, case.names)
+    answer = {
+        "case": asdict(replace(case, names=flown.hidden.names or ("none",), gusts=flown.plan.weather.gusts)),
+        "hidden": flown.hidden.to_json(),
+        "detectability": flown.detectability,
+        "flight": flown.plan.to_json(),
+    }
+    try:
+        said = ask_strange(flown)
+    except Exception as error:
+        return answer | {"failed": f"{type(error).__name__}: {error}"}
+    second = None if said.second is None else told(said.second)
+    return answer | told(said.first) | {"second": second, "clocks": said.clocks, "seconds": said.seconds}
+
+
+def mixed(first: int, count: int) -> Iterator[Case]:
+    """One case for each seed: strange vehicles, and the simulated one in ONE_IN."""
+    for seed in range(first, first + count):
+        yield _simulated(seed) if seed % ONE_IN == 0 else Case(STRANGER, (), seed)
+
+
+def _simulated(seed: int) -> Case:
+    """What the simulated vehicle hides by this seed."""
+    from sitl.hidden import names
+    from sitl.plants.conditions import CONDITIONS
+
+    source = random.Random(seed)
+    plant, kind = source.choice(("hover-ideal", "forward")), source.random()
+    scale, gusts = source.choice((0.6, 1.0, 1.5)), source.choice((0.5, 1.0, 2.0))
+    if kind < CLEAN:
+        return Case(plant, ("none",), seed, 1.0, gusts, source.choice(list(CONDITIONS)))
+    if kind < CLEAN + TWO:
+        return Case("hover-ideal", source.choice(PAIRS), seed, scale, min(gusts, 1.0))
+    return Case(plant, (source.choice([name for name in names(plant) if name != "none"]),), seed, scale, gusts)
+
+
+def of_sizes(first: int, count: int, names: Sequence[str]) -> Iterator[Case]:
+    """Each of these on so many strange vehicles, and as many with what their seeds say, clean ones among them."""
+    for seed in range(first, first + count):
+        yield from (Case(STRANGER, (name,), seed) for name in names)
+        yield Case(STRANGER, (), seed)
 
 
 def cases(plants: Sequence[str], first: int, seeds: int, only: Sequence[str], clean: int) -> Iterator[Case]:
@@ -175,18 +242,53 @@ def cases(plants: Sequence[str], first: int, seeds: int, only: Sequence[str], cl
         yield Case(plant, ("none",), first + number, 1.0, (1.0, 0.5, 2.0)[number % 3], condition)
 
 
+def done_already(file: Path) -> set[str]:
+    """Keys of the cases that a file holds; a line that was cut off counts as none."""
+    if not file.exists():
+        return set()
+    text = file.read_text(encoding="utf-8")
+    if text and not text.endswith("\n"):  # whoever wrote it was stopped
+        text = text[: text.rfind("\n") + 1]
+        file.write_text(text, encoding="utf-8")
+    kept = [json.loads(line) for line in text.splitlines()]
+    return {str(one.get("key") or Case(**{**one["case"], "names": tuple(one["case"]["names"])}).key) for one in kept}
+
+
+def asked_for(args: argparse.Namespace) -> Iterator[Case]:
+    only = [name for name in args.only.split(",") if name]
+    if args.roc:
+        every = of_sizes(args.first, args.roc, only or ROC)
+    elif args.count is not None:
+        every = mixed(args.first, args.count)
+    else:
+        every = cases(args.plant.split(","), args.first, args.seeds, only, args.clean)
+    return (case for case in every if _wanted(case, args.strangers, args.longest))
+
+
+def _wanted(case: Case, strangers: bool, longest_s: float | None) -> bool:
+    from strangers.flights import planned
+
+    if case.plant != STRANGER:
+        return not strangers and longest_s is None
+    return longest_s is None or planned(case.seed, case.names).card[0].duration_s <= longest_s
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("file", type=Path)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--count", type=int, help="cases, one for each seed: strange vehicles and the simulated one")
+    parser.add_argument("--strangers", action="store_true", help="of those the strange vehicles alone")
+    parser.add_argument("--longest", type=float, help="strange vehicles alone, with chirps of so many seconds at most")
+    parser.add_argument("--roc", type=int, default=0, help="flights of each size study")
+    parser.add_argument("--seeds", type=int, default=1, help="of every name of the simulated vehicle, once each")
     parser.add_argument("--clean", type=int, default=0)
     parser.add_argument("--only", default="")
     parser.add_argument("--plant", default="hover-ideal,forward")
-    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
-    only = [name for name in args.only.split(",") if name]
-    todo = list(cases(args.plant.split(","), args.first, args.seeds, only, args.clean))
+    kept = done_already(args.file)
+    todo = [case for case in asked_for(args) if case.key not in kept]
     with args.file.open("a", encoding="utf-8") as stream, ProcessPoolExecutor(args.workers) as pool:
         for number, done in enumerate(as_completed([pool.submit(run, case) for case in todo]), 1):
             stream.write(json.dumps(done.result()) + "\n")

@@ -1,139 +1,31 @@
 """Counts what the blind flights showed: right, wrong, unsure, by what could be seen and what harm it would have done.
 
-python tests/study/judge.py FILE.jsonl...
+python tests/study/judge.py FILE.jsonl... [--by-size]
 """
 
 from __future__ import annotations
 
+import argparse
 import itertools
-import json
 import math
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-VISIBLE_POINTS = 2.0
-"""NRMSE that an effect costs, from which on it must be found."""
-LARGEST_CLASS = 3
+import must_show
+from intervals import share_of
+from judged import LARGEST_CLASS, SURE, VISIBLE_POINTS, Flight, load
+
 DETECTABLE = (0.0, 0.05, 0.2, 1.0, math.inf)
 """Explainable residual power over noise."""
 HARM = 0.10
-TABLE_4 = {"L_b": 147.548, "M_a": 713.378, "tau_f": 0.091}
-TABLE_5 = {"L_b": 147.550, "M_a": 713.380, "tau_f": 0.075}
-SURE = 0.9
 CONFIDENCES = (0.0, 0.5, 0.7, 0.85, 0.95, 0.99, 1.0001)
 
 
-@dataclass(frozen=True)
-class Flight:
-    """One line of the study."""
-
-    said: dict[str, Any]
-
-    @property
-    def failed(self) -> str | None:
-        return self.said.get("failed")
-
-    @property
-    def hidden(self) -> list[dict[str, Any]]:
-        found = self.said["hidden"]
-        return found if isinstance(found, list) else [found]
-
-    @property
-    def name(self) -> str:
-        return "+".join(self.said["case"]["names"])
-
-    @property
-    def level(self) -> str:
-        return "two" if len(self.hidden) == 2 else str(self.hidden[0]["level"])
-
-    @property
-    def answers(self) -> list[set[str]]:
-        """For each hidden effect the ids that are right."""
-        return [{one["answer"], *one["accepts"]} - {None} for one in self.hidden]
-
-    @property
-    def cost_points(self) -> float:
-        """NRMSE of the noise floor less the fit's, the larger of both axes."""
-        floor, fit = self.said["noise_floor_percent"], self.said["nrmse_percent"]
-        return max(floor[axis] - fit[axis] for axis in fit)
-
-    @property
-    def detectability(self) -> float:
-        return (self.said["E0"] - self.said["N"]) / max(self.said["N"], 1e-12)
-
-    @property
-    def harm(self) -> float:
-        """Largest relative error of L_b, M_a, tau_f in the fit without the effect."""
-        truth = TABLE_5 if self.said["case"]["plant"] == "forward" else TABLE_4
-        found = self.said.get("parent", {})
-        return max((abs(found[name] / value - 1) for name, value in truth.items() if name in found), default=0.0)
-
-    @property
-    def right(self) -> bool:
-        """The first answer, or the verdict where there is none to name."""
-        if self.level == "none":
-            return bool(self.said["verdict"] == "complete")
-        if self.level == "beyond":
-            return bool(self.said["verdict"] == "unexplained")
-        return self.said["effect"] in self.answers[0]
-
-    @property
-    def right_in_class(self) -> bool:
-        """Right, or among at most three that it says cannot be told apart."""
-        alike = {self.said["effect"], *self.said["indistinguishable"]}
-        return self.right or (len(alike) <= LARGEST_CLASS and bool(alike & self.answers[0]))
-
-    @property
-    def in_first_two(self) -> bool:
-        first = [one["effect"] for one in self.said["candidates"][:2]]
-        return self.right_in_class or bool(set(first) & self.answers[0])
-
-    @property
-    def both_found(self) -> bool:
-        """Two hidden: named in the first answer's chain, or when asked again with it added."""
-        second = self.said.get("second") or {}
-        told = {self.said["effect"], *self.said["chain"], second.get("effect"), *second.get("chain", ())}
-        told |= set(self.said["indistinguishable"]) | set(second.get("indistinguishable", ()))
-        return all(answers & told for answers in self.answers)
-
-    def sizes_off(self) -> list[float]:
-        """(estimate - truth)/standard error of the true entry's parameters, where the truth is known."""
-        hidden = self.hidden[0]
-        truth = {**hidden["expect"], **(hidden["sizes"] if hidden["level"] == "catalogue" else {})}
-        for one in self.said["candidates"]:
-            if one["effect"] == hidden["answer"]:
-                errors = one["standard_errors"]
-                return [
-                    (one["parameters"][name] - value) / errors[name]
-                    for name, value in truth.items()
-                    if errors.get(name) and one["parameters"].get(name) is not None
-                ]
-        return []
-
-    def short_of_best(self) -> float | None:
-        """Validation NRMSE of the winner below the best of all refits, in points, the worse axis."""
-        fits = [one for one in (*self.said["candidates"], *self.said["pairs"]) if one["validation_nrmse_percent"]]
-        chain = set(self.said["chain"])
-        mine = [one for one in fits if set(one["effect"].split("+")) == chain]
-        if not mine:
-            return None
-        own = mine[0]["validation_nrmse_percent"]
-        return max(max(one["validation_nrmse_percent"][axis] for one in fits) - own[axis] for axis in own)
-
-
-def load(paths: Iterable[Path]) -> list[Flight]:
-    return [Flight(json.loads(line)) for path in paths for line in path.read_text(encoding="utf-8").splitlines()]
-
-
 def share(flights: Sequence[Flight], good: Callable[[Flight], bool]) -> str:
-    if not flights:
-        return "no flight"
-    count = sum(good(one) for one in flights)
-    return f"{count} of {len(flights)} ({100 * count / len(flights):.1f} %)"
+    """With its 95 % interval."""
+    return share_of(sum(good(one) for one in flights), len(flights))
 
 
 def tables(flights: Sequence[Flight]) -> str:
@@ -203,7 +95,7 @@ def _confidences(flights: Sequence[Flight]) -> list[str]:
 def _bins(known: Sequence[Flight]) -> list[str]:
     lines = ["explainable over noise          flights    right or in its class    harm above 10 %: right"]
     for low, high in itertools.pairwise(DETECTABLE):
-        some = [one for one in known if low <= max(one.detectability, 0.0) < high]
+        some = [one for one in known if low <= max(one.explainable, 0.0) < high]
         if some:
             harmful = [one for one in some if one.harm > HARM]
             lines.append(
@@ -251,5 +143,25 @@ def _wrong(flights: Sequence[Flight]) -> list[str]:
     return lines
 
 
+def report(flights: Sequence[Flight], by_size: bool = False) -> str:
+    """What must be shown first, then everything else."""
+    answered = [one for one in flights if not one.failed]
+    blocks = [must_show.must_show(answered), must_show.sureness(answered), must_show.seconds(answered)]
+    if any(one.strange for one in answered):
+        blocks.append(must_show.alarms(answered))
+    if by_size:
+        blocks.append(must_show.of_sizes(answered))
+    return "\n\n".join(["\n".join(lines) for lines in blocks if lines] + [tables(flights)])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("files", type=Path, nargs="+")
+    parser.add_argument("--by-size", action="store_true", help="what of each size is seen and named, and the curves")
+    args = parser.parse_args()
+    print(report(load(args.files), args.by_size))
+    return 0
+
+
 if __name__ == "__main__":
-    print(tables(load([Path(name) for name in sys.argv[1:]])))
+    sys.exit(main())

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from blind import cases, run
-from judge import Flight, tables
+from judge import tables
+from judged import Flight
 
 FIRST = 20
 CLEAN = 14

@@ -1,0 +1,184 @@
+"""What was hidden on one blind flight beside what was said of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+VISIBLE_POINTS = 2.0
+"""NRMSE that an effect costs, from which on it must be found."""
+LARGEST_CLASS = 3
+RESEMBLES = 0.25
+"""Relative, of a value at which an entry is something that the catalogue does not have by itself."""
+TABLE_4 = {"L_b": 147.548, "M_a": 713.378, "tau_f": 0.091}
+TABLE_5 = {"L_b": 147.550, "M_a": 713.380, "tau_f": 0.075}
+SURE = 0.9
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One line of the study."""
+
+    said: dict[str, Any]
+
+    @property
+    def failed(self) -> str | None:
+        return self.said.get("failed")
+
+    @property
+    def hidden(self) -> list[dict[str, Any]]:
+        found = self.said["hidden"]
+        return found if isinstance(found, list) else [found]
+
+    @property
+    def name(self) -> str:
+        return "+".join(self.said["case"]["names"])
+
+    @property
+    def level(self) -> str:
+        return "two" if len(self.hidden) == 2 else str(self.hidden[0]["level"])
+
+    @property
+    def answers(self) -> list[set[str]]:
+        """For each hidden effect the ids that are right."""
+        return [{one["answer"], *one["accepts"]} - {None} for one in self.hidden]
+
+    @property
+    def cost_points(self) -> float:
+        """NRMSE of the noise floor less the fit's, the larger of both axes."""
+        floor, fit = self.said["noise_floor_percent"], self.said["nrmse_percent"]
+        return max(floor[axis] - fit[axis] for axis in fit)
+
+    @property
+    def strange(self) -> bool:
+        """Whether vehicle and flight were drawn by `strangers`."""
+        return "flight" in self.said
+
+    @property
+    def excitation_logged(self) -> bool:
+        return not self.strange or bool(self.said["flight"]["excitation_logged"])
+
+    @property
+    def shown(self) -> float:
+        """How much the flight shows that is no noise: less the power of ten of the chance."""
+        told = self.said["log10_chance"]
+        return math.inf if told is None else -float(told)
+
+    @property
+    def loop_known(self) -> bool:
+        """Whether the log tells how long commands were held: by itself, or having every sample of the loop."""
+        flight = self.said.get("flight")
+        return flight is None or bool(flight["loop_told"]) or flight["log_hz"] == flight["loop_hz"]
+
+    @property
+    def detectability(self) -> float | None:
+        """Times what is just detectable, by the truth; known of strangers alone, and None where nothing is hidden."""
+        told = self.said.get("detectability")
+        return None if told is None else float(told)
+
+    @property
+    def visible(self) -> bool:
+        """Whether it must be found."""
+        if self.strange:
+            return self.detectability is not None and self.detectability >= 1.0
+        return self.cost_points >= VISIBLE_POINTS
+
+    @property
+    def alarm(self) -> bool:
+        """Something is said to be missing; what only the loop may have made is none, nor are thinned commands where
+        they are."""
+        excused = self.said.get("reason") == "feedback" or (bool(self.said.get("clocks")) and not self.loop_known)
+        return self.said["verdict"] != "complete" and not excused
+
+    @property
+    def answer_right(self) -> bool:
+        """Whether the verdict is what it should be: `complete` of what no flight of this kind could show as well."""
+        if self.said["verdict"] == "complete":
+            return self.level == "none" or not self.visible
+        if self.said["verdict"] == "missing" and self.level != "beyond":
+            return self.level != "none" and self.right_in_class
+        return self.level == "beyond" and self.right
+
+    @property
+    def explainable(self) -> float:
+        """Over noise, as the fits found it."""
+        return (self.said["E0"] - self.said["N"]) / max(self.said["N"], 1e-12)
+
+    @property
+    def harm(self) -> float:
+        """Largest relative error of L_b, M_a, tau_f in the fit without the effect."""
+        truth = TABLE_5 if self.said["case"]["plant"] == "forward" else TABLE_4
+        if self.strange:
+            truth = {name: self.said["flight"]["table"][name] for name in TABLE_4}
+        found = self.said.get("parent", {})
+        return max((abs(found[name] / value - 1) for name, value in truth.items() if name in found), default=0.0)
+
+    @property
+    def right(self) -> bool:
+        """The first answer, or the verdict where there is none to name."""
+        if self.level == "none":
+            return bool(self.said["verdict"] == "complete")
+        if self.level == "beyond":
+            return bool(self.said["verdict"] == "unexplained") or self._named_as_it_resembles
+        return self.said["effect"] in self.answers[0]
+
+    @property
+    def _named_as_it_resembles(self) -> bool:
+        """Not in the catalogue, but what an entry is at certain values, and found at those."""
+        wanted = self.hidden[0].get("resembles", {}).get(self.said["effect"])
+        values = [one["parameters"] for one in self.said["candidates"] if one["effect"] == self.said["effect"]]
+        return bool(wanted and values) and all(
+            values[0].get(name) is not None and abs(values[0][name] / value - 1) < RESEMBLES
+            for name, value in wanted.items()
+        )
+
+    @property
+    def right_in_class(self) -> bool:
+        """Right, or among at most three that it says cannot be told apart."""
+        alike = {self.said["effect"], *self.said["indistinguishable"]}
+        return self.right or (len(alike) <= LARGEST_CLASS and bool(alike & self.answers[0]))
+
+    @property
+    def in_first_two(self) -> bool:
+        first = [one["effect"] for one in self.said["candidates"][:2]]
+        return self.right_in_class or bool(set(first) & self.answers[0])
+
+    @property
+    def both_found(self) -> bool:
+        """Two hidden: named in the first answer's chain, or when asked again with it added."""
+        second = self.said.get("second") or {}
+        told = {self.said["effect"], *self.said["chain"], second.get("effect"), *second.get("chain", ())}
+        told |= set(self.said["indistinguishable"]) | set(second.get("indistinguishable", ()))
+        return all(answers & told for answers in self.answers)
+
+    def sizes_off(self) -> list[float]:
+        """(estimate - truth)/standard error of the true entry's parameters, where the truth is known."""
+        hidden = self.hidden[0]
+        truth = {**hidden["expect"], **(hidden["sizes"] if hidden["level"] == "catalogue" else {})}
+        for one in self.said["candidates"]:
+            if one["effect"] == hidden["answer"]:
+                errors = one["standard_errors"]
+                return [
+                    (one["parameters"][name] - value) / errors[name]
+                    for name, value in truth.items()
+                    if errors.get(name) and one["parameters"].get(name) is not None
+                ]
+        return []
+
+    def short_of_best(self) -> float | None:
+        """Validation NRMSE of the winner below the best of all refits, in points, the worse axis."""
+        fits = [one for one in (*self.said["candidates"], *self.said["pairs"]) if one["validation_nrmse_percent"]]
+        chain = set(self.said["chain"])
+        mine = [one for one in fits if set(one["effect"].split("+")) == chain]
+        if not mine:
+            return None
+        own = mine[0]["validation_nrmse_percent"]
+        return max(max(one["validation_nrmse_percent"][axis] for one in fits) - own[axis] for axis in own)
+
+
+def load(paths: Iterable[Path]) -> list[Flight]:
+    return [Flight(json.loads(line)) for path in paths for line in path.read_text(encoding="utf-8").splitlines()]

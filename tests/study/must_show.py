@@ -1,0 +1,182 @@
+"""The table of what the diagnosis must show, each line against its limit, with its 95 % interval; sizes are stated
+against each flight's own detectability. Then how sure answers are against how often they are right, what of each size
+is found, and the seconds it took.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from intervals import Bin, area_under, reliability, share_of, threshold_at
+from judged import SURE, Flight
+
+ROC_SIZES = (0.0, 0.3, 1.0, 3.0, 10.0, 100.0, math.inf)
+"""Times what is just detectable."""
+FALSE_ALARMS = (0.01, 0.05)
+ROC_LEAST = 6
+"""Flights of an entry, to be listed."""
+LONGEST_S = 2.0, 5.0
+"""CPU seconds of a diagnosis: median and 95th percentile."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """One thing to show."""
+
+    words: str
+    flights: Sequence[Flight]
+    counts: Callable[[Flight], bool]
+    """Those that are counted: right ones, or wrong ones where a most is allowed."""
+    least: float | None = None
+    """Share that must be counted;"""
+    most: float | None = None
+    """or that may be."""
+    wanted: int
+    """Flights that the limit is meant for."""
+
+    @property
+    def text(self) -> str:
+        count, of = sum(map(self.counts, self.flights)), len(self.flights)
+        limit = f">= {100 * self.least:g} %" if self.least is not None else f"<= {100 * (self.most or 0.0):g} %"
+        if of == 0:
+            return f"  {self.words:46} no flight; {limit}, {self.wanted} wanted"
+        share = count / of
+        kept = share >= self.least if self.least is not None else share <= (self.most or 0.0)
+        few = "" if of >= self.wanted else f", {self.wanted} wanted"
+        return f"  {self.words:46} {share_of(count, of):38} {limit:8} {'pass' if kept else 'FAIL'}{few}"
+
+
+def must_show(flights: Sequence[Flight]) -> list[str]:
+    """The table."""
+    seen = [one for one in flights if one.visible]
+    clean = [one for one in flights if one.level == "none"]
+    known = [one for one in seen if one.level in ("catalogue", "below")]
+    beyond = [one for one in seen if one.level == "beyond"]
+    two = [one for one in seen if one.level == "two"]
+    named = [one for one in flights if one.level != "two" and one.said["verdict"] == "missing"]
+    sure = [one for one in named if one.said["confidence"] >= SURE]
+    lines = [
+        *_with_and_without("alarms, nothing hidden", clean, lambda one: one.alarm, most=(0.0, 0.01), wanted=600),
+        *_with_and_without("right or in class", known, _right, least=(0.97, 0.92), wanted=300),
+        Line(words="not in the catalogue, and so said", flights=beyond, counts=_right, least=0.92, wanted=200),
+        Line(words="two at once, both found", flights=two, counts=lambda one: one.both_found, least=0.9, wanted=60),
+        Line(words="named at 0.9 or more and wrong", flights=sure, counts=_wrong, most=0.01, wanted=100),
+    ]
+    return ["must show (count of flights, share with its 95 % interval, limit)", *(line.text for line in lines)]
+
+
+def _right(one: Flight) -> bool:
+    return one.right_in_class
+
+
+def _wrong(one: Flight) -> bool:
+    return not one.right_in_class
+
+
+def _with_and_without(
+    words: str,
+    flights: Sequence[Flight],
+    counts: Callable[[Flight], bool],
+    *,
+    least: tuple[float, float] | None = None,
+    most: tuple[float, float] | None = None,
+    wanted: int,
+) -> list[Line]:
+    """Two lines: flights whose excitation is logged, and those whose is not; each has its limit."""
+    return [
+        Line(
+            words=told,
+            flights=[one for one in flights if one.excitation_logged == logged],
+            counts=counts,
+            least=None if least is None else least[i],
+            most=None if most is None else most[i],
+            wanted=wanted,
+        )
+        for i, (told, logged) in enumerate(((f"{words}, excitation logged", True), ("  not logged", False)))
+    ]
+
+
+def sureness(flights: Sequence[Flight]) -> list[str]:
+    """Confidence against the share that was right, of all verdicts that claim something, and of each."""
+    lines = ["reliability: mean confidence, share right (95 %), kept where inside or within 0.05"]
+    claims = [one for one in flights if one.level != "two" and one.said.get("reason") != "feedback"]
+    for word, some in (
+        ("all", claims),
+        *((verdict, [one for one in claims if one.said["verdict"] == verdict]) for verdict in VERDICTS),
+    ):
+        answers = [(one.said["confidence"], one.answer_right) for one in some]
+        lines += [f"  {word:12} {_bin(found)}" for found in reliability(answers)]
+    return lines
+
+
+VERDICTS = ("complete", "missing", "unexplained")
+
+
+def _bin(found: Bin) -> str:
+    told = share_of(found.right, found.answers)
+    return f"{found.confidence:.3f}   {told:38} {'kept' if found.kept else 'NOT KEPT'}"
+
+
+def of_sizes(flights: Sequence[Flight]) -> list[str]:
+    """What is seen, and what is named, by size; and the curve: hits where so many clean flights would alarm."""
+    clean = [one.shown for one in flights if one.level == "none" and one.strange]
+    by_entry: dict[str, list[Flight]] = defaultdict(list)
+    for one in flights:
+        if one.strange and one.level == "catalogue":
+            by_entry[one.name].append(one)
+    lines = ["by size, in times of what is just detectable:   seen / right or in class / of"]
+    ranges = [f"{low:g}-{high:g}" for low, high in itertools.pairwise(ROC_SIZES)]
+    lines.append(" " * 24 + "".join(word.rjust(11) for word in ranges))
+    for name, some in sorted(by_entry.items()):
+        if len(some) >= ROC_LEAST:
+            lines.append(f"  {name:22}" + "".join(_cell(some, *size) for size in itertools.pairwise(ROC_SIZES)))
+    if len(clean) < 2 or not any(len(some) >= ROC_LEAST for some in by_entry.values()):
+        return lines
+    lines.append(f"hits where so many of {len(clean)} clean strangers would alarm; area under the curve")
+    for name, some in sorted(by_entry.items()):
+        if len(some) >= ROC_LEAST:
+            hits = [one.shown for one in some]
+            told = [
+                f"at {100 * rate:g} %: {sum(hit > threshold_at(rate, clean) for hit in hits)} of {len(hits)}"
+                for rate in FALSE_ALARMS
+            ]
+            lines.append(f"  {name:22} {', '.join(told)}; area {area_under(hits, clean):.2f}")
+    return lines
+
+
+def _cell(flights: Sequence[Flight], low: float, high: float) -> str:
+    some = [one for one in flights if one.detectability is not None and low <= one.detectability < high]
+    if not some:
+        return ".".rjust(11)
+    seen, right = sum(one.said["verdict"] != "complete" for one in some), sum(one.right_in_class for one in some)
+    return f"{seen}/{right}/{len(some)}".rjust(11)
+
+
+def seconds(flights: Sequence[Flight]) -> list[str]:
+    taken = sorted(one.said["seconds"] for one in flights)
+    if not taken:
+        return []
+    median, late = taken[len(taken) // 2], taken[min(len(taken) - 1, int(0.95 * len(taken)))]
+    words = "pass" if median <= LONGEST_S[0] and late <= LONGEST_S[1] else "FAIL"
+    return [
+        f"CPU seconds of a diagnosis: median {median:.1f}, 95th percentile {late:.1f}, longest {taken[-1]:.1f} "
+        f"(<= {LONGEST_S[0]:g}, {LONGEST_S[1]:g}: {words})"
+    ]
+
+
+def alarms(flights: Sequence[Flight]) -> list[str]:
+    """Alarms where nothing is hidden, by what differs between flights."""
+    clean = [one for one in flights if one.level == "none" and one.strange]
+    lines = ["alarms on clean strangers"]
+    for word in ("size", "loop", "gust_kind", "excitation_logged", "chirp_noise", "loop known", "log_hz"):
+        by: dict[str, Counter[bool]] = defaultdict(Counter)
+        for one in clean:
+            told = one.loop_known if word == "loop known" else one.said["flight"][word]
+            by[str(told)][one.alarm] += 1
+        counts = ", ".join(f"{key} {count[True]} of {count.total()}" for key, count in sorted(by.items()))
+        lines.append(f"  {word:18} {counts}")
+    return lines

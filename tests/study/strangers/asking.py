@@ -1,0 +1,61 @@
+"""The diagnosis of a strange flight, by one who knows its log alone; the only place here that knows the package."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from strangers.flights import Stranger
+from sysid.data.band import USUAL, swept_band
+from sysid.data.record import Record
+from sysid.diagnose.clocks import clocks
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.identify import on_runs
+
+AXES = ("roll", "pitch")
+
+
+def records(stranger: Stranger) -> list[Record]:
+    """The card's runs, in order."""
+    plan = stranger.plan
+    return [
+        Record(
+            f"#{number}",
+            dict(run),
+            maneuver=maneuver.kind,
+            axis=AXES[maneuver.axis],
+            swept_band_hz=plan.vehicle.band_hz if maneuver.kind == "chirp" else None,
+            chirp_noise=plan.weather.chirp_noise if maneuver.kind == "chirp" else None,
+            loop_dt_s=1 / plan.loop_hz if plan.loop_told else None,
+        )
+        for number, (run, maneuver) in enumerate(zip(stranger.runs, plan.card, strict=True), 1)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What is said of a flight."""
+
+    first: Diagnosis
+    second: Diagnosis | None
+    """With the answer added, where two are hidden."""
+    clocks: str | None
+    """What is said of the time of the commands, where it explains what is left: `CommandsThinned`, `CommandsLate`."""
+    seconds: float
+    """Of computing, of the first."""
+
+
+def ask(stranger: Stranger) -> Answer:
+    """What is said of a strange flight, by its log and card."""
+    runs = records(stranger)
+    fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
+    band_hz = (swept_band(fitted) or USUAL).hz
+    begin = time.process_time()
+    found = diagnose(on_runs("tpp", (), runs, fitted), fitted, judging, band_hz)
+    early = clocks(found)
+    taken = time.process_time() - begin
+    second = None
+    if len(stranger.hidden.names) == 2 and found.effect is not None and found.verdict == "missing":
+        second = diagnose(on_runs("tpp", (found.effect,), runs, fitted), fitted, judging, band_hz)
+    return Answer(found, second, None if early is None else type(early).__name__, taken)

@@ -1,0 +1,90 @@
+"""How well a flight could show what is hidden: by the truth, without any fit.
+
+The vehicle with the effect flies its maneuvers in its loop in still air; the base answers to the same commands, and
+what is left is divided by the spectrum of what gusts and gyro noise leave of the base. What the base's own nine
+parameters could make of it is taken away. The sum is chi squared, expected above the noise; DETECTABLE of it counts 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from planted import TABLE_4, Array, equations, in_numbers
+
+from strangers.flying import Air, Loop, flown
+from strangers.hiding import NOTHING, Hidden
+from strangers.vehicles import Vehicle
+
+DETECTABLE = 45.0
+"""Chi squared that a test of four numbers at a chance of 1e-4 finds in 95 of 100 flights."""
+SMOOTH_HZ = 1.0
+A_LITTLE = 0.01
+"""Of each parameter, to difference by."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """What an effect is measured against on one flight; runs are the fitted ones."""
+
+    vehicle: Vehicle
+    still: Air
+    """The maneuvers without gusts and noise."""
+    loop: Loop
+    bins: NDArray[np.intp]
+    """Of the spectra, inside the band."""
+    noise: Array
+    """(bins, 2): power of what gusts and gyro noise leave."""
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, air: Air, loop: Loop, high_hz: float) -> Ground:
+        n = air.excitation.shape[0]
+        frequencies = np.fft.rfftfreq(n, loop.dt)
+        inside = np.flatnonzero((frequencies >= vehicle.band_hz[0]) & (frequencies <= high_hz))
+        rest = replace(air, excitation=np.zeros_like(air.excitation))
+        left = flown(vehicle, NOTHING, rest, replace(loop, closed=False)).measured + air.noise
+        power = np.mean(np.abs(np.fft.rfft(left - left.mean(axis=0), axis=0)) ** 2, axis=2)
+        width = max(1, round(SMOOTH_HZ * n * loop.dt))
+        kernel = np.ones(width) / width
+        smooth = np.stack([np.convolve(power[:, i], kernel, mode="same") for i in range(2)], axis=1)
+        return cls(vehicle=vehicle, still=air.still, loop=loop, bins=inside, noise=smooth[inside])
+
+    def chi_squared(self, hidden: Hidden) -> float:
+        """Infinite where the vehicle does not hold."""
+        effect = flown(self.vehicle, hidden, self.still, self.loop)
+        if not effect.holds:
+            return float("inf")
+        commanded = replace(self.still, excitation=effect.commands - self.loop.trim_of(effect.commands))
+        base = flown(self.vehicle, NOTHING, commanded, replace(self.loop, closed=False))
+        weight = np.sqrt(2 / self.noise)[..., None]
+        error = np.fft.rfft(effect.measured - base.measured, axis=0)[self.bins] * weight
+        moved = np.fft.rfft(commanded.excitation[:, :2], axis=0)[self.bins]
+        slopes = [np.einsum("kij,kjr->kir", slope, moved) * weight for slope in self._slopes()]
+        rows = np.stack([_real(one) for one in slopes], axis=1)
+        wanted = _real(error)
+        scale = np.linalg.norm(rows, axis=0) + 1e-300
+        found = np.linalg.lstsq(rows / scale, wanted, rcond=None)[0]
+        return float(np.sum((wanted - rows / scale @ found) ** 2))
+
+    def _slopes(self) -> list[Array]:
+        n = self.still.excitation.shape[0]
+        s = 2j * np.pi * self.bins / (n * self.loop.dt)
+        hold = (1 - np.exp(-s * self.loop.dt)) / (s * self.loop.dt)
+        return [
+            (_response({**self.vehicle.table, name: self.vehicle.table[name] * (1 + A_LITTLE)}, s) - here)
+            * hold[:, None, None]
+            for here in [_response(dict(self.vehicle.table), s)]
+            for name in TABLE_4
+        ]
+
+
+def _response(table: dict[str, float], s: Array) -> Array:
+    """(bins, 2, 2): p, q from x, y."""
+    A, B, C = in_numbers(equations(None, {}, False, table))
+    inside = s[:, None, None] * np.eye(4) - A[:4, :4]
+    return np.asarray(C[:, :4] @ np.linalg.solve(inside, np.broadcast_to(B[:4, :2].astype(complex), (s.size, 4, 2))))
+
+
+def _real(values: NDArray[np.complex128]) -> Array:
+    return np.concatenate([values.real.ravel(), values.imag.ravel()])

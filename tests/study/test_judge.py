@@ -1,0 +1,105 @@
+"""What the judge counts, on answers made up here; intervals against published ones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from intervals import area_under, reliability, threshold_at, wilson
+from judge import report
+from judged import Flight
+from must_show import must_show
+
+
+@pytest.mark.parametrize(
+    ("count", "of", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_s_interval_is_the_published_one(count: int, of: int, low: float, high: float) -> None:
+    """Newcombe 1998, table I, method 3."""
+    assert wilson(count, of) == (pytest.approx(low, abs=5e-5), pytest.approx(high, abs=5e-5))
+
+
+def test_no_flight_has_no_share() -> None:
+    with pytest.raises(ValueError, match="0 of 0"):
+        wilson(0, 0)
+
+
+def test_bins_are_of_equal_counts_and_none_is_lost() -> None:
+    found = reliability([(i / 1000, i % 2 == 0) for i in range(1000)])
+    assert [one.answers for one in found] == [200] * 5
+    assert found[0].confidence < found[-1].confidence
+    assert [one.kept for one in found] == [False, False, True, False, False]
+
+
+def test_a_curve_s_area_and_its_thresholds() -> None:
+    assert area_under([2.0, 3.0], [0.0, 1.0]) == 1.0
+    assert area_under([1.0], [0.0, 2.0]) == 0.5
+    clean = [float(i) for i in range(100)]
+    assert sum(one > threshold_at(0.05, clean) for one in clean) == 5
+
+
+def answered(level: str, verdict: str, effect: str | None = None, **more: Any) -> Flight:
+    answer = effect if level == "catalogue" and "hidden" not in more else more.pop("hidden", None)
+    hidden: dict[str, Any] = {"id": "x", "level": level, "answer": answer, "accepts": [], "sizes": {}, "expect": {}}
+    nrmse = {"p": 90.0, "q": 90.0}
+    said: dict[str, Any] = {
+        "case": {"plant": "stranger", "names": ["x"], "seed": 1, "scale": 1.0, "gusts": 1.0},
+        "hidden": [hidden | more.pop("also", {})],
+        "detectability": None if level == "none" else 5.0,
+        "verdict": verdict, "reason": None, "effect": effect, "stands_in": False, "chain": [effect] if effect else [],
+        "indistinguishable": [], "confidence": 0.95, "candidates": [], "pairs": [], "seconds": 1.0,
+        "noise_floor_percent": nrmse, "nrmse_percent": nrmse, "log10_chance": -3.0, "E0": 0.01, "N": 0.01,
+    }  # fmt: skip
+    flight: dict[str, Any] = {
+        "excitation_logged": True, "size": "small", "loop": "weak", "gust_kind": "white", "loop_told": True,
+        "log_hz": 50.0, "loop_hz": 500, "chirp_noise": 0.2, "table": {"L_b": 1.0, "M_a": 1.0, "tau_f": 1.0},
+    }  # fmt: skip
+    return Flight(said | {"flight": flight | more.pop("flight", {})} | more)
+
+
+def line_of(flights: list[Flight], words: str) -> str:
+    return next(line for line in must_show(flights) if words in line)
+
+
+def test_one_alarm_fails_the_first_line_and_feedback_is_none() -> None:
+    clean = [answered("none", "complete") for _ in range(9)]
+    feedback = answered("none", "unexplained", reason="feedback")
+    assert "0 of 10" in line_of([*clean, feedback], "alarms, nothing hidden")
+    assert "pass" in line_of([*clean, feedback], "alarms, nothing hidden")
+    assert "FAIL" in line_of([*clean, answered("none", "unexplained")], "alarms, nothing hidden")
+
+
+def test_thinned_commands_are_no_alarm_where_nobody_told_of_the_loop() -> None:
+    said = {"clocks": "CommandsThinned"}
+    unknown, told = ({"loop_told": known} for known in (False, True))
+    assert not answered("none", "missing", "gyro_lag", flight=unknown, **said).alarm
+    assert answered("none", "missing", "gyro_lag", flight=told, **said).alarm
+    assert answered("none", "missing", "gyro_lag", flight=unknown).alarm
+
+
+def test_a_class_counts_and_a_large_one_does_not() -> None:
+    right = answered("catalogue", "missing", "servo_lag")
+    alike = ["transport_delay", "servo_lag"]
+    in_class = answered("catalogue", "missing", "gyro_lag", hidden="servo_lag", indistinguishable=alike)
+    wide = answered("catalogue", "missing", "gyro_lag", hidden="servo_lag", indistinguishable=[*alike, "flapping"])
+    assert "2 of 3" in line_of([right, in_class, wide], "right or in class")
+    assert "1 of 3" in line_of([right, in_class, wide], "0.9 or more and wrong")
+
+
+def test_what_an_entry_is_at_a_certain_value_may_be_named_by_it() -> None:
+    also = {"resembles": {"quadratic_damping": {"exponent": 3.0}}}
+
+    def said(exponent: float | None) -> Flight:
+        values = [{"effect": "quadratic_damping", "parameters": {"L_pp": -1.0, "exponent": exponent}}]
+        return answered("beyond", "missing", "quadratic_damping", also=also, candidates=values)
+
+    assert said(2.9).right
+    assert not said(2.0).right
+    assert not said(None).right
+
+
+def test_the_report_of_a_few_flights_holds_every_block() -> None:
+    text = report([answered("none", "complete"), answered("catalogue", "missing", "servo_lag")], by_size=True)
+    for words in ("must show", "reliability", "CPU seconds", "alarms on clean strangers", "by size", "confidence of a"):
+        assert words in text

@@ -1,0 +1,114 @@
+"""The strangers that the blind study flies: each follows from its seed, holds, and shows what it hides as said."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import strangers
+from planted import SIGNALS, TABLE_4, equations, in_numbers
+from strangers import vehicles
+from strangers.flights import KINDS, Stranger, fly, planned
+from strangers.hiding import CATALOGUE, FOREIGN, NOTHING, Hidden, may_stand_together
+
+CLEAN = 21
+"""Seed of a short flight with nothing hidden."""
+
+
+def test_only_the_question_knows_the_package() -> None:
+    for path in Path(strangers.__file__).parent.glob("*.py"):
+        tree = ast.parse(path.read_text("utf-8"))
+        names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+        names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        known = {name.split(".")[0] for name in names} & {"sysid", "sitl", "gcs"}
+        assert known == ({"sysid"} if path.stem == "asking" else set()), path.name
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_stranger_holds_by_itself_and_in_its_loop(seed: int) -> None:
+    vehicle = planned(seed).vehicle
+    E = equations(None, {}, False, vehicle.table)
+    A, B, C = in_numbers(E)
+    assert np.max(np.linalg.eigvals(A[:4, :4]).real) <= -vehicles.LEAST_DECAY
+    states = list(E.rows)
+    feedback = vehicle.rate_gain @ C
+    feedback[:, [states.index("phi"), states.index("theta")]] += vehicle.attitude_gain
+    assert np.max(np.linalg.eigvals(A - B[:, :2] @ feedback).real) < 0
+
+
+def test_parameters_spread_over_a_decade() -> None:
+    tables = [planned(seed).vehicle.table for seed in range(120)]
+    for name in ("L_b", "M_a"):
+        values = [table[name] for table in tables]
+        assert max(values) > 10 * min(values)
+
+
+def test_every_kind_comes_and_seven_in_ten_log_their_excitation() -> None:
+    plans = [planned(seed) for seed in range(300)]
+    assert {plan.kind for plan in plans} == set(KINDS)
+    assert 0.6 < sum(plan.excitation_logged for plan in plans) / len(plans) < 0.8
+    assert min(plan.log_hz for plan in plans) == 50
+    assert max(plan.log_hz for plan in plans) == 1000
+    lengths = sorted(plan.card[0].duration_s for plan in plans)
+    assert lengths[0] >= 8
+    assert lengths[-1] > 60
+    assert lengths[len(lengths) // 2] < 30
+
+
+def same(one: Stranger, other: Stranger) -> bool:
+    return all(
+        a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
+        for a, b in zip(one.runs, other.runs, strict=True)
+    )
+
+
+def test_the_same_seed_gives_the_same_flight() -> None:
+    flight = fly(CLEAN, ("servo_lag",))
+    assert same(flight, fly(CLEAN, ("servo_lag",)))
+    assert flight.hidden == fly(CLEAN, ("servo_lag",)).hidden
+    assert not same(flight, fly(CLEAN))
+
+
+def test_a_size_is_as_detectable_as_was_asked_for() -> None:
+    flight = fly(CLEAN, ("servo_lag",))
+    assert flight.detectability == pytest.approx(flight.plan.targets[0], rel=0.3)
+
+
+def test_a_log_has_the_rate_and_the_channels_of_its_plan() -> None:
+    flight = fly(CLEAN)
+    for run, maneuver in zip(flight.runs, flight.plan.card, strict=True):
+        assert 1 / np.median(np.diff(run["t"])) == pytest.approx(flight.plan.log_hz)
+        assert run["t"][-1] == pytest.approx(maneuver.duration_s + 2, abs=0.1)
+        assert ("excitation_x" in run) == flight.plan.excitation_logged
+
+
+@pytest.mark.parametrize("name", [*CATALOGUE, *FOREIGN])
+def test_what_is_hidden_changes_the_equations_or_the_actuators(name: str) -> None:
+    vehicle = planned(0).vehicle
+    entry = CATALOGUE.get(name) or FOREIGN[name]
+    hidden = Hidden((name,), (entry.sizes(vehicle, 1.0, np.full(8, 0.5)),))
+    E, base = hidden.equations(vehicle), NOTHING.equations(vehicle)
+    changed = E.rows != base.rows or E.measured != base.measured or E.nonlinear or E.varying
+    assert changed or not hidden.actuators(np.zeros((3, 1)), 0.002).pass_on
+
+
+def test_two_at_once_are_both_there() -> None:
+    vehicle = planned(0).vehicle
+    pair = ("servo_lag", "hub_gyroscopics")
+    assert may_stand_together(pair)
+    assert not may_stand_together(("servo_lag", "gyro_lag"))
+    sizes = tuple(CATALOGUE[name].sizes(vehicle, 1.0, np.full(8, 0.5)) for name in pair)
+    both = Hidden(pair, sizes).equations(vehicle).rows
+    lag, hub = (Hidden((name,), (size,)).equations(vehicle).rows for name, size in zip(pair, sizes, strict=True))
+    assert both["v_x"] == lag["v_x"]
+    assert both["p"]["q"] == pytest.approx(hub["p"]["q"])
+    assert both["a"]["v_x"] == pytest.approx(lag["a"]["v_x"])
+    assert both["a"].get("x", 0.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_paper_s_table_is_the_base_s_own() -> None:
+    own, given = (in_numbers(equations(None, {}, False, table)) for table in (None, TABLE_4))
+    assert all(np.array_equal(one, other) for one, other in zip(own, given, strict=True))
+    assert own[1].shape[1] == len(SIGNALS)
