@@ -1,4 +1,4 @@
-"""A small blind study: every draw once in hover and some clean flights. `make blind` flies the whole one."""
+"""A small blind study: every draw once in hover and some clean flights. `make blind` flies strange vehicles, too."""
 
 from __future__ import annotations
 
