@@ -1345,6 +1345,7 @@ class _Log:
     capacity = Capacity(over_s=5.0, carried=4000.0, numbered=4000.0, per_log_s=4000.0, advance=1.0)
     on_card = False
     clock_s = None
+    another = False
 
     def __init__(self, silent_s: float | None) -> None:
         self.silent_s = silent_s

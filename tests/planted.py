@@ -795,8 +795,8 @@ def _fly(
         feedback = RATE_GAIN @ C
         feedback[:, [index["phi"], index["theta"]]] += ATTITUDE_GAIN
         command[:, :2] -= RATE_GAIN @ air.noise
-    flight = _Flight(E, A, B, feedback, command, outside, mean, trim, steps)
-    commands, seen = integrated(flight, _Actuators(effect, size, trim))
+    flight = _Flight(E, A, B, feedback, command, outside, mean, trim, steps, DT)
+    commands, seen = integrated(flight, _Actuators(effect, size, trim, DT))
     measured = C @ seen + air.noise
     found = {
         "p": measured[:, 0],

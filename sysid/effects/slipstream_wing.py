@@ -49,7 +49,7 @@ EFFECT = Effect(
             "s",
             "time that the wake takes to the wing",
             plausible=(0.02, 0.3),  # half a rotor radius to two, over the induced velocity
-            bounds=(0.01, 3.0),
+            bounds=(0.01, 1.0),
             typical=0.1,
             grid=(0.05, 0.1, 0.25),
         ),

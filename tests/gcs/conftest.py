@@ -147,6 +147,8 @@ class ScriptedVehicle:
         """Where it is known, its attitude is said thirty times a second with it."""
         self.blocks: list[bytes] = []
         self._unacked: dict[int, float] = {}
+        self.client = (0, 0)
+        """System and component that the log goes to."""
         self.streaming = False
         self._next_beat = self._next_attitude = 0.0
 
@@ -267,7 +269,7 @@ class ScriptedVehicle:
     def _block_status(self, m: Any) -> None:
         if m.seqno == START:
             if not self.streaming:
-                self.streaming = True
+                self.streaming, self.client = True, (m.get_srcSystem(), m.get_srcComponent())
                 self._unacked = dict.fromkeys(range(len(self.blocks)), 0.0)
         elif m.seqno == STOP:
             pass
@@ -282,7 +284,7 @@ class ScriptedVehicle:
         for number in [n for n, sent in self._unacked.items() if now - sent > 0.1][:40]:
             self._unacked[number] = now
             data = list(self.blocks[number])
-            self.say(mavlink.MAVLink_remote_log_data_block_message(255, 190, number, data), self.log_mav)
+            self.say(mavlink.MAVLink_remote_log_data_block_message(*self.client, number, data), self.log_mav)
 
 
 @pytest.fixture

@@ -103,6 +103,8 @@ def test_without_parts_it_is_the_plain_plant(name: str) -> None:
             assert getattr(built, field) == pytest.approx(getattr(plain, field), abs=1e-12), field
 
 
+EXPONENT = {"quadratic_damping": {"exponent": 2.0}}
+"""Which the catalogue leaves open."""
 TWINS = [(plant, name) for plant, name in EVERY if name in planted.PLANTED]
 TWINS.remove(("forward", "second_order_flapping"))  # the independent one flies it at 1650 RPM only
 
@@ -142,7 +144,9 @@ def test_it_answers_as_the_independent_integrator_does(plant: str, name: str, mo
             ):
                 changed[one] = weights[axis] * changed.get(one, 0.0)
             monkeypatch.setattr(planted, table, changed)
-    found = planted.respond(name, hidden.sizes, given, forward=plant == "forward", **theirs)
+    found = planted.respond(
+        name, {**EXPONENT.get(name, {}), **hidden.sizes}, given, forward=plant == "forward", **theirs
+    )
     expected = np.stack([found["p"], found["q"]], axis=1)
     monkeypatch.undo()
     base = planted.respond(None, {}, given, forward=plant == "forward")

@@ -47,6 +47,7 @@ def unexplained(proposal: NextManeuver) -> Any:
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
         hiding=SimpleNamespace(harmful=(), others=()), explanation=Explanation(effects=(), what=()),
+        remainder=None,
     )  # fmt: skip
 
 

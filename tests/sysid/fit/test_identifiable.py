@@ -30,6 +30,10 @@ STRUCTURAL = {
     ("tpp", "servo_lag", "gyro_lag", False),
     ("cd", "servo_lag", "gyro_lag", True),
     ("cd", "servo_lag", "gyro_lag", False),
+    ("tpp", "motor_lag", "gyro_lag", True),
+    ("tpp", "motor_lag", "gyro_lag", False),
+    ("cd", "motor_lag", "gyro_lag", True),
+    ("cd", "motor_lag", "gyro_lag", False),
     # a response of this order has 12 coefficients, these need 13
     ("tpp", "hub_gyroscopics", "angular_damping", True),
     ("tpp", "hub_gyroscopics", "angular_damping", False),
