@@ -15,6 +15,7 @@ from sysid.diagnose.candidates import REMAINDER, SIGNIFICANT, Ranked, Reference,
 from sysid.diagnose.chains import Unsearched
 from sysid.diagnose.evidence import Candidate, Stepped, error_share, gain
 from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.score import log_chance
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
 from sysid.fit.noise import WINDOW_HZ, Division, divide
@@ -339,6 +340,8 @@ class _Validation:
     noise: float
     scatter: float
     """Of the noise's share from run to run, one standard deviation."""
+    divisions: tuple[tuple[OutputError, Division], ...]
+    """What each leaves there, divided: the parent, then the candidates."""
 
     @classmethod
     def of(cls, parent: Candidate, fits: Sequence[Ranked], on: Dataset) -> _Validation:
@@ -357,7 +360,7 @@ class _Validation:
         air = np.concatenate(level)  # (bins, k)
         scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
         nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
-        return cls(nrmse, before, min(noise, before), scatter)
+        return cls(nrmse, before, min(noise, before), scatter, tuple(divisions))
 
     @property
     def slack(self) -> float:
@@ -365,9 +368,15 @@ class _Validation:
         return SLACK * self.scatter / max(self.before - self.noise, 1e-300)
 
     def share(self, one: Ranked) -> float | None:
-        """Of what can be explained there; None where the runs cannot tell."""
+        """Of what can be explained there; None where the runs cannot tell.
+
+        All of it, where the commands explain nothing of what is left: in gusts that is the sharper question.
+        """
         if self.slack > 1 or one.validation_error is None:
             return None
+        left = next(division for error, division in self.divisions if error is one.validation_error)
+        if left.measured and log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT:
+            return 1.0
         error = error_share(one.validation_error)
         return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
 

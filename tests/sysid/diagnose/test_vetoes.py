@@ -73,6 +73,19 @@ def test_rough_air_on_validation_runs_takes_no_name_away() -> None:
 
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
+def test_what_leaves_noise_alone_on_validation_runs_explains_all_that_can_be_told_there() -> None:
+    """A small effect in doubled gusts: by power, chance alone makes its share there a quarter."""
+    lag = {"tau_s": 0.006}
+    calm = fly_many("servo_lag", lag, seeds=[51], duration_s=SECONDS, gusts=0.5)[0]
+    rough = fly_many("servo_lag", lag, seeds=[52], duration_s=8.0, gusts=2.0)[0][:2]
+    found = asked(calm, rough)
+    assert (found.verdict, found.effect) == ("missing", "servo_lag")
+    assert found.winner is not None
+    assert found.winner.validation_share == 1.0
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
 def test_rough_air_hides_no_vehicle_that_lacks_the_effect() -> None:
     calm = fly_many("servo_lag", {"tau_s": 0.03}, seeds=[53], duration_s=SECONDS)[0]
     other = fly_many(None, {}, seeds=[54], duration_s=SECONDS, gusts=3.0)[0]
