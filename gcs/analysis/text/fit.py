@@ -220,7 +220,7 @@ def _parameters(fit: Fit) -> list[str]:
             figures = f"{share:6.1f} {alone:7.1f}" if judged else f"{share:8.1f} {alone:9.1f}"
             if share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY:
                 marks.append("above a guide")
-            spread = f"± {error:.2g}{_model_spread(fit, parameter.name)}"
+            spread = f"± {_two_figures(error)}{_model_spread(fit, parameter.name)}"
         if parameter.name in wild and parameter.name not in vague:
             marks.append("implausible")
         room = (21 if judged else 12) - max(0, len(number) - 11)
@@ -238,10 +238,15 @@ def _parameters(fit: Fit) -> list[str]:
     return lines
 
 
+def _two_figures(size: float) -> str:
+    """`110` and not `1.1e+02`."""
+    return f"{float(f'{size:.2g}'):g}"
+
+
 def _model_spread(fit: Fit, name: str) -> str:
     """` (± 0.6)`; nothing where the fit has no model errors."""
     one = fit.model_errors.get(name)
-    return "" if one is None else f" (± {one.total:.2g})"
+    return "" if one is None else f" (± {_two_figures(one.total)})"
 
 
 def responses_text(found: Mismatches) -> str:
