@@ -63,6 +63,7 @@ class Following:
 
 def measure_following(path: Path, flown: Sequence[RunResult]) -> list[Following]:
     """How the rates followed in those of the runs that were commanded as rates. Raises TippathError without samples."""
+    # reading logs: only where one was flown
     from gcs.logs.formats import dataflash
     from gcs.logs.formats.dataflash_table import DataFlashTables
 

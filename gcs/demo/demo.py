@@ -31,7 +31,7 @@ from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
 from gcs.vehicle.autopilots import IN_THE_AIR
 
-if TYPE_CHECKING:  # they bring matplotlib along, which takes a second
+if TYPE_CHECKING:  # they bring matplotlib along, which takes a second: here as in the functions below
     from gcs.analysis.fits import Identification
     from sysid.control.regulator import Gains
     from sysid.data.record import Record

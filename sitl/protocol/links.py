@@ -180,6 +180,7 @@ class PtyLink:
 
     def __init__(self) -> None:
         try:
+            # not there on Windows
             import pty
             import tty
         except ImportError as error:

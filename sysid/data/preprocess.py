@@ -90,6 +90,7 @@ class Segment:
 
     def bins(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n), or those of `as_held`, to Fourier bins from zero on, (rows, bins)."""
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.fft import rfft
 
         made = np.asarray(rfft(rows, axis=1))
@@ -122,6 +123,7 @@ class Spectrum:
 
     def in_time(self, bins: ComplexArray) -> FloatArray:
         """Bins (rows, bins) back to samples, (rows, n): nothing outside the band, no mean."""
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.fft import irfft
 
         whole = np.zeros((bins.shape[0], self.samples // 2 + 1), dtype=complex)
@@ -252,6 +254,7 @@ def spectrum(
 
     `known` are bins of this segment's channels in this band that need not be made again; what is made joins them.
     """
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.fft import rfft
 
     n, dt = segment.samples, segment.dt
@@ -282,6 +285,7 @@ def spectrum(
 
 def low_pass(values: FloatArray, dt: float, high_hz: float) -> FloatArray:
     """Ideal (brick-wall) low-pass of samples (n,) by their Fourier bins; the mean stays."""
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.fft import irfft, rfft, rfftfreq
 
     bins = rfft(values)

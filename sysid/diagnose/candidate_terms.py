@@ -220,6 +220,7 @@ def _opened(parent: Candidate, probes: Sequence[Effect]) -> Structure:
 
 def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[str, FloatArray]:
     """Time histories (grid,) of all that the library reads, simulated by the commands of this segment."""
+    # heavier than NumPy itself to load: only where it is needed
     from scipy.fft import irfft, next_fast_len, rfft
 
     front, rest = divided(probe.structure)

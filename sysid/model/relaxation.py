@@ -132,12 +132,14 @@ class _Run:
 
     def on_grid(self, spectrum: ComplexArray) -> FloatArray:
         """(..., bins) to (..., grid)."""
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.fft import irfft
 
         return np.asarray(irfft(spectrum, self.grid, axis=-1) * (self.grid / self.one.samples))
 
     def transform(self, samples: FloatArray) -> ComplexArray:
         """(..., grid) to (..., bins)."""
+        # heavier than NumPy itself to load: only where it is needed
         from scipy.fft import rfft
 
         return np.asarray(rfft(samples, axis=-1)[..., : self.bins] * (self.one.samples / self.grid))

@@ -37,6 +37,7 @@ def page(title: str, sections: Sequence[tuple[str, str, Sequence[str]]]) -> str:
 def svg(figure: Any) -> str:
     """A figure as an SVG element to stand in a page."""
     stream = io.StringIO()
+    # a second to load: only where something is drawn
     from matplotlib import rc_context
 
     with rc_context({"svg.hashsalt": "tippath"}):  # the same figure gives the same page

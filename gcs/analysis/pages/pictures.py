@@ -83,6 +83,7 @@ def panels(rows: int, columns: int, height: float, ratios: Sequence[float] | Non
 
 
 def sheet(height: float) -> Any:
+    # a second to load: only where something is drawn
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

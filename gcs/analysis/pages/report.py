@@ -79,6 +79,7 @@ def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tu
 
 
 def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
+    # a second to load: only where something is drawn
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
