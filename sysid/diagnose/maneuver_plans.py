@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.chirp import Chirp
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import Spectrum
 from sysid.data.record import RATES
@@ -23,7 +24,7 @@ LARGEST_ATTITUDE = 0.8 * math.radians(25)
 LARGEST_COMMAND = 0.8 * 0.9
 SLOWEST_HZ = 0.25
 """Below it, rates are not integrated to attitude: noise would drift."""
-LAW_C1, LAW_NOISE = 4.0, 0.2
+LAW_NOISE = 0.2
 SWEPT_HZ = (0.5, 10.0)
 REST_S = 1.0
 DOUBLET_S, PULSE_S, PULSES = 6.0, 0.25, 6
@@ -153,6 +154,16 @@ class Plan:
             found["pulse_s"] = self.pulse_s
         return {**found, "repeat": self.repeats}
 
+    def _law(self, duration_s: float) -> Chirp:
+        """The paper's Table 1, without its noise."""
+        return Chirp(
+            axis=self.axis,
+            law="tischler",
+            f_start_hz=self.f_start_hz,
+            f_stop_hz=self.f_stop_hz,
+            duration_s=duration_s,
+        )
+
     def excitation(self, dt: float) -> FloatArray:
         """Samples (3, n) on roll, pitch, elevator, with a second of rest before and after."""
         n, rest = round(self.duration_s / dt), round(REST_S / dt)
@@ -162,15 +173,8 @@ class Plan:
             found[row, rest : rest + n] = _doublets(self.amplitude, n, dt)
         else:
             found[:, rest : rest + n] = _noise(self, n, dt)
-            found[row, rest : rest + n] += chirp(self.amplitude, self.f_start_hz, self.f_stop_hz, n, dt)
+            found[row, rest : rest + n] += self.amplitude * self._law(n * dt).wave(np.asarray(dt * np.arange(n), float))
         return found
-
-
-def chirp(amplitude: float, start_hz: float, stop_hz: float, n: int, dt: float) -> FloatArray:
-    """The paper's Table 1, without its noise: A sin of the integral of a frequency that grows exponentially, (n,)."""
-    t, T = dt * np.arange(n), n * dt
-    share = (T / LAW_C1 * np.expm1(LAW_C1 * t / T) - t) / math.expm1(LAW_C1)
-    return np.asarray(amplitude * np.sin(2 * np.pi * (start_hz * t + (stop_hz - start_hz) * share)))
 
 
 def _noise(plan: Plan, n: int, dt: float) -> FloatArray:

@@ -12,6 +12,7 @@ from scipy import signal
 
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.probe.values import LETTERS, FloatArray, ProbeStep, Samples
+from sysid.data.chirp import Chirp
 
 GRID_S = 0.01
 _SMOOTH_HZ = 5.0
@@ -91,9 +92,11 @@ def _law(maneuver: Maneuver, t: FloatArray) -> FloatArray:
     if maneuver.kind == "doublet":
         pulse = np.floor(t / maneuver.pulse_s) % 6
         return np.asarray(maneuver.amplitude * flown * np.select([pulse == 0, pulse == 1], [1.0, -1.0], 0.0))
-    constant_s = 2 / maneuver.f_start_hz
-    span_s = maneuver.duration_s - constant_s
-    growth = math.log(maneuver.f_stop_hz / maneuver.f_start_hz) / span_s
-    late = np.clip(t - constant_s, 0.0, span_s)
-    phase = np.where(t < constant_s, t - constant_s, np.expm1(growth * late) / growth)
-    return np.asarray(maneuver.amplitude * flown * np.sin(2 * math.pi * maneuver.f_start_hz * phase))
+    chirp = Chirp(
+        axis=maneuver.axis,
+        law="ardupilot",
+        f_start_hz=maneuver.f_start_hz,
+        f_stop_hz=maneuver.f_stop_hz,
+        duration_s=maneuver.duration_s,
+    )
+    return maneuver.amplitude * chirp.wave(t)

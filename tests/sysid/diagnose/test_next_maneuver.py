@@ -17,9 +17,10 @@ from gcs.analysis.text.documents import next_maneuver_document
 from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.cards.maneuver import parse_card
 from sysid.data.airframe import Airframe
+from sysid.data.chirp import Chirp
 from sysid.data.dataset import dataset
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
-from sysid.diagnose.maneuver_plans import Flown, chirp, possible_plans
+from sysid.diagnose.maneuver_plans import Flown, possible_plans
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.proposals import MeasuredNotGuessed
 from sysid.fit.estimate import estimate
@@ -27,12 +28,18 @@ from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import output_error
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose
-from sysid.model.structure import Model
+from sysid.model.structure import FloatArray, Model
 
 SEEDS = (3, 4, 5)
 ROUGH = {"gusts": 6.0, "noise": 0.03}
 LAG = {"tau_s": 0.012}
 OMEGA_0 = 171.2
+
+
+def chirp(size: float, start_hz: float, stop_hz: float, n: int, dt: float) -> FloatArray:
+    """As a plan flies it."""
+    law = Chirp(axis="roll", law="tischler", f_start_hz=start_hz, f_stop_hz=stop_hz, duration_s=n * dt)
+    return size * law.wave(np.asarray(dt * np.arange(n), float))
 
 
 def rivals(
