@@ -15,6 +15,8 @@ LARGEST_CLASS = 3
 RESEMBLES = 0.25
 """Relative, of a value at which an entry is something that the catalogue does not have by itself."""
 TABLE_4 = {"L_b": 147.548, "M_a": 713.378, "tau_f": 0.091}
+MOTORS = ("L_lat", "M_lon")
+"""What a quadrotor has in their place."""
 TABLE_5 = {"L_b": 147.550, "M_a": 713.380, "tau_f": 0.075}
 SURE = 0.9
 
@@ -113,7 +115,8 @@ class Flight:
         """Largest relative error of L_b, M_a, tau_f in the fit without the effect."""
         truth = TABLE_5 if self.said["case"]["plant"] == "forward" else TABLE_4
         if self.strange:
-            truth = {name: self.said["flight"]["table"][name] for name in TABLE_4}
+            table = self.said["flight"]["table"]
+            truth = {name: table[name] for name in (*TABLE_4, *MOTORS) if name in table}
         found = self.said.get("parent", {})
         return max((abs(found[name] / value - 1) for name, value in truth.items() if name in found), default=0.0)
 

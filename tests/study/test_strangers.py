@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import strangers
-from planted import SIGNALS, TABLE_4, equations, in_numbers
+from planted import NOMINAL_OMEGA, SIGNALS, TABLE_4, equations, in_numbers
 from strangers import vehicles
-from strangers.flights import KINDS, Stranger, fly, planned
-from strangers.hiding import CATALOGUE, FOREIGN, NOTHING, Hidden, may_stand_together
+from strangers.detect import DETECTABLE
+from strangers.flights import KINDS, Stranger, fly, ground_of, planned
+from strangers.hiding import CATALOGUE, FOREIGN, NEWER, NOTHING, Hidden, may_stand_together
 
 CLEAN = 21
 """Seed of a short flight with nothing hidden."""
@@ -86,12 +87,72 @@ def test_a_log_has_the_rate_and_the_channels_of_its_plan() -> None:
 
 @pytest.mark.parametrize("name", [*CATALOGUE, *FOREIGN])
 def test_what_is_hidden_changes_the_equations_or_the_actuators(name: str) -> None:
-    vehicle = planned(0).vehicle
+    vehicle = planned(0, (name,)).vehicle
     entry = CATALOGUE.get(name) or FOREIGN[name]
     hidden = Hidden((name,), (entry.sizes(vehicle, 1.0, np.full(8, 0.5)),))
     E, base = hidden.equations(vehicle), NOTHING.equations(vehicle)
     changed = E.rows != base.rows or E.measured != base.measured or E.nonlinear or E.varying
     assert changed or not hidden.actuators(np.zeros((3, 1)), 0.002).pass_on
+
+
+def test_seeds_that_hide_an_older_entry_are_what_they_were() -> None:
+    """Names drawn before there were newer entries; the eight of twenty that differ hide one of those."""
+    before = {
+        1000: ("servo_rate_limit",),
+    }
+    assert {seed: planned(seed).names for seed in before} == before
+
+
+def test_newer_entries_come_as_often_as_others() -> None:
+    names = [name for seed in range(400) for name in planned(seed).names]
+    assert set(NEWER) <= set(names)
+    assert 0.1 < sum(name in NEWER for name in names) / len(names) < 0.3
+
+
+def test_a_turned_swashplate_is_the_base_s_own_and_nothing_is_missing() -> None:
+    flight = fly(CLEAN, ("swashplate_phase",))
+    assert flight.detectability is None
+    assert [(one["level"], one["answer"]) for one in flight.hidden.to_json()] == [("none", None)]
+    base = equations(None, {}, False, flight.plan.vehicle.table)
+    turned = flight.hidden.equations(flight.plan.vehicle)
+    assert [turned.rows[tilt] == base.rows[tilt] for tilt in "ab"] == [False, False]
+    assert ground_of(flight.plan).chi_squared(flight.hidden) < 0.01 * DETECTABLE
+
+
+def test_what_has_late_motors_is_a_quadrotor() -> None:
+    plan = planned(CLEAN, ("motor_lag",))
+    assert not plan.vehicle.flaps
+    assert planned(CLEAN, ("servo_lag",)).vehicle.flaps
+    E = Hidden(("motor_lag",), ({"tau_m": 0.05},)).equations(plan.vehicle)
+    assert E.rows["v_x"] == {"x": 1 / 0.05, "v_x": -1 / 0.05}
+    assert E.rows["p"]["v_x"] == plan.vehicle.table["L_lat"]
+    assert "x" not in E.rows["p"]
+
+
+def test_a_governor_lets_collective_slow_the_rotor_which_nobody_logs() -> None:
+    plan = planned(CLEAN, ("governor",))
+    assert "delta_c" in plan.logged
+    assert "omega" not in plan.logged
+    hidden, dt = Hidden(("governor",), ({"k_g": 0.5, "tau_o": 0.4},)), 0.002
+    pulled = np.full((1000, 1), 0.2)
+    speed = hidden.rotor_speed(np.zeros((1000, 1)), pulled, dt) / NOMINAL_OMEGA
+    middle = (np.arange(1000) + 0.5) * dt
+    assert speed[:, 0] == pytest.approx(1 - 0.5 * 0.2 * (1 - np.exp(-middle / 0.4)), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pair", "may"),
+    [
+        (("gyro_filter", "servo_lag"), False),
+        (("governor", "quadratic_damping"), False),
+        (("stabiliser_bar", "servo_lag"), False),
+        (("governor", "transport_delay"), True),
+        (("lead_lag", "gyro_filter"), True),
+        (("swashplate_phase", "hub_gyroscopics"), False),
+    ],
+)
+def test_which_may_stand_together(pair: tuple[str, str], may: bool) -> None:
+    assert may_stand_together(pair) == may
 
 
 def test_two_at_once_are_both_there() -> None:

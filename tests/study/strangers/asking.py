@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 from strangers.flights import Stranger
+from sysid.data.airframe import Airframe
 from sysid.data.band import USUAL, swept_band
 from sysid.data.record import Record
 from sysid.diagnose.clocks import clocks
@@ -28,6 +29,7 @@ def records(stranger: Stranger) -> list[Record]:
             swept_band_hz=plan.vehicle.band_hz if maneuver.kind == "chirp" else None,
             chirp_noise=plan.weather.chirp_noise if maneuver.kind == "chirp" else None,
             loop_dt_s=1 / plan.loop_hz if plan.loop_told else None,
+            airframe=None if plan.vehicle.flaps else Airframe.MULTIROTOR,
         )
         for number, (run, maneuver) in enumerate(zip(stranger.runs, plan.card, strict=True), 1)
     ]
@@ -49,13 +51,14 @@ class Answer:
 def ask(stranger: Stranger) -> Answer:
     """What is said of a strange flight, by its log and card."""
     runs = records(stranger)
+    base = "tpp" if stranger.plan.vehicle.flaps else "cd"
     fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
     band_hz = (swept_band(fitted) or USUAL).hz
     begin = time.process_time()
-    found = diagnose(on_runs("tpp", (), runs, fitted), fitted, judging, band_hz)
+    found = diagnose(on_runs(base, (), runs, fitted), fitted, judging, band_hz)
     early = clocks(found)
     taken = time.process_time() - begin
     second = None
     if len(stranger.hidden.names) == 2 and found.effect is not None and found.verdict == "missing":
-        second = diagnose(on_runs("tpp", (found.effect,), runs, fitted), fitted, judging, band_hz)
+        second = diagnose(on_runs(base, (found.effect,), runs, fitted), fitted, judging, band_hz)
     return Answer(found, second, None if early is None else type(early).__name__, taken)

@@ -1,7 +1,7 @@
 """How well a flight could show what is hidden: by the truth, without any fit.
 
 The vehicle with the effect flies its maneuvers in its loop in still air; the base answers to the same commands, and
-what is left is divided by the spectrum of what gusts and gyro noise leave of the base. What the base's own nine
+what is left is divided by the spectrum of what gusts and gyro noise leave of the base. What the base's own
 parameters could make of it is taken away. The sum is chi squared, expected above the noise; DETECTABLE of it counts 1.
 """
 
@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from planted import TABLE_4, Array, equations, in_numbers
+from planted import Array, in_numbers
 
 from strangers.flying import Air, Loop, flown
 from strangers.hiding import NOTHING, Hidden
-from strangers.vehicles import Vehicle
+from strangers.vehicles import Vehicle, base_of
 
 DETECTABLE = 45.0
 """Chi squared that a test of four numbers at a chance of 1e-4 finds in 95 of 100 flights."""
@@ -71,19 +71,21 @@ class Ground:
         n = self.still.excitation.shape[0]
         s = 2j * np.pi * self.bins / (n * self.loop.dt)
         hold = (1 - np.exp(-s * self.loop.dt)) / (s * self.loop.dt)
+        table = self.vehicle.table
+        here = _response(dict(table), s)
         return [
-            (_response({**self.vehicle.table, name: self.vehicle.table[name] * (1 + A_LITTLE)}, s) - here)
+            (_response({**table, name: table[name] + (A_LITTLE * table[name] or A_LITTLE)}, s) - here)
             * hold[:, None, None]
-            for here in [_response(dict(self.vehicle.table), s)]
-            for name in TABLE_4
+            for name in self.vehicle.parameters
         ]
 
 
 def _response(table: dict[str, float], s: Array) -> Array:
     """(bins, 2, 2): p, q from x, y."""
-    A, B, C = in_numbers(equations(None, {}, False, table))
-    inside = s[:, None, None] * np.eye(4) - A[:4, :4]
-    return np.asarray(C[:, :4] @ np.linalg.solve(inside, np.broadcast_to(B[:4, :2].astype(complex), (s.size, 4, 2))))
+    A, B, C = in_numbers(base_of(table))
+    n = len(A) - 2  # the attitude comes last, and moves nothing
+    inside = s[:, None, None] * np.eye(n) - A[:n, :n]
+    return np.asarray(C[:, :n] @ np.linalg.solve(inside, np.broadcast_to(B[:n, :2].astype(complex), (s.size, n, 2))))
 
 
 def _real(values: NDArray[np.complex128]) -> Array:

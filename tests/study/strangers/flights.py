@@ -14,8 +14,8 @@ from strangers import air as weather_of
 from strangers.air import GUSTS, ODDS, Maneuver, Weather
 from strangers.detect import DETECTABLE, Ground
 from strangers.flying import COLLECTIVE, Air, Loop, flown
-from strangers.hiding import CATALOGUE, FOREIGN, Hidden, Sizes, may_stand_together, possible
-from strangers.vehicles import Vehicle, drawn
+from strangers.hiding import CATALOGUE, FOREIGN, NEWER, ON_MOTORS, Hidden, Sizes, may_stand_together, possible
+from strangers.vehicles import Vehicle, drawn, quadrotor
 
 STREAM = 14
 """Of all the random streams that a seed has, these flights'."""
@@ -35,8 +35,11 @@ RATES = (
 """The loop's, Hz, and how many of its samples pass for each that is logged: 50 to 1000 Hz."""
 FAST_LOOP_S = 40.0
 """Longest chirp of a loop of 1000 Hz."""
+STIRRED = 0.2
+"""Standard deviation of a collective that shows what a governor does; the usual one shows little."""
 TARGETS: Mapping[str, tuple[float, float]] = {"catalogue": (-0.5, 2.3), "beyond": (0.3, 2.5), "two": (0.5, 2.3)}
 """Powers of ten, of how well the flight shows it."""
+OLDER = [name for name in CATALOGUE if name not in NEWER]
 NEAR = 1.3
 SEARCHES = 6
 HALVINGS = 8
@@ -98,7 +101,7 @@ class Stranger:
     plan: Plan
     hidden: Hidden
     detectability: float | None
-    """Times DETECTABLE; of two the smaller; None where nothing is hidden."""
+    """Times DETECTABLE; of two the smaller; None where nothing is missing."""
     runs: tuple[Mapping[str, Array], ...]
     """The card's, channels (n,) under the contract's names."""
 
@@ -124,10 +127,14 @@ def planned(seed: int, only: tuple[str, ...] = ()) -> Plan:
     if vehicle.table["omega"] / (2 * math.pi) > 0.45 * loop_hz / every:
         weather = replace(weather, vibration=0.0)
     kind = str(rng.choice(KINDS, p=SHARES))
-    names = _names(rng, kind)
+    names = _with_newer(np.random.default_rng([STREAM, seed, 3]), kind, _names(rng, kind))
     if only:
         kind, names = "beyond" if only[0] in FOREIGN else ("catalogue", "two")[len(only) - 1], only
-    wanted = {one for name in names if name in CATALOGUE for one in CATALOGUE[name].needs}
+    if ON_MOTORS in names:
+        vehicle = quadrotor(np.random.default_rng([STREAM, seed, 4]))
+    entries = [CATALOGUE[name] for name in names if name in CATALOGUE]
+    wanted = {one for entry in entries for one in entry.needs}
+    barred = {one for entry in entries for one in entry.unlogged}
     chance = {"omega": 0.5, "r": 0.5, "delta_c": 0.4, "delta_r": 0.4}
     draws = {name: rng.random() < share for name, share in chance.items()}
     return Plan(
@@ -139,7 +146,7 @@ def planned(seed: int, only: tuple[str, ...] = ()) -> Plan:
         every=every,
         excitation_logged=bool(rng.random() < EXCITATION_LOGGED),
         loop_told=bool(rng.random() < 0.7),
-        logged=tuple(name for name in chance if name in wanted or draws[name]),
+        logged=tuple(name for name in chance if name not in barred and (name in wanted or draws[name])),
         kind=kind,
         names=names,
         targets=tuple(10 ** float(rng.uniform(*TARGETS[kind])) for _ in names),
@@ -152,11 +159,19 @@ def _names(rng: np.random.Generator, kind: str) -> tuple[str, ...]:
     if kind == "beyond":
         return (str(rng.choice(list(FOREIGN))),)
     if kind == "catalogue":
-        return (str(rng.choice(list(CATALOGUE))),)
+        return (str(rng.choice(OLDER)),)
     while True:
-        pair = tuple(str(one) for one in rng.choice([name for name in CATALOGUE if not CATALOGUE[name].fixed], 2))
+        pair = tuple(str(one) for one in rng.choice([name for name in OLDER if not CATALOGUE[name].fixed], 2))
         if may_stand_together(pair):
             return pair
+
+
+def _with_newer(rng: np.random.Generator, kind: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """As drawn, or one of NEWER in place of the last, as often as it is one of the catalogue."""
+    if kind not in ("catalogue", "two") or rng.random() >= len(NEWER) / len(CATALOGUE):
+        return names
+    others = [name for name in NEWER if len(names) == 1 or may_stand_together((names[0], name))]
+    return (*names[:-1], str(rng.choice(others))) if others else names
 
 
 def _card(rng: np.random.Generator, duration_s: float) -> tuple[Maneuver, ...]:
@@ -198,9 +213,14 @@ def fly(seed: int, only: tuple[str, ...] = ()) -> Stranger:
     return Stranger(
         plan=plan,
         hidden=hidden,
-        detectability=min(shown) if shown else None,
+        detectability=min(shown) if shown and not hidden.absorbed else None,
         runs=tuple(_logged(plan, air, commands[..., i], measured[..., i], i) for i in range(len(plan.card))),
     )
+
+
+def ground_of(plan: Plan) -> Ground:
+    """What tells how well this flight shows something."""
+    return _ground(plan, _air(plan), Loop(dt=1 / plan.loop_hz, fitted=plan.fitted))
 
 
 def _air(plan: Plan) -> Air:
@@ -224,7 +244,8 @@ def _air_of_run(plan: Plan, number: int, samples: int, dt: float) -> dict[str, A
         "noise": weather_of.gyro_noise(rng, plan.vehicle, plan.weather, samples, dt),
         "r": 0.5 * weather_of.coloured(rng, 0.5, samples, dt),
         "omega": omega * (1 + (0.0 if steady else 0.05) * wander),
-        "delta_c": COLLECTIVE + 0.05 * weather_of.coloured(rng, 1.0, samples, dt),
+        "delta_c": COLLECTIVE
+        + (STIRRED if "governor" in plan.names else 0.05) * weather_of.coloured(rng, 1.0, samples, dt),
         "delta_r": 0.1 * weather_of.coloured(rng, 2.0, samples, dt),
     }
 

@@ -85,8 +85,8 @@ def flown(vehicle: Vehicle, hidden: Hidden, air: Air, loop: Loop) -> Flown:
         "gust_p": air.gust[:, 0],
         "gust_q": air.gust[:, 1],
         "r": air.r,
-        "omega": air.omega,
     }
+    outside["omega"] = hidden.rotor_speed(air.omega, outside["c"], loop.dt)
     mean = {"omega": np.full(air.r.shape[1], air.omega[:, : loop.fitted].mean()), "airspeed": np.ones(air.r.shape[1])}
     flight = _Flight(
         E,

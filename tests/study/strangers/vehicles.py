@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from planted import Array, equations, in_numbers
+from planted import Array, _Equations, equations, in_numbers
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -71,7 +71,11 @@ class Vehicle:
     size: str
     loop: str
     table: Mapping[str, float]
-    """Under the names of `planted.TABLE_4`, and `omega`, rad/s."""
+    """Under the names of `planted.TABLE_4`, and `omega`, rad/s; a quadrotor's under `QUADROTOR`'s."""
+    band_hz: tuple[float, float]
+    """What its chirps sweep."""
+    gust: Array
+    """Standard deviation of usual gusts, rad/s^2, of roll and pitch."""
     rate_gain: Array
     """(2, 2): command per rad/s;"""
     attitude_gain: Array
@@ -80,12 +84,14 @@ class Vehicle:
     """Of roll and pitch chirps, of full command."""
 
     @property
-    def band_hz(self) -> tuple[float, float]:
-        return SIZES[self.size].band_hz
+    def flaps(self) -> bool:
+        """Whether it has a rotor that a swashplate tilts."""
+        return "tau_f" in self.table
 
     @property
-    def gust(self) -> Array:
-        return np.array([GUST[0] * self.table["L_b"], GUST[1] * self.table["M_a"]])
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its base's numbers."""
+        return tuple(name for name in self.table if name != "omega")
 
     @property
     def slowest(self) -> float:
@@ -111,10 +117,59 @@ def drawn(rng: np.random.Generator) -> Vehicle:
         size=size,
         loop=loop,
         table=MappingProxyType(table),
+        band_hz=SIZES[size].band_hz,
+        gust=np.array([GUST[0] * table["L_b"], GUST[1] * table["M_a"]]),
         rate_gain=rate,
         attitude_gain=attitude,
         amplitudes=(amplitudes[0], amplitudes[1]),
     )
+
+
+QUADROTOR: Mapping[str, float] = MappingProxyType(
+    {"L_p": -1.0, "M_q": -1.2, "L_q": 0.0, "M_p": 0.0, "L_lat": 250.0, "L_lon": 0.0, "M_lat": 0.0, "M_lon": 200.0}
+)
+"""A quadrotor of some kilograms: rates that its motors' commands accelerate; with them `omega`, rad/s."""
+QUADROTOR_BAND_HZ = (0.5, 10.0)
+QUADROTOR_HOLD = 8.0
+"""1/s, what its loop takes back of a rate;"""
+QUADROTOR_LEVEL = 2.0
+"""and 1/s, how fast it levels."""
+QUADROTOR_RATE = 0.5
+"""rad/s, that its chirps reach;"""
+QUADROTOR_GUST = 0.3
+"""rad/s^2."""
+
+
+def quadrotor(rng: np.random.Generator) -> Vehicle:
+    """A quadrotor and its loop: no axis answers the other's command."""
+    table = {name: value * SPREAD ** float(rng.uniform(-1, 1)) for name, value in QUADROTOR.items()}
+    table["omega"] = 600.0 * SPREAD_TAU ** float(rng.uniform(-1, 1))
+    loop = str(rng.choice(list(LOOPS)))
+    hold = QUADROTOR_HOLD * float(rng.uniform(*LOOPS[loop]))
+    power = np.array([table["L_lat"], table["M_lon"]])
+    amplitudes = QUADROTOR_RATE * (hold - np.array([table["L_p"], table["M_q"]])) / power
+    return Vehicle(
+        size="quadrotor",
+        loop=loop,
+        table=MappingProxyType(table),
+        band_hz=QUADROTOR_BAND_HZ,
+        gust=np.full(2, QUADROTOR_GUST),
+        rate_gain=np.diag(hold / power),
+        attitude_gain=np.diag(QUADROTOR_LEVEL * hold / power),
+        amplitudes=(float(amplitudes[0]), float(amplitudes[1])),
+    )
+
+
+def base_of(table: Mapping[str, float]) -> _Equations:
+    """The vehicle's equations with nothing hidden."""
+    if "tau_f" in table:
+        return equations(None, {}, False, table)
+    E = _Equations({})
+    E.add("p", p=table["L_p"], q=table["L_q"], x=table["L_lat"], y=table["L_lon"], gust_p=1.0)
+    E.add("q", p=table["M_p"], q=table["M_q"], x=table["M_lat"], y=table["M_lon"], gust_q=1.0)
+    E.add("phi", p=1.0)
+    E.add("theta", q=1.0)
+    return E
 
 
 def steady_rates(table: Mapping[str, float]) -> Array:
@@ -143,9 +198,9 @@ def _table(rng: np.random.Generator, size: Size) -> dict[str, float]:
 
 
 def _alone(table: Mapping[str, float]) -> Array:
-    """p, q, a, b of the vehicle without its loop."""
-    A, _, _ = in_numbers(equations(None, {}, False, table))
-    return A[:4, :4]
+    """The vehicle without its loop and without its attitude: p, q, and a, b where there are."""
+    A, _, _ = in_numbers(base_of(table))
+    return A[:-2, :-2]
 
 
 def _calm(table: Mapping[str, float]) -> bool:
