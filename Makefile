@@ -62,9 +62,9 @@ study: $(STAMP)  ## what only many flights show: optimum, honest errors, every e
 	$(BIN)/python -m pytest -m thorough --numprocesses auto --dist loadfile
 	$(BIN)/python -m pytest tests/study --override-ini 'python_files=study_*.py' --override-ini 'python_functions=study_*' -s -q
 
-blind: $(STAMP)  ## COUNT flights that hide something or nothing, from seed FIRST, and what is said of them; goes on where it was stopped
-	$(BIN)/python tests/study/blind.py $${FILE:-blind.jsonl} --first $${FIRST:-1000000} --count $${COUNT:-300}
-	$(BIN)/python tests/study/judge.py $${FILE:-blind.jsonl}
+blind: $(STAMP)  ## COUNT flights from seed FIRST that hide something or nothing, into FILE; stops after BUDGET minutes, goes on where it was
+	$(BIN)/python tests/study/blind.py $${FILE:-blind.jsonl} --first $${FIRST:-1000000} --count $${COUNT:-300} $${BUDGET:+--budget $$BUDGET}
+	$(BIN)/python tests/study/judge.py $${FILE:-blind.jsonl} --by-size
 
 clean:  ## remove what setup and the tests made
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache tippath.egg-info

@@ -1,9 +1,12 @@
 """Blind flights: the simulated vehicle hides something, its log is ingested, and the diagnosis is asked.
 
 Truth and question meet only here, in the judge. Run as a program it flies a list of cases on all cores and appends one
-line of JSON each; what the file holds already is not flown again. `judge` counts them.
+line of JSON each; what the file holds already is not flown again. A flight that fails, ends its process or takes too
+long is a line with its reason. `judge` counts them, of any number of files.
 
     python tests/study/blind.py FILE.jsonl --first 1000000 --count 300      # one in three the simulated vehicle's
+    python tests/study/blind.py FILE.jsonl --first 1000 --count 300 --budget 60     # as many as begin in an hour
+    python tests/study/blind.py FILE2.jsonl --first 1000 --count 300 --part 2/2     # the second half, beside the first
     python tests/study/blind.py FILE.jsonl --first 1000000 --roc 50         # each of ROC on so many strange vehicles
     python tests/study/blind.py FILE.jsonl --first 0 --seeds 3 [--only NAME,...] [--plant hover-ideal|forward]
 """
@@ -11,17 +14,18 @@ line of JSON each; what the file holds already is not flown again. `judge` count
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
-import os
 import random
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
+
+from workers import cores, worked_off
 
 ROLL, PITCH, ELEVATOR = 10, 11, 20
 CHIRP, DOUBLET = 0, 1
@@ -54,6 +58,8 @@ PAIRS = (
 """Two at once, in hover."""
 FORWARD_BASE = ("angular_damping", "elevator")
 SHOWN = 8
+LONGEST_S = 900.0
+"""Of wall-clock, for a flight and its diagnosis."""
 STRANGER = "stranger"
 """The plant of a case that `strangers` draws, vehicle and all."""
 ONE_IN = 3
@@ -162,8 +168,9 @@ def run(case: Case) -> dict[str, Any]:
         if case.plant == STRANGER:
             return answer | _strange(case)
         with tempfile.TemporaryDirectory() as folder:
+            begin = time.process_time()
             log, hidden = fly(case, Path(folder))
-            answer["hidden"] = hidden
+            answer |= {"hidden": hidden, "flight_seconds": time.process_time() - begin}
             found, second, seconds = ask(case, log)
         answer.update(told(found))
         answer["second"] = None if second is None else told(second)
@@ -178,8 +185,10 @@ def _strange(case: Case) -> dict[str, Any]:
     from strangers.asking import ask as ask_strange
     from strangers.flights import fly as fly_strange
 
+    begin = time.process_time()
     flown = fly_strange(case.seed, case.names)
     answer = {
+        "flight_seconds": time.process_time() - begin,
         "case": asdict(replace(case, names=flown.hidden.names or ("none",), gusts=flown.plan.weather.gusts)),
         "hidden": flown.hidden.to_json(),
         "detectability": flown.detectability,
@@ -285,16 +294,48 @@ def main() -> int:
     parser.add_argument("--clean", type=int, default=0)
     parser.add_argument("--only", default="")
     parser.add_argument("--plant", default="hover-ideal,forward")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--workers", type=int, default=cores())
+    parser.add_argument("--budget", type=float, help="minutes of wall-clock after which no flight begins")
+    parser.add_argument("--part", type=part, default=(1, 1), help="K/N: the K-th of every N cases; FILE is its own")
     args = parser.parse_args()
-    kept = done_already(args.file)
-    todo = [case for case in asked_for(args) if case.key not in kept]
-    with args.file.open("a", encoding="utf-8") as stream, ProcessPoolExecutor(args.workers) as pool:
-        for number, done in enumerate(as_completed([pool.submit(run, case) for case in todo]), 1):
-            stream.write(json.dumps(done.result()) + "\n")
-            stream.flush()
-            print(f"\r{number} of {len(todo)}", end="", file=sys.stderr)
+    todo = list(asked_for(args))[args.part[0] - 1 :: args.part[1]]
+    return fly_all(todo, args.file, args.workers, args.budget)
+
+
+def part(text: str) -> tuple[int, int]:
+    """Of `2/3`. Raises ValueError."""
+    k, n = map(int, text.split("/"))
+    if not 1 <= k <= n:
+        raise ValueError(f"{text} is no part")
+    return k, n
+
+
+def fly_all(cases: Sequence[Case], file: Path, workers: int, budget_min: float | None = None) -> int:
+    """Fly those that the file does not hold; the exit status."""
+    with file.open("a", encoding="utf-8") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print(f"{file} is being written by another process: give this one a file of its own", file=sys.stderr)
+            return 2
+        kept = done_already(file)
+        todo = [case for case in cases if case.key not in kept]
+        left = len(todo) - _flown_into(stream, todo, workers, None if budget_min is None else 60 * budget_min)
+    if left:
+        print(f"\nThe time is spent: {left} not flown. The same command goes on.", file=sys.stderr)
     return 0
+
+
+def _flown_into(stream: TextIO, todo: Sequence[Case], workers: int, budget_s: float | None) -> int:
+    """Writes each answer as it comes; how many came."""
+    number = 0
+    for case, answer in worked_off(todo, run, workers=workers, longest_s=LONGEST_S, budget_s=budget_s):
+        number += 1
+        whole = {"case": asdict(case), "key": case.key} | answer
+        stream.write(json.dumps(whole) + "\n")
+        stream.flush()
+        print(f"\r{number} of {len(todo)}", end="", file=sys.stderr)
+    return number
 
 
 if __name__ == "__main__":

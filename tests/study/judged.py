@@ -184,4 +184,13 @@ class Flight:
 
 
 def load(paths: Iterable[Path]) -> list[Flight]:
-    return [Flight(json.loads(line)) for path in paths for line in path.read_text(encoding="utf-8").splitlines()]
+    """All flights of all files, each once: of one that was flown twice the later. A line that was cut off is none."""
+    flights: dict[str, Flight] = {}
+    for path in paths:
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines()):
+            try:
+                said = json.loads(line)
+            except json.JSONDecodeError:
+                continue
+            flights[said.get("key") or f"{path} {number}"] = Flight(said)
+    return list(flights.values())

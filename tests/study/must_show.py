@@ -157,15 +157,49 @@ def _cell(flights: Sequence[Flight], low: float, high: float) -> str:
 
 
 def seconds(flights: Sequence[Flight]) -> list[str]:
-    taken = sorted(one.said["seconds"] for one in flights)
-    if not taken:
+    """Of computing: diagnoses against their limit, and the flights, which are the study's own."""
+    if not flights:
         return []
-    median, late = taken[len(taken) // 2], taken[min(len(taken) - 1, int(0.95 * len(taken)))]
+    median, late, longest = _quantiles([one.said["seconds"] for one in flights])
     words = "pass" if median <= LONGEST_S[0] and late <= LONGEST_S[1] else "FAIL"
-    return [
-        f"CPU seconds of a diagnosis: median {median:.1f}, 95th percentile {late:.1f}, longest {taken[-1]:.1f} "
+    lines = [
+        f"CPU seconds of a diagnosis: median {median:.1f}, 95th percentile {late:.1f}, longest {longest:.1f} "
         f"(<= {LONGEST_S[0]:g}, {LONGEST_S[1]:g}: {words})"
     ]
+    if flown := [one.said["flight_seconds"] for one in flights if "flight_seconds" in one.said]:
+        median, late, longest = _quantiles(flown)
+        lines.append(
+            f"  of a flight:              median {median:.1f}, 95th percentile {late:.1f}, longest {longest:.1f}"
+        )
+    return lines
+
+
+def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:
+    """Median, 95th percentile, largest."""
+    taken = sorted(values)
+    return taken[len(taken) // 2], taken[min(len(taken) - 1, int(0.95 * len(taken)))], taken[-1]
+
+
+def by_detectability(flights: Sequence[Flight]) -> list[str]:
+    """What is right of each kind, by how well its flight shows it; known of strangers alone."""
+    lines = ["right, by times of what is just detectable (in the catalogue: or in a declared class)"]
+    for words, level, good in (
+        ("in the catalogue", "catalogue", _right),
+        ("not in the catalogue", "beyond", _right),
+        ("two at once, both", "two", lambda one: one.both_found),
+    ):
+        for logged, told in ((True, "excitation logged"), (False, "not logged")):
+            some = [one for one in flights if one.level == level and one.excitation_logged == logged]
+            cells = [
+                (low, high, [one for one in some if one.detectability is not None and low <= one.detectability < high])
+                for low, high in itertools.pairwise(ROC_SIZES)
+            ]
+            lines += [
+                f"  {words:20} {told:18} {f'{low:g} to {high:g}':>10}  {share_of(sum(map(good, here)), len(here))}"
+                for low, high, here in cells
+                if here
+            ]
+    return lines
 
 
 def alarms(flights: Sequence[Flight]) -> list[str]:

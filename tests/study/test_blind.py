@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
+import time
 from dataclasses import asdict
 from pathlib import Path
 
 import blind
 import pytest
-from blind import ONE_IN, ROC, STRANGER, Case, done_already, mixed, of_sizes, run
+from blind import ONE_IN, ROC, STRANGER, Case, done_already, mixed, of_sizes, part, run
+from workers import worked_off
 
 
 def test_mixed_cases_follow_from_their_seeds_one_each() -> None:
@@ -46,3 +50,47 @@ def test_a_case_that_fails_is_counted_and_keeps_its_key(monkeypatch: pytest.Monk
     answer = run(case)
     assert answer["failed"] == "ZeroDivisionError: no air"
     assert answer["key"] == case.key
+
+
+def test_a_process_that_dies_costs_its_case_and_another_goes_on() -> None:
+    found = dict(worked_off(["die", "fine", "slow"], behave, workers=2, longest_s=60))
+    assert found == {"die": {"failed": "the process ended by itself (exit status 3)"}} | {
+        word: {"said": word} for word in ("fine", "slow")
+    }
+
+
+def test_what_takes_too_long_is_ended_and_said() -> None:
+    found = dict(worked_off(["hang"], behave, workers=1, longest_s=0.2))
+    assert found == {"hang": {"failed": "took longer than 0.2 s"}}
+
+
+def test_nothing_begins_when_the_time_is_spent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "blind.jsonl"
+    assert blind.fly_all([Case(STRANGER, (), 1)], file, workers=1, budget_min=0) == 0
+    assert file.read_text() == ""
+    assert "The time is spent: 1 not flown" in capsys.readouterr().err
+
+
+def test_a_file_has_one_writer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "blind.jsonl"
+    with file.open("a") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert blind.fly_all([], file, workers=1) == 2
+    assert "give this one a file of its own" in capsys.readouterr().err
+    assert blind.fly_all([], file, workers=1) == 0
+
+
+def test_parts_are_of_all_and_of_nothing_twice() -> None:
+    assert part("2/3") == (2, 3)
+    for wrong in ("0/2", "3/2", "2"):
+        with pytest.raises(ValueError, match=r"part|unpack"):
+            part(wrong)
+
+
+def behave(case: str) -> dict[str, str]:
+    """In another process."""
+    if case == "die":
+        os._exit(3)
+    if case == "hang":
+        time.sleep(60)
+    return {"said": case}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from intervals import area_under, reliability, threshold_at, wilson
 from judge import report
-from judged import Flight
-from must_show import must_show
+from judged import Flight, load
+from must_show import by_detectability, must_show
 
 
 @pytest.mark.parametrize(
@@ -97,6 +98,30 @@ def test_what_an_entry_is_at_a_certain_value_may_be_named_by_it() -> None:
     assert said(2.9).right
     assert not said(2.0).right
     assert not said(None).right
+
+
+def test_what_is_right_is_counted_by_how_well_the_flight_shows_it() -> None:
+    flights = [answered("catalogue", "missing", "servo_lag", detectability=size) for size in (0.5, 5.0, 6.0)]
+    flights.append(answered("catalogue", "complete", hidden="servo_lag", detectability=7.0))
+    lines = by_detectability(flights)
+    assert [line.split()[-8:-5] for line in lines[1:]] == [["1", "of", "1"], ["2", "of", "3"]]
+    assert [" ".join(line.split("logged")[1].split()[:3]) for line in lines[1:]] == ["0.3 to 1", "3 to 10"]
+
+
+def test_a_flight_of_several_files_counts_once_and_a_cut_line_not_at_all(tmp_path: Path) -> None:
+    first, second = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    first.write_text('{"key": "1", "failed": "x"}\n{"key": "2"}\n')
+    second.write_text('{"key": "1", "failed": null}\n{"key": "3", "ver')
+    assert [one.failed for one in load([first, second])] == [None, None]
+
+
+def test_a_flight_that_failed_is_listed_with_its_reason_and_counts_as_none() -> None:
+    failed = Flight(
+        {"case": {"plant": "stranger", "names": [], "seed": 7}, "key": "7", "failed": "took longer than 9 s"}
+    )
+    text = report([answered("none", "complete"), failed])
+    assert "1 flights, 1 failed" in text
+    assert "took longer than 9 s" in text
 
 
 def test_the_report_of_a_few_flights_holds_every_block() -> None:

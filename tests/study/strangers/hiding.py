@@ -29,7 +29,7 @@ LARGEST: Sizes = MappingProxyType(
         "tau_s": 0.075, "T_d": 0.055, "tau_g": 0.028, "half_width": 0.045, "width": 0.045, "L_pp": 9.5, "M_qq": 9.5,
         "k_l": 0.58, "k": 1.4, "L_v": 19.0, "M_u": 19.0, "k_p": 1.0, "k_q": 1.0,
         "k_b": 0.95, "d_b": 1.9, "tau_b": 0.95, "gain": 0.48, "L_w": 480.0, "M_w": 480.0,
-        "k_g": 0.75, "tau_o": 1.5, "psi": 0.5,
+        "k_g": 0.75, "tau_o": 1.5,
     }
 )  # fmt: skip
 """Sizes beyond which no vehicle has them, as the catalogue's plausible ranges say;"""
@@ -238,7 +238,7 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             sizes=_of_planted("governor", "k_g"), most=1.5, needs=("delta_c",), unlogged=("omega",), family="rotor"
         ),
         "swashplate_phase": Entry(
-            sizes=lambda vehicle, s, draws: {"psi": 0.3 * s * (2 * float(draws[0]) - 1)},
+            sizes=lambda vehicle, s, draws: {"psi": (0.05 + 0.4 * float(draws[0])) * (1 if draws[1] < 0.5 else -1)},
             family="actuator",
             alone=True,
             fixed=True,
