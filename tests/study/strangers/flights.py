@@ -205,15 +205,20 @@ def fly(seed: int, only: tuple[str, ...] = ()) -> Stranger:
         size, seen = _sized(plan, ground, name, plan.targets[i], draws[i])
         sizes.append(size)
         shown.append(seen)
-    hidden = Hidden(plan.names, tuple(sizes))
-    found = flown(plan.vehicle, hidden, air, loop)
+    return as_planned(plan, Hidden(plan.names, tuple(sizes)), air, min(shown) if shown else None)
+
+
+def as_planned(plan: Plan, hidden: Hidden, air: Air | None = None, detectability: float | None = None) -> Stranger:
+    """The plan flown with what is hidden, its names those of the plan. Raises RuntimeError as `fly`."""
+    air = _air(plan) if air is None else air
+    found = flown(plan.vehicle, hidden, air, Loop(dt=1 / plan.loop_hz, fitted=plan.fitted))
     if not found.holds:
-        raise RuntimeError(f"stranger {seed} does not hold")
+        raise RuntimeError(f"stranger {plan.seed} does not hold")
     commands, measured = found.commands, found.measured + air.noise
     return Stranger(
         plan=plan,
         hidden=hidden,
-        detectability=min(shown) if shown and not hidden.absorbed else None,
+        detectability=None if hidden.absorbed else detectability,
         runs=tuple(_logged(plan, air, commands[..., i], measured[..., i], i) for i in range(len(plan.card))),
     )
 
