@@ -10,7 +10,7 @@ here; where no excitation is logged the commands stand for themselves, and what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
 from sysid.data.stacks import Stack, Windows
+from sysid.fit.bursts import as_steady, moved_in_time
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import orthonormal_each
 from sysid.model.structure import FloatArray
@@ -32,6 +33,8 @@ FEWEST_FOR_ENDS = 6
 REFERENCES_RANK = 1e-9
 LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
+WORTH_A_LOOK = 2.0
+"""Standard deviations of chi squared, from which on it is asked what bursts alone would make of it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,7 +97,8 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     half = 0.5 * (edges[1] - edges[0])
     place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
     y, x, z = (each[:, order] for each in rows)
-    explained = _explained(y, x, z, place=place, segment=segment[order], starts=starts)
+    span = _Span.of(z, place, segment[order], starts)
+    explained = _explained(y, x, place, span)
     found, rest, unknown, free = explained.found, explained.rest, explained.unknown, explained.free
     around = np.array([_neighbours(rest, number) for number in range(count)])
     freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(count)])
@@ -102,6 +106,12 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     own = np.real(np.einsum("wkk->wk", S))
     tiny = 1e-12 * np.max(own, initial=1e-300)
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
+    if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
+        if count not in by.chances:
+            lasts_s = [one.samples * one.dt for group in stacks for one in group.spectra]
+            moved = moved_in_time(explained.left, frequency[order], segment[order], lasts_s)
+            by.chances[count] = _chance(moved, span, unknown, free, tiny)
+        chi_squared = as_steady(chi_squared, degrees, *by.chances[count])
     return Division(
         edges_hz=edges,
         power=explained.power,
@@ -123,6 +133,38 @@ def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> tuple[NDArray[np.int
     return order, np.searchsorted(window[order], np.arange(count + 1))
 
 
+class _Span(NamedTuple):
+    """What the references span in each window: nothing of the gusts has a share in it."""
+
+    windows: Windows
+    ends: _Ends
+    basis: ComplexArray
+    """(w, unknowns, bins of the largest window)"""
+    unknown: NDArray[np.int64]
+    """(w,), unknowns for each output,"""
+    free: NDArray[np.int64]
+    """(w,), and bins beyond these."""
+
+    @classmethod
+    def of(cls, z: ComplexArray, place: FloatArray, segment: NDArray[np.int64], starts: NDArray[np.int64]) -> _Span:
+        """References (m, n), window after window, with the place of each bin within its window, -1..1, and the segment
+        that it belongs to."""
+        windows, ends = Windows(starts[:-1], place.size), _Ends.of(segment, starts)
+        z = ends.less(z)
+        basis = orthonormal_each(windows.of(ends.less(np.concatenate([z, place * z]))), REFERENCES_RANK)
+        unknown, bins = np.count_nonzero(np.any(basis, axis=2), axis=1), np.diff(starts)
+        enough = bins >= unknown + ends.unknown + LEAST_FREEDOM
+        unknown = unknown * enough
+        return cls(windows, ends, basis * enough[:, None, None], unknown, bins - unknown - ends.unknown)
+
+    def shares(self, Y: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Of rows in windows (w, k, bins) the coefficients (w, k, unknowns), and the spectral matrices (w, k, k) of
+        what they explain and of what they leave."""
+        there = Y @ self.basis.conj().swapaxes(1, 2)
+        found = there @ there.conj().swapaxes(1, 2)
+        return there, found, Y @ Y.conj().swapaxes(1, 2) - found
+
+
 class _Explained(NamedTuple):
     """What the references explain of the residual's bins in each window."""
 
@@ -134,35 +176,21 @@ class _Explained(NamedTuple):
     """(w, k, k), what they explain together, a spectral matrix;"""
     rest: ComplexArray
     """and what they leave, (w, k, k)."""
+    left: ComplexArray
+    """(k, n), that by bins."""
     unknown: FloatArray
     """(w,), unknowns that explain, for each output,"""
     free: FloatArray
     """(w,), and bins beyond these."""
 
 
-def _explained(
-    y: ComplexArray,
-    x: ComplexArray,
-    z: ComplexArray,
-    *,
-    place: FloatArray,
-    segment: NDArray[np.int64],
-    starts: NDArray[np.int64],
-) -> _Explained:
-    """Bins of the residual (k, n), of what was caused in the commands (m, n) and of their references, window after
-    window, with the place of each within its window, -1..1, and the segment that it belongs to."""
-    windows, ends = Windows(starts[:-1], place.size), _Ends.of(segment, starts)
+def _explained(y: ComplexArray, x: ComplexArray, place: FloatArray, span: _Span) -> _Explained:
+    """Bins of the residual (k, n) and of what was caused in the commands (m, n), window after window."""
+    windows, ends, unknown = span.windows, span.ends, span.unknown
     power = np.sum(np.abs(windows.of(y)) ** 2, axis=2)
-    y, x, z = (ends.less(rows) for rows in (y, x, z))
-    # what the references span: nothing of the gusts has a share in it
-    basis = orthonormal_each(windows.of(ends.less(np.concatenate([z, place * z]))), REFERENCES_RANK)
-    unknown = np.count_nonzero(np.any(basis, axis=2), axis=1)
-    bins = np.diff(starts)
-    enough = bins >= unknown + ends.unknown + LEAST_FREEDOM
-    basis, unknown = basis * enough[:, None, None], unknown * enough
+    y, x = ends.less(y), ends.less(x)
     Y = windows.of(y)
-    there = Y @ basis.conj().swapaxes(1, 2)
-    found = there @ there.conj().swapaxes(1, 2)
+    there, found, rest = span.shares(Y)
     alone = []
     for row in x:
         line = orthonormal_each(windows.of(np.stack([row, place * row])), REFERENCES_RANK)
@@ -172,10 +200,21 @@ def _explained(
         power=power,
         by_command=np.stack(alone, axis=2),
         found=found,
-        rest=Y @ Y.conj().swapaxes(1, 2) - found,
+        rest=rest,
+        left=y - windows.back(there @ span.basis),
         unknown=unknown.astype(float),
-        free=np.asarray(bins - unknown - ends.unknown, dtype=float),
+        free=span.free.astype(float),
     )
+
+
+def _chance(
+    moved: Iterable[ComplexArray], span: _Span, unknown: FloatArray, free: FloatArray, tiny: float
+) -> tuple[float, float]:
+    """Mean and deviation of what the references seem to explain of rows (k, n) in which they explain nothing."""
+    found = [
+        _surprise(*span.shares(span.windows.of(span.ends.less(rows)))[1:], unknown, free, tiny)[0] for rows in moved
+    ]
+    return float(np.mean(found)), float(np.std(found))
 
 
 def _surprise(
