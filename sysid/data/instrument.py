@@ -74,8 +74,8 @@ class Causes:
     """For every stack (m, bins)."""
     reference: list[ComplexArray]
     """The bins of the references, for every stack (m, bins)."""
-    chances: dict[int, tuple[float, float]] = field(default_factory=dict)
-    """By number of windows: what chance explains by them of noise as it is on these runs; worked out once."""
+    chances: dict[int, tuple[float, float] | None] = field(default_factory=dict)
+    """By number of windows: mean and deviation of what chance explains where noise comes in bursts; worked out once."""
 
 
 def causes(stacks: Sequence[Stack], commands: Sequence[str], references: Sequence[str] | None = None) -> Causes:

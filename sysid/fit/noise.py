@@ -10,7 +10,7 @@ here; where no excitation is logged the commands stand for themselves, and what 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
 from sysid.data.stacks import Stack, Windows
-from sysid.fit.bursts import as_steady, moved_in_time
+from sysid.fit.bursts import Envelope, as_steady
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import orthonormal_each
 from sysid.model.structure import FloatArray
@@ -34,7 +34,12 @@ REFERENCES_RANK = 1e-9
 LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
 WORTH_A_LOOK = 2.0
-"""Standard deviations of chi squared, from which on it is asked what bursts alone would make of it."""
+"""Standard deviations of chi squared, from which on it is asked what bursts alone would make of it,"""
+DRAWN = 60
+"""of so many draws,"""
+STEADY_DRAWN = 16
+"""and what of steady noise, of so many."""
+LEAST_LEVEL = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -104,14 +109,14 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(count)])
     S = around / freedom[:, None, None]
     own = np.real(np.einsum("wkk->wk", S))
-    tiny = 1e-12 * np.max(own, initial=1e-300)
+    tiny = LEAST_LEVEL * np.max(own, initial=1e-300)
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
     if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
         if count not in by.chances:
-            lasts_s = [one.samples * one.dt for group in stacks for one in group.spectra]
-            moved = moved_in_time(explained.left, frequency[order], segment[order], lasts_s)
-            by.chances[count] = _chance(moved, span, unknown, free, tiny)
-        chi_squared = as_steady(chi_squared, degrees, *by.chances[count])
+            by.chances[count] = _in_bursts(explained, span, segment[order], stacks)
+        chance = by.chances[count]
+        if chance is not None:
+            chi_squared = as_steady(chi_squared, degrees, *chance)
     return Division(
         edges_hz=edges,
         power=explained.power,
@@ -164,6 +169,12 @@ class _Span(NamedTuple):
         found = there @ there.conj().swapaxes(1, 2)
         return there, found, Y @ Y.conj().swapaxes(1, 2) - found
 
+    def leaves(self, rows: ComplexArray) -> ComplexArray:
+        """Of rows (k, n) what neither references nor ends explain."""
+        rows = self.ends.less(rows)
+        there, _, _ = self.shares(self.windows.of(rows))
+        return np.asarray(rows - self.windows.back(there @ self.basis))
+
 
 class _Explained(NamedTuple):
     """What the references explain of the residual's bins in each window."""
@@ -207,13 +218,34 @@ def _explained(y: ComplexArray, x: ComplexArray, place: FloatArray, span: _Span)
     )
 
 
-def _chance(
-    moved: Iterable[ComplexArray], span: _Span, unknown: FloatArray, free: FloatArray, tiny: float
-) -> tuple[float, float]:
-    """Mean and deviation of what the references seem to explain of rows (k, n) in which they explain nothing."""
-    found = [
-        _surprise(*span.shares(span.windows.of(span.ends.less(rows)))[1:], unknown, free, tiny)[0] for rows in moved
-    ]
+def _in_bursts(
+    explained: _Explained, span: _Span, segment: NDArray[np.int64], stacks: Sequence[Stack]
+) -> tuple[float, float] | None:
+    """Mean and deviation of what the references seem to explain of noise that comes and goes as this does, and in
+    which they explain nothing; None where it is steady."""
+    level = explained.rest / np.maximum(explained.free, 1.0)[:, None, None]
+    whole = np.max(np.real(np.einsum("wkk->wk", level)), initial=1e-300)
+    white = np.linalg.inv(np.linalg.cholesky(level + LEAST_LEVEL * whole * np.eye(level.shape[1])))
+    order = np.argsort(segment, kind="stable")
+    sizes = np.cumsum(np.bincount(segment))[:-1]
+
+    def in_rows(bins: ComplexArray) -> FloatArray:
+        parts = np.split(bins[:, order], sizes, axis=1)
+        return np.concatenate([np.ascontiguousarray(part).view(float).ravel() for part in parts])
+
+    rng = np.random.default_rng(1)
+    shape = (STEADY_DRAWN, 2, *explained.left.shape)
+    usual = [span.leaves(noise[0] + 1j * noise[1]) for noise in rng.standard_normal(shape)]
+    left = span.windows.back(white @ span.windows.of(explained.left))
+    envelope = Envelope.of(in_rows(left), stacks, np.stack([in_rows(one) for one in usual]))
+    if not envelope.rough:
+        return None
+    found = []
+    for drawn in envelope.drawn(DRAWN):
+        noise = np.empty_like(drawn)
+        noise[:, order] = drawn
+        _, there, rest = span.shares(span.windows.of(span.ends.less(noise)))
+        found.append(_surprise(there, rest, explained.unknown, explained.free, LEAST_LEVEL)[0])
     return float(np.mean(found)), float(np.std(found))
 
 
