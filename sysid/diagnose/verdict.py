@@ -18,6 +18,7 @@ from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
+from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.noise import WINDOW_HZ, Division, divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
@@ -103,6 +104,8 @@ class Diagnosis:
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
     """Why chains were not looked for, or not all of them."""
+    thinned: CommandsThinned | None = None
+    """Where the log thinned commands and does not tell of its loop: they were taken as held as these runs show it."""
 
     @property
     def airframe(self) -> Airframe | None:
