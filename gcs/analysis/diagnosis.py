@@ -97,6 +97,13 @@ class ClocksDiffer:
 
 
 @dataclass(frozen=True, slots=True)
+class LoopUntold:
+    """The log thinned commands; they were taken as held for as short as these runs show."""
+
+    thinned: CommandsThinned
+
+
+@dataclass(frozen=True, slots=True)
 class NoExcitation:
     """The commands stand for themselves: with gusts, feedback alone lets them explain some of the error."""
 
@@ -110,6 +117,7 @@ Remark = (
     | StoppedAsking
     | InALoop
     | ClocksDiffer
+    | LoopUntold
     | LittleLeft
     | BudgetSpent
 )
@@ -332,6 +340,8 @@ def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[
 
 
 def _clocks_differ(found: Diagnosis) -> list[Remark]:
+    if found.thinned is not None:
+        return [LoopUntold(found.thinned)]
     early = clocks(found)
     return [] if early is None else [ClocksDiffer(early)]
 

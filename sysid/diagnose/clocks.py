@@ -11,7 +11,7 @@ from sysid.fit.clocks import early_commands
 def clocks(found: Diagnosis) -> CommandsLate | CommandsThinned | None:
     """What it is where a shift of all commands explains what can be explained, and no effect does more; else None."""
     parent, winner = found.parent, found.winner
-    if found.verdict == "complete":
+    if found.verdict == "complete" or found.thinned is not None:
         return None
     fixed = {name: parent.model[name] for name in parent.held}
     early = early_commands(parent.model, parent.dataset, fixed)
