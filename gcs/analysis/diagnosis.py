@@ -32,8 +32,9 @@ from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.matters import Remainder, judged, remainder
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
+from sysid.diagnose.shares import EXPLAINED
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
-from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
+from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from sysid.diagnose.evidence import error_share
-from sysid.diagnose.verdict import EXPLAINED, Diagnosis
+from sysid.diagnose.shares import EXPLAINED
+from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.clocks import early_commands
 

@@ -1,6 +1,6 @@
 """A log slower than a loop that it does not tell of: how long commands were held is found before effects are asked.
 
-Taken as held from sample to sample, commands act up to half a sample early, which many effects explain. So half a sample
+Taken as held from sample to sample, commands act up to half a sample early, which many effects explain. So that much
 is no evidence: the hold follows from the runs themselves, and effects are asked for what is left.
 """
 

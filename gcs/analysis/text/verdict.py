@@ -11,7 +11,8 @@ from gcs.analysis.text.ladder import LEFT, nrmse_row
 from gcs.analysis.text.matters import remainder_sentence
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
+from sysid.diagnose.shares import EXPLAINED
+from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.model.effect import catalogue
 from sysid.model.parameter import Parameter
 
