@@ -287,7 +287,7 @@ def _step(answer: Diagnosis) -> Step:
 
 def _explained(answer: Diagnosis) -> Explanation:
     complete = answer.verdict == "complete"
-    return explain(answer.parent, answer.winner, answer.candidates, answer.indistinguishable, complete=complete)
+    return explain(answer.parent, answer.winner, answer.candidates, answer.not_told, complete=complete)
 
 
 def _hiding(answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:

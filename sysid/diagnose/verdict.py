@@ -94,6 +94,12 @@ class Diagnosis:
         return tuple(one for one in self.sizes if one.off > LARGEST_DIFFERENCE)
 
     @property
+    def not_told(self) -> tuple[str, ...]:
+        """Every entry that may stand in the answer's place: the class, and what predicts the same."""
+        same = [name for others in self.equivalent.values() for name in others]
+        return tuple(dict.fromkeys((*self.indistinguishable, *same)))
+
+    @property
     def winner(self) -> Ranked | None:
         """The effect, or the chain of two, that explains most; None where the model is complete."""
         return next((one for one in (*self.candidates, *self.pairs) if set(one.effects) == set(self.chain)), None)

@@ -37,7 +37,8 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     if winner is None or winner.fit is None or last.verdict == "complete":
         return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_left(found), *_before(found)]
     share = f"explains {100 * (last.explained_share or 0.0):.0f} % of what can be explained"
-    lines: list[Line] = [*_which(winner, last.airframe), nrmse_row(share, before, winner.fit.nrmse_percent)]
+    lines: list[Line] = [*_which(winner, last.airframe), *_equivalent(last)]
+    lines.append(nrmse_row(share, before, winner.fit.nrmse_percent))
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
     lines.append(nrmse_row("noise alone would allow", None, floor))
@@ -65,7 +66,7 @@ def answer(last: Diagnosis) -> str:
         what = "a trace more than noise is left, too little to be named" if a_trace(last) else "no known effect does it"
         return f"unexplained: {what}"
     names = named_effects(winner)
-    same = short_names(last.indistinguishable)
+    same = short_names(last.not_told)
     alike = f"  (not to be told from {listed(same)})" if same else ""
     if last.verdict == "missing":
         return "missing: " + (", and then ".join(short_names(last.chain)) if len(last.chain) == 2 else names) + alike
@@ -94,10 +95,16 @@ def _which(winner: Ranked, airframe: Airframe | None) -> list[Line]:
     return [Sentence(f"which is: {', and '.join(said)}", "  ", "    ")] if said else []
 
 
+def _equivalent(last: Diagnosis) -> list[Line]:
+    """What is the answer under another name."""
+    same = [name for effect in last.chain for name in last.equivalent.get(effect, ())]
+    return [Sentence(f"the same here, by another name: {listed(short_names(same))}", "  ", "    ")] if same else []
+
+
 def _others(last: Diagnosis) -> list[Line]:
     """The NRMSE of what the data cannot tell from the answer, of a near rival, and of the placebo."""
     lines: list[Line] = []
-    named = {*last.indistinguishable}
+    named = {*last.not_told}
     second = rival(last)
     if last.verdict == "missing" and last.confidence < SURE and second is None:
         lines.append(f"  not sure: of 100 answers like this, {100 * last.confidence:.0f} were right where it was known")
