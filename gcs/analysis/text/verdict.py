@@ -37,8 +37,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     if winner is None or winner.fit is None or last.verdict == "complete":
         return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_left(found), *_before(found)]
     share = f"explains {100 * (last.explained_share or 0.0):.0f} % of what can be explained"
-    lines: list[Line] = [*_which(winner, last.airframe), *_equivalent(last)]
-    lines.append(nrmse_row(share, before, winner.fit.nrmse_percent))
+    lines: list[Line] = [*_which(winner, last.airframe), nrmse_row(share, before, winner.fit.nrmse_percent)]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
     lines.append(nrmse_row("noise alone would allow", None, floor))
@@ -93,12 +92,6 @@ def _which(winner: Ranked, airframe: Airframe | None) -> list[Line]:
     titles = {one.path or one.id: one.worded(airframe).title for one in known}
     said = [titles[name] for name in winner.effects if titles[name] != name]
     return [Sentence(f"which is: {', and '.join(said)}", "  ", "    ")] if said else []
-
-
-def _equivalent(last: Diagnosis) -> list[Line]:
-    """What is the answer under another name."""
-    same = [name for effect in last.chain for name in last.equivalent.get(effect, ())]
-    return [Sentence(f"the same here, by another name: {listed(short_names(same))}", "  ", "    ")] if same else []
 
 
 def _others(last: Diagnosis) -> list[Line]:
