@@ -32,8 +32,9 @@ from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.matters import Remainder, judged, remainder
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
+from sysid.diagnose.shares import EXPLAINED
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
-from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
+from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit
@@ -97,6 +98,13 @@ class ClocksDiffer:
 
 
 @dataclass(frozen=True, slots=True)
+class LoopUntold:
+    """The log thinned commands; they were taken as held for as short as these runs show."""
+
+    thinned: CommandsThinned
+
+
+@dataclass(frozen=True, slots=True)
 class NoExcitation:
     """The commands stand for themselves: with gusts, feedback alone lets them explain some of the error."""
 
@@ -110,6 +118,7 @@ Remark = (
     | StoppedAsking
     | InALoop
     | ClocksDiffer
+    | LoopUntold
     | LittleLeft
     | BudgetSpent
 )
@@ -278,7 +287,7 @@ def _step(answer: Diagnosis) -> Step:
 
 def _explained(answer: Diagnosis) -> Explanation:
     complete = answer.verdict == "complete"
-    return explain(answer.parent, answer.winner, answer.candidates, answer.indistinguishable, complete=complete)
+    return explain(answer.parent, answer.winner, answer.candidates, answer.not_told, complete=complete)
 
 
 def _hiding(answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
@@ -332,6 +341,8 @@ def remarks_on(records: Sequence[Record], validation: Sequence[Record]) -> list[
 
 
 def _clocks_differ(found: Diagnosis) -> list[Remark]:
+    if found.thinned is not None:
+        return [LoopUntold(found.thinned)]
     early = clocks(found)
     return [] if early is None else [ClocksDiffer(early)]
 

@@ -50,19 +50,21 @@ fit with all that was found.
 
 The table has the likeliest candidates: NRMSE fit in percent, 100 is perfect, on fitted and on validation runs. The
 placebo is the best wrong effect with at most as many parameters: the error falls with it, too. Confidence is how often
-answers like this one were right on flights whose answer was known.
+answers like this one were right on flights whose answer was known: the effect, or one of a class of at most three that
+these runs hardly tell apart ("indistinguishable"); of a longer class, the effect itself. Effects that predict the same
+here ("equivalent": a lag of the servos and one of the gyros) count as one.
 
 --json prints {"format": "tippath.diagnosis/1", "airframe", "verdict", "effect", "chain", "stands_in",
-"indistinguishable", "confidence", "explained_share", "candidates": [{"effect", "explained_share", "delta_bic",
-"nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors", "implausible", "not_testable", ...}], best
-first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter", "fitted", "validation", "off", ...}],
-"could_hide": [text], "character", "next_maneuver": {"maneuver", "separates", "why", "card"} or null, "explanation",
-"suspicions", "warnings", "within_points" (of NRMSE fit, that could still be gained), "remainder" (what that could do:
-"seen" and "margins" with "gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio", "limit", "matters") or
-null where one is missing by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or
-null), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect",
-"confidence"}], "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget", "chains",
-"firsts"} or null}.
+"indistinguishable", "equivalent": {effect: [effects]}, "confidence", "explained_share", "candidates": [{"effect",
+"explained_share", "delta_bic", "nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors",
+"implausible", "not_testable", ...}], best first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter",
+"fitted", "validation", "off", ...}], "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates",
+"why", "card"} or null, "explanation", "suspicions", "warnings", "within_points" (of NRMSE fit, that could still be
+gained), "remainder" (what that could do: "seen" and "margins" with "gain_db", "phase_deg", "modes" with
+"frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing by name, "reason" (where the data
+are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs": [{"effects", "nrmse_percent",
+"validation_nrmse_percent", "verdict", "effect", "confidence"}], "unsearched_chains": {"reason": "little left",
+"points"} or {"reason": "budget", "chains", "firsts"} or null}.
 """
 
 

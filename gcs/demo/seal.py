@@ -148,7 +148,8 @@ def judge(answer: Answer, path: Path, diagnosis: Mapping[str, Any]) -> Judgement
     if verdict == "unexplained" and diagnosis.get("stands_in") and candidates:
         effect = candidates[0].get("effect")
     effect = None if effect is None else str(effect)
-    outcome = _outcome(answer, verdict, effect, diagnosis.get("indistinguishable") or ())
+    same = [name for others in (diagnosis.get("equivalent") or {}).values() for name in others]
+    outcome = _outcome(answer, verdict, effect, [*(diagnosis.get("indistinguishable") or ()), *same])
     said = next((one.get("parameters") for one in candidates if one.get("effect") == effect), None)
     truth = answer.document["expect"] if effect in answer.named else {}
     numbers = said if isinstance(said, dict) else {}

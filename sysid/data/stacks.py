@@ -133,6 +133,10 @@ class Windows:
         """(r, bins) -> (w, r, bins of the largest window)."""
         return np.asarray(rows[:, self._at].swapaxes(0, 1) * self._there[:, None])
 
+    def back(self, windows: NDArray[Any]) -> NDArray[Any]:
+        """(w, r, bins of the largest window) -> (r, bins)."""
+        return np.asarray(windows.swapaxes(0, 1)[:, self._there])
+
 
 class Sampling(NamedTuple):
     """What holding and sampling do on the bins of a stack."""

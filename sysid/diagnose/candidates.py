@@ -337,7 +337,10 @@ def _means_nothing(one: Candidate, name: str) -> bool:
             values[structure.names.index(parameter.name)], none = null, True
     if not none:
         return False
-    answers = [respond(structure, values, group, True) for group in one.dataset.stacks]
+    try:
+        answers = [respond(structure, values, group, True) for group in one.dataset.stacks]
+    except RelaxationError:  # without its sizes the model's own response does not settle
+        return False
     moved = [np.linalg.norm(each.slopes[structure.names.index(name)] * one.model[name]) for each in answers]
     return bool(np.linalg.norm(moved) <= INDEPENDENT * np.linalg.norm([np.linalg.norm(each.Y) for each in answers]))
 

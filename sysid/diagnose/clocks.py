@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from sysid.diagnose.evidence import error_share
-from sysid.diagnose.verdict import EXPLAINED, Diagnosis
+from sysid.diagnose.shares import EXPLAINED
+from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.clocks import early_commands
 
@@ -11,7 +12,7 @@ from sysid.fit.clocks import early_commands
 def clocks(found: Diagnosis) -> CommandsLate | CommandsThinned | None:
     """What it is where a shift of all commands explains what can be explained, and no effect does more; else None."""
     parent, winner = found.parent, found.winner
-    if found.verdict == "complete":
+    if found.verdict == "complete" or found.thinned is not None:
         return None
     fixed = {name: parent.model[name] for name in parent.held}
     early = early_commands(parent.model, parent.dataset, fixed)

@@ -36,6 +36,7 @@ from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.term_search import Selection, search, select
+from sysid.diagnose.thinned import as_held, held
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
 from sysid.fit.whitening import noise_whitening
@@ -64,7 +65,13 @@ def diagnose(
     on = dataset(records, band_hz, outputs=structure.outputs)
     judging = prepared(validation, band_hz)
     validated_on = dataset(judging, band_hz, on, structure.outputs) if judging.records else None
-    parent = _parent(structure, on, fixed or {}, begin)
+    fixed = fixed or {}
+    parent, thinned, loop_s = as_held(
+        _parent(structure, on, fixed, begin), fixed, lambda runs, near: _parent(structure, runs, fixed, near)
+    )
+    on = parent.dataset
+    if loop_s is not None and validated_on is not None:
+        validated_on = held(validated_on, loop_s).beside(on)
     whitening = noise_whitening(parent.model, on.stacks, parent.division)
     stepped = instrumental_step(parent, whitening)
     say("the structure as it is")
@@ -81,7 +88,8 @@ def diagnose(
     candidates = sorted((ranked(one, reference) for one in candidates), key=rank)
     asked = chains and chance < SIGNIFICANT
     chained = chains_of_two(candidates, reference, say, limit=limit) if asked else ChainSearch()
-    return replace(verdict_on(candidates, chained.pairs, chance, reference), unsearched=chained.unsearched)
+    answer = verdict_on(candidates, chained.pairs, chance, reference)
+    return replace(answer, unsearched=chained.unsearched, thinned=thinned)
 
 
 def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin: Model | None) -> Candidate:

@@ -8,7 +8,7 @@ itself is that of the commands as flown.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.errors import FitError
+from sysid.fit.bursts import Envelope
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
 from sysid.fit.noise import Division, divide
@@ -161,6 +162,13 @@ class Stepped:
     """(b, N), sensitivities by the commands as flown."""
     Z: FloatArray
     """(b, N), the instruments: sensitivities by the imposed commands."""
+    _envelope: list[Envelope] = field(default_factory=list)
+
+    def envelope(self, whitening: Whitening) -> Envelope:
+        """Of what is left over time, in the rows of its whitening; worked out once."""
+        if not self._envelope:
+            self._envelope.append(Envelope.of(self.residual, whitening.stacks))
+        return self._envelope[0]
 
 
 def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:

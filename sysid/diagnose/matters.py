@@ -19,9 +19,10 @@ import numpy as np
 
 from sysid.control.stability import Margins, closed_loop
 from sysid.diagnose.chains import LITTLE_POINTS
+from sysid.diagnose.confidence import COMPLETE_RIGHT
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.loop_change import UPPER, Limit, MarginChange, held_gains, of_margins, seen
-from sysid.diagnose.verdict import COMPLETE_RIGHT, Diagnosis
+from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.result import finite
 
 WELL_KNOWN = 0.95
@@ -116,6 +117,7 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
         stands_in=False,
         chain=(),
         indistinguishable=(),
+        equivalent={},
         explained_share=None,
         lead=None,
         sizes=(),

@@ -15,6 +15,7 @@ import numpy as np
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
+from sysid.fit.bursts import Envelope
 from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
 from sysid.model.compose import compose
@@ -28,6 +29,8 @@ SMALL_STEP = 0.1
 """Of the way from null to typical: where a linear effect's sensitivities are taken."""
 INDEPENDENT = 1e-7
 """Share of a sensitivity that the base's own must leave of it."""
+WORTH_A_LOOK = math.log(0.01)
+"""Chance, from which on it is asked what bursts of the noise would make of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,11 +46,14 @@ class Score:
     """The point of the grids, and the one-step estimates of parameters that begin at their null."""
     errors: Mapping[str, float]
     """Standard errors of those estimates."""
+    in_bursts: float = math.inf
+    """Chi squared by the noise's power when the effect acts, where noise comes in bursts and that is less."""
 
     @property
     def log_p(self) -> float:
         """Logarithm of the chance that noise alone shows as much, the number of points counted in."""
-        return min(0.0, log_chance(self.chi_squared, self.degrees) + math.log(self.tried))
+        chi_squared = min(self.chi_squared, self.in_bursts)
+        return min(0.0, log_chance(chi_squared, self.degrees) + math.log(self.tried))
 
 
 def log_chance(chi_squared: float, degrees: int) -> float:
@@ -140,6 +146,8 @@ class _Question:
     """What the candidate predicts, for every stack (k, bins);"""
     Y_imposed: Sequence[ComplexArray]
     """and from the imposed commands."""
+    envelope: Envelope
+    """Of the noise over time."""
 
     @classmethod
     def asked(
@@ -154,7 +162,14 @@ class _Question:
             Y = _predicted(steady, of.model.by_name, of.dataset)
             Y_imposed = imposed_answers(steady, values, of.dataset, Y)[0]
         return cls(
-            effect=effect, composed=composed, of=of, stepped=stepped, whitening=whitening, Y=Y, Y_imposed=Y_imposed
+            effect=effect,
+            composed=composed,
+            of=of,
+            stepped=stepped,
+            whitening=whitening,
+            Y=Y,
+            Y_imposed=Y_imposed,
+            envelope=stepped.envelope(whitening),
         )
 
     def at(self, point: Mapping[str, float], steps: Steps, tried: int) -> Score | None:
@@ -173,7 +188,7 @@ class _Question:
         if not np.any(keep):
             return None
         Z1, D = Z1[keep], D[keep]
-        chi_squared, degrees = self._explained(Z1)
+        chi_squared, degrees, in_bursts = self._explained(Z1)
         names = [name for place, name in zip(keep, [*([""] if alone else []), *dict(steps)], strict=True) if place]
         moves, errors = self._moves(names, D, Z1, dict(steps))
         return Score(
@@ -183,6 +198,7 @@ class _Question:
             tried=tried,
             at={**point, **{name: point[name] + move for name, move in moves.items()}},
             errors=errors,
+            in_bursts=in_bursts,
         )
 
     def _answers(self, point: Mapping[str, float], steps: Steps, alone: bool) -> tuple[FloatArray, FloatArray] | None:
@@ -206,14 +222,18 @@ class _Question:
         Z = whitening([np.stack([Y[g] - base for Y in imposed]) for g, base in enumerate(self.Y_imposed)])
         return (D, Z) if np.all(np.isfinite(D)) and np.all(np.isfinite(Z)) else None
 
-    def _explained(self, Z: FloatArray) -> tuple[float, int]:
-        """Chi squared of the residual along these rows, and its degrees of freedom."""
+    def _explained(self, Z: FloatArray) -> tuple[float, int, float]:
+        """Chi squared of the residual along these rows, its degrees of freedom, and the same in the noise's bursts."""
         gram = Z @ Z.T
         scale = np.sqrt(np.diag(gram))
         inner, axes = np.linalg.eigh(gram / np.outer(scale, scale))
         rank = inner > 1e-9 * inner[-1]
         along = axes[:, rank].T @ ((Z @ self.stepped.residual) / scale)
-        return float(np.sum(along**2 / inner[rank])), int(np.sum(rank))
+        chi_squared, degrees = float(np.sum(along**2 / inner[rank])), int(np.sum(rank))
+        if not self.envelope.rough or log_chance(chi_squared, degrees) > WORTH_A_LOOK:
+            return chi_squared, degrees, math.inf
+        spread = axes[:, rank].T @ (self.envelope.gram(Z) / np.outer(scale, scale)) @ axes[:, rank]
+        return chi_squared, degrees, float(along @ np.linalg.solve(spread, along))
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]

@@ -205,7 +205,7 @@ def search(
                 entry=known.entries[head.number],
                 chi_squared=head.chi_squared,
                 degrees=len(head.coefficients),
-                log_p=min(0.0, float(log_p[head.number]) + math.log(tried)),
+                log_p=min(0.0, _log_chance(head, log_p) + math.log(tried)),
                 coefficients=head.coefficients,
                 standard_errors=head.standard_errors,
                 error_share=error_share(_left(parent, known, [*(term.number for term in beside), head.number])),
@@ -268,6 +268,8 @@ class _Step:
     standard_errors: FloatArray
     explains: FloatArray
     """(N,) of the residual, as the imposed commands show it."""
+    in_bursts: float = math.inf
+    """Chi squared by the noise's power when the entry acts, where noise comes in bursts."""
 
     @property
     def chi_squared(self) -> float:
@@ -280,6 +282,7 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
     D = whitening(_together([known.answers(number) for number in numbers]))
     Z = whitening(_together([known.answers(number, True) for number in numbers]))
     Z = Z - (Z @ stepped.J.T) @ instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
+    envelope = stepped.envelope(whitening)
     found = []
     begin = 0
     for number in numbers:
@@ -289,8 +292,19 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         gram, e = z @ z.T, z @ stepped.residual
         inverse = np.linalg.pinv(z @ d.T)
         spread = np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse.T), 0))
-        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z))
+        in_bursts = math.inf
+        if envelope.rough:
+            in_bursts = float(e @ np.linalg.pinv(envelope.gram(z), hermitian=True) @ e)
+        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, in_bursts))
     return found
+
+
+def _log_chance(step: _Step, log_p: FloatArray) -> float:
+    """Of one entry; in bursts by the noise's power when it acts, where that is the more likely."""
+    steady = float(log_p[step.number])
+    if not math.isfinite(step.in_bursts):
+        return steady
+    return max(steady, float(log_chances(np.array(step.in_bursts), np.array(len(step.coefficients)))))
 
 
 def _together(answers: Sequence[list[ComplexArray]]) -> list[ComplexArray]:

@@ -38,7 +38,7 @@ EFFECT = Effect(
             "-",
             "damping ratio of the servos",
             plausible=(0.3, 1.5),  # below it rings, above it is two lags
-            bounds=(0.05, 10.0),
+            bounds=(0.05, 2.0),  # beyond, it would be `servo_lag`
             typical=0.7,
             grid=(0.7,),
         ),

@@ -31,6 +31,10 @@ WORTH_A_LOOK_S = 8e-4
 LEAST_S = 1e-3
 SURE = 5.0
 """Standard errors."""
+LITTLE_S, LIKELY = 3e-4, 3.0
+"""The same where a loop that nobody told of may have done it."""
+SHORTEST = 0.02
+"""Of a log's sample, that a loop holds commands at least."""
 SLOW_S = 1 / 220
 """Samples of a log that no loop of a flying vehicle is likely to share."""
 THINNED = 1.25
@@ -79,23 +83,76 @@ def early_commands(model: Model, runs: Dataset, fixed: Mapping[str, float] | Non
 
     Of stable models without a delay of their own whose commands nothing moves in time before they act.
     """
+    wider = _with_command_time(model)
+    if wider is None:
+        return None
+    stacks = runs.viewed(model.structure.inputs, model.structure.outputs).stacks
+    if _first_look(model, wider, stacks) > -WORTH_A_LOOK_S:
+        return None
+    found = _timed(model, wider, runs, fixed)
+    if found is None or found.early_s < max(LEAST_S, SURE * found.error_s):
+        return None
+    return Early(_what(found.early_s, found.error_s, stacks), found.error)
+
+
+def thinned_loop(
+    model: Model, runs: Dataset, fixed: Mapping[str, float] | None = None
+) -> tuple[CommandsThinned, float] | None:
+    """How early commands act and how long the loop held each, s, where a log that does not tell its loop thinned them;
+    None where it did not, or where nothing can be told.
+
+    A little is enough here: what a loop may have done speaks for no effect.
+    """
+    wider, records = _with_command_time(model), runs.records
+    if wider is None or any(one.loop_dt_s is not None for one in records):
+        return None
+    stacks = runs.viewed(model.structure.inputs, model.structure.outputs).stacks
+    if _first_look(model, wider, stacks) > -LITTLE_S:
+        return None
+    found, sample_s = _timed(model, wider, runs, fixed), max(group.dt for group in stacks)
+    if found is None or found.early_s < max(LITTLE_S, LIKELY * found.error_s):
+        return None
+    what = _what(found.early_s, found.error_s, stacks)
+    return (what, _loop_s(sample_s, sample_s, found.early_s)) if isinstance(what, CommandsThinned) else None
+
+
+def loop_held_s(model: Model, runs: Dataset, fixed: Mapping[str, float] | None = None) -> float | None:
+    """How long the loop held commands, s, by a model of runs that are taken so nearly; None where they do not tell."""
+    wider = _with_command_time(model)
+    found = None if wider is None else _timed(model, wider, runs, fixed)
+    stacks = runs.viewed(model.structure.inputs, model.structure.outputs).stacks
+    return None if found is None else _loop_s(max(one.dt for one in stacks), stacks[0].held_s, found.early_s)
+
+
+def _loop_s(sample_s: float, held_s: float, early_s: float) -> float:
+    return min(max(held_s - 2 * early_s, SHORTEST * sample_s), sample_s)
+
+
+@dataclass(frozen=True, slots=True)
+class _Timed:
+    early_s: float
+    error_s: float
+    """Standard error."""
+    error: OutputError
+
+
+def _with_command_time(model: Model) -> Structure | None:
     structure = model.structure
     late = any(effect.response is not None for effect in structure.composed)
     if late or not model.stable or not linear_dynamics(structure) or divided(structure)[0]:
         return None
-    wider = replace(structure, composed=(COMMAND_TIME, *structure.composed))
-    bins = runs.viewed(structure.inputs, structure.outputs)
-    if _first_look(model, wider, bins.stacks) > -WORTH_A_LOOK_S:
-        return None
+    return replace(structure, composed=(COMMAND_TIME, *structure.composed))
+
+
+def _timed(model: Model, wider: Structure, runs: Dataset, fixed: Mapping[str, float] | None) -> _Timed | None:
+    """How early commands act, beside the model's parameters."""
     try:
-        found = estimate(wider, bins, model, fixed)
+        found = estimate(wider, runs.viewed(model.structure.inputs, model.structure.outputs), model, fixed)
     except FitError:
         return None
     place = wider.names.index("command_time")
-    early_s, error_s = -float(found.model.values[place]), float(np.sqrt(found.covariance[place, place]))
-    if found.at_bound or early_s < max(LEAST_S, SURE * error_s):
-        return None
-    return Early(_what(early_s, error_s, bins.stacks), found.error)
+    error_s = float(np.sqrt(found.covariance[place, place]))
+    return None if found.at_bound else _Timed(-float(found.model.values[place]), error_s, found.error)
 
 
 def thinned_commands(

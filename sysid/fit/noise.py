@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
 from sysid.data.stacks import Stack, Windows
+from sysid.fit.bursts import Envelope, as_steady
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import orthonormal_each
 from sysid.model.structure import FloatArray
@@ -32,6 +33,13 @@ FEWEST_FOR_ENDS = 6
 REFERENCES_RANK = 1e-9
 LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
+WORTH_A_LOOK = 2.0
+"""Standard deviations of chi squared, from which on it is asked what bursts alone would make of it,"""
+DRAWN = 60
+"""of so many draws,"""
+STEADY_DRAWN = 16
+"""and what of steady noise, of so many."""
+LEAST_LEVEL = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,14 +102,21 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     half = 0.5 * (edges[1] - edges[0])
     place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
     y, x, z = (each[:, order] for each in rows)
-    explained = _explained(y, x, z, place=place, segment=segment[order], starts=starts)
+    span = _Span.of(z, place, segment[order], starts)
+    explained = _explained(y, x, place, span)
     found, rest, unknown, free = explained.found, explained.rest, explained.unknown, explained.free
     around = np.array([_neighbours(rest, number) for number in range(count)])
     freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(count)])
     S = around / freedom[:, None, None]
     own = np.real(np.einsum("wkk->wk", S))
-    tiny = 1e-12 * np.max(own, initial=1e-300)
+    tiny = LEAST_LEVEL * np.max(own, initial=1e-300)
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
+    if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
+        if count not in by.chances:
+            by.chances[count] = _in_bursts(explained, span, segment[order], stacks)
+        chance = by.chances[count]
+        if chance is not None:
+            chi_squared = as_steady(chi_squared, degrees, *chance)
     return Division(
         edges_hz=edges,
         power=explained.power,
@@ -123,6 +138,44 @@ def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> tuple[NDArray[np.int
     return order, np.searchsorted(window[order], np.arange(count + 1))
 
 
+class _Span(NamedTuple):
+    """What the references span in each window: nothing of the gusts has a share in it."""
+
+    windows: Windows
+    ends: _Ends
+    basis: ComplexArray
+    """(w, unknowns, bins of the largest window)"""
+    unknown: NDArray[np.int64]
+    """(w,), unknowns for each output,"""
+    free: NDArray[np.int64]
+    """(w,), and bins beyond these."""
+
+    @classmethod
+    def of(cls, z: ComplexArray, place: FloatArray, segment: NDArray[np.int64], starts: NDArray[np.int64]) -> _Span:
+        """References (m, n), window after window, with the place of each bin within its window, -1..1, and the segment
+        that it belongs to."""
+        windows, ends = Windows(starts[:-1], place.size), _Ends.of(segment, starts)
+        z = ends.less(z)
+        basis = orthonormal_each(windows.of(ends.less(np.concatenate([z, place * z]))), REFERENCES_RANK)
+        unknown, bins = np.count_nonzero(np.any(basis, axis=2), axis=1), np.diff(starts)
+        enough = bins >= unknown + ends.unknown + LEAST_FREEDOM
+        unknown = unknown * enough
+        return cls(windows, ends, basis * enough[:, None, None], unknown, bins - unknown - ends.unknown)
+
+    def shares(self, Y: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Of rows in windows (w, k, bins) the coefficients (w, k, unknowns), and the spectral matrices (w, k, k) of
+        what they explain and of what they leave."""
+        there = Y @ self.basis.conj().swapaxes(1, 2)
+        found = there @ there.conj().swapaxes(1, 2)
+        return there, found, Y @ Y.conj().swapaxes(1, 2) - found
+
+    def leaves(self, rows: ComplexArray) -> ComplexArray:
+        """Of rows (k, n) what neither references nor ends explain."""
+        rows = self.ends.less(rows)
+        there, _, _ = self.shares(self.windows.of(rows))
+        return np.asarray(rows - self.windows.back(there @ self.basis))
+
+
 class _Explained(NamedTuple):
     """What the references explain of the residual's bins in each window."""
 
@@ -134,35 +187,21 @@ class _Explained(NamedTuple):
     """(w, k, k), what they explain together, a spectral matrix;"""
     rest: ComplexArray
     """and what they leave, (w, k, k)."""
+    left: ComplexArray
+    """(k, n), that by bins."""
     unknown: FloatArray
     """(w,), unknowns that explain, for each output,"""
     free: FloatArray
     """(w,), and bins beyond these."""
 
 
-def _explained(
-    y: ComplexArray,
-    x: ComplexArray,
-    z: ComplexArray,
-    *,
-    place: FloatArray,
-    segment: NDArray[np.int64],
-    starts: NDArray[np.int64],
-) -> _Explained:
-    """Bins of the residual (k, n), of what was caused in the commands (m, n) and of their references, window after
-    window, with the place of each within its window, -1..1, and the segment that it belongs to."""
-    windows, ends = Windows(starts[:-1], place.size), _Ends.of(segment, starts)
+def _explained(y: ComplexArray, x: ComplexArray, place: FloatArray, span: _Span) -> _Explained:
+    """Bins of the residual (k, n) and of what was caused in the commands (m, n), window after window."""
+    windows, ends, unknown = span.windows, span.ends, span.unknown
     power = np.sum(np.abs(windows.of(y)) ** 2, axis=2)
-    y, x, z = (ends.less(rows) for rows in (y, x, z))
-    # what the references span: nothing of the gusts has a share in it
-    basis = orthonormal_each(windows.of(ends.less(np.concatenate([z, place * z]))), REFERENCES_RANK)
-    unknown = np.count_nonzero(np.any(basis, axis=2), axis=1)
-    bins = np.diff(starts)
-    enough = bins >= unknown + ends.unknown + LEAST_FREEDOM
-    basis, unknown = basis * enough[:, None, None], unknown * enough
+    y, x = ends.less(y), ends.less(x)
     Y = windows.of(y)
-    there = Y @ basis.conj().swapaxes(1, 2)
-    found = there @ there.conj().swapaxes(1, 2)
+    there, found, rest = span.shares(Y)
     alone = []
     for row in x:
         line = orthonormal_each(windows.of(np.stack([row, place * row])), REFERENCES_RANK)
@@ -172,10 +211,42 @@ def _explained(
         power=power,
         by_command=np.stack(alone, axis=2),
         found=found,
-        rest=Y @ Y.conj().swapaxes(1, 2) - found,
+        rest=rest,
+        left=y - windows.back(there @ span.basis),
         unknown=unknown.astype(float),
-        free=np.asarray(bins - unknown - ends.unknown, dtype=float),
+        free=span.free.astype(float),
     )
+
+
+def _in_bursts(
+    explained: _Explained, span: _Span, segment: NDArray[np.int64], stacks: Sequence[Stack]
+) -> tuple[float, float] | None:
+    """Mean and deviation of what the references seem to explain of noise that comes and goes as this does, and in
+    which they explain nothing; None where it is steady."""
+    level = explained.rest / np.maximum(explained.free, 1.0)[:, None, None]
+    whole = np.max(np.real(np.einsum("wkk->wk", level)), initial=1e-300)
+    white = np.linalg.inv(np.linalg.cholesky(level + LEAST_LEVEL * whole * np.eye(level.shape[1])))
+    order = np.argsort(segment, kind="stable")
+    sizes = np.cumsum(np.bincount(segment))[:-1]
+
+    def in_rows(bins: ComplexArray) -> FloatArray:
+        parts = np.split(bins[:, order], sizes, axis=1)
+        return np.concatenate([np.ascontiguousarray(part).view(float).ravel() for part in parts])
+
+    rng = np.random.default_rng(1)
+    shape = (STEADY_DRAWN, 2, *explained.left.shape)
+    usual = [span.leaves(noise[0] + 1j * noise[1]) for noise in rng.standard_normal(shape)]
+    left = span.windows.back(white @ span.windows.of(explained.left))
+    envelope = Envelope.of(in_rows(left), stacks, np.stack([in_rows(one) for one in usual]))
+    if not envelope.rough:
+        return None
+    found = []
+    for drawn in envelope.drawn(DRAWN):
+        noise = np.empty_like(drawn)
+        noise[:, order] = drawn
+        _, there, rest = span.shares(span.windows.of(span.ends.less(noise)))
+        found.append(_surprise(there, rest, explained.unknown, explained.free, LEAST_LEVEL)[0])
+    return float(np.mean(found)), float(np.std(found))
 
 
 def _surprise(

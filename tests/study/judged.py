@@ -127,7 +127,11 @@ class Flight:
             return bool(self.said["verdict"] == "complete")
         if self.level == "beyond":
             return bool(self.said["verdict"] == "unexplained") or self._named_as_it_resembles
-        return self.said["effect"] in self.answers[0]
+        return bool(self._as_good(self.said["effect"]) & self.answers[0])
+
+    def _as_good(self, effect: str) -> set[str]:
+        """An entry, and those that predict the same on the flight: one answer, however it is called."""
+        return {effect, *self.said.get("equivalent", {}).get(effect, ())}
 
     @property
     def _named_as_it_resembles(self) -> bool:
@@ -143,7 +147,8 @@ class Flight:
     def right_in_class(self) -> bool:
         """Right, or among at most three that it says cannot be told apart."""
         alike = {self.said["effect"], *self.said["indistinguishable"]}
-        return self.right or (len(alike) <= LARGEST_CLASS and bool(alike & self.answers[0]))
+        every = set().union(*map(self._as_good, alike))
+        return self.right or (len(alike) <= LARGEST_CLASS and bool(every & self.answers[0]))
 
     @property
     def in_first_two(self) -> bool:

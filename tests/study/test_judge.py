@@ -88,6 +88,16 @@ def test_a_class_counts_and_a_large_one_does_not() -> None:
     assert "1 of 3" in line_of([right, in_class, wide], "0.9 or more and wrong")
 
 
+def test_entries_that_predict_the_same_are_one_answer() -> None:
+    same = {"equivalent": {"gyro_lag": ["servo_lag"], "transport_delay": ["gyro_filter"]}}
+    assert answered("catalogue", "missing", "gyro_lag", hidden="servo_lag", **same).right
+    alike = {"indistinguishable": ["transport_delay"], **same}
+    other = answered("catalogue", "missing", "gyro_lag", hidden="gyro_filter", **alike)
+    assert other.right_in_class
+    assert not other.right
+    assert not answered("catalogue", "missing", "servo_lag", hidden="gyro_lag", **same).right
+
+
 def test_what_an_entry_is_at_a_certain_value_may_be_named_by_it() -> None:
     also = {"resembles": {"quadratic_damping": {"exponent": 3.0}}}
 

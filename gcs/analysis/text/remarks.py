@@ -9,6 +9,7 @@ from typing import assert_never
 from gcs.analysis.diagnosis import (
     ClocksDiffer,
     InALoop,
+    LoopUntold,
     NoExcitation,
     NotAdded,
     NotSure,
@@ -66,6 +67,8 @@ def _text(remark: Remark) -> str:
             )
         case ClocksDiffer(early):
             return f"{early_text(early)}. That explains what the model leaves, and no effect does it better"
+        case LoopUntold(thinned):
+            return f"{early_text(thinned)}. Effects were asked with commands held for as short as that"
     assert_never(remark)
 
 

@@ -11,7 +11,8 @@ from gcs.analysis.text.ladder import LEFT, nrmse_row
 from gcs.analysis.text.matters import remainder_sentence
 from sysid.data.airframe import Airframe
 from sysid.diagnose.candidates import Ranked
-from sysid.diagnose.verdict import EXPLAINED, SURE, Diagnosis
+from sysid.diagnose.shares import EXPLAINED
+from sysid.diagnose.verdict import SURE, Diagnosis
 from sysid.model.effect import catalogue
 from sysid.model.parameter import Parameter
 
@@ -64,7 +65,7 @@ def answer(last: Diagnosis) -> str:
         what = "a trace more than noise is left, too little to be named" if a_trace(last) else "no known effect does it"
         return f"unexplained: {what}"
     names = named_effects(winner)
-    same = short_names(last.indistinguishable)
+    same = short_names(last.not_told)
     alike = f"  (not to be told from {listed(same)})" if same else ""
     if last.verdict == "missing":
         return "missing: " + (", and then ".join(short_names(last.chain)) if len(last.chain) == 2 else names) + alike
@@ -96,7 +97,7 @@ def _which(winner: Ranked, airframe: Airframe | None) -> list[Line]:
 def _others(last: Diagnosis) -> list[Line]:
     """The NRMSE of what the data cannot tell from the answer, of a near rival, and of the placebo."""
     lines: list[Line] = []
-    named = {*last.indistinguishable}
+    named = {*last.not_told}
     second = rival(last)
     if last.verdict == "missing" and last.confidence < SURE and second is None:
         lines.append(f"  not sure: of 100 answers like this, {100 * last.confidence:.0f} were right where it was known")

@@ -160,6 +160,18 @@ def test_nothing_is_missing_in_a_slow_log_of_a_known_loop() -> None:
     assert diagnose(TPP, logged(flown(), 6, LOOP_S)).verdict == "complete"
 
 
+@pytest.mark.usefixtures("few_effects")
+def test_half_a_sample_of_a_slow_log_of_an_unknown_loop_is_no_evidence() -> None:
+    found = diagnose(TPP, logged(flown(), 5, None), chains=False)
+    assert found.verdict == "complete"
+    assert found.thinned is not None
+    assert found.thinned.early_s == pytest.approx(0.004, abs=4 * found.thinned.error_s)
+    assert found.parent.model["M_a"] == pytest.approx(planted.TABLE_4["M_a"], rel=0.01)
+    (held_s,) = {record.loop_dt_s for record in found.parent.dataset.records}
+    assert held_s == pytest.approx(LOOP_S, abs=0.0008)
+    assert clocks(found) is None, "it is taken as such already"
+
+
 @pytest.mark.parametrize(("every", "early_s"), [(4, 0.003), (5, 0.004)])
 def test_a_slow_log_of_an_unknown_loop_is_told(every: int, early_s: float) -> None:
     records = logged(flown(), every, None)

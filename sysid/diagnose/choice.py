@@ -1,0 +1,85 @@
+"""Which candidate is named: the likeliest that is plausible, and of those that the runs cannot tell the most usual."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from sysid.diagnose.candidates import REMAINDER, Ranked
+from sysid.diagnose.evidence import gain
+from sysid.diagnose.likely import CHANCE, SAME, misfit
+
+ALMOST = 0.05
+"""Of what can be explained, by which a simpler entry may explain less than one of doubtful values and be named."""
+TIED = 1.0
+"""Chi squared below which the more usual one of two is named first,"""
+APART = 4.0
+"""where what they predict is no further apart than that."""
+AS_MUCH = 0.8
+"""Of an effect's chi squared, that one which explains as much has at least."""
+
+
+def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
+    """The likeliest effect; a chain of two only where it explains clearly more."""
+    single = next((one for one in singles if one.fit is not None and one.delta_bic < 0), None)
+    pair = next((one for one in pairs if one.delta_bic < 0), None)
+    if single is None:
+        return pair
+    single = _likeliest_in_practice(single, singles)
+    if pair is None or pair.delta_bic >= single.delta_bic:
+        return single
+    more = (pair.explained_share or 0.0) - (single.explained_share or 0.0)
+    return _likeliest_in_practice(pair, pairs) if more > REMAINDER else single
+
+
+def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
+    """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size; else a simpler
+    one that is plainly plausible and explains as much."""
+    assert winner.stepped is not None
+    stepped = winner.stepped
+    near = max(SAME, 2 * misfit(winner, CHANCE))
+    alike = [
+        one
+        for one in others
+        if one.stepped is not None and _stands_beside(one, winner, *gain(stepped, one.stepped), near)
+    ]
+    best = min(alike, key=_unusual, default=winner)
+    if not best.outside:
+        return best
+    simpler = [one for one in others if _explains_as_much(one, best)]
+    return min(simpler, key=lambda one: one.delta_bic, default=best)
+
+
+def _explains_as_much(one: Ranked, winner: Ranked) -> bool:
+    """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair."""
+    if one.fit is None or one.outside or one.added >= winner.added or one.explained_share is None:
+        return False
+    if one.delta_bic >= 0 or one.chi_squared < AS_MUCH * winner.chi_squared:
+        return False
+    shares = [(one.explained_share, winner.explained_share), (one.validation_share, winner.validation_share)]
+    return all(his is None or (own is not None and own >= his - ALMOST) for own, his in shares)
+
+
+def _stands_beside(one: Ranked, winner: Ranked, behind: float, apart: float, near: float) -> bool:
+    """Whether it may be named instead: as likely with as many parameters, or nearly so where only it is plausible."""
+    if winner.implausible and not one.implausible:
+        return behind < near
+    return abs(behind) < TIED and apart < APART and one.added == winner.added
+
+
+def _unusual(one: Ranked) -> tuple[bool, float]:
+    """Implausible ones last; then how far, in powers of e, the sizes are from those met in practice."""
+    assert one.fit is not None
+    model = one.fit.model
+    usual = {parameter.name: parameter.typical for parameter in model.structure.parameters}
+    off = [
+        abs(math.log(max(abs(value), 1e-300) / abs(usual[name])))
+        for name, value in one.values.items()
+        if usual.get(name) and math.isfinite(value)
+    ]
+    return bool(one.implausible), max(off, default=0.0)
+
+
+def larger_first(winner: Ranked, singles: Sequence[Ranked]) -> tuple[str, ...]:
+    alone = {one.effect: one.chi_squared for one in singles if one.fit is not None}
+    return tuple(sorted(winner.effects, key=lambda name: -alone.get(name, 0.0)))

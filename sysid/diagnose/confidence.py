@@ -1,0 +1,72 @@
+"""How sure an answer is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+from sysid.diagnose.candidates import SIGNIFICANT, Ranked
+from sysid.diagnose.evidence import gain
+from sysid.diagnose.likely import Class, misfit
+from sysid.diagnose.score import log_chance
+
+LEAD_SCALE = 20.0
+"""Chi squared of lead or misfit that counts as none."""
+CONFIDENCE = (-1.2, 2.8, -5.0)
+"""Logit of being right: constant, per unit of lead, per share left unexplained; set on flights with seeds below 100."""
+UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
+"""How often these verdicts were right there, where nothing speaks against them."""
+VETO_RIGHT = 0.5
+"""Of an effect that leaves noise, how likely a veto against it is right."""
+SURPRISE = 4.0
+"""Beyond what counts as significant, in powers of e, that makes an alarm so much surer than not."""
+IN_A_LOOP_RIGHT = 0.5
+"""At most, where the model that was found is unstable, or where something unexplained is left and no excitation was
+logged: a loop made the data what they are."""
+
+
+def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> tuple[float, float]:
+    """How far the winner is ahead of the best rival, beside what it leaves itself; and how far from explaining all, on
+    fitted or on validation runs."""
+    assert winner.stepped is not None
+    left = misfit(winner)
+    leads = [
+        gain(winner.stepped, one.stepped)[0] + one.added - winner.added
+        for one in singles
+        if one.stepped is not None and not set(one.effects) & {*winner.effects, *alike} and not one.implausible
+    ]
+    least = max(0.0, min([*leads, winner.chi_squared]))
+    ratio = math.log((left + least + LEAD_SCALE) / (left + LEAD_SCALE))
+    shares = [winner.explained_share or 0.0, *([] if (on := winner.validation_share) is None else [on])]
+    return ratio, min(1.0, max(0.0, 1 - min(shares)))
+
+
+def of_named(ratio: float, short: float, among: Class) -> float:
+    """That the effect named is right, or one of its class where that is short enough."""
+    return _logistic(CONFIDENCE, ratio, short) * among.right
+
+
+def of_unexplained(winner: Ranked | None, chance: float, named: float) -> float:
+    """That nothing in the catalogue is the answer, where `chance`, a logarithm, is that noise shows as much, and
+    `named` the confidence with which the winner would be named.
+
+    It stands on what the likeliest candidate leaves. Where that is noise, a veto stands alone against an effect that
+    explains the fitted runs: mostly there is one in the catalogue.
+    """
+    most = UNEXPLAINED_RIGHT * _surely(chance)
+    if winner is None or winner.fit is None:
+        return most
+    left = winner.fit.division
+    rest = _surely(log_chance(left.chi_squared, left.degrees))
+    if winner.implausible:
+        rest = max(rest, VETO_RIGHT)
+    return min(most, 1 - (1 - VETO_RIGHT) * named, most * (rest + (1 - rest) * VETO_RIGHT))
+
+
+def _surely(chance: float) -> float:
+    """That something is there, by the logarithm of the chance that noise shows as much."""
+    return 1 - 0.5 * math.exp(min(0.0, chance - SIGNIFICANT) / SURPRISE) if chance < SIGNIFICANT else 0.0
+
+
+def _logistic(weights: Sequence[float], lead: float, short: float) -> float:
+    return 1 / (1 + math.exp(-(weights[0] + weights[1] * lead + weights[2] * short)))

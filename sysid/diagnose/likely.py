@@ -1,0 +1,157 @@
+"""How likely each candidate is beside the others, and the class that an answer declares.
+
+A candidate's weight is its likelihood under the noise's spectrum, averaged over what its own parameters may plausibly
+be (Laplace's approximation): what could have been anywhere and is needed in one place has promised less. Real vehicles
+are built of no entry exactly, so differences count the less, the more even the likeliest leaves.
+
+Entries that predict the same are one answer: a lag of the servos and one of the gyros, an overdamped second order and
+a lag. The class is the fewest answers that together are nearly certain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.evidence import gain
+
+TEMPER = 1.5
+"""Times that differences of chi squared are too large, where noise is as it seems;"""
+MISFIT_TOLD = 7.0
+"""and chi squared left beyond noise that makes them as many times too large again."""
+CHANCE = 2.0
+SAME = 10.0
+"""Chi squared by which one candidate must be likelier than another to be surely told from it."""
+SPREAD = 1.5
+"""Powers of e, one standard deviation, that a size may be from what it is mostly."""
+SAME_SHARE = 1e-4
+"""Of the power that an effect removes, by which two may differ in what they predict and be the same,"""
+SAME_POWER = 1.0
+"""and in chi squared at most: here no run like these could tell them."""
+CERTAIN = 0.97
+"""Of all candidates, that a class holds;"""
+USEFUL, ENOUGH = 3, 0.85
+"""or the likeliest three, where they hold so much: longer lists tell nobody what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Class:
+    """What is as good an answer as the one named."""
+
+    alike: tuple[str, ...]
+    """Other entries, the likeliest first; of those that predict the same one for all."""
+    equivalent: Mapping[str, tuple[str, ...]]
+    """Of those and of the answer: entries that predict the same here."""
+    named: float
+    """Probability, among the candidates, of the answer,"""
+    whole: float
+    """and of the whole class."""
+    near: frozenset[str]
+    """All entries that the runs do not surely tell from the answer, however unlikely."""
+
+    @property
+    def right(self) -> float:
+        """Probability that the answer is right, or one of a class that is short enough to be of use."""
+        return self.whole if len(self.alike) < USEFUL else self.named
+
+
+def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
+    """The class of a winner among candidates of as many effects."""
+    rivals = [one for one in candidates if one.stepped is not None and not one.implausible and one is not winner]
+    weights = {one.effects: weight(one, winner) for one in (winner, *rivals)}
+    families: list[list[Ranked]] = [[winner]]
+    for one in sorted(rivals, key=lambda one: (one.added, -weights[one.effects])):
+        home = next((family for family in families if same(one, family[0], winner)), None)
+        if home is None:
+            families.append([one])
+        else:
+            home.append(one)
+    top = max(weights.values())
+    masses = [sum(math.exp(weights[one.effects] - top) for one in family) for family in families]
+    shares = [mass / sum(masses) for mass in masses]
+    order = [0, *sorted(range(1, len(families)), key=lambda i: -shares[i])]
+    held = [sum(shares[i] for i in order[: n + 1]) for n in range(len(order))]
+    count = next(n for n, share in enumerate(held, 1) if share >= CERTAIN or n == len(order))
+    if count > USEFUL and held[USEFUL - 1] >= ENOUGH:
+        count = USEFUL
+    kept = [families[i] for i in order[:count]]
+    named = set(winner.effects)
+    return Class(
+        alike=tuple(dict.fromkeys(name for family in kept[1:] for name in family[0].effects if name not in named)),
+        equivalent=_equivalents(kept, named),
+        named=shares[0],
+        whole=held[count - 1],
+        near=frozenset(name for one in rivals if _near(one, winner) for name in one.effects if name not in named),
+    )
+
+
+def _near(one: Ranked, winner: Ranked) -> bool:
+    assert one.stepped is not None
+    assert winner.stepped is not None
+    behind = gain(winner.stepped, one.stepped)[0] + one.added - winner.added
+    return behind < max(SAME, misfit(winner))
+
+
+def _equivalents(families: Sequence[Sequence[Ranked]], named: set[str]) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = {}
+    for head, *others in families:
+        for one in others:
+            mine = [name for name in head.effects if name not in one.effects]
+            his = [name for name in one.effects if name not in head.effects]
+            for name, other in zip(mine, his, strict=False):
+                if other not in named:
+                    found[name] = tuple(dict.fromkeys((*found.get(name, ()), other)))
+    return found
+
+
+def same(one: Ranked, other: Ranked, winner: Ranked) -> bool:
+    """Whether two predict the same, beside what the winner explains."""
+    assert one.stepped is not None
+    assert other.stepped is not None
+    apart = one.stepped.imposed - other.stepped.imposed
+    return float(apart @ apart) <= min(SAME_POWER, SAME_SHARE * max(winner.chi_squared, 0.0))
+
+
+def weight(one: Ranked, winner: Ranked) -> float:
+    """Logarithm, beside the winner's likelihood."""
+    assert one.stepped is not None
+    assert winner.stepped is not None
+    temper = max(TEMPER, misfit(winner, CHANCE) / MISFIT_TOLD)
+    behind = 0.0 if one is winner else gain(winner.stepped, one.stepped)[0]
+    return -0.5 * behind / temper + promised(one)
+
+
+def promised(one: Ranked) -> float:
+    """Logarithm of the share of what its own parameters may be that these runs leave them; 0 where they leave all.
+
+    Sizes may be anything within some powers of e, whatever their units, and the sooner about none the less they tell.
+    """
+    assert one.fit is not None
+    model = one.fit.model
+    own = [
+        name
+        for effect in model.structure.composed
+        if (effect.path or effect.id) in one.effects
+        for name in effect.names
+        if name in one.fit.free
+    ]
+    places = [model.structure.names.index(name) for name in own]
+    spread = one.fit.estimate.covariance[np.ix_(places, places)]
+    widths = np.array([SPREAD * max(abs(model[name]), 1e-12) for name in own])
+    if not own or not np.all(np.isfinite(spread)):
+        return 0.0
+    inner = np.maximum(np.linalg.eigvalsh(spread / np.outer(widths, widths)), 1e-12)
+    # what takes the place of parameters that it had anyway promises no more than these did
+    return min(1.0, max(0, one.added) / len(own)) * float(np.sum(0.5 * np.log(inner / (1 + inner))))
+
+
+def misfit(one: Ranked, chance: float = 0.0) -> float:
+    """Chi squared that a candidate leaves beyond noise, and so many standard deviations of that: real vehicles are
+    built of no entry exactly."""
+    assert one.fit is not None
+    left = one.fit.division
+    return max(0.0, left.chi_squared - left.degrees - chance * math.sqrt(2 * left.degrees))

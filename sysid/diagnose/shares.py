@@ -1,0 +1,161 @@
+"""Of what a model leaves: what is noise, what can be explained, and how much of that each candidate explains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.data.dataset import Dataset
+from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
+from sysid.diagnose.evidence import Candidate, error_share
+from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.score import log_chance
+from sysid.diagnose.term_search import Selection
+from sysid.fit.noise import WINDOW_HZ, Division, divide
+from sysid.fit.output_error import OutputError
+from sysid.model.structure import FloatArray
+
+EXPLAINED = 0.8
+"""Of what can be explained, on the fitted runs;"""
+VALIDATED = 0.5
+"""and on validation runs alone: another amplitude shows a nonlinear effect that is only nearly the right one."""
+LITTLE = 0.05
+"""Explainable power over noise, below which powers are too uncertain to divide."""
+SLACK = 2.0
+"""Standard deviations."""
+BINS_FOR_EACH = 3
+"""Of validation runs, for each unknown of a window where their noise is measured."""
+BY_FEEDBACK = 0.15
+"""Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
+logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
+of usual size 0.25 and more."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shares:
+    """Of the parent's error, what is noise and what can be explained; on the validation runs too."""
+
+    error_share: float
+    """E0, the parent's."""
+    noise_share: float
+    """N, of it what nothing recorded explains."""
+    noise_floor_percent: dict[str, float]
+    terms: Selection | None
+    validation: _Validation | None
+
+    @classmethod
+    def of(cls, candidates: Sequence[Ranked], significant: bool, reference: Reference) -> Shares:
+        parent = reference.parent
+        fits = [one for one in candidates if one.fit is not None]
+        likeliest = min(fits, key=lambda one: one.delta_bic, default=None)
+        if likeliest is not None and likeliest.delta_bic >= 0:
+            likeliest = None
+        best = parent if likeliest is None or likeliest.fit is None else likeliest.fit
+        terms = reference.simple(best) if significant else None
+        noise = noise_shares(best, terms) if significant else residual_shares(best)
+        floor = dict(zip(parent.model.structure.outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
+        on = reference.validation
+        return cls(
+            error_share=parent.error_share,
+            noise_share=float(np.sum(noise)),
+            noise_floor_percent=floor,
+            terms=terms,
+            validation=None if on is None else _Validation.of(parent, fits, on),
+        )
+
+    def reason(self, verdict: str, left: Division) -> str | None:
+        """`feedback` where what is left unexplained is what the loop alone could make."""
+        if verdict != "unexplained" or left.measured:
+            return None
+        explained = [*(1 - left.noise_share), 1 - self.noise_share / max(self.error_share, 1e-300)]
+        return "feedback" if max(explained) <= BY_FEEDBACK else None
+
+    def told(self, one: Ranked) -> Ranked:
+        """The candidate with the shares that it explains."""
+        if one.fit is None:
+            return one
+        E0, N = self.error_share, self.noise_share
+        share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
+        if self.validation is None:
+            return replace(one, explained_share=share)
+        on = self.validation
+        return replace(one, explained_share=share, validation_share=on.share(one), validation_slack=on.slack)
+
+    def enough(self, one: Ranked) -> bool:
+        """Whether it explains what can be explained; by the noise's own measure where that is little beside the
+        noise."""
+        assert one.fit is not None
+        share = one.explained_share or 0.0
+        if self.error_share - self.noise_share < LITTLE * self.noise_share:
+            left = one.fit.division
+            rest = max(0.0, left.chi_squared - left.degrees)
+            share = max(share, one.chi_squared / max(one.chi_squared + rest, 1e-300))
+        if one.validation_share is None:
+            return share >= EXPLAINED
+        there = min(1.0, one.validation_share + one.validation_slack)
+        return share >= EXPLAINED and there >= VALIDATED
+
+
+@dataclass(frozen=True, eq=False)
+class _Validation:
+    """Validation runs: what can be explained there, by the same measure as on the fitted runs."""
+
+    nrmse_percent: dict[str, float]
+    """The parent's."""
+    before: float
+    """The parent's error share."""
+    noise: float
+    scatter: float
+    """Of the noise's share from run to run, one standard deviation."""
+    divisions: tuple[tuple[OutputError, Division], ...]
+    """What each leaves there, divided: the parent, then the candidates."""
+
+    @classmethod
+    def of(cls, parent: Candidate, fits: Sequence[Ranked], on: Dataset) -> _Validation:
+        """The noise is what the excitation does not explain of the least that anything leaves of these very runs: the
+        air was another when they were flown."""
+        error = validation_error(parent.model, on)
+        outputs = parent.model.structure.outputs
+        before, window_hz = error_share(error), _window_hz(on)
+        left = [one.validation_error for one in fits if one.validation_error is not None]
+        divisions = [(each, divide(each, on.stacks, on.causes, window_hz)) for each in (error, *left)]
+        noise, least, division = min(
+            ((float(np.sum(_shares(each) * division.noise_share)), each, division) for each, division in divisions),
+            key=lambda one: one[0],
+        )
+        level = [np.real(np.einsum("fkk->fk", division.at(group.frequency_hz))) for group in on.stacks]
+        air = np.concatenate(level)  # (bins, k)
+        scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
+        nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
+        return cls(nrmse, before, min(noise, before), scatter, tuple(divisions))
+
+    @property
+    def slack(self) -> float:
+        """How far off a share may be by the chance of the noise in these runs alone."""
+        return SLACK * self.scatter / max(self.before - self.noise, 1e-300)
+
+    def share(self, one: Ranked) -> float | None:
+        """Of what can be explained there; None where the runs cannot tell.
+
+        All of it, where the commands explain nothing of what is left: in gusts that is the sharper question.
+        """
+        if self.slack > 1 or one.validation_error is None:
+            return None
+        left = next(division for error, division in self.divisions if error is one.validation_error)
+        if left.measured and log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT:
+            return 1.0
+        error = error_share(one.validation_error)
+        return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
+
+
+def _shares(error: OutputError) -> FloatArray:
+    """Residual over measured power by output."""
+    return np.asarray(error.residual_power / error.measured_power)
+
+
+def _window_hz(on: Dataset) -> float:
+    """Of windows that have bins enough to tell noise from an answer, however short the runs."""
+    unknown = 2 * len(on.causes.commands) + len(on.spectra)
+    return max(WINDOW_HZ, BINS_FOR_EACH * unknown / sum(one.segment.duration_s for one in on.spectra))

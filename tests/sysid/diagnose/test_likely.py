@@ -1,0 +1,158 @@
+"""The class that an answer declares, and how sure answers are: of made-up candidates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from sysid.diagnose import candidates, choice, likely
+from sysid.diagnose.candidates import SIGNIFICANT, Ranked
+from sysid.diagnose.confidence import UNEXPLAINED_RIGHT, of_named, of_unexplained
+from sysid.diagnose.evidence import Candidate, Stepped
+from sysid.diagnose.likely import declared
+from sysid.model.effect import named_effect
+from sysid.model.relaxation import RelaxationError
+
+N = 40
+CHI_SQUARED = 1e4
+"""Of the winner."""
+
+
+@pytest.fixture(autouse=True)
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is left, and no parameter promises anything."""
+    monkeypatch.setattr(likely, "misfit", lambda *_: 0.0)
+    monkeypatch.setattr(choice, "misfit", lambda *_: 0.0)
+    monkeypatch.setattr(likely, "promised", lambda _: 0.0)
+
+
+def refitted(name: str, behind: float = 0.0, direction: int = 0, **also: object) -> Ranked:
+    """A candidate so far behind the winner in chi squared, whose prediction is off in a direction of its own."""
+    imposed, residual = np.zeros(N), np.zeros(N)
+    imposed[direction] = residual[direction + N // 2] = math.sqrt(abs(behind))
+    residual[direction] = -imposed[direction]
+    residual[:] = imposed  # what it predicts too little is left
+    values = {"chi_squared": CHI_SQUARED - behind, "added": 1, "fit": cast(Candidate, object()), **also}
+    return Ranked(
+        effects=(name,),
+        score=None,
+        not_testable=None,
+        stepped=Stepped(residual=residual, imposed=-imposed, J=np.zeros((0, N)), Z=np.zeros((0, N))),
+        rows=N,
+        **values,  # type: ignore[arg-type]
+    )
+
+
+def of(winner: Ranked, others: Sequence[Ranked]) -> likely.Class:
+    return declared(winner, [winner, *others])
+
+
+def test_what_is_far_behind_is_not_in_the_class() -> None:
+    lag = refitted("servo_lag")
+    found = of(lag, [refitted("transport_delay", 4.0, 1), refitted("servo_backlash", 60.0, 2)])
+    assert found.alike == ("transport_delay",)
+    assert found.near == {"transport_delay"}
+    assert found.named == pytest.approx(1 / (1 + math.exp(-2 / likely.TEMPER)), abs=1e-3)
+    assert found.right == found.whole > 0.97
+
+
+def test_entries_that_predict_the_same_are_one() -> None:
+    lag = refitted("servo_lag")
+    found = of(lag, [refitted("gyro_lag"), refitted("transport_delay", 4.0, 1), refitted("gyro_filter", 4.0, 1)])
+    assert found.alike == ("transport_delay",)
+    assert found.equivalent == {"servo_lag": ("gyro_lag",), "transport_delay": ("gyro_filter",)}
+
+
+def test_of_many_alike_only_the_one_named_counts() -> None:
+    lag = refitted("servo_lag")
+    few = of(lag, [refitted(f"other {i}", 2.0, i) for i in range(1, 3)])
+    many = of(lag, [refitted(f"other {i}", 2.0, i) for i in range(1, 6)])
+    assert len(few.alike) == 2
+    assert len(many.alike) == 5
+    assert few.right > 0.97
+    assert many.right == many.named < 0.4
+    assert of_named(3.0, 0.0, many) < 0.4 < 0.9 < of_named(3.0, 0.0, few)
+
+
+def test_a_long_tail_of_unlikely_ones_is_left_out_and_makes_less_sure() -> None:
+    lag = refitted("servo_lag")
+    likelier, tail = [refitted(f"near {i}", 1.5, i) for i in (1, 2)], [refitted(f"far {i}", 9.0, i) for i in (3, 4)]
+    found = of(lag, [*likelier, *tail])
+    assert set(found.alike) == {"near 1", "near 2"}
+    assert 0.85 < found.right < 0.97
+
+
+def test_an_implausible_rival_is_in_no_class() -> None:
+    lag = refitted("servo_lag")
+    assert of(lag, [refitted("transport_delay", 1.0, 1, implausible=("T_d",))]).alike == ()
+
+
+def test_what_is_left_makes_differences_count_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    lag, delay = refitted("servo_lag"), refitted("transport_delay", 30.0, 1)
+    assert of(lag, [delay]).alike == ()
+    monkeypatch.setattr(likely, "misfit", lambda *_: 100.0)
+    assert of(lag, [delay]).alike == ("transport_delay",)
+
+
+def test_unexplained_is_as_sure_as_there_is_something() -> None:
+    sure = [of_unexplained(None, SIGNIFICANT - beyond, 0.0) for beyond in (0.0, 3.0, 30.0)]
+    assert sure[0] < 0.5 < sure[1] < sure[2] == pytest.approx(UNEXPLAINED_RIGHT, abs=0.01)
+
+
+@pytest.mark.parametrize(("chi_squared", "least", "most"), [(480.0, 0.0, 0.5), (900.0, 0.8, 0.86)])
+def test_unexplained_is_as_sure_as_the_likeliest_leaves_something(
+    chi_squared: float, least: float, most: float
+) -> None:
+    fit = SimpleNamespace(division=SimpleNamespace(chi_squared=chi_squared, degrees=480))
+    winner = refitted("servo_lag", fit=fit)
+    assert least <= of_unexplained(winner, -100.0, 0.0) <= most
+
+
+def test_luck_does_not_name_what_the_runs_could_tell() -> None:
+    """Two as likely by chance, which predict what is far apart: no usual size decides."""
+    lag, other = refitted("servo_lag"), refitted("servo_rate_limit", 0.0, 1)
+    usual = choice._stands_beside
+    assert usual(other, lag, 0.5, 1.0, 10.0)
+    assert not usual(other, lag, 0.5, 16.0, 10.0)
+
+
+def test_a_simpler_entry_explains_as_much_only_with_as_much_evidence() -> None:
+    bar = refitted("stabiliser_bar", 0.0, 0, added=2, explained_share=1.0)
+    as_good = refitted("servo_lag", 500.0, 1, explained_share=1.0)
+    crumb = refitted("servo_lag", CHI_SQUARED - 5.0, 1, explained_share=1.0)
+    assert choice._explains_as_much(as_good, bar)
+    assert not choice._explains_as_much(crumb, bar)
+
+
+def test_a_model_without_its_sizes_that_does_not_settle_ends_no_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unsettled(*_: object) -> None:
+        raise RelaxationError("the response does not settle")
+
+    effect = named_effect("structural_mode", ())
+    names = list(effect.names)
+    values = np.array([1e-3 if name.startswith("kappa") else 1.0 for name in names])
+    model = dict(zip(names, values, strict=True))
+    errors = dict.fromkeys(names, 1.0)
+    structure = SimpleNamespace(composed=(effect,), names=names)
+    one = SimpleNamespace(
+        model=_Model(model, structure, values), standard_errors=errors, dataset=SimpleNamespace(stacks=(None,))
+    )
+    monkeypatch.setattr(candidates, "respond", unsettled)
+    assert not candidates._means_nothing(cast(Candidate, one), names[0])
+
+
+class _Model(dict[str, float]):
+    """Values by name."""
+
+    def __init__(self, named: dict[str, float], structure: object, values: np.ndarray) -> None:
+        super().__init__(named)
+        self.structure, self.values_by_place = structure, values
+
+    @property
+    def values(self) -> np.ndarray:  # type: ignore[override]
+        return self.values_by_place

@@ -1,0 +1,96 @@
+"""Noise that comes in bursts: what it makes of tests that take it as steady."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted import fly_many
+from planted_fits import records
+
+from sysid.data.dataset import prepared
+from sysid.data.instrument import Causes
+from sysid.data.preprocess import ComplexArray
+from sysid.data.stacks import Stack
+from sysid.diagnose.score import log_chance
+from sysid.fit.bursts import Envelope, as_steady
+from sysid.fit.noise import divide
+from sysid.fit.output_error import OutputError
+from sysid.model.paper import TPP
+
+COMMANDS = ("delta_x", "delta_y")
+BURSTS = 0.02
+"""Power between bursts, over that in them."""
+DRAWS = 12
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[tuple[Stack, ...], Causes]:
+    (flight,) = fly_many(None, {}, seeds=[71], duration_s=10.0)
+    bins = prepared(records(flight), (0.5, 12.0)).viewed(TPP.inputs, TPP.outputs)
+    return bins.stacks, bins.causes(COMMANDS)
+
+
+def noise(stacks: tuple[Stack, ...], seed: int, calm: float) -> list[ComplexArray]:
+    """Of every segment (2, bins), white but that its power is `calm` outside one burst of a fifth of the time."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for one in (spectrum for group in stacks for spectrum in group.spectra):
+        n = one.frequency_hz.size
+        power = np.where((np.arange(n) / n - rng.random()) % 1 < 0.2, 1.0, calm)
+        white = rng.standard_normal((2, n)) + 1j * rng.standard_normal((2, n))
+        found.append(np.fft.fft(np.sqrt(power) * white, axis=1, norm="ortho"))
+    return found
+
+
+def deviations(flown: tuple[tuple[Stack, ...], Causes], calm: float) -> np.ndarray:
+    """Of chi squared from its degrees, in its steady standard deviations, in some draws of noise alone."""
+    stacks, causes = flown
+    found = []
+    for seed in range(DRAWS):
+        left = noise(stacks, seed, calm)
+        power = np.sum([np.sum(np.abs(one) ** 2, axis=1) for one in left], axis=0)
+        division = divide(OutputError(left, power, power), stacks, replace(causes, chances={}))
+        found.append((division.chi_squared - division.degrees) / np.sqrt(2 * division.degrees))
+    return np.array(found)
+
+
+def test_bursts_alone_explain_nothing(flown: tuple[tuple[Stack, ...], Causes], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert np.max(deviations(flown, BURSTS)) < 3.5
+    monkeypatch.setattr("sysid.fit.bursts.ROUGH", np.inf)  # taken as steady
+    assert np.max(deviations(flown, BURSTS)) > 5
+
+
+def test_steady_noise_is_taken_as_it_was(flown: tuple[tuple[Stack, ...], Causes]) -> None:
+    stacks, _ = flown
+    for seed in range(DRAWS):
+        rows = np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, seed, 1.0)])
+        assert not Envelope.of(rows, stacks).rough
+
+
+def test_inner_products_with_bursts_scatter_as_said(flown: tuple[tuple[Stack, ...], Causes]) -> None:
+    stacks, _ = flown
+    rows = np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, 1, BURSTS)])
+    envelope = Envelope.of(rows, stacks)
+    assert envelope.rough
+    burst = np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, 1, 0.0)])
+    asked = np.stack([burst, np.random.default_rng(2).standard_normal(rows.size)])
+    sizes = np.cumsum([2 * one.frequency_hz.size * 2 for group in stacks for one in group.spectra])[:-1]
+    drawn = []
+    for bins in envelope.drawn(400):
+        parts = np.split(bins, sizes // 4, axis=1)
+        drawn.append(np.concatenate([np.ascontiguousarray(part).view(float).ravel() for part in parts]))
+    products = np.array(drawn) @ asked.T
+    gram = envelope.gram(asked)
+    np.testing.assert_allclose(np.diag(products.T @ products / len(drawn)), np.diag(gram), rtol=0.25)
+    steady = np.sum(asked**2, axis=1)
+    assert gram[0, 0] > 2 * steady[0], "it asks just when the noise is loud"
+    assert gram[1, 1] == pytest.approx(steady[1], rel=0.2)
+
+
+def test_a_chi_squared_of_its_own_spread_stays_what_it_is() -> None:
+    assert as_steady(500.0, 400, 400.0, np.sqrt(800.0)) == pytest.approx(500.0, rel=1e-6)
+    wider = as_steady(500.0, 400, 440.0, 60.0)
+    assert log_chance(wider, 400) > np.log(0.1)
+    assert as_steady(100.0, 400, 440.0, 60.0) <= 100.0
