@@ -76,7 +76,8 @@ def signature_of(effect: Effect, reference: Model | None = None) -> Signature:
     others = [name for name in full.structure.inputs if name not in (*CYCLIC, *steered)]
     held = {name: CHANNEL_AT.get(name, COMMAND_AT) for name in others}
     t, wave = doublets()
-    without, with_effect = (answer(model, steered, wave, held) for model in (plain, full))
+    with np.errstate(all="ignore"):  # a user's own may do as it likes
+        without, with_effect = (answer(model, steered, wave, held) for model in (plain, full))
     k, j = _clearest(without, with_effect)
     decibels, degrees = _change(plain, full, steered[j], k)
     return Signature(
@@ -148,7 +149,8 @@ def _change(plain: Model, full: Model, command: str, k: int) -> tuple[FloatArray
         for one in (plain, full)
     ]
     ratio = H[1] / H[0]
-    return np.asarray(20 * np.log10(np.abs(ratio))), np.degrees(np.angle(ratio))
+    decibels: FloatArray = np.asarray(20 * np.log10(np.abs(ratio)), dtype=np.float64)
+    return decibels, np.asarray(np.degrees(np.angle(ratio)), dtype=np.float64)
 
 
 # ------------------------------------------------------------------------------------------------ in time

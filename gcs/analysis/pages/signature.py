@@ -35,7 +35,10 @@ def signature_picture(found: Signature) -> Any:
 def signatures_picture(each: Sequence[Signature]) -> Any:
     """Many effects, small: gain and phase where they are linear, else the change in time."""
     rows = -(-len(each) // COLUMNS)
-    figure = sheet(CELL_HEIGHT * rows)
+    height = CELL_HEIGHT * rows
+    figure = sheet(height)
+    figure.set_layout_engine(None)  # of so many axes it takes ten seconds
+    figure.subplots_adjust(left=0.04, right=0.96, top=1 - 0.3 / height, bottom=0.65 / height, wspace=0.55, hspace=0.45)
     axes = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
     for axis, found in zip(axes, each, strict=False):
         plain(axis)
@@ -48,6 +51,7 @@ def signatures_picture(each: Sequence[Signature]) -> Any:
         "blue: change of gain, dB, left; orange, dashed: of phase, deg, right, over Hz. "
         "Black: change of the rate in time, rad/s, over s",
         fontsize=9,
+        y=0.12 / height,
     )
     return figure
 
@@ -92,8 +96,7 @@ def _cell_by_frequency(axis: Any, found: Signature) -> None:
     other.plot(FREQUENCY_HZ, turned(found.degrees), color=ORANGE, linewidth=1.3, linestyle=DASHED)
     _at_least(other, found.degrees, 10.0)
     other.tick_params(labelsize=7)
-    for side in ("top",):
-        other.spines[side].set_visible(False)
+    other.spines["top"].set_visible(False)
     logarithmic(axis, (float(FREQUENCY_HZ[0]), float(FREQUENCY_HZ[-1])))
     axis.tick_params(labelsize=7)
 
