@@ -158,14 +158,14 @@ def _change(plain: Model, full: Model, command: str, k: int) -> tuple[FloatArray
 
 def doublets() -> tuple[FloatArray, FloatArray]:
     """Time in s and samples (n,): a large doublet with steep flanks, and a small smooth one."""
-    t = np.arange(round(SECONDS / DT)) * DT
+    t: FloatArray = np.arange(round(SECONDS / DT), dtype=np.float64) * DT
     begin, end = LARGE_S
     middle = 0.5 * (begin + end)
     corners = [0.0, begin, begin + RISE_S, middle - RISE_S, middle + RISE_S, end - RISE_S, end, SECONDS]
     large = LARGE * np.interp(t, corners, [0, 0, 1, 1, -1, -1, 0, 0])
     inside = (t >= SMALL_BEGINS_S) & (t < SMALL_BEGINS_S + SMALL_S)
     small = SMALL * np.where(inside, np.sin(2 * np.pi * (t - SMALL_BEGINS_S) / SMALL_S), 0.0)
-    return t, large + small
+    return t, np.asarray(large + small, dtype=np.float64)
 
 
 def answer(model: Model, steered: list[str], wave: FloatArray, held: dict[str, float]) -> FloatArray:
