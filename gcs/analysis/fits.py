@@ -32,7 +32,7 @@ from sysid.fit.model_error import with_model_errors
 from sysid.fit.result import Fit, RecordUsed
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import find
-from sysid.model.paper import CD, TPP, reduce_to_cd
+from sysid.model.paper import CD, TABLE_4, TPP, reduce_to_cd
 from sysid.model.structure import Model, Structure
 
 _SIZE = Meta(gt=0.0, lt=1e6)
@@ -41,12 +41,8 @@ GUIDE_CRAMER_RAO = 20.0
 GUIDE_INSENSITIVITY = 10.0
 """Percent; what engineers accept of a parameter (Tischler and Remple)."""
 
-# What the paper found on the real vehicle; shown beside, never mixed in.
-PAPER_PARAMETERS = {
-    "tpp": (147.548, 713.378, 0.091, -1.338, 1.448, -0.282, 0.296, 0.524, -0.050),
-    "cd": (-2.056, -7.900, 10.536, -4.777, -5.361, 9.917, -67.573, 11.136),
-}
-"""Table 4, in the order of our structures."""
+PAPER_PARAMETERS = TABLE_4
+"""What the paper found on the real vehicle; shown beside, never mixed in."""
 
 
 PAIR = TPP.base, CD.base

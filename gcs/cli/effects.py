@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs.cli.options import print_json
+from gcs.cli.options import print_json, refuse_existing
+from gcs.errors import TippathError, UsageError
 from sysid.data.airframe import Airframe
 
 if TYPE_CHECKING:
+    from gcs.tui.plot import Style
     from sysid.model.effect import Effect
     from sysid.model.parameter import Parameter
+    from sysid.model.signature import Signature
 
 FORMAT = "tippath.effects/1"
 WIDTH = 78
+PLOT_HEIGHT = 12
 GROUPS = {
     "rotor": "Rotor",
     "fuselage": "Fuselage",
@@ -45,14 +51,17 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "effect", nargs="?", metavar="ID", help="a catalogue id, or the path of your own effect file (its code runs)"
     )
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw what it does: .png, .svg, or .html")
+    parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.errors import UsageError
     from sysid.model.effect import EffectError, catalogue, find
 
+    if args.plot is not None:
+        refuse_plot(args.plot, args.force)
     if args.effect is None:
         found = list(catalogue().values())
     else:
@@ -62,13 +71,80 @@ def run(args: argparse.Namespace) -> int:
             if args.effect.endswith(".py"):
                 raise
             raise UsageError(str(error)) from error
+    if args.plot is not None:
+        draw(args.plot, found)
     if args.json:
         print_json({"format": FORMAT, "effects": [entry(one) for one in found]})
     elif args.effect is None:
         print(table(found))
     else:
-        print(explanation(found[0]))
+        print("\n".join([explanation(found[0]), *signature_lines(found[0], plot_style())]))
     return 0
+
+
+def refuse_plot(path: Path, force: bool) -> None:
+    """Raises UsageError for a file that cannot be a picture or is there already."""
+    from gcs.analysis.pages.pictures import picture_kind
+
+    picture_kind(path)
+    refuse_existing(path, force)
+
+
+def draw(path: Path, effects: Sequence[Effect]) -> None:
+    """What each does to the paper's vehicle, into a file; one that cannot stand there is left out."""
+    from gcs.analysis.pages.pictures import write_picture
+    from gcs.analysis.pages.signature import signature_picture, signatures_picture
+
+    signatures = [made for made in map(signature, effects) if made is not None]
+    if not signatures:
+        raise TippathError(f"{effects[0].id} cannot stand on the paper's vehicle alone: there is nothing to draw")
+    single = len(effects) == 1
+    figure = signature_picture(signatures[0]) if single else signatures_picture(signatures)
+    text = explanation(effects[0]) if single else table(effects)
+    write_picture(path, figure, f"tippath effects: {effects[0].id if single else 'the catalogue'}", text)
+    print(f"wrote {path}", file=sys.stderr)
+
+
+def signature(effect: Effect) -> Signature | None:
+    """None where it cannot stand on the paper's vehicle: a user's own, of another base."""
+    from sysid.model.effect import EffectError
+    from sysid.model.signature import signature_of
+
+    try:
+        return signature_of(effect)
+    except EffectError:
+        return None
+
+
+def plot_style() -> Style:
+    """As the terminal, or the file behind it, can show."""
+    return "braille" if (sys.stdout.encoding or "").lower().startswith("utf") else "ascii"
+
+
+def signature_lines(effect: Effect, style: Style) -> list[str]:
+    """What it does to the paper's vehicle, drawn in 78 columns."""
+    import numpy as np
+
+    from gcs.analysis.text.signature import signature_words
+    from gcs.tui.plot import FrequencyPlot, Panel, Plot, TimePlot, View, picture, prepared
+    from sysid.model.signature import FREQUENCY_HZ as HZ
+
+    found = signature(effect)
+    if found is None:
+        return []
+    lines = _wrapped(f"{'signature':<12}{signature_words(found)}", 2, 12)
+    if found.decibels is not None and found.degrees is not None:
+        gain = Panel(name="Δ dB", x=HZ, line=found.decibels, unit="dB", least=1.0)
+        phase = Panel(name="Δ deg", x=HZ, line=found.degrees, unit="deg", least=10.0, wraps=True)
+        plot: Plot = FrequencyPlot(panels=(gain, phase), low_hz=float(HZ[0]), high_hz=float(HZ[-1]))
+        view = View(float(np.log10(HZ[0])), float(np.log10(HZ[-1])))
+    else:
+        with_it = Panel(name=found.output, x=found.t, line=found.without, over=found.with_effect, unit="rad/s")
+        change = Panel(name="Δ", x=found.t, line=found.with_effect - found.without, unit="rad/s", least=0.01)
+        plot = TimePlot(panels=(with_it, change), words=("without it", "with it", ""))
+        view = View(float(found.t[0]), float(found.t[-1]))
+    rows = picture(prepared(plot), view, WIDTH, PLOT_HEIGHT, style)
+    return lines + ["".join(text for text, _ in row).rstrip() for row in rows]
 
 
 def entry(effect: Effect) -> dict[str, Any]:

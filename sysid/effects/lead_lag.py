@@ -53,7 +53,7 @@ EFFECT = Effect(
             "-",
             "damping ratio of the lag mode",
             plausible=(0.01, 0.3),  # bolted grips to elastomeric dampers
-            bounds=(0.0, 1.0),
+            bounds=(1e-4, 1.0),  # without any, its answer has no end at its own frequency
             typical=0.08,
             grid=(0.08,),
         ),

@@ -46,7 +46,7 @@ def _parameters(axis: str) -> tuple[Parameter, ...]:
             "-",
             f"damping ratio of the mode in {axis}",
             plausible=(0.002, 0.2),  # metal and carbon 0.5 to 3 %, foam and joints up to 10 %
-            bounds=(0.0, 3.0),
+            bounds=(1e-4, 3.0),  # without any, its answer has no end at its own frequency
             typical=0.06,  # broader than real ones, so that a search begun beside the peak finds it
             grid=(0.02, 0.06),
         ),

@@ -12,6 +12,12 @@ CD = compose("cd")
 TPP = compose("tpp")
 """Eq. 5-7, states p, q, a, b, nine parameters."""
 
+TABLE_4 = {
+    "tpp": (147.548, 713.378, 0.091, -1.338, 1.448, -0.282, 0.296, 0.524, -0.050),
+    "cd": (-2.056, -7.900, 10.536, -4.777, -5.361, 9.917, -67.573, 11.136),
+}
+"""What the paper found on the real vehicle, in the order of these structures."""
+
 
 def reduce_to_cd(model: Model) -> Model:
     """The Cylinder-Dynamics model that a TPP model becomes when its flapping has settled (section 3.3).

@@ -11,14 +11,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planted import fly
+from planted_fits import records
 
 import sysid.model.effect
 from gcs.analysis.fits import PAPER_PARAMETERS
 from sysid.data.airframe import Airframe
+from sysid.data.dataset import prepared
 from sysid.data.record import CHANNELS
 from sysid.model.compose import compose, not_testable
 from sysid.model.effect import FOLDER, Effect, EffectError, Signals, Stage, catalogue, find, load
 from sysid.model.paper import CD, TPP
+from sysid.model.predict import respond
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Matrices, Model, Structure, stepped
 
 IDS = [
@@ -616,3 +620,26 @@ def test_on_a_multirotor_words_say_motors() -> None:
         assert effect.worded(Airframe.HELICOPTER) is effect
         assert effect.worded(None) is effect
     assert catalogue()["servo_second_order"].worded(Airframe.MULTIROTOR).title == "second-order lag of the motors"
+
+
+@pytest.mark.parametrize(
+    ("name", "corner"),
+    [
+        ("lead_lag", {"frequency_lag": 5.0, "zeta_lag": None, "gain": 0.0}),
+        ("structural_mode", {"frequency_roll": 5.0, "zeta_roll": None, "kappa_roll": 0.0}),
+    ],
+)
+def test_a_mode_at_its_least_damping_has_an_answer_on_every_bin(name: str, corner: dict[str, float | None]) -> None:
+    """A search that ended without damping divided by zero where a bin lay at the mode's frequency."""
+    effect = find(name)
+    structure = compose("tpp", [name])
+    low = {one.name: one.bounds[0] for one in effect.parameters}
+    known = dict(zip(TPP.names, PAPER_PARAMETERS["tpp"], strict=True))
+    values = known | {one.name: one.typical for one in effect.parameters}
+    values |= {key: low[key] if value is None else value for key, value in corner.items()}
+    runs = records(fly(None, {}, seed=1, duration_s=3.0))
+    bins = prepared(runs, (0.0, 15.0)).viewed(structure.inputs)
+    response = respond(structure, structure.vector(values), bins.stacks[0], sensitivities=True)
+    assert 5.0 in bins.stacks[0].frequency_hz
+    assert np.all(np.isfinite(response.Y))
+    assert np.all(np.isfinite(response.slopes))

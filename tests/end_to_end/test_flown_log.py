@@ -14,7 +14,7 @@ from flying import CHIRP, DOUBLET, fly_maneuver, log_of
 
 from gcs.analysis.fits import Identification, identify_flight, split_runs
 from gcs.analysis.text.checks import check_text
-from gcs.analysis.text.fit import another_band, identification_text
+from gcs.analysis.text.fit import another_band, identification_text, parameter_table
 from gcs.logs import ingest, resolve_runs
 from sitl.autopilot.parameters import BANK_ORDER, bank_crc
 from sitl.autopilot.vehicle import make_vehicle
@@ -92,6 +92,14 @@ def test_tables_fit_a_terminal_and_show_the_paper(found: tuple[str, Identificati
     assert max(len(line) for line in text.splitlines()) <= 80
     for figure in ("77.8", "25.9", "5.04 Hz", "713.378", "paper 0.9 and 1.8 %"):
         assert figure in text
+    lines = text.splitlines()
+    head = next(line for line in lines if "± model" in line)
+    assert head.split() == ["parameter", "value", "±", "std.", "err.", "(±", "model)", "unit", "paper"]
+    error = found[1].tpp.model_errors["L_b"].total
+    assert f"(± {float(f'{error:.2g}'):g})" in next(line for line in lines if "TPP L_b" in line)
+    bare = replace(found[1], **{one: replace(getattr(found[1], one), model_errors={}) for one in ("tpp", "cd")})
+    assert "± standard error" in parameter_table(bare)
+    assert "(±" not in parameter_table(bare)
 
 
 def test_the_paper_s_chirps_keep_the_paper_s_band_and_another_is_told(found: tuple[str, Identification]) -> None:

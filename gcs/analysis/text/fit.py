@@ -112,9 +112,12 @@ def modes_table(found: Identification) -> str:
 
 
 def parameter_table(found: Identification) -> str:
-    """Table 4: parameters with standard errors."""
+    """Table 4: parameters with standard errors, and with model errors where the fits have them."""
     as_paper = not found.tpp.model.structure.composed
-    lines = [f"parameter           value ± standard error       unit{'        paper' if as_paper else ''}"]
+    judged = bool(found.tpp.model_errors or found.cd.model_errors)
+    head = "std. err. (± model)" if judged else "standard error"
+    room = 19 if judged else 14
+    lines = [f"parameter{'value':>18} ± {head:{room}}  unit{'          paper' if as_paper else ''}"]
     for fit, paper in ((found.tpp, PAPER_PARAMETERS["tpp"]), (found.cd, PAPER_PARAMETERS["cd"])):
         structure = fit.model.structure
         beside = [f" {theirs:10.3f}" for theirs in paper] if as_paper else [""] * len(structure.names)
@@ -122,8 +125,10 @@ def parameter_table(found: Identification) -> str:
             structure.parameters, fit.model.values, fit.standard_errors, beside, strict=True
         ):
             label = f"{structure.base_.label:3} {parameter.name:6}"
-            line = f"  {label:12} {value:12.4f} ± {error:<10.2g}     {parameter.unit:8}{theirs}"
-            lines.append(line.rstrip())
+            spread = f"{_two_figures(error)}{_model_spread(fit, parameter.name)}"
+            lines.append(f"  {label:12} {value:12.4f} ± {spread:{room}}  {parameter.unit:8}{theirs}".rstrip())
+    if judged:
+        lines += wrapped(MODEL_ERROR, "  ", "    ")
     return "\n".join(lines)
 
 

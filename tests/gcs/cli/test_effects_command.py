@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
 
-from gcs.cli import main
+from gcs.cli import effects, main
 from sysid.model.effect import FOLDER, catalogue
 
 TEXT = {"type": "string", "minLength": 1}
@@ -92,6 +93,19 @@ def test_json_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
     assert rate["bounds"][1] is None
 
 
+def test_the_readme_s_table_says_what_entries_declare() -> None:
+    text = (FOLDER / "README.md").read_text(encoding="utf-8").split("## What an entry says")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \| (.*) \| (.*) \| (.*) \|$", text, re.MULTILINE)
+    assert len(rows) == 8
+    for name, equation, nulls, plausible, source in rows:
+        effect = catalogue()[name]
+        assert equation.replace("\\|", "|") == effect.equation
+        assert source == effect.source
+        for one in effect.parameters:
+            assert f"{one.name} {effects._null(one.null)}" in nulls.split("; ")
+            assert any(word.startswith(f"{one.name} {effects._range(one.plausible)}") for word in plausible.split("; "))
+
+
 def test_a_users_file_by_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     path = tmp_path / "mine.py"
@@ -112,3 +126,51 @@ def test_what_is_not_there(word: str, status: int, says: str, capsys: pytest.Cap
     captured = capsys.readouterr()
     assert captured.out == ""
     assert says in captured.err
+
+
+def test_an_entry_is_drawn_in_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "servo_lag"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (at,) = [i for i, line in enumerate(lines) if line.startswith("  signature ")]
+    assert "p from delta_x, with it over without it" in lines[at]
+    drawn = lines[at + 2 :]
+    assert [line.split()[0] for line in drawn if line.startswith(" Δ")] == ["Δ", "Δ"]
+    assert any("⠒" in line or "⠤" in line for line in drawn)
+    assert drawn[-1].split()[0] == "Hz"
+    assert main(["effects", "servo_backlash"]) == 0
+    assert "with it" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("ending", "begins"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("html", b"<!doctype html>")])
+def test_an_entry_is_drawn_into_a_file(
+    ending: str, begins: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"lag.{ending}"
+    assert main(["effects", "servo_lag", "--plot", str(path)]) == 0
+    assert capsys.readouterr().err == f"wrote {path}\n"
+    assert path.read_bytes().lower().startswith(begins.lower())
+    assert main(["effects", "servo_lag", "--plot", str(path)]) == 2
+    assert "--force" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag", "servo_backlash", "elevator")], indirect=True)
+def test_the_whole_catalogue_is_drawn_into_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "all.svg"
+    assert main(["effects", "--plot", str(path)]) == 0
+    assert path.stat().st_size > 20_000
+    assert main(["effects", "--plot", str(tmp_path / "all.pdf")]) == 2
+    assert "name a file that ends in .png, .svg or .html" in capsys.readouterr().err
+
+
+def test_what_cannot_stand_on_the_paper_s_vehicle_is_not_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (FOLDER / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    path, picture = tmp_path / "mine.py", tmp_path / "mine.png"
+    path.write_text(text.replace("s.M_tail * s.q", "s.M_tail * s.nobody"), encoding="utf-8")
+    assert main(["effects", str(path)]) == 0
+    assert "signature " not in capsys.readouterr().out
+    assert main(["effects", str(path), "--plot", str(picture)]) == 1
+    assert "there is nothing to draw" in capsys.readouterr().err
+    assert not picture.exists()
