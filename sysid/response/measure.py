@@ -26,12 +26,19 @@ TINY = 1e-300
 
 
 def measure(
-    spectra: Sequence[Spectrum], commands: Sequence[str], outputs: Sequence[str] = RATES, points: int = POINTS
+    spectra: Sequence[Spectrum],
+    commands: Sequence[str],
+    outputs: Sequence[str] = RATES,
+    points: int = POINTS,
+    within_hz: tuple[float, float] | None = None,
 ) -> Responses:
-    """Responses of the outputs to the commands, from the bins of all runs together."""
+    """Responses of the outputs to the commands, from the bins of all runs together.
+
+    `within_hz` is where they are wanted, in Hz; the bins may reach further.
+    """
     stacks = stack(spectra)
     Y = np.concatenate([group.Y for group in stacks], axis=1)
-    cuts = [windows(stacks, commands, points, half, ends=True) for half in HALF_WIDTHS_HZ]
+    cuts = [windows(stacks, commands, points, half, ends=True, within_hz=within_hz) for half in HALF_WIDTHS_HZ]
     return composite(cuts, [cut.solve(Y) for cut in cuts], tuple(outputs))
 
 

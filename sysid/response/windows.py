@@ -203,9 +203,11 @@ def windows(
     half_width_hz: float = HALF_WIDTH_HZ,
     *,
     ends: bool = False,
+    within_hz: tuple[float, float] | None = None,
 ) -> Windows:
     """Cut the bins of all runs into windows on a logarithmic grid; width grows with frequency.
 
+    Centres lie `within_hz`, where that is less than the bins' band: windows at its edges have both their sides.
     `ends` says that outputs will hold what the state at the ends of each piece leaves, which is then estimated too.
     """
     frequency = np.concatenate([group.frequency_hz for group in stacks])
@@ -218,7 +220,7 @@ def windows(
         logged = _logged(stacks, excitation)
         if logged is not None:
             R[row], references[row] = held * logged, excitation
-    grid = _grid(stacks, frequency, points)
+    grid = _grid(stacks, frequency if within_hz is None else np.clip(frequency, *within_hz), points)
     sizes = [part.stop - part.start for group in stacks for part in group.slices]
     return Windows(
         frequency_hz=grid,
