@@ -19,7 +19,13 @@ from sysid.data.stacks import stack
 from sysid.response.values import BoolArray, Responses
 from sysid.response.windows import POINTS, Solution, Windows, windows
 
-HALF_WIDTHS_HZ = (0.0625, 0.125, 0.25, 0.5)
+WINDOWS = ((0.0625, 1), (0.125, 1), (0.25, 2), (0.5, 2), (1.0, 2))
+"""Half widths in Hz, where frequencies are low, and what polynomial a response may be there; a wide one may bend."""
+FEWEST_BINS = 2
+"""For each unknown: narrow windows are wanted where noise is small, and where it is not they weigh nothing."""
+BLUR_OF_DIFFERENCE, BLUR_OF_NARROWEST = 16 / 9, 1 / 9
+"""Squares of the blur over that of the difference of two windows, one twice as wide: it goes with the width squared."""
+
 NEIGHBOURS = 5
 """Points of the grid over which blur is averaged; it does not jump from one to the next."""
 TINY = 1e-300
@@ -38,7 +44,10 @@ def measure(
     """
     stacks = stack(spectra)
     Y = np.concatenate([group.Y for group in stacks], axis=1)
-    cuts = [windows(stacks, commands, points, half, ends=True, within_hz=within_hz) for half in HALF_WIDTHS_HZ]
+    cuts = [
+        windows(stacks, commands, points, half, order=order, fewest=FEWEST_BINS, ends=True, within_hz=within_hz)
+        for half, order in WINDOWS
+    ]
     return composite(cuts, [cut.solve(Y) for cut in cuts], tuple(outputs))
 
 
@@ -83,7 +92,7 @@ def _separated(found: Sequence[Solution]) -> BoolArray:
 def blur(H: ComplexArray, variance: FloatArray, widths: FloatArray) -> FloatArray:
     """Square of what bends within each window, (widths, k, m, f), by the difference from the narrowest there is.
 
-    A window of twice the width blurs four times as much. Nothing is known of a window that stands alone.
+    Nothing is known of a window that stands alone.
     """
     first = np.argmax(np.isfinite(variance), axis=0)[None]
     H0, variance0, width0 = (np.take_along_axis(x, first, axis=0) for x in (H, variance, widths))
@@ -91,10 +100,9 @@ def blur(H: ComplexArray, variance: FloatArray, widths: FloatArray) -> FloatArra
     beyond = np.abs(H - H0) ** 2 - np.abs(variance0 - variance)
     wider = np.isfinite(beyond) & (widths > 1.01 * width0)
     beyond = np.maximum(_smooth(np.where(wider, beyond, np.nan)), 0)
-    apart = np.where(wider, widths**2 - width0**2, np.inf)
-    found = beyond * (widths**2 / apart) ** 2
+    found = beyond * BLUR_OF_DIFFERENCE
     second = np.argmax(wider, axis=0)[None]
-    own = np.take_along_axis(beyond * (width0**2 / apart) ** 2, second, axis=0)
+    own = np.take_along_axis(beyond * BLUR_OF_NARROWEST, second, axis=0)
     return np.where(np.isfinite(variance), np.where(wider, found, own), np.nan)
 
 

@@ -8,8 +8,8 @@ Gusts reach the commands through the feedback. Where the excitation is logged, t
 serves as instrument (`sysid.data.instrument`), and gusts average out; without it the commands are their own reference,
 and responses lean towards minus the controller's inverse where gusts are strong.
 
-Within a window the response may be a straight line over frequency, so that slopes of phase do not count as noise. A
-command acts as the loop holds it: what holding does is taken out, and responses are those of the vehicle.
+Within a window the response may be a line over frequency, straight or bent, so that slopes of phase do not count as
+noise. A command acts as the loop holds it: what holding does is taken out, and responses are those of the vehicle.
 Bendat and Piersol (Random Data), ch. 7 and 9: conditioned spectra, multiple and partial coherence.
 """
 
@@ -40,12 +40,14 @@ WIDER_FROM_HZ = 25 / 6
 """Above it windows grow with frequency, to 6 % of it."""
 WIDEST = 0.7
 """Of its own frequency, that a window reaches to either side."""
-BINS_PER_UNKNOWN = 4
+BINS_PER_UNKNOWN = 3
 LEAST_OWN_SHARE = 0.3
 """Of a command's power in a window, that the other commands do not explain; below it there is no response. Sweeps of
 both axes together leave 0.7 and more; the axis that only the controller moves has 0.02 to 0.2."""
 LEAST_RELATIVE_POWER = 0.03
 """Of the strongest command's own power; a command that is its own reference and moves less is feedback alone."""
+END_S, MOVING = 0.5, 0.3
+"""Of a command's mean power, that it has at an end of a piece which was cut while it moved."""
 BINS_FOR_ENDS = ((12, 2), (6, 1))
 """How many bins of a piece in a window allow for how many unknowns of its ends."""
 
@@ -70,9 +72,9 @@ class Regression:
     at: IntArray
     """(n,), numbers of the bins."""
     W: ComplexArray
-    """(2m, n), commands, and the same times the place in the window."""
+    """(unknowns, n), commands, and the same times the place in the window, and its square."""
     gain: ComplexArray
-    """(n, 2m), from outputs to the response and its slope."""
+    """(n, unknowns), from outputs to the response, its slope and its bend."""
     ends: FloatArray
     """(e, n), orthonormal: what the ends of each piece of a run leave in its bins."""
     clear: BoolArray
@@ -109,6 +111,10 @@ class Windows:
     """(f,)"""
     half_width_hz: FloatArray
     """(f,)"""
+    order: int
+    """Of the polynomial over frequency that a response may be in a window."""
+    fewest: int
+    """Bins for each unknown; windows with fewer say nothing."""
     commands: tuple[str, ...]
     references: tuple[str, ...]
     U: ComplexArray
@@ -129,8 +135,9 @@ class Windows:
 
     def _regression(self, centre: float, half: float) -> Regression | None:
         at = np.flatnonzero(np.abs(self.at_hz - centre) <= half)
-        ends = self._ends(at, (self.at_hz[at] - centre) / half)
-        if at.size < BINS_PER_UNKNOWN * 2 * len(self.commands) + ends.shape[0]:
+        place = (self.at_hz[at] - centre) / half
+        ends = self._ends(at, place)
+        if at.size < self.fewest * (self.order + 1) * len(self.commands) + ends.shape[0]:
             return None
         u, r = (rows[:, at] - (rows[:, at] @ ends.T) @ ends for rows in (self.U, self.R))
         caused = (u @ r.conj().T) @ np.linalg.pinv(r @ r.conj().T, rcond=1e-9, hermitian=True) @ r
@@ -144,8 +151,7 @@ class Windows:
         alone = whole / np.real(np.diag(np.linalg.inv(unit)))
         fed_back = np.array([name not in EXCITATIONS for name in self.references])
         faint = fed_back & (alone < LEAST_RELATIVE_POWER * np.max(alone))
-        place = (self.at_hz[at] - centre) / half
-        W, Z = np.concatenate([u, place * u]), np.concatenate([caused, place * caused])
+        W, Z = (np.concatenate([place**power * rows for power in range(self.order + 1)]) for rows in (u, caused))
         Z = Z - (Z @ ends.T) @ ends
         try:
             gain = Z.conj().T @ np.linalg.inv(W @ Z.conj().T)
@@ -202,13 +208,16 @@ def windows(
     points: int = POINTS,
     half_width_hz: float = HALF_WIDTH_HZ,
     *,
+    order: int = 1,
+    fewest: int = BINS_PER_UNKNOWN,
     ends: bool = False,
     within_hz: tuple[float, float] | None = None,
 ) -> Windows:
     """Cut the bins of all runs into windows on a logarithmic grid; width grows with frequency.
 
     Centres lie `within_hz`, where that is less than the bins' band: windows at its edges have both their sides.
-    `ends` says that outputs will hold what the state at the ends of each piece leaves, which is then estimated too.
+    `ends` says that outputs will hold what the state at the ends of pieces leaves: of those that are cut while commands
+    move it is then estimated too.
     """
     frequency = np.concatenate([group.frequency_hz for group in stacks])
     scale = np.concatenate([group.scale for group in stacks])
@@ -225,14 +234,29 @@ def windows(
     return Windows(
         frequency_hz=grid,
         half_width_hz=np.minimum(half_width_hz * np.maximum(1, grid / WIDER_FROM_HZ), WIDEST * grid),
+        order=order,
+        fewest=fewest,
         commands=tuple(commands),
         references=tuple(references),
         U=U,
         R=R,
         scale=scale,
         at_hz=frequency,
-        piece=np.repeat(np.arange(len(sizes)), sizes) if ends else np.full(frequency.size, -1),
+        piece=np.repeat(_cut_in_motion(stacks, commands) if ends else np.full(len(sizes), -1), sizes),
     )
+
+
+def _cut_in_motion(stacks: Sequence[Stack], commands: Sequence[str]) -> IntArray:
+    """The number of each piece that begins or ends while commands move, -1 of others: the state at their ends is what
+    it was, and to take it out would take with it what the sweep began with."""
+    moving = []
+    for one in (one for group in stacks for one in group.spectra):
+        rows = np.stack([one.segment.channels[name] for name in commands])
+        power = (rows - rows.mean(axis=1, keepdims=True)) ** 2
+        ends = max(1, min(round(END_S / one.dt), one.samples // 4))
+        near = np.maximum(power[:, :ends].mean(axis=1), power[:, -ends:].mean(axis=1))
+        moving.append(bool(np.any(near > MOVING * power.mean(axis=1))))
+    return np.where(moving, np.arange(len(moving)), -1)
 
 
 def _logged(stacks: Sequence[Stack], channel: str) -> ComplexArray | None:
