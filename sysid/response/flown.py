@@ -22,7 +22,7 @@ BY_DEFAULT = (*CYCLIC, "delta_e")
 """Commands that are taken for inputs where they move; others where they are named."""
 
 
-class ResponseError(SysidError):
+class NoResponseError(SysidError):
     """Runs that show no response; the message says why and what to do."""
 
 
@@ -88,20 +88,20 @@ def flown_responses(
 ) -> FlownResponses:
     """Responses of the outputs to the inputs, or to all that move of BY_DEFAULT, from all runs together.
 
-    Raises ResponseError where a channel is not there or does not move, or no run is long enough.
+    Raises NoResponseError where a channel is not there or does not move, or no run is long enough.
     """
     read_hz = BEYOND[0] * band_hz[0], BEYOND[1] * band_hz[1]
     dataset = Dataset(records=tuple(records), band_hz=read_hz)
     commands = _inputs(dataset, inputs)
     for name in outputs:
         if name not in dataset.common:
-            raise ResponseError(f"{name} is not logged in every run: name other --outputs, or runs that have it")
+            raise NoResponseError(f"{name} is not logged in every run: name other --outputs, or runs that have it")
         if not any(float(np.ptp(record.channels[name])) > 0 for record in records):
-            raise ResponseError(f"{name} does not move at all in these runs: check its channel")
+            raise NoResponseError(f"{name} does not move at all in these runs: check its channel")
     spectra = dataset.viewed(commands, tuple(outputs)).spectra
     if not spectra:
         remarks = "; ".join(dataset.remarks) or f"no frequency of them lies in {band_hz[0]:g}-{band_hz[1]:g} Hz"
-        raise ResponseError(f"no run is long enough for a response: {remarks}")
+        raise NoResponseError(f"no run is long enough for a response: {remarks}")
     return FlownResponses(
         responses=measure(spectra, commands, tuple(outputs), points, within_hz=band_hz),
         records=dataset.records,
@@ -111,15 +111,15 @@ def flown_responses(
 
 
 def _inputs(dataset: Dataset, asked: Sequence[str]) -> tuple[str, ...]:
-    """Commands as asked for, or those that move. Raises ResponseError."""
+    """Commands as asked for, or those that move. Raises NoResponseError."""
     for name in asked:
         if name not in COMMANDS:
-            raise ResponseError(f"{name} is no command: there are {', '.join(COMMANDS)}")
+            raise NoResponseError(f"{name} is no command: there are {', '.join(COMMANDS)}")
         if name not in dataset.common:
-            raise ResponseError(f"{name} is not logged in every run: name other --inputs, or runs that have it")
+            raise NoResponseError(f"{name} is not logged in every run: name other --inputs, or runs that have it")
         if not moves(name, dataset.records):
-            raise ResponseError(f"{name} does not move in these runs: there is no response to it; sweep its axis")
+            raise NoResponseError(f"{name} does not move in these runs: there is no response to it; sweep its axis")
     moving = tuple(name for name in BY_DEFAULT if name in dataset.common and moves(name, dataset.records))
     if not asked and not moving:
-        raise ResponseError("no command moves in these runs: there is no response to measure; fly a sweep")
+        raise NoResponseError("no command moves in these runs: there is no response to measure; fly a sweep")
     return tuple(dict.fromkeys(asked)) or moving

@@ -95,7 +95,7 @@ def test_nothing_overlaps_and_nothing_is_cut_off(name: str, found: Comparison, t
 
 def test_a_comparison_shows_both_axes(found: Comparison) -> None:
     figure = compare_picture(found)
-    assert len(figure.axes) == 12
+    assert len(figure.axes) == 16
     titles = [axis._left_title.get_text() for axis in figure.axes]
     assert titles[0].startswith("roll: NRMSE fit")
     assert titles[1].startswith("pitch: NRMSE fit")

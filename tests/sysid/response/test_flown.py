@@ -10,7 +10,7 @@ from scipy.signal import csd
 from swept_loops import DT, SWEPT_HZ, sweeps, truth
 
 from sysid.data.record import Record
-from sysid.response.flown import FlownResponses, Kept, ResponseError, Why, flown_responses
+from sysid.response.flown import FlownResponses, Kept, NoResponseError, Why, flown_responses
 from sysid.response.values import Responses
 
 FEW = 12
@@ -175,17 +175,17 @@ def test_a_thinned_log_shows_the_same_vehicle() -> None:
 )
 def test_what_is_not_there_is_refused(inputs: tuple[str, ...], outputs: tuple[str, ...], words: str) -> None:
     (runs,) = sweeps(1, seconds=12.0)
-    with pytest.raises(ResponseError, match=words):
+    with pytest.raises(NoResponseError, match=words):
         flown_responses(records(runs), SWEPT_HZ, inputs, outputs)
 
 
 def test_runs_in_which_nothing_moves_are_refused() -> None:
     (runs,) = sweeps(1, seconds=12.0)
     still = [{**run, "delta_x": 0 * run["t"], "delta_y": 0 * run["t"]} for run in runs]
-    with pytest.raises(ResponseError, match="no command moves"):
+    with pytest.raises(NoResponseError, match="no command moves"):
         flown(still)
-    with pytest.raises(ResponseError, match="does not move in these runs"):
+    with pytest.raises(NoResponseError, match="does not move in these runs"):
         flown_responses(records(still), SWEPT_HZ, ("delta_x",))
     short = [{name: x[:150] for name, x in run.items()} for run in runs]
-    with pytest.raises(ResponseError, match="shorter than 2 s"):
+    with pytest.raises(NoResponseError, match="shorter than 2 s"):
         flown(short)
