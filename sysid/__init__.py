@@ -37,7 +37,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sysid.compare.on_runs import CompareError as CompareError
-    from sysid.compare.spectrum import Responses as Responses
     from sysid.compare.values import Comparison as Comparison
     from sysid.control.loop import Following as Following
     from sysid.control.regulator import DesignError as DesignError
@@ -80,6 +79,7 @@ if TYPE_CHECKING:
     from sysid.notebook import read_fit as read_fit
     from sysid.notebook import read_record as read_record
     from sysid.notebook import simulate as simulate
+    from sysid.response.values import Responses as Responses
 
 _NOTEBOOK = (
     "NotebookError", "Prediction", "add_effect", "compare_fit", "design_gains", "diagnose_fit", "find_effect",
@@ -104,7 +104,7 @@ _HOMES = {
     "Parameter": "sysid.model.parameter",
     "Record": "sysid.data.record",
     "RecordError": "sysid.data.record",
-    "Responses": "sysid.compare.spectrum",
+    "Responses": "sysid.response.values",
     "ResultError": "sysid.fit.result",
     "Stage": "sysid.model.effect",
     "Structure": "sysid.model.structure",

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 from scipy.signal import dlsim
 
 from sysid.compare.compare import compare
-from sysid.compare.spectrum import Responses, measure
 from sysid.compare.values import Comparison
 from sysid.control.loop import Following, following
 from sysid.control.regulator import INPUT_COST, Gains, design
@@ -36,6 +35,8 @@ from sysid.model.bases import DEFAULT
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, catalogue, find
 from sysid.model.structure import Model, discretise
+from sysid.response.measure import measure
+from sysid.response.values import Responses
 
 
 class NotebookError(SysidError):

@@ -318,3 +318,36 @@ REVEAL = exactly(
         ),
     }
 )
+
+MAYBES = listed(MAYBE)
+FREQUENCY_RESPONSE = exactly(
+    {
+        "format": {"const": "tippath.response/1"},
+        "band_hz": listed(NUMBER),
+        "inputs": listed(TEXT),
+        "outputs": listed(TEXT),
+        "frequency_hz": listed(NUMBER),
+        "references": {"type": "object", "additionalProperties": TEXT},
+        "feedback_kept_out_by": {
+            "type": "object",
+            "additionalProperties": {"enum": ["excitation logged", "excitation rebuilt", "commands"]},
+        },
+        "bounds_percent": NUMBER,
+        "responses": listed(
+            exactly(
+                {
+                    **dict.fromkeys(("output", "input", "unit"), TEXT),
+                    "reason": MAYBE_TEXT,
+                    "valid_hz": {"anyOf": [{"type": "null"}, listed(NUMBER)]},
+                    "valid": listed({"type": "boolean"}),
+                    **dict.fromkeys(("db", "deg", "real", "imaginary", "coherence"), MAYBES),
+                    **dict.fromkeys(("bound_db", "bound_deg", "window_hz"), MAYBES),
+                }
+            )
+        ),
+        "multiple_coherence": {"type": "object", "additionalProperties": MAYBES},
+        "runs": listed({"type": "object"}),
+        "remarks": listed(TEXT),
+        "warnings": listed(TEXT),
+    }
+)

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 COMMANDS = (
-    *("fly", "sim", "check", "sweep", "abort", "fetch", "ingest", "fit", "effects", "compare", "diagnose"),
+    *("fly", "sim", "check", "sweep", "abort", "fetch", "ingest", "fit", "effects", "response", "compare", "diagnose"),
     *("add", "design", "push", "revert", "report", "reveal", "demo"),
 )
 """In the order of the work, as `tippath --help` lists them."""

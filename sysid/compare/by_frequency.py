@@ -101,18 +101,17 @@ def response_errors(on: ModelOnRuns) -> tuple[tuple[ResponseError, ...], list[Su
     """Every response beside the measured one with what noise allows, and what its signs look like."""
     responses = ModelResponses.of(on.model, on.stacks, on.error)
     compared = mismatches(responses)
-    cut, expected, missing = responses.windows, responses.expected, responses.missing
-    noise, own, each = responses.noise, responses.own, []
+    cut, expected, left, each = responses.windows, responses.expected, responses.left, []
     for one in compared.each:
         k, m = on.outputs.index(one.output), cut.commands.index(one.command)
         with np.errstate(divide="ignore", invalid="ignore"):
-            measured = expected[k, m] + missing[k, m]
+            measured, missing = expected[k, m] + left.H[k, m], np.abs(left.H[k, m])
             ratio = expected[k, m] / measured
-            # of the measured response's own size
-            allowed = NOTICED * np.sqrt(noise[k] / own[m]) / np.abs(measured)
+            chance = NOTICED * np.sqrt(left.variance[k, m])
+            allowed = chance / np.abs(measured)  # of the measured response's own size
             allowed = np.where(allowed < 1, allowed, np.nan)
             decibels, degrees = 20 * np.log10(np.abs(ratio)), np.degrees(np.angle(ratio))
-            noticed = np.abs(missing[k, m]) > NOTICED * np.sqrt(noise[k] / own[m])
+            noticed = missing > chance
             each.append(
                 ResponseError(
                     mismatch=one,

@@ -23,12 +23,12 @@ from sysid.compare.finding_kinds import (
     Suspicion,
     WrongSigns,
 )
-from sysid.compare.spectrum import Responses
 from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import CYCLIC, RATES, Record, axis_of
 from sysid.errors import FitError
 from sysid.fit.axes import refuse_still_channels
 from sysid.model.structure import FloatArray, Structure
+from sysid.response.values import Responses
 
 FLAT_SAMPLES = 5
 """Times the usual hold, at the largest or smallest value: a flat top."""

@@ -104,6 +104,22 @@ class ErrorInBand:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LeavesBounds:
+    """Which of an axis's responses lies outside what noise allows, and where, most of them all."""
+
+    axis: str
+    output: str
+    command: str
+    bands_hz: tuple[Band, ...]
+    furthest_hz: float
+    """Where the two are furthest apart in the responses' unit,"""
+    decibels: float
+    """the model's less the measured one's there,"""
+    degrees: float
+    """and its phase less the measured one's."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class GrowsWithAmplitude:
     """An axis's error grows faster, or more slowly, than a command."""
 
@@ -268,6 +284,7 @@ Finding = (
     | TooShort
     | NearlyNoise
     | ErrorInBand
+    | LeavesBounds
     | GrowsWithAmplitude
     | ChangesWithAmplitude
     | FollowsControl

@@ -16,6 +16,7 @@ from sysid.compare.finding_kinds import (
     FollowsControl,
     GoesWithCondition,
     GrowsWithAmplitude,
+    LeavesBounds,
     NearlyNoise,
     NoiseKnown,
     NotSeparable,
@@ -23,7 +24,7 @@ from sysid.compare.finding_kinds import (
     TooShort,
     WorseRun,
 )
-from sysid.compare.values import GROWTH_RATIO, BandError, Comparison, RunError
+from sysid.compare.values import GROWTH_RATIO, BandError, Comparison, ResponseError, RunError
 from sysid.data.record import axis_of
 
 NEARLY_ALL = 0.9
@@ -35,6 +36,9 @@ CHANGED = 0.15
 """Of the error, that goes away when the response may differ between amplitudes, to be spoken of."""
 WORSE = 2.0
 MOSTLY_NOISE = 0.7
+OFF_DB, OFF_DEG = 0.5, 3.0
+"""Of a response outside its bounds, to be spoken of."""
+BANDS_TOLD = 2
 ENDS_S = 2.0
 ENDS_SHARE, ENDS_DENSITY = 0.25, 3.0
 BURST_SHARE, BURST_DENSITY = 0.2, 6.0
@@ -47,6 +51,7 @@ def findings(compared: Comparison, own_runs: bool) -> tuple[Finding, ...]:
     return (
         *mistakes,
         *_error_findings(compared, own_runs),
+        *_response_findings(compared),
         *_growth_findings(compared),
         *_control_findings(compared),
         *_time_findings(compared),
@@ -117,6 +122,33 @@ def _stretch(bands: Sequence[BandError]) -> Sequence[BandError]:
         else:
             last += 1
     return bands[first : last + 1]
+
+
+def _response_findings(compared: Comparison) -> Iterator[Finding]:
+    """Of each axis with more than noise the response that lies furthest outside its bounds, where that is of a size."""
+    for output in compared.outputs:
+        each = [one for one in compared.responses if one.mismatch.output == output and one.noticed]
+        if not compared.more[output] or not each:
+            continue
+        worst = max(each, key=lambda one: float(np.sum(one.off[one.outside] ** 2)))
+        at = int(np.argmax(np.where(worst.outside, worst.off, -1.0)))
+        decibels, degrees = float(worst.decibels[at]), float(worst.degrees[at])
+        if abs(decibels) >= OFF_DB or abs(degrees) >= OFF_DEG:
+            yield LeavesBounds(
+                axis=axis_of(output),
+                output=output,
+                command=worst.mismatch.command,
+                bands_hz=_longest(worst),
+                furthest_hz=float(worst.frequency_hz[at]),
+                decibels=decibels,
+                degrees=degrees,
+            )
+
+
+def _longest(response: ResponseError) -> tuple[tuple[float, float], ...]:
+    """The bands outside the bounds that are longest on a logarithmic scale, in their order."""
+    longest = sorted(response.noticed, key=lambda band: band[0] / band[1])[:BANDS_TOLD]
+    return tuple(sorted(longest))
 
 
 def _growth_findings(compared: Comparison) -> Iterator[Finding]:

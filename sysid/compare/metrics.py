@@ -16,9 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.compare.spectrum import Responses, Windows, judged, windows
 from sysid.data.dataset import Bins
 from sysid.data.preprocess import DEFAULT_BAND_HZ, ComplexArray
 from sysid.data.stacks import Stack
@@ -27,15 +25,13 @@ from sysid.fit.result import finite
 from sysid.model.predict import respond
 from sysid.model.response import transfer
 from sysid.model.structure import FloatArray, Model
+from sysid.response.measure import judged
+from sysid.response.values import LEAST_COHERENCE, Responses, widest
+from sysid.response.windows import Solution, Windows, windows
 
-LEAST_COHERENCE = 0.6
 GOOD_COST = 100.0
 COST_POINTS = 20
 PHASE_WEIGHT = 0.01745
-FEWEST_POINTS = 3
-BRIDGED = 4
-"""Points of the grid, a third of an octave."""
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +103,8 @@ class ModelResponses:
     outputs: tuple[str, ...]
     expected: ComplexArray
     """(k, m, f), the model's."""
-    missing: ComplexArray
-    """(k, m, f), measured less modelled."""
-    noise: FloatArray
-    """(k, f), power per bin."""
-    own: FloatArray
-    """(m, f), each command's own power."""
+    left: Solution
+    """What the windows say of the residual: measured less modelled, and its noise."""
 
     @classmethod
     def of(cls, model: Model, stacks: Sequence[Stack], error: OutputError) -> ModelResponses:
@@ -123,9 +115,8 @@ class ModelResponses:
         modelled: ComplexArray = np.concatenate(
             [respond(structure, model.values, group, False).Y for group in stacks], axis=1
         )
-        expected, _, _ = cut.solve(modelled)
-        missing, noise, own = cut.solve(np.concatenate(error.residuals, axis=1))
-        return cls(windows=cut, outputs=structure.outputs, expected=expected, missing=missing, noise=noise, own=own)
+        left = cut.solve(np.concatenate(error.residuals, axis=1))
+        return cls(windows=cut, outputs=structure.outputs, expected=cut.solve(modelled).H, left=left)
 
 
 def mismatch(model: Model, bins: Bins) -> Mismatches:
@@ -136,7 +127,7 @@ def mismatch(model: Model, bins: Bins) -> Mismatches:
 def mismatches(of: ModelResponses) -> Mismatches:
     """The differences in the bands where measured responses can be trusted."""
     cut = of.windows
-    measured = judged(cut, of.outputs, of.expected + of.missing, of.noise, of.own)
+    measured = judged(cut, of.outputs, of.left._replace(H=of.expected + of.left.H))
     found = []
     for k, output in enumerate(of.outputs):
         for m, command in enumerate(cut.commands):
@@ -182,20 +173,6 @@ def response_difference(
                     ratio = ours[k, m] / theirs[k, other.structure.commands.index(command)]
                 found.append(Difference(output, command, frequency, *_apart(ratio)))
     return tuple(found)
-
-
-def widest(good: BoolArray) -> BoolArray:
-    """The points of the longest stretch of a row (f,), gaps of a few points allowed: a response may dip at a zero.
-
-    None where it would have fewer than FEWEST_POINTS.
-    """
-    at = np.flatnonzero(good)
-    stretches = np.split(at, np.flatnonzero(np.diff(at) > 1 + BRIDGED) + 1)
-    longest = max(stretches, key=lambda one: int(one[-1] - one[0]) if one.size else -1)
-    found = np.zeros(good.shape, dtype=bool)
-    if longest.size >= FEWEST_POINTS:
-        found[longest] = True
-    return found
 
 
 def _apart(ratio: ComplexArray) -> tuple[FloatArray, FloatArray]:

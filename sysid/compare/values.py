@@ -16,6 +16,7 @@ from sysid.compare.metrics import Mismatch
 from sysid.data.preprocess import ComplexArray
 from sysid.fit.result import finite
 from sysid.model.structure import FloatArray
+from sysid.response.values import BoolArray
 
 GROWTH_RATIO = 1.4
 """Between the smallest and the largest amplitude."""
@@ -165,6 +166,22 @@ class ResponseError:
     """Bands in Hz where the difference lies above what noise allows."""
     measured: ComplexArray
     """(f,), the measured response, rad/s per unit of command; NaN where the runs tell nothing."""
+
+    @property
+    def modelled(self) -> ComplexArray:
+        """(f,), the model's, measured in the same way."""
+        return np.asarray(self.measured * 10 ** (self.decibels / 20) * np.exp(1j * np.radians(self.degrees)))
+
+    @property
+    def off(self) -> FloatArray:
+        """(f,), how far the model's response is from the measured one, in its unit."""
+        return np.abs(self.modelled - self.measured)
+
+    @property
+    def outside(self) -> BoolArray:
+        """(f,), within the bands where the difference lies above what noise allows, and is a number."""
+        inside = [(self.frequency_hz >= low) & (self.frequency_hz <= high) for low, high in self.noticed]
+        return np.any(inside, axis=0) & np.isfinite(self.off) if inside else np.zeros(self.off.shape, dtype=bool)
 
     def to_json(self) -> dict[str, Any]:
         return {**self.mismatch.to_json(), "noticed_hz": [list(band) for band in self.noticed]}

@@ -58,15 +58,17 @@ def write_picture(path: Path, figure: Any, title: str, text: str = "") -> None:
 
 
 def compare_picture(found: Comparison) -> Any:
-    """A column for each axis: the worst run in time, mismatch and residual against frequency, error by band."""
-    figure, axes = panels(6, len(found.outputs), 16.5, [1.25, 0.6, 0.9, 0.9, 1.1, 1.0])
+    """A column for each axis: the worst run in time, measured and modelled responses and their mismatch, residual
+    against frequency, error by band."""
+    figure, axes = panels(8, len(found.outputs), 21.5, [1.25, 0.6, 1.0, 0.9, 0.9, 0.9, 1.1, 1.0])
     for k, output in enumerate(found.outputs):
         column = axes[:, k]
         _overlay(column[0], column[1], _worst(found, k), k, output)
         each = [one for one in found.responses if one.mismatch.output == output]
-        _mismatch(column[2], column[3], each, found.band_hz)
-        _spectra(column[4], found.densities, k, found.band_hz)
-        _bars(column[5], [one for one in found.bands if one.axis == axis_of(output)])
+        _responses(column[2], column[3], each, found.band_hz)
+        _mismatch(column[4], column[5], each, found.band_hz)
+        _spectra(column[6], found.densities, k, found.band_hz)
+        _bars(column[7], [one for one in found.bands if one.axis == axis_of(output)])
         nrmse = f"NRMSE fit {found.nrmse_percent[output]:.1f} %"
         if found.noise_floor_percent is not None:
             nrmse += f", with noise alone {found.noise_floor_percent[output]:.1f} %"
@@ -120,6 +122,32 @@ def _overlay(above: Any, below: Any, trace: Trace, k: int, output: str) -> None:
     below.set_ylabel("residual", fontsize=10)
     below.set_xlabel(f"time in {trace.run}, s", fontsize=10)
     above.set_xlim(float(t[0]), float(t[-1]))
+
+
+def _responses(gain: Any, phase: Any, each: Sequence[ResponseError], band_hz: tuple[float, float]) -> None:
+    """Measured responses with what noise allows about them, as areas, and the model's, dashed."""
+    for one, colour in zip(each, COMMAND_COLOURS, strict=False):
+        known = np.isfinite(one.decibels) & np.isfinite(one.allowed_db)
+        if not np.any(known):
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            decibels = np.where(known, 20 * np.log10(np.abs(one.measured)), np.nan)
+        degrees = np.full(known.shape, np.nan)
+        degrees[known] = np.degrees(np.unwrap(np.angle(one.measured[known])))
+        for axis, measured, allowed, off in (
+            (gain, decibels, one.allowed_db, one.decibels),
+            (phase, degrees, one.allowed_deg, one.degrees),
+        ):
+            axis.fill_between(one.frequency_hz, measured - allowed, measured + allowed, color=colour, alpha=0.3, lw=0)
+            axis.plot(one.frequency_hz, measured, color=colour, linewidth=1.2, label=one.mismatch.command)
+            axis.plot(one.frequency_hz, measured + off, color=colour, linewidth=1.4, linestyle=(0, (4, 1.5)))
+    for axis, words in ((gain, "measured and model, dB"), (phase, "degrees")):
+        logarithmic(axis, band_hz)
+        axis.set_ylabel(words, fontsize=10)
+    if gain.get_legend_handles_labels()[0]:
+        title = "measured, area: what noise allows; dashed: model"
+        gain.legend(loc="best", ncols=2, fontsize=9, title=title, title_fontsize=9, framealpha=0.85)
+    gain.tick_params(labelbottom=False)
 
 
 def _mismatch(above: Any, below: Any, each: Sequence[ResponseError], band_hz: tuple[float, float]) -> None:

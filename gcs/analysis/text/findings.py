@@ -18,6 +18,7 @@ from sysid.compare.finding_kinds import (
     FollowsControl,
     GoesWithCondition,
     GrowsWithAmplitude,
+    LeavesBounds,
     Mixed,
     NearlyNoise,
     NoiseKnown,
@@ -64,6 +65,8 @@ def _text(finding: Finding) -> str:
                 f"{axis}: {_percent(share)} of the error sits in {_hertz(band)}; the runs are too short to tell noise "
                 "from error, fly longer ones or quiet hover"
             )
+        case LeavesBounds():
+            return _leaves_bounds(finding)
         case GrowsWithAmplitude():
             return _growth(finding)
         case ChangesWithAmplitude(axis, command, share):
@@ -162,6 +165,14 @@ def _not_the_commands(finding: ErrorInBand) -> str:
     if finding.distortion is not None:
         return f"{NONLINEAR} rather than linear dynamics"
     return "most of it is noise" if finding.mostly_noise else f"{NONLINEAR}, or something that is not logged"
+
+
+def _leaves_bounds(finding: LeavesBounds) -> str:
+    where = " and ".join(_hertz(band) for band in finding.bands_hz)
+    off = f"{finding.decibels:+.1f} dB and {finding.degrees:+.0f} degrees"
+    pair = f"{finding.output} per {finding.command}"
+    outside = f"the model's {pair} lies outside the bounds of the measured response in {where}"
+    return f"{finding.axis}: {outside}, furthest at {finding.furthest_hz:.1f} Hz: {off}"
 
 
 def _growth(finding: GrowsWithAmplitude) -> str:

@@ -11,13 +11,14 @@ from typing import Any
 from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAMETERS, Identification, Judgement
 from gcs.analysis.text.blocks import wrapped
 from gcs.analysis.text.checks import check_text, checks_document
-from sysid.compare.metrics import GOOD_COST, LEAST_COHERENCE, Mismatches
+from sysid.compare.metrics import GOOD_COST, Mismatches
 from sysid.data.band import Band, BandFrom
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.fit.checks import Check
 from sysid.fit.estimate import Instrument
 from sysid.fit.implied import Implied
 from sysid.fit.result import HIGH_CORRELATION, Fit
+from sysid.response.values import LEAST_COHERENCE
 
 # What the paper found on the real vehicle; shown beside, never mixed in.
 

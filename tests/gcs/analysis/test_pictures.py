@@ -95,7 +95,7 @@ def test_nothing_overlaps_and_nothing_is_cut_off(name: str, found: Comparison, t
 
 def test_a_comparison_shows_both_axes(found: Comparison) -> None:
     figure = compare_picture(found)
-    assert len(figure.axes) == 12
+    assert len(figure.axes) == 16
     titles = [axis._left_title.get_text() for axis in figure.axes]
     assert titles[0].startswith("roll: NRMSE fit")
     assert titles[1].startswith("pitch: NRMSE fit")
@@ -104,7 +104,7 @@ def test_a_comparison_shows_both_axes(found: Comparison) -> None:
     modelled = figure.axes[0].lines[1].get_ydata()
     residual = figure.axes[2].lines[0].get_ydata()
     np.testing.assert_allclose(measured - modelled, residual, atol=1e-12)
-    bars = figure.axes[10].patches
+    bars = figure.axes[14].patches
     assert sum(bar.get_height() for bar in bars) == pytest.approx(100, abs=0.1), "shares of one axis"
 
 

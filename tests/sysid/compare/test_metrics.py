@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from planted import PLANTED, TABLE_4, fly
 
-from sysid.compare.metrics import integrated_cost, mismatch, response_difference, widest
+from sysid.compare.metrics import integrated_cost, mismatch, response_difference
 from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import Record
@@ -17,6 +17,7 @@ from sysid.model.compose import compose
 from sysid.model.paper import CD, TPP, reduce_to_cd
 from sysid.model.response import slopes, transfer
 from sysid.model.structure import Model
+from sysid.response.values import widest
 
 FLIGHT = ("p", "q", "delta_x", "delta_y", "excitation_x", "excitation_y", "t")
 
