@@ -63,21 +63,13 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     """The class of a winner among candidates of as many effects."""
     rivals = [one for one in candidates if one.stepped is not None and not one.implausible and one is not winner]
     weights = {one.effects: weight(one, winner) for one in (winner, *rivals)}
-    families: list[list[Ranked]] = [[winner]]
-    for one in sorted(rivals, key=lambda one: (one.added, -weights[one.effects])):
-        home = next((family for family in families if same(one, family[0], winner)), None)
-        if home is None:
-            families.append([one])
-        else:
-            home.append(one)
+    families = _families(winner, rivals, weights)
     top = max(weights.values())
     masses = [sum(math.exp(weights[one.effects] - top) for one in family) for family in families]
     shares = [mass / sum(masses) for mass in masses]
     order = [0, *sorted(range(1, len(families)), key=lambda i: -shares[i])]
     held = [sum(shares[i] for i in order[: n + 1]) for n in range(len(order))]
-    count = next(n for n, share in enumerate(held, 1) if share >= CERTAIN or n == len(order))
-    if count > USEFUL and held[USEFUL - 1] >= ENOUGH:
-        count = USEFUL
+    count = _count(held)
     kept = [families[i] for i in order[:count]]
     named = set(winner.effects)
     return Class(
@@ -87,6 +79,24 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
         whole=held[count - 1],
         near=frozenset(name for one in rivals if _near(one, winner) for name in one.effects if name not in named),
     )
+
+
+def _families(winner: Ranked, rivals: Sequence[Ranked], weights: Mapping[tuple[str, ...], float]) -> list[list[Ranked]]:
+    """Those that predict the same together, the winner's first; the simplest of each, then the likeliest, leads it."""
+    families: list[list[Ranked]] = [[winner]]
+    for one in sorted(rivals, key=lambda one: (one.added, -weights[one.effects])):
+        home = next((family for family in families if same(one, family[0], winner)), None)
+        if home is None:
+            families.append([one])
+        else:
+            home.append(one)
+    return families
+
+
+def _count(held: Sequence[float]) -> int:
+    """How many of the likeliest make the class, by what so many hold together."""
+    certain = next((n for n, share in enumerate(held, 1) if share >= CERTAIN), len(held))
+    return USEFUL if certain > USEFUL and held[USEFUL - 1] >= ENOUGH else certain
 
 
 def _near(one: Ranked, winner: Ranked) -> bool:
