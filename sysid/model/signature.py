@@ -49,17 +49,18 @@ class Signature:
     command: str
     """and the command that brings it out."""
     decibels: FloatArray | None
-    """Gain with the effect over gain without it, at FREQUENCY_HZ; None where it is not linear, or the command is its
-    own."""
+    """Gain with the effect over gain without it, at FREQUENCY_HZ, the same shape; None where it is not linear, or the
+    command is its own."""
     degrees: FloatArray | None
-    """Phase with it less phase without it, -180 to 180."""
+    """Phase with it less phase without it, -180 to 180, the same shape."""
     t: FloatArray
-    """s"""
+    """(n,), s"""
     commanded: FloatArray
     """(n,), of full command"""
     without: FloatArray
-    """rad/s"""
+    """(n,), rad/s"""
     with_effect: FloatArray
+    """(n,), rad/s"""
 
 
 def paper_vehicle() -> Model:

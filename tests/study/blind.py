@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import json
+import math
 import random
 import sys
 import tempfile
@@ -25,6 +26,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
 from workers import cores, worked_off
 
 ROLL, PITCH, ELEVATOR = 10, 11, 20
@@ -158,7 +160,9 @@ def told(found: Any) -> dict[str, Any]:
     document["pairs"] = document["pairs"][:3]
     document["E0"], document["N"] = found.parent.error_share, found.noise_share
     model = found.parent.model
-    document["parent"] = dict(zip(model.structure.names, map(float, model.values), strict=True))
+    names, variances = model.structure.names, np.diag(found.parent.estimate.covariance)
+    document["parent"] = dict(zip(names, map(float, model.values), strict=True))
+    document["parent_errors"] = {name: math.sqrt(x) for name, x in zip(names, variances, strict=True) if x > 0}
     return dict(document)
 
 

@@ -148,7 +148,7 @@ def report(flights: Sequence[Flight], by_size: bool = False) -> str:
     answered = [one for one in flights if not one.failed]
     blocks = [must_show.must_show(answered), must_show.sureness(answered), must_show.seconds(answered)]
     if any(one.strange for one in answered):
-        blocks += [must_show.by_detectability(answered), must_show.alarms(answered)]
+        blocks += [must_show.by_detectability(answered), must_show.base_errors(answered), must_show.alarms(answered)]
     if by_size:
         blocks.append(must_show.of_sizes(answered))
     return "\n\n".join(["\n".join(lines) for lines in blocks if lines] + [tables(flights)])

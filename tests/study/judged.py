@@ -177,6 +177,13 @@ class Flight:
                 ]
         return []
 
+    def base_off(self) -> dict[str, float]:
+        """(estimate - truth)/standard error of the base's numbers, where nothing at all was hidden."""
+        if not self.strange or self.said["case"]["names"] != ["none"]:
+            return {}
+        truth, errors = self.said["flight"]["table"], self.said.get("parent_errors", {})
+        return {name: (self.said["parent"][name] - truth[name]) / errors[name] for name in errors if name in truth}
+
     def short_of_best(self) -> float | None:
         """Validation NRMSE of the winner below the best of all refits, in points, the worse axis."""
         fits = [one for one in (*self.said["candidates"], *self.said["pairs"]) if one["validation_nrmse_percent"]]

@@ -19,6 +19,7 @@ ROC_SIZES = (0.0, 0.3, 1.0, 3.0, 10.0, 100.0, math.inf)
 FALSE_ALARMS = (0.01, 0.05)
 ROC_LEAST = 6
 """Flights of an entry, to be listed."""
+Z_FAR = 3.0
 LONGEST_S = 2.0, 5.0
 """CPU seconds of a diagnosis: median and 95th percentile."""
 
@@ -199,6 +200,23 @@ def by_detectability(flights: Sequence[Flight]) -> list[str]:
                 for low, high, here in cells
                 if here
             ]
+    return lines
+
+
+def base_errors(flights: Sequence[Flight]) -> list[str]:
+    """Whether standard errors of the base's numbers are honest where nothing is hidden: their z."""
+    lines = ["z of the base's numbers where nothing is hidden: mean, rms (0.9 to 1.1), beyond 3 of values"]
+    for logged, told in ((True, "excitation logged"), (False, "not logged")):
+        by_name: dict[str, list[float]] = defaultdict(list)
+        for one in flights:
+            if one.excitation_logged == logged:
+                for name, z in one.base_off().items():
+                    by_name[name].append(z)
+        every = [z for values in by_name.values() for z in values]
+        for name, values in [("all", every), *sorted(by_name.items())] if every else []:
+            mean, rms = sum(values) / len(values), math.hypot(*values) / math.sqrt(len(values))
+            beyond = sum(abs(z) > Z_FAR for z in values)
+            lines.append(f"  {told:18} {name:6} {mean:+6.2f} {rms:6.2f}   {beyond} of {len(values)}")
     return lines
 
 

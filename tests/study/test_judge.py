@@ -9,7 +9,7 @@ import pytest
 from intervals import area_under, reliability, threshold_at, wilson
 from judge import report
 from judged import Flight, load
-from must_show import by_detectability, must_show
+from must_show import base_errors, by_detectability, must_show
 
 
 @pytest.mark.parametrize(
@@ -123,6 +123,21 @@ def test_a_flight_of_several_files_counts_once_and_a_cut_line_not_at_all(tmp_pat
     first.write_text('{"key": "1", "failed": "x"}\n{"key": "2"}\n')
     second.write_text('{"key": "1", "failed": null}\n{"key": "3", "ver')
     assert [one.failed for one in load([first, second])] == [None, None]
+
+
+def test_errors_of_the_base_are_counted_where_nothing_is_hidden() -> None:
+    case = {"plant": "stranger", "names": ["none"], "seed": 1, "scale": 1.0, "gusts": 1.0}
+    numbers = {
+        "parent": {"L_b": 1.4, "M_a": 0.5, "tau_s": 9.0},
+        "parent_errors": {"L_b": 0.1, "M_a": 0.5, "tau_s": 1.0},
+    }
+    clean = answered("none", "complete", case=case, **numbers)
+    hiding = answered("none", "complete", case=case | {"names": ["swashplate_phase"]}, **numbers)
+    assert clean.base_off() == {"L_b": pytest.approx(4.0), "M_a": pytest.approx(-1.0)}
+    assert hiding.base_off() == {}
+    lines = base_errors([clean, hiding])
+    assert lines[1].split()[-5:] == ["+1.50", "2.92", "1", "of", "2"]
+    assert len(lines) == 4
 
 
 def test_a_flight_that_failed_is_listed_with_its_reason_and_counts_as_none() -> None:
