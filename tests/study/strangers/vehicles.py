@@ -72,16 +72,24 @@ class Vehicle:
     loop: str
     table: Mapping[str, float]
     """Under the names of `planted.TABLE_4`, and `omega`, rad/s; a quadrotor's under `QUADROTOR`'s."""
-    band_hz: tuple[float, float]
-    """What its chirps sweep."""
-    gust: Array
-    """Standard deviation of usual gusts, rad/s^2, of roll and pitch."""
     rate_gain: Array
     """(2, 2): command per rad/s;"""
     attitude_gain: Array
     """and per rad."""
     amplitudes: tuple[float, float]
     """Of roll and pitch chirps, of full command."""
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """What its chirps sweep."""
+        return SIZES[self.size].band_hz if self.flaps else QUADROTOR_BAND_HZ
+
+    @property
+    def gust(self) -> Array:
+        """Standard deviation of usual gusts, rad/s^2, of roll and pitch."""
+        if not self.flaps:
+            return np.full(2, QUADROTOR_GUST)
+        return np.array([GUST[0] * self.table["L_b"], GUST[1] * self.table["M_a"]])
 
     @property
     def flaps(self) -> bool:
@@ -117,8 +125,6 @@ def drawn(rng: np.random.Generator) -> Vehicle:
         size=size,
         loop=loop,
         table=MappingProxyType(table),
-        band_hz=SIZES[size].band_hz,
-        gust=np.array([GUST[0] * table["L_b"], GUST[1] * table["M_a"]]),
         rate_gain=rate,
         attitude_gain=attitude,
         amplitudes=(amplitudes[0], amplitudes[1]),
@@ -152,8 +158,6 @@ def quadrotor(rng: np.random.Generator) -> Vehicle:
         size="quadrotor",
         loop=loop,
         table=MappingProxyType(table),
-        band_hz=QUADROTOR_BAND_HZ,
-        gust=np.full(2, QUADROTOR_GUST),
         rate_gain=np.diag(hold / power),
         attitude_gain=np.diag(QUADROTOR_LEVEL * hold / power),
         amplitudes=(float(amplitudes[0]), float(amplitudes[1])),
