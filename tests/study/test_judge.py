@@ -127,7 +127,7 @@ def test_a_flight_of_several_files_counts_once_and_a_cut_line_not_at_all(tmp_pat
 
 def test_errors_of_the_base_are_counted_where_nothing_is_hidden() -> None:
     case = {"plant": "stranger", "names": ["none"], "seed": 1, "scale": 1.0, "gusts": 1.0}
-    numbers = {
+    numbers: dict[str, Any] = {
         "parent": {"L_b": 1.4, "M_a": 0.5, "tau_s": 9.0},
         "parent_errors": {"L_b": 0.1, "M_a": 0.5, "tau_s": 1.0},
     }
