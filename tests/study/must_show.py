@@ -217,7 +217,7 @@ def base_errors(flights: Sequence[Flight]) -> list[str]:
             mean, rms = sum(values) / len(values), math.hypot(*values) / math.sqrt(len(values))
             beyond = sum(abs(z) > Z_FAR for z in values)
             lines.append(f"  {told:18} {name:6} {mean:+6.2f} {rms:6.2f}   {beyond} of {len(values)}")
-    return lines
+    return lines if len(lines) > 1 else []
 
 
 def alarms(flights: Sequence[Flight]) -> list[str]:
