@@ -179,7 +179,7 @@ class Flight:
 
     def base_off(self) -> dict[str, float]:
         """(estimate - truth)/standard error of the base's numbers, where nothing at all was hidden."""
-        if not self.strange or self.said["case"]["names"] != ["none"]:
+        if not self.strange or self.name != "none":
             return {}
         truth, errors = self.said["flight"]["table"], self.said.get("parent_errors", {})
         return {name: (self.said["parent"][name] - truth[name]) / errors[name] for name in errors if name in truth}
