@@ -6,7 +6,7 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import (
     NAMED,
@@ -18,6 +18,11 @@ from gcs.cli.options import (
     write_json,
 )
 
+if TYPE_CHECKING:
+    from sysid.control.measured_margins import MeasuredMargins
+    from sysid.control.regulator import Gains
+    from sysid.fit.result import Fit
+
 
 def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
@@ -28,17 +33,25 @@ def add_parser(subparsers: Any) -> None:
         "judged with the whole fit, its delay and lags; gains that do not hold it are refused (exit status 1), and the "
         "input cost that does is told.",
         epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
-        '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model"}.',
+        '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model"}; with '
+        '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
+        '"frequency_hz"}, or null where the loop does not cross in the measured band; null as a whole where the '
+        "runs do not measure it well enough.",
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
+    parser.add_argument(
+        "--measured",
+        action="store_true",
+        help="beside the model's margins those that the measured responses of the fit's runs show, with 95 %% bounds",
+    )
     add_effects_option(parser, NAMED)
     add_output_options(parser, "GAINS.json")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.text.gains import gains_text
+    from gcs.analysis.text.gains import gains_text, measured_text
     from gcs.errors import UsageError
     from sysid.control.regulator import design
     from sysid.fit.result import Fit
@@ -51,6 +64,9 @@ def run(args: argparse.Namespace) -> int:
         print(f"warning of the fit: {text}", file=sys.stderr)
     gains = design(fit.model, args.input_cost)
     document = gains.to_json()
+    measured = by_measurement(fit, gains) if args.measured else None
+    if args.measured:
+        document["margins_measured"] = None if measured is None else measured.to_json()
     if args.output:
         write_json(document, args.output)
         print(f"wrote {args.output}; `tippath push {args.output} --connect LINK` writes it", file=sys.stderr)
@@ -58,4 +74,16 @@ def run(args: argparse.Namespace) -> int:
         print_json(document)
     else:
         print(gains_text(gains))
+        if args.measured:
+            print(measured_text(measured, gains.margins))
     return 0
+
+
+def by_measurement(fit: Fit, gains: Gains) -> MeasuredMargins | None:
+    """Margins by the responses that the fit's own runs show. Raises NoResponseError, TippathError."""
+    from gcs.analysis.comparison import flown
+    from sysid.control.measured_margins import measured_margins
+    from sysid.response.flown import flown_responses
+
+    records, _ = flown(fit)
+    return measured_margins(gains, flown_responses(records, fit.band_hz).responses)

@@ -303,19 +303,19 @@ def _margins(gains: Feedback, loop: Loop) -> Margins:
     w = _frequencies(gains, loop)
     loci = _loci(gains, loop, w)
     for _ in range(ZOOMS):
-        crossed = np.flatnonzero(np.any(_unit(loci) | _real(loci), axis=1))
+        crossed = np.flatnonzero(np.any(unit_passed(loci) | negative_axis_met(loci), axis=1))
         between = np.linspace(w[crossed], w[crossed + 1], ZOOM, endpoint=False)[1:]
         w = np.sort(np.concatenate([w, between.ravel()]))
         loci = _loci(gains, loop, w)
     gain, phase, delay = _at_rest(gains, loop), math.inf, math.inf
     for branch in loci.T:
         size, turn = np.log(np.abs(branch)), np.mod(np.angle(branch) - np.pi, 2 * np.pi)
-        for i in np.flatnonzero(_unit(branch)):
+        for i in np.flatnonzero(unit_passed(branch)):
             part = size[i] / (size[i] - size[i + 1])
             angle = turn[i] + part * ((turn[i + 1] - turn[i] + np.pi) % (2 * np.pi) - np.pi)
             phase = min(phase, float(np.degrees(min(angle, 2 * np.pi - angle))))
             delay = min(delay, float(angle / (w[i] + part * (w[i + 1] - w[i]))))
-        gain = min([gain, *(-20 / math.log(10) * size[:-1][_real(branch) & (size[:-1] < 0)])])
+        gain = min([gain, *(-20 / math.log(10) * size[:-1][negative_axis_met(branch) & (size[:-1] < 0)])])
     return Margins(float(gain), phase, delay)
 
 
@@ -326,7 +326,7 @@ def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArra
     w = _frequencies(gains, loop)
     loci = _loci(gains, loop, w)
     smaller = np.abs(loci[:-1]) < 1
-    units, reals = (np.any(each, axis=1) for each in (_unit(loci), _real(loci) & smaller))
+    units, reals = (np.any(each, axis=1) for each in (unit_passed(loci), negative_axis_met(loci) & smaller))
     middle = np.sqrt(w[:-1] * w[1:]) / (2 * np.pi)
     return middle[units], middle[reals]
 
@@ -369,8 +369,12 @@ def _transfer(gains: Feedback, loop: Loop, s: AnyArray) -> ComplexArray:
 
 
 def _loci(gains: Feedback, loop: Loop, w: FloatArray) -> ComplexArray:
-    """Eigenvalues (f, 2), each column one branch: neighbours change places as often as they did."""
-    values = _eigenvalues(_transfer(gains, loop, 1j * w))
+    """Eigenvalues (f, 2), each column one branch."""
+    return branches(_eigenvalues(_transfer(gains, loop, 1j * w)))
+
+
+def branches(values: ComplexArray) -> ComplexArray:
+    """(f, 2), each column one branch: neighbours change places as often as they did."""
     straight = np.abs(np.diff(values, axis=0)).sum(axis=1)
     crossed = np.abs(values[1:, ::-1] - values[:-1]).sum(axis=1)
     odd = np.concatenate([[False], np.cumsum(crossed < straight) % 2 == 1])
@@ -383,12 +387,12 @@ def _eigenvalues(x: ComplexArray) -> ComplexArray:
     return np.stack([half + apart, half - apart], axis=1)
 
 
-def _unit(loci: ComplexArray) -> AnyArray:
+def unit_passed(loci: ComplexArray) -> AnyArray:
     """Between which neighbours the absolute value passes 1."""
     return np.diff(np.abs(loci) > 1, axis=0)
 
 
-def _real(loci: ComplexArray) -> AnyArray:
+def negative_axis_met(loci: ComplexArray) -> AnyArray:
     """Between which neighbours the negative real axis is met."""
     return np.diff(loci.imag > 0, axis=0) & (loci.real[:-1] < 0)
 

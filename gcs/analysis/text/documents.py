@@ -65,6 +65,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = ()) -> dic
         "character": {
             "findings": [finding_text(finding) for finding in comparison.findings],
             "bands": [band.to_json() for band in comparison.bands],
+            "responses": [response.to_json() for response in comparison.responses],
             "growth": [growth.to_json() for growth in comparison.growth],
             "controls": {name: dict(shares) for name, shares in comparison.controls.items()},
         },

@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from gcs.analysis.text.blocks import wrapped
+from sysid.control.measured_margins import Crossing, MeasuredMargins
 from sysid.control.regulator import Gains
-from sysid.control.stability import ClosedLoop
+from sysid.control.stability import SENSIBLE_MS, ClosedLoop, Margins
+
+LESS_DEG = 5.0
+"""Beyond its bound, by which a measured phase margin falls short of the model's to be spoken of."""
 
 
 def gains_text(gains: Gains) -> str:
@@ -52,3 +57,27 @@ def _loop_lines(loop: ClosedLoop) -> list[str]:
     lines += [f"without {named(loop.left_out)}: small motion does not show it"] if loop.left_out else []
     lines += ["it drifts, slower than 0.5 Hz, which the rates do not show: the pilot holds it"] if loop.drifts else []
     return [f"  {'loop' if k == 0 else '':14}{line}" for k, line in enumerate(lines)]
+
+
+def measured_text(found: MeasuredMargins | None, by_model: Margins) -> str:
+    """Margins by the measured responses of the fit's runs, to stand below a design."""
+    if found is None:
+        return _measured("not measured well enough for margins: fly longer sweeps of both axes")
+    low, high = found.band_hz
+    beyond = f"does not cross between {low:.2g} and {high:.2g} Hz, not measured: sweep further"
+
+    def margin(name: str, one: Crossing | None, unit: str, digits: int) -> str:
+        if one is None:
+            return f"{name}: {beyond}"
+        return f"{name} {one.value:.{digits}f} ± {one.bound:.{digits}f}{unit} at {one.frequency_hz:.1f} Hz"
+
+    each = [margin("phase", found.phase_deg, "°", 0), margin("gain margin", found.gain_db, " dB", 1)]
+    if found.delay_ms is not None:
+        each.insert(1, margin("delay", found.delay_ms, " ms", 0 if found.delay_ms.value >= SENSIBLE_MS else 1))
+    less = found.phase_deg is not None and found.phase_deg.value + found.phase_deg.bound + LESS_DEG < by_model.phase_deg
+    missing = ". The model promises more: it lacks something, which `tippath diagnose` names; do not fly these"
+    return _measured("; ".join(each) + (missing if less else ""))
+
+
+def _measured(words: str) -> str:
+    return "\n".join(wrapped(f"  {'measured':14}{words}", rest=" " * 16))

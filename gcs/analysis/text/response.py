@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -99,7 +98,7 @@ def _footing(found: FlownResponses) -> list[str]:
 # ------------------------------------------------------------------------------------------------ document
 
 
-def response_document(found: FlownResponses, warnings: Sequence[str] = (), base: Path | None = None) -> dict[str, Any]:
+def response_document(found: FlownResponses, warnings: Sequence[str] = ()) -> dict[str, Any]:
     """The `tippath.response/1` document: what is no number is null."""
     measured = found.responses
     return {

@@ -10,7 +10,10 @@ import pytest
 from loops_in_time import Late, flown
 from planted import TABLE_4
 
+from gcs.analysis.text.gains import measured_text
+from sysid.control.measured_margins import Crossing, MeasuredMargins
 from sysid.control.regulator import design
+from sysid.control.stability import Margins
 from sysid.fit.identify import identify
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
@@ -111,3 +114,31 @@ def test_the_same_vehicle_less_late_is_given_its_gains() -> None:
     early = Late(dict(TABLE_4), {"T_d": 0.020}, ("transport_delay",))
     fit = identify(TPP, [flown(early, axis, 15.0) for axis in ("roll", "pitch")], effects=["transport_delay"])
     assert design(fit.model).margins.delay_ms == pytest.approx(28, abs=3)
+
+
+def test_margins_that_were_measured_stand_beside_the_model_s(flight: Path, tippath: Tippath) -> None:
+    status, out, _ = tippath("design", flight / "tpp.json", "--input-cost", 100, "--measured")
+    assert status == 0
+    assert "\n  measured      " in out
+    status, out, _ = tippath("design", flight / "tpp.json", "--input-cost", 100, "--measured", "--json")
+    assert status == 0
+    document = json.loads(out)
+    measured, model = document["margins_measured"], document["margins"]
+    assert measured["band_hz"][0] < 1 < 8 < measured["band_hz"][1]
+    for name in ("phase_deg", "gain_db"):
+        if measured[name] is not None and model[name] is not None:
+            assert measured[name]["value"] >= model[name] - measured[name]["bound"] - 0.02 * model[name]
+
+
+def test_a_model_that_promises_more_than_was_measured_is_told_so() -> None:
+    phase, delay = Crossing(value=21.0, bound=4.0, frequency_hz=4.8), Crossing(value=12.2, bound=2.3, frequency_hz=4.8)
+    found = MeasuredMargins(band_hz=(0.5, 10.0), phase_deg=phase, delay_ms=delay, gain_db=None)
+    promised, kept = (Margins(gain_db=17.0, phase_deg=one, delay_s=0.03) for one in (99.0, 22.0))
+    text = measured_text(found, promised)
+    words = " ".join(text.split())
+    assert words.startswith("measured phase 21 ± 4° at 4.8 Hz; delay 12 ± 2 ms at 4.8 Hz; gain margin: does not cross")
+    assert "between 0.5 and 10 Hz, not measured: sweep further" in words
+    assert "The model promises more: it lacks something" in words
+    assert all(len(line) <= 78 for line in text.splitlines())
+    assert "promises more" not in measured_text(found, kept)
+    assert "not measured well enough" in measured_text(None, promised)
