@@ -28,7 +28,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is left, and no parameter promises anything."""
     monkeypatch.setattr(likely, "misfit", lambda *_: 0.0)
     monkeypatch.setattr(choice, "misfit", lambda *_: 0.0)
-    monkeypatch.setattr(likely, "promised", lambda _: 0.0)
+    monkeypatch.setattr(likely, "promised", lambda *_: 0.0)
     monkeypatch.setattr(choice, "_unusual", lambda one: (bool(one.implausible), 0.0))
 
 
