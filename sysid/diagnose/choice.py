@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from sysid.diagnose.candidates import REMAINDER, Ranked
 from sysid.diagnose.evidence import gain
 from sysid.diagnose.likely import CHANCE, SAME, misfit
+from sysid.diagnose.shares import EXPLAINED
 
 ALMOST = 0.05
 """Of what can be explained, by which a simpler entry may explain less than one of doubtful values and be named."""
@@ -34,7 +35,8 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
 
 def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
     """Of candidates that the data cannot tell from the winner: a plausible one, of the most usual size; else a simpler
-    one that is plainly plausible and explains as much."""
+    one that is plainly plausible and explains as much; and one that explains what can be explained before one that is
+    likelier by a hair and does not."""
     assert winner.stepped is not None
     stepped = winner.stepped
     near = max(SAME, 2 * misfit(winner, CHANCE))
@@ -44,10 +46,23 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
         if one.stepped is not None and _stands_beside(one, winner, *gain(stepped, one.stepped), near)
     ]
     best = min(alike, key=_unusual, default=winner)
+    fuller = [one for one in others if _explains_instead(one, best, near)] if not _explains(best) else []
+    best = min(fuller, key=lambda one: one.delta_bic, default=best)
     if not best.outside:
         return best
     simpler = [one for one in others if _explains_as_much(one, best)]
     return min(simpler, key=lambda one: one.delta_bic, default=best)
+
+
+def _explains(one: Ranked) -> bool:
+    return (one.explained_share or 0.0) >= EXPLAINED
+
+
+def _explains_instead(one: Ranked, winner: Ranked, near: float) -> bool:
+    """Whether it explains what the winner does not, and is plausible and nearly as likely."""
+    if one.stepped is None or winner.stepped is None or one.implausible or one.delta_bic >= 0 or not _explains(one):
+        return False
+    return gain(winner.stepped, one.stepped)[0] < near
 
 
 def _explains_as_much(one: Ranked, winner: Ranked) -> bool:

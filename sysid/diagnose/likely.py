@@ -132,10 +132,10 @@ def weight(one: Ranked, winner: Ranked) -> float:
     assert winner.stepped is not None
     temper = max(TEMPER, misfit(winner, CHANCE) / MISFIT_TOLD)
     behind = 0.0 if one is winner else gain(winner.stepped, one.stepped)[0]
-    return -0.5 * behind / temper + promised(one)
+    return -0.5 * behind / temper + promised(one, temper)
 
 
-def promised(one: Ranked) -> float:
+def promised(one: Ranked, temper: float = 1.0) -> float:
     """Logarithm of the share of what its own parameters may be that these runs leave them; 0 where they leave all.
 
     Sizes may be anything within some powers of e, whatever their units, and the sooner about none the less they tell.
@@ -154,7 +154,7 @@ def promised(one: Ranked) -> float:
     widths = np.array([SPREAD * max(abs(model[name]), 1e-12) for name in own])
     if not own or not np.all(np.isfinite(spread)):
         return 0.0
-    inner = np.maximum(np.linalg.eigvalsh(spread / np.outer(widths, widths)), 1e-12)
+    inner = np.maximum(np.linalg.eigvalsh(temper * spread / np.outer(widths, widths)), 1e-12)
     # what takes the place of parameters that it had anyway promises no more than these did
     return min(1.0, max(0, one.added) / len(own)) * float(np.sum(0.5 * np.log(inner / (1 + inner))))
 

@@ -65,12 +65,12 @@ class Shares:
             validation=None if on is None else _Validation.of(parent, fits, on),
         )
 
-    def reason(self, verdict: str, left: Division) -> str | None:
-        """`feedback` where what is left unexplained is what the loop alone could make."""
-        if verdict != "unexplained" or left.measured:
-            return None
+    def by_feedback(self, left: Division) -> bool:
+        """Whether what can be explained is what the loop alone could make."""
+        if left.measured:
+            return False
         explained = [*(1 - left.noise_share), 1 - self.noise_share / max(self.error_share, 1e-300)]
-        return "feedback" if max(explained) <= BY_FEEDBACK else None
+        return bool(max(explained) <= BY_FEEDBACK)
 
     def told(self, one: Ranked) -> Ranked:
         """The candidate with the shares that it explains."""

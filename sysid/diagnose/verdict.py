@@ -174,7 +174,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
     answer = _answer(singles, pairs, shares, reference, chance) if significant else _Answer(confidence=COMPLETE_RIGHT)
     return Diagnosis(
         verdict=answer.verdict,
-        reason=shares.reason(answer.verdict, parent.division),
+        reason="feedback" if answer.verdict == "unexplained" and shares.by_feedback(parent.division) else None,
         effect=answer.effect,
         stands_in=answer.stands_in,
         chain=answer.chain,
@@ -233,6 +233,8 @@ def _answer(
     among = declared(winner, singles if len(chain) == 1 else pairs)
     ratio, short = lead(winner, among.near, singles)
     confidence = of_named(ratio, short, among)
+    if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division):
+        missing = False  # a name by chance of what the loop made
     if not missing:
         confidence = min(most, of_unexplained(winner, chance, confidence))
     if not winner.fit.model.stable:

@@ -62,7 +62,7 @@ def judged(flight: list[Record], base: str = "tpp") -> Diagnosis:
 def named(flight: str, found: Diagnosis) -> None:
     entry, alike = NAMED[flight]
     assert found.verdict == "missing"
-    assert {found.effect, *found.indistinguishable} == {entry, *alike}
+    assert {found.effect, *found.not_told} == {entry, *alike}
     assert found.effect == entry
     winner = next(one for one in found.candidates if one.effect == entry)
     for name, value in SIZES[flight].items():
@@ -133,7 +133,7 @@ def test_a_quadrotor_s_motors_are_named_as_motors() -> None:
     flight = motors(3)
     found = judged(flight, "cd")
     assert (found.verdict, found.effect) == ("missing", "motor_lag")
-    assert set(found.indistinguishable) <= {"gyro_lag"}
+    assert set(found.not_told) <= {"gyro_lag"}
     assert found.winner is not None
     error = found.winner.standard_errors["tau_m"]
     assert found.winner.values["tau_m"] == pytest.approx(0.035, abs=4 * error)

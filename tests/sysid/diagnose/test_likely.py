@@ -28,7 +28,8 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is left, and no parameter promises anything."""
     monkeypatch.setattr(likely, "misfit", lambda *_: 0.0)
     monkeypatch.setattr(choice, "misfit", lambda *_: 0.0)
-    monkeypatch.setattr(likely, "promised", lambda _: 0.0)
+    monkeypatch.setattr(likely, "promised", lambda *_: 0.0)
+    monkeypatch.setattr(choice, "_unusual", lambda one: (bool(one.implausible), 0.0))
 
 
 def refitted(name: str, behind: float = 0.0, direction: int = 0, **also: object) -> Ranked:
@@ -127,6 +128,14 @@ def test_a_simpler_entry_explains_as_much_only_with_as_much_evidence() -> None:
     crumb = refitted("servo_lag", CHI_SQUARED - 5.0, 1, explained_share=1.0)
     assert choice._explains_as_much(as_good, bar)
     assert not choice._explains_as_much(crumb, bar)
+
+
+def test_what_explains_all_is_named_before_what_is_likelier_by_a_hair() -> None:
+    lag = refitted("gyro_lag", 0.0, 0, explained_share=0.02)
+    inflow = refitted("dynamic_inflow", 6.0, 1, explained_share=1.0, added=2)
+    far = refitted("servo_backlash", 40.0, 2, explained_share=1.0)
+    assert choice.winner([lag, inflow, far], []) is inflow
+    assert choice.winner([lag, far], []) is lag
 
 
 def test_a_model_without_its_sizes_that_does_not_settle_ends_no_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
