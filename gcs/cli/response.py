@@ -49,7 +49,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--inputs",
         metavar="COMMAND,...",
-        help="which commands (default: delta_x, delta_y and delta_e as far as they move)",
+        help="which commands (default: delta_x and delta_y as far as they move, and delta_e where it moves as much)",
     )
     parser.add_argument("--outputs", metavar="CHANNEL,...", help="which answers (default: p,q)")
     add_band_option(parser)

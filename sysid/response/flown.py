@@ -21,6 +21,9 @@ BEYOND = 0.7, 1.1
 BY_DEFAULT = (*CYCLIC, "delta_e")
 """Commands that are taken for inputs where they move; others where they are named."""
 
+LEAST_BESIDE = 0.1
+"""Of the strongest command's motion, that one beside the cyclic ones has to be taken for an input by itself."""
+
 
 class NoResponseError(SysidError):
     """Runs that show no response; the message says why and what to do."""
@@ -120,6 +123,15 @@ def _inputs(dataset: Dataset, asked: Sequence[str]) -> tuple[str, ...]:
         if not moves(name, dataset.records):
             raise NoResponseError(f"{name} does not move in these runs: there is no response to it; sweep its axis")
     moving = tuple(name for name in BY_DEFAULT if name in dataset.common and moves(name, dataset.records))
+    strongest = max((_strongest(name, dataset.records) for name in moving), default=0.0)
+    moving = tuple(
+        name for name in moving if name in CYCLIC or _strongest(name, dataset.records) > LEAST_BESIDE * strongest
+    )
     if not asked and not moving:
         raise NoResponseError("no command moves in these runs: there is no response to measure; fly a sweep")
     return tuple(dict.fromkeys(asked)) or moving
+
+
+def _strongest(name: str, records: Sequence[Record]) -> float:
+    """The largest standard deviation that a command has in any run."""
+    return max(float(np.std(record.channels[name])) for record in records)

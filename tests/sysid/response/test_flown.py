@@ -129,6 +129,17 @@ def test_a_command_that_rests_is_no_input() -> None:
     assert valid[1] > 8
 
 
+def test_a_third_command_is_an_input_where_it_moves_as_much() -> None:
+    (runs,) = sweeps(1, seconds=12.0)
+    rng = np.random.default_rng(3)
+    noise = rng.normal(size=runs[0]["t"].size)
+    for size, inputs in ((0.002, ("delta_x", "delta_y")), (0.05, ("delta_x", "delta_y", "delta_e"))):
+        found = flown_responses(
+            [Record(one.id, {**one.channels, "delta_e": size * noise}) for one in records(runs)], SWEPT_HZ, points=3
+        )
+        assert found.responses.commands == inputs
+
+
 def test_no_answer_is_told_from_no_sweep() -> None:
     (runs,) = sweeps(1, feedback=0.0)
     rng = np.random.default_rng(1)
