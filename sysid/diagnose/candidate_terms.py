@@ -230,7 +230,7 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
     front, rest = divided(probe.structure)
     segment, n, m = one.segment, len(rest.states), len(rest.commands)
     length = segment.samples * segment.dt
-    bins = min(int(max(RELAXATION_HZ, float(one.frequency_hz[-1])) * length), (segment.samples - 1) // 2)
+    bins = min(int(max(RELAXATION_HZ, float(one.frequency_hz[-1])) * length + 1e-6), (segment.samples - 1) // 2)
     grid = next_fast_len(4 * bins)
     s = 2j * np.pi * np.arange(bins + 1) / length
     held_s = segment.held_s
