@@ -31,6 +31,9 @@ from sysid.model.structure import FloatArray, Model, Structure
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
 a hundred is found below it: the noise is not quite what the questions take it for."""
+IN_A_LOOP = math.log(100)
+"""Less surely than that nothing is told where no excitation is logged: short of many runs slow effects, which remember
+the gusts of half a run, are shown by noise more often than chance has it."""
 QUESTIONS = 3
 """Kinds of them: the commands against the residual, the catalogue, candidate terms."""
 SERIOUS = 0.02
@@ -213,7 +216,12 @@ def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:
     """Logarithm of the chance that noise alone shows as much as the best of all questions."""
     linear = log_chance(division.chi_squared, division.degrees)
     best = min((one.log_p for one in scores), default=0.0) + math.log(max(len(scores), 1))
-    return min(0.0, min(linear, best) + math.log(QUESTIONS))
+    return of_all_questions(min(linear, best), division)
+
+
+def of_all_questions(log_p: float, division: Division) -> float:
+    """Logarithm of the chance that noise alone shows as much in any kind of question, by that of one kind."""
+    return min(0.0, log_p + math.log(QUESTIONS) + (0.0 if division.measured else IN_A_LOOP))
 
 
 def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Ranked]:

@@ -12,7 +12,6 @@ study`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -20,12 +19,12 @@ from functools import cache
 from sysid.data.dataset import Dataset, Runs, dataset, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.diagnose.candidates import (
-    QUESTIONS,
     SIGNIFICANT,
     Progress,
     Ranked,
     Reference,
     chance_of_noise,
+    of_all_questions,
     rank,
     ranked,
     refit_serious,
@@ -78,7 +77,7 @@ def diagnose(
     chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
     if chance >= SIGNIFICANT:
         simple = search(asked_of, stepped, parent.metric, most=1)
-        chance = min([chance, *(one.log_p + math.log(QUESTIONS) for one in simple)])
+        chance = min([chance, *(of_all_questions(one.log_p, parent.division) for one in simple)])
         say("simple terms")
     if chance < SIGNIFICANT:
         candidates = refit_serious(candidates, parent, effects, say)
