@@ -300,7 +300,7 @@ def _hiding(answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
 
 
 def _behind(last: Candidate, answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
-    return could_hide(last, instrumental_step(last, answer.whitening), answer.whitening, answer.division, users)
+    return could_hide(last.asked, instrumental_step(last.asked, answer.whitening), answer.whitening, answer.division, users)
 
 
 def _suggested(answer: Diagnosis, fit: Fit, runs: int) -> Suggestion | None:
@@ -323,7 +323,7 @@ def _next(found: Diagnosis) -> NextManeuver | None:
         rivals = [second.fit]
     if not rivals:
         return None
-    return next_maneuver([winner.fit, *rivals], winner.fit.division, found.whitening)
+    return next_maneuver([one.asked for one in (winner.fit, *rivals)], winner.fit.division, found.whitening)
 
 
 def rival(found: Diagnosis) -> Ranked | None:

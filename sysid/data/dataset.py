@@ -14,7 +14,7 @@ import numpy as np
 from sysid.data.airframe import Airframe, agreed
 from sysid.data.gyro_settings import told_filters
 from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes, instruments
-from sysid.data.preprocess import ComplexArray, Piece, Spectrum, pieces
+from sysid.data.preprocess import EXCITATIONS, ComplexArray, Piece, Spectrum, pieces
 from sysid.data.record import COMMANDS, CYCLIC, RATES, Record
 from sysid.data.stacks import Stack, stack
 from sysid.errors import FitError
@@ -25,6 +25,9 @@ LEAST_MOTION = {"omega": 0.002, "airspeed": 0.01}
 """Relative spread from which on a flight condition can show anything."""
 LEAST_COMMAND = 1e-3
 STILL = 1e-12
+WIDER = 2.0
+"""Times a band's upper end: so far bins reach where noise is predicted from its past, for beyond it a vehicle hardly
+answers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,8 @@ class Dataset:
     """The fitted runs, where these only judge: then channels and flight condition are theirs."""
     outputs: tuple[str, ...] = RATES
     """What is measured, where nobody says otherwise."""
+    beyond: bool = False
+    """Whether its bins reach beyond the band that is fitted."""
     _pieces: dict[Record, tuple[list[Piece], list[str]]] = field(default_factory=dict)
     _viewed: dict[tuple[tuple[str, ...], tuple[str, ...]], Bins] = field(default_factory=dict)
     _some: dict[tuple[Record, ...], Dataset] = field(default_factory=dict)
@@ -167,6 +172,11 @@ class Dataset:
             tuple(name for name in inputs if name in CYCLIC or f"excitation_{name[-1]}" in self.common)
         )
 
+    @property
+    def in_a_loop(self) -> bool:
+        """Whether feedback may be in the commands, and no excitation of any is logged to tell it by."""
+        return not self.beyond and not any(name in EXCITATIONS for name in self.causes.references)
+
     @cached_property
     def imposed(self) -> tuple[Stack, ...]:
         """The stacks with commands, and channels that follow the motion, only as far as the excitation caused them."""
@@ -185,6 +195,20 @@ class Dataset:
     @property
     def samples(self) -> int:
         return sum(group.samples for group in self.stacks)
+
+    @cached_property
+    def wider(self) -> Dataset:
+        """The same runs with bins up to WIDER, as far as all of them are sampled: past is past there."""
+        top = max(float(one.frequency_hz[-1]) for one in self.spectra)
+        sampled = min(float((one.samples - 1) // 2) / (one.samples * one.dt) for one in self.spectra)
+        high_hz = min(WIDER * top, sampled)
+        return Dataset(
+            records=self.records,
+            band_hz=(self.band_hz[0], high_hz),
+            like=self.like or self,
+            outputs=self.outputs,
+            beyond=True,
+        )
 
 
 Runs = Dataset | Sequence[Record]

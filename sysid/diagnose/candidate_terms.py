@@ -81,7 +81,9 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
     named = model.by_name
     with np.errstate(all="ignore"):  # a parent that is not linear may run away: nothing is finite then, nor ranked
         flown = [[_signals(probe, named, one) for one in group.spectra] for group in on.stacks]
-        imposed = [[_signals(probe, named, one) for one in group.spectra] for group in on.imposed]
+        imposed = flown  # what is new knows no command
+        if not on.beyond:
+            imposed = [[_signals(probe, named, one) for one in group.spectra] for group in on.imposed]
         found = _expressions_on([one for group in flown for one in group])
         constants = dict(model.structure.constants)
 
@@ -91,9 +93,11 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
                 for group, parts in zip(on.stacks, signals, strict=True)
             ]
 
-        terms = _within_reach(bins(flown), bins(imposed))
+        spectra = bins(flown)
+        terms = _within_reach(spectra, spectra if imposed is flown else bins(imposed))
     at = [f"{name}_dot" for name in ("p", "q", "a", "b") if name in model.structure.states]
-    at += ["delta_x", "delta_y", "p_m", "q_m"]
+    # a measurement reaches the command of its own sample: there no past tells which was first
+    at += ["delta_x", "delta_y", *(() if on.beyond else ("p_m", "q_m"))]
     made = entries(found, at)
     place = {one: i for i, one in enumerate(found)}
 
@@ -226,7 +230,7 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
     front, rest = divided(probe.structure)
     segment, n, m = one.segment, len(rest.states), len(rest.commands)
     length = segment.samples * segment.dt
-    bins = min(int(max(RELAXATION_HZ, float(one.frequency_hz[-1])) * length), (segment.samples - 1) // 2)
+    bins = min(int(max(RELAXATION_HZ, float(one.frequency_hz[-1])) * length + 1e-6), (segment.samples - 1) // 2)
     grid = next_fast_len(4 * bins)
     s = 2j * np.pi * np.arange(bins + 1) / length
     held_s = segment.held_s

@@ -19,7 +19,7 @@ from sysid.errors import FitError
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
-from sysid.fit.whitening import Whitening, noise_whitening
+from sysid.fit.whitening import Whitening
 from sysid.model.airframe import not_offered
 from sysid.model.compose import adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
@@ -31,6 +31,9 @@ from sysid.model.structure import FloatArray, Model, Structure
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
 a hundred is found below it: the noise is not quite what the questions take it for."""
+IN_A_LOOP = math.log(100)
+"""Less surely than that nothing is told where no excitation is logged: short of many runs slow effects, which remember
+the gusts of half a run, are shown by noise more often than chance has it."""
 QUESTIONS = 3
 """Kinds of them: the commands against the residual, the catalogue, candidate terms."""
 SERIOUS = 0.02
@@ -213,7 +216,12 @@ def chance_of_noise(division: Division, scores: Sequence[Score]) -> float:
     """Logarithm of the chance that noise alone shows as much as the best of all questions."""
     linear = log_chance(division.chi_squared, division.degrees)
     best = min((one.log_p for one in scores), default=0.0) + math.log(max(len(scores), 1))
-    return min(0.0, min(linear, best) + math.log(QUESTIONS))
+    return of_all_questions(min(linear, best), division)
+
+
+def of_all_questions(log_p: float, division: Division) -> float:
+    """Logarithm of the chance that noise alone shows as much in any kind of question, by that of one kind."""
+    return min(0.0, log_p + math.log(QUESTIONS) + (0.0 if division.measured else IN_A_LOOP))
 
 
 def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Ranked]:
@@ -232,9 +240,8 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
     fits = [one.fit for one in found.values() if one.fit is not None]
     best = min(fits, key=lambda one: one.error_share, default=parent)
     open_question = _leaves_more(best, parent)
-    whitening = noise_whitening(best.model, parent.dataset.stacks, best.division)
     explained = (
-        gain(instrumental_step(best, whitening), instrumental_step(parent, whitening))[0] if best is not parent else 0.0
+        gain(*(instrumental_step(one.asked_in(best.metric), best.metric) for one in (best, parent)))[0] if best is not parent else 0.0
     )
     for one in asked:
         if one.not_testable is not None or _quick(one) or one.score is None:
@@ -275,11 +282,11 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     the validation runs."""
     if one.fit is None:
         return one
-    own = instrumental_step(one.fit, reference.whitening)
+    own = instrumental_step(one.fit.asked_in(reference.whitening), reference.whitening)
     likelier, _ = gain(own, reference.stepped)
     model, parent = one.fit.model, reference.parent
     before, outside = _outside(parent.model), _outside(model)
-    now = _implausible(one.fit, reference.whitening)
+    now = _implausible(one.fit.asked, reference.whitening)
     validated = error = None
     if reference.validation is not None:
         try:
@@ -295,7 +302,7 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
         rows=reference.stepped.residual.size,
         implausible=tuple(name for name in model.structure.names if name in now - before),
         outside=tuple(name for name in model.structure.names if name in outside - before),
-        resolved=tuple(sorted(_implausible(parent, reference.whitening) - outside)),
+        resolved=tuple(sorted(_implausible(parent.asked, reference.whitening) - outside)),
         validation_nrmse_percent=validated,
         validation_error=error,
     )

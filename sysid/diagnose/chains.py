@@ -202,7 +202,7 @@ class _Chains:
             self.not_asked.append(first.effect)
             return True
         whitening, users = self.reference.whitening, self.reference.users
-        seconds = score_effects(first.fit, first.stepped, whitening, users, silent)
+        seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, silent)
         scores = [one.score for one in seconds if one.score is not None]
         if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
             return False

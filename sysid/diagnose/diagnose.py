@@ -12,7 +12,6 @@ study`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -20,12 +19,12 @@ from functools import cache
 from sysid.data.dataset import Dataset, Runs, dataset, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.diagnose.candidates import (
-    QUESTIONS,
     SIGNIFICANT,
     Progress,
     Ranked,
     Reference,
     chance_of_noise,
+    of_all_questions,
     rank,
     ranked,
     refit_serious,
@@ -39,7 +38,6 @@ from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, held
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
-from sysid.fit.whitening import noise_whitening
 from sysid.model.effect import Effect
 from sysid.model.structure import Model, Structure
 
@@ -69,18 +67,17 @@ def diagnose(
     parent, thinned, loop_s = as_held(
         _parent(structure, on, fixed, begin), fixed, lambda runs, near: _parent(structure, runs, fixed, near)
     )
-    on = parent.dataset
     if loop_s is not None and validated_on is not None:
-        validated_on = held(validated_on, loop_s).beside(on)
-    whitening = noise_whitening(parent.model, on.stacks, parent.division)
-    stepped = instrumental_step(parent, whitening)
+        validated_on = held(validated_on, loop_s).beside(parent.dataset)
+    asked_of = parent.asked_in(parent.metric)
+    stepped = instrumental_step(asked_of, parent.metric)
     say("the structure as it is")
 
-    candidates = score_effects(parent, stepped, whitening, effects, say)
+    candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
     if chance >= SIGNIFICANT:
-        simple = search(parent, stepped, whitening, most=1)
-        chance = min([chance, *(one.log_p + math.log(QUESTIONS) for one in simple)])
+        simple = search(asked_of, stepped, parent.metric, most=1)
+        chance = min([chance, *(of_all_questions(one.log_p, parent.division) for one in simple)])
         say("simple terms")
     if chance < SIGNIFICANT:
         candidates = refit_serious(candidates, parent, effects, say)
@@ -110,15 +107,15 @@ def _reference(
     """The parent under the noise that the candidate of least error leaves."""
     fits = [one.fit for one in candidates if one.fit is not None]
     best = min([parent, *fits], key=lambda one: one.error_share)
-    whitening = noise_whitening(best.model, parent.dataset.stacks, best.division)
+    whitening = best.metric
 
     @cache
     def simple(one: Candidate) -> Selection:
-        return select(one, whitening)
+        return select(one.asked_in(whitening), whitening)
 
     return Reference(
         parent=parent,
-        stepped=instrumental_step(parent, whitening),
+        stepped=instrumental_step(parent.asked_in(whitening), whitening),
         whitening=whitening,
         users=users,
         validation=validation,

@@ -2,7 +2,8 @@
 
 Gusts reach the commands through the feedback, and with them every residual. So sensitivities and predictions that a
 residual is asked with are those to the commands as the logged excitation alone moved them (instruments); the residual
-itself is that of the commands as flown.
+itself is that of the commands as flown. Where no excitation is logged, what is new in the residual is asked instead
+(`sysid.fit.innovations`), on bins beyond the band: `Candidate.asked` and its `metric`.
 """
 
 from __future__ import annotations
@@ -19,15 +20,21 @@ from sysid.errors import FitError
 from sysid.fit.bursts import Envelope
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
+from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import OutputError
-from sysid.fit.whitening import Whitening
+from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
 from sysid.model.predict import respond
 from sysid.model.structure import FloatArray, Model, Structure
 
 WORST_SETTLING = 1.01
+MOST_MOVES = 3
+SHY = 0.9
+"""Of the way to a bound, that a move may go."""
+LITTLE_MOVED = 0.5
+"""Chi squared: a move that gains less is the last."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,8 +68,54 @@ class Candidate:
 
     @cached_property
     def division(self) -> Division:
-        """What it leaves, divided into what the commands explain and noise."""
-        return divide(self.estimate.error, self.dataset.stacks, self.dataset.causes)
+        """What it leaves, divided into what the commands explain and noise; whether they explain any is asked in its
+        metric."""
+        found = divide(self.estimate.error, self.dataset.stacks, self.dataset.causes)
+        new = self.metric if self.dataset.in_a_loop else None
+        if not isinstance(new, Innovations):
+            return found
+        stepped = instrumental_step(self.asked_in(new), new)
+        chi_squared, degrees = new.surprise(stepped.residual, stepped.J, found.commands)
+        return replace(found, chi_squared=chi_squared, degrees=degrees)
+
+    @cached_property
+    def asked(self) -> Candidate:
+        """The same fit on the bins that its metric is of."""
+        if not self.dataset.in_a_loop:
+            return self
+        return candidate(self.estimate, self.held, self.dataset.wider, self.added)
+
+    def asked_in(self, metric: Whitening) -> Candidate:
+        """`asked`, where innovations are asked moved to where it predicts best: feedback biases what commands alone
+        are fitted to."""
+        here = self.asked
+        if not isinstance(metric, Innovations) or not self.model.structure.linear:
+            return here
+        low, high = np.array([one.bounds for one in self.model.structure.parameters]).T
+        loose = [self.model.structure.names.index(name) for name in here.free]
+        for _ in range(MOST_MOVES):
+            J, e = metric(here.J), metric(_residual(here))[0]
+            before, values = here.model.values, here.model.values.copy()
+            values[loose] += np.linalg.lstsq(J @ J.T, J @ e, rcond=1e-10)[0] if loose else 0.0
+            # a bound itself may have no response
+            values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
+            try:
+                with np.errstate(all="ignore"):
+                    moved = replace(self.estimate, model=Model(here.model.structure, values))
+                    there = candidate(moved, self.held, here.dataset, self.added)
+            except np.linalg.LinAlgError:
+                break
+            if not np.sum(metric(_residual(there)) ** 2) < float(e @ e) - LITTLE_MOVED:
+                break
+            here = there
+        return here
+
+    @cached_property
+    def metric(self) -> Whitening:
+        """White rows by the noise that it leaves: for `asked`, and for that of every other candidate."""
+        if self.dataset.in_a_loop:
+            return innovations(self.model, self.dataset.wider, self.asked.free)
+        return noise_whitening(self.model, self.dataset.stacks, self.division)
 
     @property
     def error_share(self) -> float:
@@ -113,6 +166,8 @@ def imposed_answers(
     Play, limits and dead bands do to small commands what the large ones that go with them decide. So there it is the
     answer in surrogate gusts, less the linear answer to these: what gusts as flown would do is in the residual too.
     """
+    if on.beyond:  # what is new knows no command, whatever made it
+        return list(Y), list(J or ())
     if all(effect.samples is None for effect in structure.composed):
         found = [respond(structure, values, group, J is not None) for group in on.imposed]
         return [one.Y for one in found], [] if J is None else [one.slopes for one in found]
@@ -134,6 +189,11 @@ def imposed_answers(
             changed[rows] -= gusts.slopes
             Js.append(changed)
     return Ys, Js
+
+
+def _residual(one: Candidate) -> list[ComplexArray]:
+    """For every stack (1, k, bins)."""
+    return [(group.Y - Y)[None] for group, Y in zip(one.dataset.stacks, one.Y, strict=True)]
 
 
 def refit(composed: Structure, parent: Candidate, added: Sequence[str]) -> Candidate:
@@ -173,9 +233,8 @@ class Stepped:
 
 def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     """One Gauss-Newton step of the free parameters, the instruments standing for the sensitivities on one side."""
-    stacks = one.dataset.stacks
     J, Z = whitening(one.J), whitening(one.J_imposed)
-    e = whitening([(group.Y - Y)[None] for group, Y in zip(stacks, one.Y, strict=True)])[0]
+    e = whitening(_residual(one))[0]
     imposed = whitening([Y[None] for Y in one.Y_imposed])[0]
     if len(J):
         move = np.linalg.lstsq(Z @ J.T, Z @ e, rcond=1e-10)[0]

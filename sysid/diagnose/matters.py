@@ -132,7 +132,7 @@ def within_points(answer: Diagnosis) -> float:
     share = parent.estimate.error.residual_power / parent.estimate.error.measured_power
     whole = np.maximum(np.sum(division.power, axis=0), 1e-300)
     own = np.real(np.einsum("wkk->wk", division.level))
-    unknowns = division.degrees / (2 * len(whole) * len(own))
+    unknowns = division.degrees / (2 * len(whole) * len(own)) if division.measured else 2.0 * len(division.references)
     chance = np.sqrt(unknowns * np.sum(own**2, axis=0))
     explained = np.maximum(np.sum(division.explained, axis=0), 0) + UPPER * chance
     left = share * (1 - np.clip(explained / whole, 0, 1))

@@ -31,6 +31,9 @@ BY_FEEDBACK = 0.15
 """Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
 logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
 of usual size 0.25 and more."""
+NEW_BY_FEEDBACK = 0.02
+"""The same of what is new in every sample, where a short past foretells the noise: gusts of four times the usual size in
+chirps of less than half, in a loop of double gain, made up to 0.013."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,6 +47,8 @@ class Shares:
     noise_floor_percent: dict[str, float]
     terms: Selection | None
     validation: _Validation | None
+    new_share: float
+    """Of what past noise does not foretell, what is no noise: by the commands, or by the likeliest candidate."""
 
     @classmethod
     def of(cls, candidates: Sequence[Ranked], significant: bool, reference: Reference) -> Shares:
@@ -63,6 +68,7 @@ class Shares:
             noise_floor_percent=floor,
             terms=terms,
             validation=None if on is None else _Validation.of(parent, fits, on),
+            new_share=_new_share(candidates, reference),
         )
 
     def by_feedback(self, left: Division) -> bool:
@@ -70,7 +76,7 @@ class Shares:
         if left.measured:
             return False
         explained = [*(1 - left.noise_share), 1 - self.noise_share / max(self.error_share, 1e-300)]
-        return bool(max(explained) <= BY_FEEDBACK)
+        return bool(max(explained) <= BY_FEEDBACK or self.new_share <= NEW_BY_FEEDBACK)
 
     def told(self, one: Ranked) -> Ranked:
         """The candidate with the shares that it explains."""
@@ -148,6 +154,12 @@ class _Validation:
             return 1.0
         error = error_share(one.validation_error)
         return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
+
+
+def _new_share(candidates: Sequence[Ranked], reference: Reference) -> float:
+    left = reference.parent.division
+    explained = [left.chi_squared - left.degrees, *(one.chi_squared - one.added for one in candidates)]
+    return max(0.0, *explained) / max(reference.stepped.residual.size, 1)
 
 
 def _shares(error: OutputError) -> FloatArray:

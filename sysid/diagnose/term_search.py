@@ -16,6 +16,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
 from sysid.diagnose.terms import Entry
+from sysid.fit.innovations import Innovations
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening, noise_whitening
@@ -229,7 +230,8 @@ def select(
         if not order or log_p[order[0]] + math.log(tried) > SIGNIFICANT:
             break
         rough.append(order[0])
-    whitening = noise_whitening(parent.model, on.stacks, divide(_left(parent, known, rough), on.stacks, on.causes))
+    if not isinstance(whitening, Innovations):
+        whitening = noise_whitening(parent.model, on.stacks, divide(_left(parent, known, rough), on.stacks, on.causes))
     terms: list[Term] = []
     while len(terms) < most:
         stepped = _settled(parent, known, [term.number for term in terms], whitening)

@@ -119,7 +119,7 @@ class Diagnosis:
 
     def simple(self) -> Selection:
         """The simple terms that explain most beside the structure itself, without any effect of the catalogue."""
-        return select(self.parent, self.whitening)
+        return select(self.parent.asked, self.whitening)
 
     def placebo_of(self, effect: str) -> Ranked | None:
         """The best wrong effect beside this one, taken for the right one; None where nothing was refitted."""

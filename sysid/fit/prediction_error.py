@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.data.dataset import Bins
+from sysid.data.dataset import WIDER, Bins
 from sysid.data.preprocess import ComplexArray, spectrum
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
@@ -34,8 +34,6 @@ from sysid.model.structure import FloatArray, Model, Structure
 
 MEMORY_S = 0.2
 """Of the noise."""
-WIDER = 2.0
-"""Times the band's upper end."""
 STEPS = 15
 SHORT = 0.05
 """Standard errors: a step that is shorter ends the search."""
@@ -50,7 +48,7 @@ WORST_CONDITION = 1e12
 
 
 @dataclass(frozen=True, eq=False)
-class _Noise:
+class Noise:
     """v(t) + sum over m of lags[m] v(t - m - 1) = what is new; `root` makes that white, of unit variance."""
 
     lags: FloatArray
@@ -60,7 +58,7 @@ class _Noise:
     rate_hz: float
 
     @classmethod
-    def of(cls, error: OutputError, stacks: Sequence[Stack], rate_hz: float) -> _Noise:
+    def of(cls, error: OutputError, stacks: Sequence[Stack], rate_hz: float) -> Noise:
         """By Yule and Walker, from the residuals' spectrum."""
         k, count = error.residual_power.size, max(1, round(MEMORY_S * rate_hz))
         whole = [np.concatenate([group.scale for group in stacks]), np.concatenate([g.frequency_hz for g in stacks])]
@@ -107,7 +105,7 @@ class _Block(NamedTuple):
     frequency_hz: FloatArray
 
 
-def _blocks(model: Model, noise: _Noise, stacks: Sequence[Stack]) -> Iterator[_Block]:
+def _blocks(model: Model, noise: Noise, stacks: Sequence[Stack]) -> Iterator[_Block]:
     k = noise.root.shape[0]
     for group in stacks:
         response = respond(model.structure, model.values, group, True)
@@ -137,7 +135,7 @@ def _less(basis: FloatArray, some: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Equations:
+class Equations:
     """Normal equations in the parameters and in the noise's numbers together."""
 
     count: int
@@ -150,7 +148,7 @@ class _Equations:
     """Rows of real numbers, an output's."""
 
     @classmethod
-    def at(cls, model: Model, noise: _Noise, stacks: Sequence[Stack]) -> _Equations:
+    def at(cls, model: Model, noise: Noise, stacks: Sequence[Stack]) -> Equations:
         size, k = model.values.size + noise.lags.size, noise.root.shape[0]
         curvature, gradient, white, samples = np.zeros((size, size)), np.zeros(size), np.zeros((k, k)), 0
         for block in _blocks(model, noise, stacks):
@@ -239,13 +237,13 @@ def _widened(bins: Bins, structure: Structure) -> tuple[tuple[Stack, ...], float
 
 def _settled(
     model: Model, stacks: Sequence[Stack], rate_hz: float, fixed: Collection[str]
-) -> tuple[Model, _Noise, _Equations] | None:
+) -> tuple[Model, Noise, Equations] | None:
     """Gauss-Newton steps of parameters and noise together, halved where what is left grows."""
     structure, free = model.structure, free_of(model, fixed)
     if not free:
         return None
-    noise = _Noise.of(output_error(model, stacks), stacks, rate_hz)
-    here = _Equations.at(model, noise, stacks)
+    noise = Noise.of(output_error(model, stacks), stacks, rate_hz)
+    here = Equations.at(model, noise, stacks)
     share = here.past_share(free)
     chance = noise.lags.size / (noise.root.shape[0] * here.samples)
     if not LEAST_PAST * chance < float(np.max(share)) or not float(np.max(share)) < MOST_PAST:
@@ -259,7 +257,7 @@ def _settled(
         move = bounded_step(step, movable, low - model.values, high - model.values)
         lags = here.noise_move(move).reshape(noise.lags.shape[0], *noise.root.shape)
         size = np.sqrt(np.maximum(np.diag(curvature)[free], 0))
-        reached = _lower(model, noise, stacks, here, move, lags)
+        reached = lower(model, noise, stacks, here, move, lags)
         if reached is None:
             return None
         model, noise, here = reached
@@ -268,16 +266,16 @@ def _settled(
     return None
 
 
-def _lower(
-    model: Model, noise: _Noise, stacks: Sequence[Stack], here: _Equations, move: FloatArray, lags: FloatArray
-) -> tuple[Model, _Noise, _Equations] | None:
+def lower(
+    model: Model, noise: Noise, stacks: Sequence[Stack], here: Equations, move: FloatArray, lags: FloatArray
+) -> tuple[Model, Noise, Equations] | None:
     """Where on the way of a step less is left; None where nowhere is. The last digits do not count."""
     root, length = _root(here.new / here.samples), 1.0
     for _ in range(HALVINGS):
         tried = Model(model.structure, model.values + length * move)
-        told = _Noise(noise.lags + length * lags, root, noise.rate_hz)
+        told = Noise(noise.lags + length * lags, root, noise.rate_hz)
         if told.stable:
-            there = _Equations.at(tried, told, stacks)
+            there = Equations.at(tried, told, stacks)
             if np.isfinite(there.cost) and there.cost < here.cost + 1e-6:
                 return tried, told, there
         length /= 2
@@ -285,7 +283,7 @@ def _lower(
 
 
 def _covariance(
-    model: Model, noise: _Noise, stacks: Sequence[Stack], equations: _Equations, free: Sequence[int]
+    model: Model, noise: Noise, stacks: Sequence[Stack], equations: Equations, free: Sequence[int]
 ) -> FloatArray:
     """(free, free), as that of an estimate by weights: what is new may still be coloured a little."""
     curvature = equations.beside_past[0][np.ix_(free, free)]

@@ -118,7 +118,7 @@ class _Run:
         self.measured = [structure.states.index(name) for name in structure.outputs]
         samples, dt = one.segment.samples, one.segment.dt
         wide = max(RELAXATION_HZ, float(one.frequency_hz[-1]))
-        self.bins = 1 + min(int(wide * samples * dt), (samples - 1) // 2)
+        self.bins = 1 + min(int(wide * samples * dt + 1e-6), (samples - 1) // 2)
         self.grid = next_fast_len(3 * self.bins)
         self.s = 2j * np.pi * np.arange(self.bins) / (samples * dt)
         held_s = one.segment.held_s

@@ -16,7 +16,7 @@ from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
 from gcs.logs.formats.joined import Joined
 from gcs.logs.runs.run import Run
-from gcs.logs.runs.verdicts import judged, same
+from gcs.logs.runs.verdicts import as_set, judged, same
 from gcs.logs.words import printable
 
 
@@ -63,7 +63,7 @@ def of_flight(runs: Sequence[Run], folder: Path, joined: Mapping[str, Joined] = 
         raise TippathError(f"{folder}: its flight.json tells no run's time by the vehicle's clock")
     matches = tuple(_match(entry, runs) for entry in flown)
     problem = "" if any(match.run is not None for match in matches) else _another(flown, runs)
-    return FlightRuns(tuple(judged(run, flown, joined.get(run.path)) for run in runs), matches, problem)
+    return FlightRuns(tuple(judged(as_set(run, flown), flown, joined.get(run.path)) for run in runs), matches, problem)
 
 
 def _match(entry: Mapping[str, Any], runs: Sequence[Run]) -> Match:

@@ -22,6 +22,7 @@ from gcs.logs.runs import excited, systemid, told
 from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S, SWEEP
 from gcs.logs.runs.run import AnyWindow, FromStart, Run
+from gcs.logs.runs.settings import with_laws
 from gcs.logs.runs.span import Known, Span
 from gcs.vehicle.autopilots import SYSTEMID
 from sysid.data.chirp import Chirp
@@ -191,7 +192,7 @@ def _maneuvers(log: Log, profile: Profile) -> list[Span]:
         if spans:
             return spans
     shown = excited.find(log, profile)
-    return told.find(log, shown) or shown
+    return with_laws(log, told.find(log, shown) or shown)
 
 
 def _named(whole: Span, shown: Sequence[Span]) -> Span:

@@ -18,6 +18,7 @@ from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder, NoFlightError
 from gcs.logs.formats.joined import Joined
 from gcs.logs.runs.run import Run
+from gcs.logs.runs.settings import with_settings
 from gcs.logs.words import printable
 
 SAME_S = 0.25
@@ -36,7 +37,13 @@ def with_verdicts(runs: Sequence[Run], log: Path, joined: Joined | None = None) 
     except TippathError as error:
         note = printable(f"what was said of this run in flight is not known: {error}")
         return [_noted(run, note) for run in runs]
-    return [judged(run, flown, joined) for run in runs]
+    return [judged(as_set(run, flown), flown, joined) for run in runs]
+
+
+def as_set(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
+    """With the excitation that the flight's own settings tell, where the log does not."""
+    entry = next((entry for entry in flown if same(run, entry)), None)
+    return run if entry is None else with_settings(run, entry)
 
 
 def _noted(run: Run, note: str) -> Run:

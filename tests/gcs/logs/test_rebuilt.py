@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ Saved = Callable[[bytes, str], Path]
 MESSAGES = {
     "MODE": (120, "QMBB", "TimeUS,Mode,ModeNum,Rsn"),
     "SIDS": (10, "QBfffffff", "TimeUS,Ax,Mag,FSt,FSp,TFin,TC,TR,TFout"),
+    "PARM": (64, "QNff", "TimeUS,Name,Value,Default"),
     "RATE": (75, "Qfffffffffffff", "TimeUS,RDes,R,ROut,PDes,P,POut,YDes,Y,YOut,ADes,A,AOut,AOutSlew"),
 }
 SECONDS, LOW, HIGH = 12.0, 0.5, 8.0
@@ -38,15 +40,20 @@ def flown(t: float) -> float:
     return 0.1 * min(1.0, 0.5 - 0.5 * math.cos(math.pi * min(t, 1.0))) * math.sin(2 * math.pi * turns)
 
 
-def log(writer: Callable[..., Any], *, flies: bool = True) -> bytes:
+def log(
+    writer: Callable[..., Any], *, flies: bool = True, sids: bool = True, parameters: Mapping[str, float] | None = None
+) -> bytes:
     """One entry into SYSTEMID, of which SIDS tells and no SIDD; the command holds feedback too."""
     made = writer(MESSAGES)
+    for name, value in (parameters or {}).items():
+        made.add("PARM", 4_000_000, name.encode(), value, 0.0)
     made.add("MODE", 5_000_000, 0, 0, 1)
     for i in range(9000):
         us = 5_000_000 + 2000 * i
         if us == 6_000_000:
             made.add("MODE", us, 25, 25, 2)
-            made.add("SIDS", us, 10, 0.1, LOW, HIGH, 1.0, 2 / LOW, SECONDS, 0.0)
+            if sids:
+                made.add("SIDS", us, 10, 0.1, LOW, HIGH, 1.0, 2 / LOW, SECONDS, 0.0)
         t = us * 1e-6
         p = 12 * flown(t - 7.05) + 0.2 * math.sin(1.3 * t)
         command = flies * flown(t - 7.0) - 0.002 * p
@@ -68,6 +75,73 @@ def test_settings_without_samples_rebuild_the_chirp(writer: Callable[..., Any], 
     assert np.sqrt(np.mean((record.channels["excitation_x"] - truth) ** 2)) < 0.03 * np.std(truth)
     assert not np.any(record.channels["excitation_y"])
     assert any(note.startswith("excitation rebuilt from SIDS") for note in record.notes)
+
+
+SET = {
+    "SID_AXIS": 10.0,
+    "SID_MAGNITUDE": 0.1,
+    "SID_F_START_HZ": LOW,
+    "SID_F_STOP_HZ": HIGH,
+    "SID_T_REC": SECONDS,
+    "SID_T_FADE_IN": 1.0,
+    "SID_T_FADE_OUT": 0.0,
+}
+
+
+def off(record: Record) -> float:
+    truth = np.array([flown(t - 7.0) for t in record.t])
+    return float(np.sqrt(np.mean((record.channels["excitation_x"] - truth) ** 2)) / np.std(truth))
+
+
+def test_where_sids_is_lost_the_parameters_rebuild_it(writer: Callable[..., Any], saved: Saved) -> None:
+    record = record_of(saved(log(writer, sids=False, parameters=SET), "flight.BIN"))
+    assert record.excitation_from == "PARM"
+    assert off(record) < 0.03
+
+
+@pytest.mark.parametrize("other", [{"SID_AXIS": 7.0}, {"SID_AXIS": 11.0}, {"SID_T_REC": 0.0}, {"SID_MAGNITUDE": 0.0}])
+def test_other_parameters_rebuild_nothing(writer: Callable[..., Any], saved: Saved, other: Mapping[str, float]) -> None:
+    record = record_of(saved(log(writer, sids=False, parameters={**SET, **other}), "flight.BIN"))
+    assert record.excitation_from == ""
+
+
+CARD = {
+    "kind": "chirp",
+    "axis": "roll",
+    "target": "command",
+    "amplitude": 0.1,
+    "f_start_hz": LOW,
+    "f_stop_hz": HIGH,
+    "duration_s": SECONDS,
+    "c1": 4.0,
+    "fade_in_s": 1.0,
+    "fade_out_s": 0.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("entry", "source"),
+    [
+        ({"parameters": SET}, "flight.json"),
+        ({"maneuver": CARD}, "flight.json"),
+        ({"maneuver": {**CARD, "target": "rate"}}, ""),
+        ({"maneuver": {**CARD, "kind": "doublet"}}, ""),
+        ({"maneuver": {**CARD, "amplitude": None}}, ""),
+        ({"parameters": SET, "log_start_s": 9.0}, ""),
+    ],
+    ids=["what was set", "the card", "a rate", "a doublet", "damaged", "another run"],
+)
+def test_a_flights_own_settings_rebuild_it(
+    writer: Callable[..., Any], saved: Saved, entry: Mapping[str, Any], source: str
+) -> None:
+    path = saved(log(writer, sids=False), "flight.BIN")
+    run = {"label": "roll chirp 1/1", "ending": "finished", "log_start_s": 6.0, "log_start_within_s": 0.0, **entry}
+    about = {"format": "tippath.flight/1", "log": "card", "runs": [run]}
+    (path.parent / "flight.json").write_text(json.dumps(about))
+    record = record_of(path)
+    assert record.excitation_from == source
+    if source:
+        assert off(record) < 0.03
 
 
 def test_a_chirp_that_the_command_does_not_show_is_not_made_up(writer: Callable[..., Any], saved: Saved) -> None:
