@@ -16,6 +16,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
 from sysid.diagnose.terms import Entry
+from sysid.fit.chance import log_chance_of_normal
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening, noise_whitening
@@ -253,10 +254,10 @@ def _ranked(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> tu
 
 def log_chances(chi_squared: FloatArray, degrees: AnyArray) -> FloatArray:
     """Logarithm of the chance that chi squared of one or two degrees is larger."""
-    # heavier than NumPy itself to load: only where it is needed
-    from scipy.special import log_ndtr
-
-    return np.where(degrees == 2, -0.5 * chi_squared, math.log(2) + log_ndtr(-np.sqrt(chi_squared)))
+    found: FloatArray = -0.5 * chi_squared
+    single = np.flatnonzero(degrees != 2)
+    found[single] = [log_chance_of_normal(math.sqrt(one)) for one in chi_squared[single].tolist()]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
