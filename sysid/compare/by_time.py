@@ -163,7 +163,7 @@ def _level(one: Spectrum, channel: str, size: bool) -> FloatArray:
 
 
 def largest_within(values: FloatArray, width: int) -> FloatArray:
-    """Of each value and those about it, so many in all, the largest, (n,): of 2, 4, 8, ... from those of half as many."""
+    """Of each value and those about it, so many in all, the largest, (n,): of 2, 4, 8 from those of half as many."""
     before = width // 2
     found = np.pad(values, (before, width - before - 1), constant_values=-np.inf)
     reach = 1

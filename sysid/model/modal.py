@@ -17,9 +17,9 @@ from sysid.model.structure import FloatArray
 
 WORST_CONDITION = 1e7
 NUDGE = 1e-9
-SHORT = 0.5
-"""Of a time constant, a sample within which a series serves; its terms:"""
-TERMS = 14
+SHORT = 1e-3
+"""Of a time constant, a sample within which differences lose digits and a series serves; its terms:"""
+TERMS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +38,15 @@ class Modes:
     def of(cls, A: FloatArray, dt: float) -> Modes:
         """Raises LinAlgError where A is not finite."""
         poles, V = np.linalg.eig(A)
-        if np.linalg.cond(V) > WORST_CONDITION:
+        W = _inverse(V)
+        # the product of these norms is the least that costs nothing: only above it is the condition worked out
+        if W is None or (
+            np.linalg.norm(V) * np.linalg.norm(W) > WORST_CONDITION and np.linalg.cond(V) > WORST_CONDITION
+        ):
             # equal poles that do not part: nudge the matrix by far less than any estimate resolves
             poles, V = np.linalg.eig(A + np.diag(np.arange(len(A))) * NUDGE / dt)
-        return cls(poles.astype(complex), V, np.linalg.inv(V), dt)
+            W = np.linalg.inv(V)
+        return cls(poles.astype(complex), V, W, dt)
 
     def sampled(self, dt: float) -> Modes:
         """The same modes over another sample."""
@@ -80,6 +85,13 @@ class Modes:
         for k in range(TERMS):
             series, power = series + power / math.factorial(k + 2), a * power + b ** (k + 1)
         return np.asarray(self.dt**2 * np.where(far, closed, series))
+
+
+def _inverse(V: ComplexArray) -> ComplexArray | None:
+    try:
+        return np.asarray(np.linalg.inv(V))
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _mean(x: ComplexArray) -> ComplexArray:
