@@ -36,6 +36,8 @@ BY_CHANCE = {1: 6.6, 2: 9.2}
 """By coefficients: chi squared that noise adds to one of two that are both true, once in a hundred."""
 INEXACT = 0.01
 """Share of chi squared that one step, which leaves out what a term does to its own signals, cannot be held to."""
+FAR = 15.0
+"""In log p: more than what `BY_CHANCE`, and a second coefficient, are worth."""
 EQUAL = 2.0
 """In log p: what an entry in fewer signals may lack of the best to speak for it."""
 MOST_TERMS = 4
@@ -194,7 +196,8 @@ def search(
     """
     known = known or candidate_terms(parent)
     order, log_p, tried = _ranked(known, stepped, whitening)
-    steps = _steps(known, order[:LOOKED_AT], stepped, whitening)
+    order = order[:LOOKED_AT] if most > 1 else _near_the_best(order[:LOOKED_AT], log_p)
+    steps = _steps(known, order, stepped, whitening)
     found: list[Term] = []
     while steps and len(found) < most:
         best = steps[0]
@@ -242,6 +245,11 @@ def select(
     return Selection(tuple(terms), left, whitening, _settled(parent, known, [], whitening))
 
 
+def _near_the_best(order: Sequence[int], log_p: FloatArray) -> list[int]:
+    """Of entries, best first, those that the runs may not tell from the first: no other can speak for it."""
+    return [number for number in order if log_p[number] <= (1 - 2 * INEXACT) * log_p[order[0]] + FAR]
+
+
 def _ranked(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> tuple[list[int], FloatArray, int]:
     """Numbers of entries, best first; the logarithm of each one's chance; and how many there were to choose from."""
     chi_squared = _score(known, stepped, whitening)
@@ -254,10 +262,8 @@ def _ranked(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> tu
 
 def log_chances(chi_squared: FloatArray, degrees: AnyArray) -> FloatArray:
     """Logarithm of the chance that chi squared of one or two degrees is larger."""
-    found: FloatArray = -0.5 * chi_squared
-    single = np.flatnonzero(degrees != 2)
-    found[single] = [log_chance_of_normal(math.sqrt(one)) for one in chi_squared[single].tolist()]
-    return found
+    single = [log_chance_of_normal(math.sqrt(one)) for one in np.where(degrees == 2, 0.0, chi_squared).ravel().tolist()]
+    return np.where(degrees == 2, -0.5 * chi_squared, np.reshape(single, np.shape(chi_squared)))
 
 
 @dataclass(frozen=True, eq=False)
