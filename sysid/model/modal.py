@@ -39,10 +39,7 @@ class Modes:
         """Raises LinAlgError where A is not finite."""
         poles, V = np.linalg.eig(A)
         W = _inverse(V)
-        # the product of these norms is the least that costs nothing: only above it is the condition worked out
-        if W is None or (
-            np.linalg.norm(V) * np.linalg.norm(W) > WORST_CONDITION and np.linalg.cond(V) > WORST_CONDITION
-        ):
+        if W is None or _nearly_singular(V, W):
             # equal poles that do not part: nudge the matrix by far less than any estimate resolves
             poles, V = np.linalg.eig(A + np.diag(np.arange(len(A))) * NUDGE / dt)
             W = np.linalg.inv(V)
@@ -80,11 +77,18 @@ class Modes:
         nearer = a + b - further
         far = np.abs(further) > SHORT
         closed = (self.moved / self.dt - _mean(nearer)) / np.where(far, further, 1.0)
+        if np.all(far):
+            return np.asarray(self.dt**2 * closed)
         a, b = np.where(far, 0.0, a), np.where(far, 0.0, b)
         series, power = np.zeros_like(a), np.ones_like(a)
         for k in range(TERMS):
             series, power = series + power / math.factorial(k + 2), a * power + b ** (k + 1)
         return np.asarray(self.dt**2 * np.where(far, closed, series))
+
+
+def _nearly_singular(V: ComplexArray, W: ComplexArray) -> bool:
+    """Columns of V have the length 1, so that the largest of its inverse W bounds the condition, and costs nothing."""
+    return not len(V) ** 1.5 * np.max(np.abs(W)) < WORST_CONDITION and bool(np.linalg.cond(V) > WORST_CONDITION)
 
 
 def _inverse(V: ComplexArray) -> ComplexArray | None:
