@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.evidence import gain
 from sysid.diagnose.likely import Class, misfit
-from sysid.fit.chance import log_chance
+from sysid.diagnose.score import log_chance
 
 LEAD_SCALE = 20.0
 """Chi squared of lead or misfit that counts as none."""

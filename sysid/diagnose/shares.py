@@ -11,8 +11,8 @@ from sysid.data.dataset import Dataset
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
 from sysid.diagnose.evidence import Candidate, error_share
 from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.score import log_chance
 from sysid.diagnose.term_search import Selection
-from sysid.fit.chance import log_chance
 from sysid.fit.noise import WINDOW_HZ, Division, divide
 from sysid.fit.output_error import OutputError
 from sysid.model.structure import FloatArray
