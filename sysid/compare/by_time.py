@@ -150,6 +150,9 @@ def trends(
 
 def _level(one: Spectrum, channel: str, size: bool) -> FloatArray:
     """A channel on a segment's clock: its envelope over a second, or its value."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.ndimage import maximum_filter1d
+
     segment = one.segment
     if channel in segment.channels:
         values = segment.channels[channel]
@@ -159,15 +162,4 @@ def _level(one: Spectrum, channel: str, size: bool) -> FloatArray:
     if not size:
         return values
     width = max(1, round(ENVELOPE_S / segment.dt))
-    return largest_within(np.abs(values - np.mean(values)), width)
-
-
-def largest_within(values: FloatArray, width: int) -> FloatArray:
-    """Of each value and those about it, so many in all, the largest, (n,): of 2, 4, 8 from those of half as many."""
-    before = width // 2
-    found = np.pad(values, (before, width - before - 1), constant_values=-np.inf)
-    reach = 1
-    while 2 * reach <= width:
-        found = np.maximum(found[:-reach], found[reach:])
-        reach *= 2
-    return np.maximum(found[: values.size], found[found.size - values.size :])
+    return np.asarray(maximum_filter1d(np.abs(values - np.mean(values)), width))
