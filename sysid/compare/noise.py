@@ -5,7 +5,6 @@ explain linearly is the work of a nonlinearity, or of rougher air."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,7 +16,6 @@ from sysid.compare.values import Densities
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
-from sysid.fit.chance import log_chance
 from sysid.fit.noise import LEAST_FREEDOM, Division, divide
 from sysid.fit.output_error import output_error
 from sysid.model.structure import FloatArray, Model
@@ -96,12 +94,15 @@ class NoiseShare:
     def of(
         cls, division: Division, measured: bool, levels: Levels, calm: QuietHover | None, power: FloatArray
     ) -> NoiseShare:
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.special import chdtrc
+
         whole = np.maximum(np.sum(power, axis=1), 1e-300)
         left = np.sum(levels.noise * levels.count[:, None], axis=0)
         spread = np.sqrt(np.sum(levels.unknowns * levels.noise**2 * (levels.count > 0)[:, None], axis=0))
         axes = np.sum(division.explained, axis=0) / np.maximum(spread, 1e-300)
         testable = levels.testable >= TESTABLE
-        explained = log_chance(division.chi_squared, division.degrees) < math.log(SIGNIFICANT) if testable else None
+        explained = bool(chdtrc(division.degrees, division.chi_squared) < SIGNIFICANT) if testable else None
         source = "logged excitation" if measured else "commands"
         none = np.zeros(whole.size)
         if calm is None:

@@ -28,7 +28,6 @@ COSTS = tuple(
     size * times for size in (1.0, 10.0, 100.0, 1e3, 1e4) for times in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 )
 """Input costs that are offered where the one asked for does not hold."""
-REFINEMENTS = 2
 
 
 class DesignError(SysidError):
@@ -118,6 +117,9 @@ def design(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequenc
 
 def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[float] = OBSERVER_POLES) -> Gains:
     """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.linalg import solve_continuous_are
+
     whole, model = model, _flown_by(model)
     if not (input_cost > 0 and math.isfinite(input_cost)):
         raise DesignError("the input cost must be a positive number (the paper's is 5)")
@@ -127,7 +129,7 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
     B = B[:, :2]
     Q, R = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST]), input_cost * np.eye(2)
     try:
-        K = np.linalg.solve(R, B.T @ _riccati(A, B, Q, R))
+        K = np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R))
         L = _observer_gain(A, C, observer_poles)
         g = np.linalg.inv(C @ np.linalg.solve(-A + B @ K, B))
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -143,27 +145,6 @@ def lqr(model: Model, input_cost: float = INPUT_COST, observer_poles: Sequence[f
         loop=ClosedLoop(None),
     )
     return replace(gains, loop=closed_loop(gains, whole))
-
-
-def _riccati(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray) -> FloatArray:
-    """X (n, n) of A^T X + X A - X B R^-1 B^T X + Q = 0 that makes A - B R^-1 B^T X stable.
-
-    From the stable half of the Hamiltonian matrix's modes, and Newton's method (Kleinman) to the last digits. Raises
-    LinAlgError where there is none.
-    """
-    n, S = len(A), B @ np.linalg.solve(R, B.T)
-    poles, V = np.linalg.eig(np.block([[A, -S], [-Q, -A.T]]))
-    stable = V[:, np.argsort(poles.real, kind="stable")[:n]]
-    X = np.real(stable[n:] @ np.linalg.inv(stable[:n]))
-    unit = np.eye(n)
-    for _ in range(REFINEMENTS):
-        closed = A - S @ X
-        if np.max(np.linalg.eigvals(closed).real) >= 0:
-            raise np.linalg.LinAlgError("the commands do not reach all of its motion")
-        both = np.kron(closed.T, unit) + np.kron(unit, closed.T)
-        X = np.linalg.solve(both, -(Q + X @ S @ X).ravel()).reshape(n, n)
-        X = 0.5 * (X + X.T)
-    return np.asarray(X)
 
 
 def _observer_gain(A: FloatArray, C: FloatArray, poles: Sequence[float]) -> FloatArray:

@@ -46,8 +46,6 @@ ZOOM, ZOOMS = 32, 2
 """Times finer, and how often, where a locus crosses."""
 WIDTHS = np.tan(np.linspace(-1.5, 1.5, 41))
 """Of a resonance, on either side of it: where its locus is looked at."""
-BALANCED = 0.95
-"""Of what two norms are together: above it no change of unit is worth it. By powers of two, so nothing is rounded."""
 REAL = 1e-9
 """Imaginary over absolute value, at rest."""
 
@@ -200,19 +198,10 @@ def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
 
 def _balanced(now: FloatArray, late: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The same in units that make rows and columns alike: the roots stay, the norms shrink."""
-    size = np.abs(now) + np.abs(late)
-    np.fill_diagonal(size, 0.0)
-    scale, again = np.ones(len(size)), True
-    while again:
-        again = False
-        for i in range(len(size)):
-            column, row = float(np.linalg.norm(size[:, i])), float(np.linalg.norm(size[i]))
-            if not (0 < column < math.inf and 0 < row < math.inf):
-                continue
-            times = 2.0 ** round(0.5 * math.log2(row / column))
-            if column * times + row / times < BALANCED * (column + row):
-                size[:, i], size[i], scale[i] = size[:, i] * times, size[i] / times, scale[i] * times
-                again = True
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.linalg import matrix_balance
+
+    scale = matrix_balance(np.abs(now) + np.abs(late), permute=False, separate=True)[1][0]
     return now * scale / scale[:, None], late * scale / scale[:, None]
 
 

@@ -90,7 +90,10 @@ class Segment:
 
     def bins(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n), or those of `as_held`, to Fourier bins from zero on, (rows, bins)."""
-        made = np.asarray(np.fft.rfft(rows, axis=1))
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.fft import rfft
+
+        made = np.asarray(rfft(rows, axis=1))
         return made if rows.shape[1] == self.samples else made * (self.samples / rows.shape[1])
 
 
@@ -120,9 +123,12 @@ class Spectrum:
 
     def in_time(self, bins: ComplexArray) -> FloatArray:
         """Bins (rows, bins) back to samples, (rows, n): nothing outside the band, no mean."""
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.fft import irfft
+
         whole = np.zeros((bins.shape[0], self.samples // 2 + 1), dtype=complex)
         whole[:, self.first : self.first + bins.shape[1]] = bins
-        return np.asarray(np.fft.irfft(whole, self.samples, axis=1))
+        return np.asarray(irfft(whole, self.samples, axis=1))
 
 
 def held_s(dt: float, record: Record) -> float:
@@ -248,6 +254,9 @@ def spectrum(
 
     `known` are bins of this segment's channels in this band that need not be made again; what is made joins them.
     """
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.fft import rfft
+
     n, dt = segment.samples, segment.dt
     # the Nyquist bin is real and would count twice
     last = min(int(band_hz[1] * n * dt + 1e-9), (n - 1) // 2)
@@ -257,7 +266,7 @@ def spectrum(
     bins = {} if known is None else known
     new = [name for name in dict.fromkeys((*inputs, *outputs)) if name not in bins]
     if new:
-        made = np.fft.rfft(np.stack([segment.channels[name] for name in new]), axis=1)[:, first : last + 1]
+        made = rfft(np.stack([segment.channels[name] for name in new]), axis=1)[:, first : last + 1]
         bins.update(zip(new, np.ascontiguousarray(made), strict=True))
 
     z = np.exp(2j * np.pi * dt * frequency_hz)
@@ -274,23 +283,14 @@ def spectrum(
     )
 
 
-def fast_length(least: int) -> int:
-    """The next number of samples whose factors are all small, so that its transform is quick."""
-    while True:
-        rest = least
-        for factor in (2, 3, 5, 7, 11):
-            while rest % factor == 0:
-                rest //= factor
-        if rest == 1:
-            return least
-        least += 1
-
-
 def low_pass(values: FloatArray, dt: float, high_hz: float) -> FloatArray:
     """Ideal (brick-wall) low-pass of samples (n,) by their Fourier bins; the mean stays."""
-    bins = np.fft.rfft(values)
-    bins[np.fft.rfftfreq(values.size, dt) > high_hz] = 0
-    return np.asarray(np.fft.irfft(bins, values.size))
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.fft import irfft, rfft, rfftfreq
+
+    bins = rfft(values)
+    bins[rfftfreq(values.size, dt) > high_hz] = 0
+    return np.asarray(irfft(bins, values.size))
 
 
 def spectra(

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.preprocess import ComplexArray, Spectrum, fast_length
+from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import COMMANDS
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.terms import CONDITIONS, Entry, Expression, entries, expressions
@@ -133,6 +133,9 @@ def _bins(
     found: Sequence[Expression], signals: Mapping[str, FloatArray], constants: Mapping[str, float], one: Spectrum
 ) -> ComplexArray:
     """What expressions are on a segment's bins, as the transform of all its samples would be."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.fft import rfft
+
     grid = next(iter(signals.values())).size
     said = Signals({**signals, **constants})
     values = {factor: factor.value(said) for factor in {f for each in found for f in each}}
@@ -141,7 +144,7 @@ def _bins(
         row[:] = values[expression[0]]
         for factor in expression[1:]:
             row *= values[factor]
-    kept = np.fft.rfft(products, axis=1)[:, one.first : one.first + one.frequency_hz.size]
+    kept = rfft(products, axis=1)[:, one.first : one.first + one.frequency_hz.size]
     return np.asarray(kept * (one.samples / grid))
 
 
@@ -217,17 +220,20 @@ def _opened(parent: Candidate, probes: Sequence[Effect]) -> Structure:
 
 def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[str, FloatArray]:
     """Time histories (grid,) of all that the library reads, simulated by the commands of this segment."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.fft import irfft, next_fast_len, rfft
+
     front, rest = divided(probe.structure)
     segment, n, m = one.segment, len(rest.states), len(rest.commands)
     length = segment.samples * segment.dt
     bins = min(int(max(RELAXATION_HZ, float(one.frequency_hz[-1])) * length), (segment.samples - 1) // 2)
-    grid = fast_length(4 * bins)
+    grid = next_fast_len(4 * bins)
     s = 2j * np.pi * np.arange(bins + 1) / length
     held_s = segment.held_s
     hold = np.sinc(np.arange(bins + 1) / segment.samples * (held_s / segment.dt)) * np.exp(-0.5 * s * held_s)
 
     def on_grid(spectrum: ComplexArray) -> FloatArray:
-        return np.asarray(np.fft.irfft(spectrum, grid, axis=-1) * (grid / segment.samples))
+        return np.asarray(irfft(spectrum, grid, axis=-1) * (grid / segment.samples))
 
     U = segment.bins(in_time(probe.structure, front, segment, named))[:, : bins + 1] * hold
     U[:, 0] = 0
@@ -235,7 +241,7 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
         if effect.response is not None:
             U *= effect.response(s, {name: named[name] for name in effect.names})
     u = on_grid(U)
-    channels = {name: on_grid(np.fft.rfft(segment.channels[name])[: bins + 1]) for name in rest.channels}
+    channels = {name: on_grid(rfft(segment.channels[name])[: bins + 1]) for name in rest.channels}
     A, B, _, _ = rest.matrices(rest.vector(named))
     transfer = np.linalg.inv(s[1:, None, None] * np.eye(n) - A)
     forced = np.zeros((n, bins + 1), dtype=complex)
@@ -246,7 +252,7 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
         known = {**dict(zip(rest.states, x, strict=True)), **dict(zip(rest.commands, u, strict=True)), **channels}
         rates, _ = rest.evaluate({name: named[name] for name in rest.names}, known)
         rhs = np.stack([np.broadcast_to(rates[f"{state}_dot"], grid) for state in rest.states])
-        other = np.fft.rfft(rhs - A @ x - B[:, :m] @ u, axis=1)[:, : bins + 1] * (segment.samples / grid)
+        other = rfft(rhs - A @ x - B[:, :m] @ u, axis=1)[:, : bins + 1] * (segment.samples / grid)
         new = forced.copy()
         new[:, 1:] += np.einsum("fij,jf->if", transfer, other[:, 1:])
         change = float(np.max(np.abs(new - X)) / max(float(np.max(np.abs(new))), 1e-300))

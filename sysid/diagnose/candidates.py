@@ -13,10 +13,9 @@ from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, refit
 from sysid.diagnose.initial_states import validation_error
-from sysid.diagnose.score import INDEPENDENT, Score, score
+from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.term_search import Selection
 from sysid.errors import FitError
-from sysid.fit.chance import log_chance
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite

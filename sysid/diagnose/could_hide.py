@@ -31,7 +31,6 @@ from sysid.diagnose.candidates import QUESTIONS, SIGNIFICANT
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
-from sysid.fit.chance import exceeded_by, noncentrality
 from sysid.fit.identifiable import size as whole
 from sysid.fit.noise import Division
 from sysid.fit.whitening import Whitening, noise_whitening
@@ -148,8 +147,11 @@ class _Asking:
     def needed(self, degrees: int) -> float:
         """Standard errors from which on the diagnosis finds an effect of so many sizes four times in five, by its own
         chance of a false alarm, all effects and kinds of questions counted in."""
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.special import chdtri, chndtrinc
+
         chance = math.exp(SIGNIFICANT) / (QUESTIONS * max(self.effects, 1))
-        return math.sqrt(noncentrality(exceeded_by(chance, degrees), degrees, MISSED))
+        return math.sqrt(float(chndtrinc(chdtri(degrees, chance), degrees, MISSED)))
 
     def ask(self, effect: Effect, composed: Structure) -> Hidden | None:
         """None where the effect moves nothing, or has no response that settles."""

@@ -17,7 +17,6 @@ from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
 from sysid.fit.bursts import Envelope
-from sysid.fit.chance import log_chance
 from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
 from sysid.model.compose import compose
@@ -56,6 +55,18 @@ class Score:
         """Logarithm of the chance that noise alone shows as much, the number of points counted in."""
         chi_squared = min(self.chi_squared, self.in_bursts)
         return min(0.0, log_chance(chi_squared, self.degrees) + math.log(self.tried))
+
+
+def log_chance(chi_squared: float, degrees: int) -> float:
+    """Logarithm of the chance that chi squared is larger, however small that is."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.special import chdtrc
+
+    found = float(chdtrc(degrees, chi_squared))
+    if found > 0:
+        return math.log(found)
+    half = 0.5 * degrees
+    return -0.5 * chi_squared + (half - 1) * math.log(0.5 * chi_squared) - math.lgamma(half)
 
 
 Steps = Sequence[tuple[str, float]]

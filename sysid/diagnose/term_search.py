@@ -17,7 +17,6 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
 from sysid.diagnose.terms import Entry
-from sysid.fit.chance import log_chance_of_normal
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening, noise_whitening
@@ -289,8 +288,10 @@ def _ranked(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> tu
 
 def log_chances(chi_squared: FloatArray, degrees: AnyArray) -> FloatArray:
     """Logarithm of the chance that chi squared of one or two degrees is larger."""
-    single = [log_chance_of_normal(math.sqrt(one)) for one in np.where(degrees == 2, 0.0, chi_squared).ravel().tolist()]
-    return np.where(degrees == 2, -0.5 * chi_squared, np.reshape(single, np.shape(chi_squared)))
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.special import log_ndtr
+
+    return np.where(degrees == 2, -0.5 * chi_squared, math.log(2) + log_ndtr(-np.sqrt(chi_squared)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,8 +63,12 @@ def project(E: FloatArray, others: FloatArray) -> FloatArray:
 
 def smooth(values: AnyArray, frequency_hz: FloatArray, width_hz: float = SMOOTHING_HZ) -> AnyArray:
     """Moving average over frequency of (bins, columns), reflected at the ends."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.ndimage import uniform_filter1d
+
     step = float(frequency_hz[1] - frequency_hz[0]) if frequency_hz.size > 1 else width_hz
-    half = max(5, int(width_hz / step) | 1) // 2
-    padded = np.pad(values, ((half + 1, half), *[(0, 0)] * (values.ndim - 1)), mode="symmetric")
-    sums = np.cumsum(padded, axis=0)
-    return np.asarray((sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1))
+    bins = max(5, int(width_hz / step) | 1)
+    real = uniform_filter1d(values.real, bins, axis=0, mode="reflect")
+    if not np.iscomplexobj(values):
+        return np.asarray(real)
+    return np.asarray(real + 1j * uniform_filter1d(values.imag, bins, axis=0, mode="reflect"))

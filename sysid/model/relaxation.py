@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.data.preprocess import ComplexArray, Spectrum, fast_length
+from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.stacks import Stack
 from sysid.errors import SysidError
 from sysid.model.acting import divided, either_side, in_time
@@ -111,29 +111,38 @@ class _Run:
     """One segment on the relaxation's own grid of time, and its bins from zero to well above the band."""
 
     def __init__(self, structure: Structure, one: Spectrum) -> None:
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.fft import next_fast_len, rfft
+
         self.structure, self.one = structure, one
         self.measured = [structure.states.index(name) for name in structure.outputs]
         samples, dt = one.segment.samples, one.segment.dt
         wide = max(RELAXATION_HZ, float(one.frequency_hz[-1]))
         self.bins = 1 + min(int(wide * samples * dt), (samples - 1) // 2)
-        self.grid = fast_length(3 * self.bins)
+        self.grid = next_fast_len(3 * self.bins)
         self.s = 2j * np.pi * np.arange(self.bins) / (samples * dt)
         held_s = one.segment.held_s
         self.hold = np.sinc(np.arange(self.bins) / samples * (held_s / dt)) * np.exp(-0.5 * self.s * held_s)
         self.inside = slice(one.first, one.first + one.frequency_hz.size)
         self.channels = {
-            name: self.on_grid(np.fft.rfft(one.segment.channels[name])[: self.bins]) for name in structure.channels
+            name: self.on_grid(rfft(one.segment.channels[name])[: self.bins]) for name in structure.channels
         }
         self.delays = [effect for effect in structure.composed if effect.response is not None]
         self.late = {name for effect in self.delays for name in effect.names}
 
     def on_grid(self, spectrum: ComplexArray) -> FloatArray:
         """(..., bins) to (..., grid)."""
-        return np.asarray(np.fft.irfft(spectrum, self.grid, axis=-1) * (self.grid / self.one.samples))
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.fft import irfft
+
+        return np.asarray(irfft(spectrum, self.grid, axis=-1) * (self.grid / self.one.samples))
 
     def transform(self, samples: FloatArray) -> ComplexArray:
         """(..., grid) to (..., bins)."""
-        return np.asarray(np.fft.rfft(samples, axis=-1)[..., : self.bins] * (self.one.samples / self.grid))
+        # heavier than NumPy itself to load: only where it is needed
+        from scipy.fft import rfft
+
+        return np.asarray(rfft(samples, axis=-1)[..., : self.bins] * (self.one.samples / self.grid))
 
     def commands(self, acting: FloatArray, named: Mapping[str, float]) -> ComplexArray:
         """Acting samples, as `in_time` gives them, to bins (commands, bins), without mean, behind every delay."""
