@@ -301,12 +301,16 @@ def _margins(gains: Feedback, loop: Loop) -> Margins:
     A common gain, phase or delay in both commands moves every eigenvalue alike, so the first to meet it is the edge.
     """
     w = _frequencies(gains, loop)
-    loci = _loci(gains, loop, w)
+    values = _eigenvalues(_transfer(gains, loop, 1j * w))
+    loci = branches(values)
     for _ in range(ZOOMS):
         crossed = np.flatnonzero(np.any(unit_passed(loci) | negative_axis_met(loci), axis=1))
-        between = np.linspace(w[crossed], w[crossed + 1], ZOOM, endpoint=False)[1:]
-        w = np.sort(np.concatenate([w, between.ravel()]))
-        loci = _loci(gains, loop, w)
+        between = np.linspace(w[crossed], w[crossed + 1], ZOOM, endpoint=False)[1:].ravel()
+        w = np.concatenate([w, between])
+        values = np.concatenate([values, _eigenvalues(_transfer(gains, loop, 1j * between))])
+        order = np.argsort(w)
+        w, values = w[order], values[order]
+        loci = branches(values)
     gain, phase, delay = _at_rest(gains, loop), math.inf, math.inf
     for branch in loci.T:
         size, turn = np.log(np.abs(branch)), np.mod(np.angle(branch) - np.pi, 2 * np.pi)
@@ -324,7 +328,7 @@ def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArra
     which decides its gain margin."""
     loop = loop_of(gains, vehicle)
     w = _frequencies(gains, loop)
-    loci = _loci(gains, loop, w)
+    loci = branches(_eigenvalues(_transfer(gains, loop, 1j * w)))
     smaller = np.abs(loci[:-1]) < 1
     units, reals = (np.any(each, axis=1) for each in (unit_passed(loci), negative_axis_met(loci) & smaller))
     middle = np.sqrt(w[:-1] * w[1:]) / (2 * np.pi)
@@ -366,11 +370,6 @@ def _transfer(gains: Feedback, loop: Loop, s: AnyArray) -> ComplexArray:
     inner = _inner(gains)
     turned = gains.observer_gain @ rates_per_command(loop.vehicle, s)
     return np.asarray(gains.K @ np.linalg.solve(s[:, None, None] * np.eye(len(inner)) - inner, turned))
-
-
-def _loci(gains: Feedback, loop: Loop, w: FloatArray) -> ComplexArray:
-    """Eigenvalues (f, 2), each column one branch."""
-    return branches(_eigenvalues(_transfer(gains, loop, 1j * w)))
 
 
 def branches(values: ComplexArray) -> ComplexArray:

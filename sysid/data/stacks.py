@@ -13,6 +13,9 @@ from sysid.data.preprocess import ComplexArray, Spectrum
 from sysid.data.record import FloatArray
 
 FEWEST_BINS = 60
+SAME_CLOCK = 3e-5
+"""Of a sample, that two may differ by and be taken for one: a log's clock wanders as much from run to run, and poles
+that are off by less than it no flight resolves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -99,8 +102,8 @@ def stack(spectra: Sequence[Spectrum]) -> list[Stack]:
 
 
 def _alike(one: Spectrum, other: Spectrum) -> bool:
-    near = abs(one.dt - other.dt) < 1e-6 * other.dt
-    return near and abs(one.segment.held_s - other.segment.held_s) < 1e-6 * other.dt
+    near = abs(one.dt - other.dt) < SAME_CLOCK * other.dt
+    return near and abs(one.segment.held_s - other.segment.held_s) < SAME_CLOCK * other.dt
 
 
 def _stacked(group: Sequence[Spectrum]) -> Stack:

@@ -40,6 +40,9 @@ SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
 SERIOUS_SLOW = 0.1
 """and where a refit takes simulations or a long search."""
+SERIOUS_BESIDE = 0.25
+SERIOUS_SLOW_BESIDE = 0.3
+"""The same beside one that leaves noise: such a score is not that of an effect that explains all."""
 FEW_POINTS = 8
 NEAR = 0.7
 """Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
@@ -225,32 +228,45 @@ def of_all_questions(log_p: float, division: Division) -> float:
 
 
 def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Ranked]:
-    """Refits of what may be the answer: the linear entries first, which take milliseconds.
+    """Refits of what may be the answer, the most promising first: linear entries, which take milliseconds, then others.
 
-    An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
-    comes near to what the best of them explains.
+    Once one leaves noise, those whose scores are far below the best cannot be the answer. An entry that takes
+    simulations is refitted where the linear ones leave more than noise, or where its score alone comes near to what the
+    best of them explains.
     """
     top = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
     found: dict[tuple[str, ...], Ranked] = {}
-    for one in asked:
-        share = math.inf if one.score is None else one.score.chi_squared / max(top, 1e-300)
-        if one.not_testable is None and _quick(one) and share >= SERIOUS:
-            found[one.effects] = refitted(one, parent, users)
-            say(one.effect)
-    fits = [one.fit for one in found.values() if one.fit is not None]
-    best = min(fits, key=lambda one: one.error_share, default=parent)
-    open_question = _leaves_more(best, parent)
-    explained = (
-        gain(*(instrumental_step(one.asked_in(best.metric), best.metric) for one in (best, parent)))[0] if best is not parent else 0.0
-    )
-    for one in asked:
-        if one.not_testable is not None or _quick(one) or one.score is None:
+    best, question_open = parent, True
+
+    def fit(one: Ranked) -> None:
+        nonlocal best, question_open
+        found[one.effects] = again = refitted(one, parent, users)
+        say(one.effect)
+        if again.fit is not None and again.fit.error_share < best.error_share:
+            best, question_open = again.fit, _leaves_more(again.fit, parent)
+
+    testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
+    for one in testable:
+        if _quick(one) and _share(one, top) >= (SERIOUS if question_open else SERIOUS_BESIDE):
+            fit(one)
+    linear_enough = not question_open
+    explained = 0.0
+    if best is not parent:
+        metric = best.metric
+        explained = gain(*(instrumental_step(one.asked_in(metric), metric) for one in (best, parent)))[0]
+    for one in testable:
+        if _quick(one) or one.score is None:
             continue
         near = one.score.chi_squared > NEAR * explained
-        if one.score.chi_squared >= SERIOUS_SLOW * top and (near or open_question):
-            found[one.effects] = refitted(one, parent, users)
-            say(one.effect)
+        least = SERIOUS_SLOW if question_open else SERIOUS_SLOW_BESIDE
+        if _share(one, top) >= least and (near or not linear_enough):
+            fit(one)
     return [found.get(one.effects, one) for one in asked]
+
+
+def _share(one: Ranked, top: float) -> float:
+    """Of the best score; of what has none, because it goes by another base, more than all."""
+    return math.inf if one.score is None else one.score.chi_squared / max(top, 1e-300)
 
 
 def _leaves_more(best: Candidate, parent: Candidate) -> bool:

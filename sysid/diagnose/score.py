@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import overload
 
 import numpy as np
 
@@ -75,13 +76,19 @@ Steps = Sequence[tuple[str, float]]
 def score(effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, whitening: Whitening) -> Score | None:
     """None where the effect does nothing on these runs that the parent's own parameters would not do as well."""
     question = _Question.asked(effect, composed, of, stepped, whitening)
-    best: Score | None = None
     points = _points(composed, of)
-    for point, steps in points:
-        found = question.at(point, steps, len(points))
-        if found is not None and (best is None or found.log_p < best.log_p or _more(found, best)):
-            best = found
-    return best
+    tried = len(points)
+    # what an effect does to the commands as flown tells only how large it is: it is worked out where it explains most
+    if len(points) > 1:
+        best: tuple[Score, int] | None = None
+        for number, (point, steps) in enumerate(points):
+            found = question.at(point, steps, tried, sized=False)
+            if found is not None and (best is None or found.log_p < best[0].log_p or _more(found, best[0])):
+                best = found, number
+        if best is None:
+            return None
+        return question.at(*points[best[1]], tried) or best[0]
+    return question.at(*points[0], tried)
 
 
 def _more(one: Score, other: Score) -> bool:
@@ -148,6 +155,7 @@ class _Question:
     """and from the imposed commands."""
     envelope: Envelope
     """Of the noise over time."""
+    _imposed: dict[tuple[float, ...], list[ComplexArray]] = field(default_factory=dict)
 
     @classmethod
     def asked(
@@ -172,10 +180,10 @@ class _Question:
             envelope=stepped.envelope(whitening),
         )
 
-    def at(self, point: Mapping[str, float], steps: Steps, tried: int) -> Score | None:
-        """The score at one point, these parameters stepping from there."""
+    def at(self, point: Mapping[str, float], steps: Steps, tried: int, sized: bool = True) -> Score | None:
+        """The score at one point, these parameters stepping from there; without their sizes unless `sized`."""
         alone = not steps or self.effect.acts_at_null
-        answers = self._answers(point, steps, alone)
+        answers = self._answers(point, steps, alone, sized)
         if answers is None:
             return None
         D, Z = answers
@@ -187,10 +195,10 @@ class _Question:
         keep = np.einsum("ij,ij->i", Z1, Z1) > INDEPENDENT * np.maximum(size, 1e-300)
         if not np.any(keep):
             return None
-        Z1, D = Z1[keep], D[keep]
+        Z1 = Z1[keep]
         chi_squared, degrees, in_bursts = self._explained(Z1)
         names = [name for place, name in zip(keep, [*([""] if alone else []), *dict(steps)], strict=True) if place]
-        moves, errors = self._moves(names, D, Z1, dict(steps))
+        moves, errors = ({}, {}) if D is None else self._moves(names, D[keep], Z1, dict(steps))
         return Score(
             effect=self.effect.path or self.effect.id,
             chi_squared=chi_squared,
@@ -201,9 +209,11 @@ class _Question:
             in_bursts=in_bursts,
         )
 
-    def _answers(self, point: Mapping[str, float], steps: Steps, alone: bool) -> tuple[FloatArray, FloatArray] | None:
-        """What each step (and the point itself, where it acts alone) adds to the prediction, by the commands as flown
-        and by the imposed ones, (steps, N); None where there is no response."""
+    def _answers(
+        self, point: Mapping[str, float], steps: Steps, alone: bool, sized: bool
+    ) -> tuple[FloatArray | None, FloatArray] | None:
+        """What each step (and the point itself, where it acts alone) adds to the prediction, by the commands as flown,
+        where it is `sized`, and by the imposed ones, (steps, N); None where there is no response."""
         of, composed, whitening = self.of, self.composed, self.whitening
         known = of.model.by_name
         named = {**{name: known[name] for name in composed.names if name in known}, **point}
@@ -211,16 +221,23 @@ class _Question:
         places += [{**named, name: named[name] + step} for name, step in steps]
         try:
             with np.errstate(all="ignore"):
-                flown = [_predicted(composed, values, of.dataset) for values in places]
-                imposed = [
-                    imposed_answers(composed, composed.vector(values), of.dataset, Y)[0]
-                    for values, Y in zip(places, flown, strict=True)
-                ]
+                flown = [_Flown(composed, values, of.dataset) for values in places]
+                imposed = [self._imposed_at(values, Y) for values, Y in zip(places, flown, strict=True)]
+                D = None
+                if sized:
+                    D = whitening([np.stack([Y[g] - base for Y in flown]) for g, base in enumerate(self.Y)])
         except (RelaxationError, np.linalg.LinAlgError):
             return None
-        D = whitening([np.stack([Y[g] - base for Y in flown]) for g, base in enumerate(self.Y)])
         Z = whitening([np.stack([Y[g] - base for Y in imposed]) for g, base in enumerate(self.Y_imposed)])
-        return (D, Z) if np.all(np.isfinite(D)) and np.all(np.isfinite(Z)) else None
+        return (D, Z) if np.all(np.isfinite(Z)) and (D is None or np.all(np.isfinite(D))) else None
+
+    def _imposed_at(self, values: Mapping[str, float], flown: Sequence[ComplexArray]) -> list[ComplexArray]:
+        """The answer to the imposed commands at these values; worked out once."""
+        vector = self.composed.vector(values)
+        key = tuple(vector.tolist())
+        if key not in self._imposed:
+            self._imposed[key] = imposed_answers(self.composed, vector, self.of.dataset, flown)[0]
+        return self._imposed[key]
 
     def _explained(self, Z: FloatArray) -> tuple[float, int, float]:
         """Chi squared of the residual along these rows, its degrees of freedom, and the same in the noise's bursts."""
@@ -254,6 +271,30 @@ def _steady(structure: Structure, on: Dataset) -> Structure:
     """Without what makes the response settle only in time."""
     kept = [one for one in structure.composed if one.linear or one.samples is not None]
     return compose(structure.base_, kept, on.available, dict(structure.constants), outputs=structure.outputs)
+
+
+class _Flown(Sequence[ComplexArray]):
+    """What a structure predicts from the commands as flown, for every stack, when it is asked."""
+
+    def __init__(self, composed: Structure, named: Mapping[str, float], on: Dataset) -> None:
+        self._composed, self._values, self._stacks = composed, composed.vector(named), on.stacks
+        self._known: dict[int, ComplexArray] = {}
+
+    def __len__(self) -> int:
+        return len(self._stacks)
+
+    @overload
+    def __getitem__(self, number: int) -> ComplexArray: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[ComplexArray]: ...
+    def __getitem__(self, number: int | slice) -> ComplexArray | list[ComplexArray]:
+        if isinstance(number, slice):
+            return [self[place] for place in range(*number.indices(len(self)))]
+        if number >= len(self):
+            raise IndexError(number)
+        if number not in self._known:
+            self._known[number] = respond(self._composed, self._values, self._stacks[number], False).Y
+        return self._known[number]
 
 
 def _predicted(composed: Structure, named: Mapping[str, float], on: Dataset) -> list[ComplexArray]:

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -36,6 +37,8 @@ BY_CHANCE = {1: 6.6, 2: 9.2}
 """By coefficients: chi squared that noise adds to one of two that are both true, once in a hundred."""
 INEXACT = 0.01
 """Share of chi squared that one step, which leaves out what a term does to its own signals, cannot be held to."""
+FAR = 15.0
+"""In log p: more than what `BY_CHANCE`, and a second coefficient, are worth."""
 EQUAL = 2.0
 """In log p: what an entry in fewer signals may lack of the best to speak for it."""
 MOST_TERMS = 4
@@ -69,8 +72,27 @@ class _Products:
     """(pairs,), of the first part with the second."""
 
 
-def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> _Products:
-    """Without forming one sensitivity: <h t, v> is the real part of conj(t) times what h makes of v, bin by bin."""
+@dataclass(frozen=True, eq=False)
+class _InMetric:
+    """All of the inner products that no fit has a part in."""
+
+    Z: ComplexArray
+    """(expressions, bins), by the imposed commands."""
+    h: ComplexArray
+    """(rows, k, bins), what a row makes of them, whitened."""
+    sizes: list[int]
+    """Bins of each segment."""
+    ends: FloatArray
+    """(rows, expressions, end states), with what is projected out."""
+    whole: FloatArray
+    """(rows, expressions), with themselves, less that;"""
+    pairs: FloatArray
+    """(pairs,), and of the first part with the second."""
+
+
+@lru_cache(maxsize=2)
+def _in_metric(known: CandidateTerms, whitening: Whitening) -> _InMetric:
+    """Kept: a selection asks term after term in one metric."""
     Z = np.concatenate(known.imposed, axis=1)
     h = np.concatenate(
         [
@@ -81,22 +103,15 @@ def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> 
     )
     sizes = [part.stop - part.start for group in whitening.stacks for part in group.slices]
     bases = [basis for group in whitening.ends for basis in group]
-    b, k = len(stepped.J), h.shape[1]
-    others = _inner(Z, h, _complex(np.concatenate([stepped.residual[None], stepped.J, stepped.Z]), sizes, k))
-    e, moved, asked = others[..., 0], others[..., 1 : 1 + b], others[..., 1 + b :]
-    own = moved @ instrumental_inverse(stepped.Z, stepped.J)
     edges = np.cumsum([0, *sizes])
     ends = np.concatenate(
         [
-            _inner(Z[:, i:j], h[..., i:j], _complex(basis, [j - i], k))
+            _inner(Z[:, i:j], h[..., i:j], _complex(basis, [j - i], h.shape[1]))
             for i, j, basis in zip(edges[:-1], edges[1:], bases, strict=True)
         ],
         axis=2,
     )
-    crossed = stepped.Z @ stepped.Z.T
     whole = (Z.real**2 + Z.imag**2) @ np.sum(np.abs(h) ** 2, axis=1).T
-    whole = whole.T - np.sum(ends**2, axis=2)
-    rest = whole - 2 * np.sum(own * asked, axis=2) + np.sum((own @ crossed) * own, axis=2)
     one, two = known.first_of_pairs, known.second
     pairs = np.empty(two[0].size)
     for i in np.unique(one[0]):
@@ -104,9 +119,23 @@ def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> 
         j = two[0][here][0]
         pairs[here] = np.real((Z[one[1][here]].conj() * Z[two[1][here]]) @ np.sum(h[i].conj() * h[j], axis=0))
     pairs -= np.sum(ends[one] * ends[two], axis=1)
-    pairs -= np.sum(own[one] * asked[two] + asked[one] * own[two], axis=1)
+    return _InMetric(Z, h, sizes, ends, whole.T - np.sum(ends**2, axis=2), pairs)
+
+
+def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> _Products:
+    """Without forming one sensitivity: <h t, v> is the real part of conj(t) times what h makes of v, bin by bin."""
+    fixed = _in_metric(known, whitening)
+    b, k = len(stepped.J), fixed.h.shape[1]
+    vectors = np.concatenate([stepped.residual[None], stepped.J, stepped.Z])
+    others = _inner(fixed.Z, fixed.h, _complex(vectors, fixed.sizes, k))
+    e, moved, asked = others[..., 0], others[..., 1 : 1 + b], others[..., 1 + b :]
+    own = moved @ instrumental_inverse(stepped.Z, stepped.J)
+    crossed = stepped.Z @ stepped.Z.T
+    rest = fixed.whole - 2 * np.sum(own * asked, axis=2) + np.sum((own @ crossed) * own, axis=2)
+    one, two = known.first_of_pairs, known.second
+    pairs = fixed.pairs - np.sum(own[one] * asked[two] + asked[one] * own[two], axis=1)
     pairs += np.sum((own[one] @ crossed) * own[two], axis=1)
-    return _Products(e, rest, rest / np.maximum(whole, 1e-300), pairs)
+    return _Products(e, rest, rest / np.maximum(fixed.whole, 1e-300), pairs)
 
 
 def instrumental_inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:
@@ -194,7 +223,8 @@ def search(
     """
     known = known or candidate_terms(parent)
     order, log_p, tried = _ranked(known, stepped, whitening)
-    steps = _steps(known, order[:LOOKED_AT], stepped, whitening)
+    order = order[:LOOKED_AT] if most > 1 else _near_the_best(order[:LOOKED_AT], log_p)
+    steps = _steps(known, order, stepped, whitening)
     found: list[Term] = []
     while steps and len(found) < most:
         best = steps[0]
@@ -241,6 +271,11 @@ def select(
         terms.append(best[0])
     left = _left(parent, known, [term.number for term in terms])
     return Selection(tuple(terms), left, whitening, _settled(parent, known, [], whitening))
+
+
+def _near_the_best(order: Sequence[int], log_p: FloatArray) -> list[int]:
+    """Of entries, best first, those that the runs may not tell from the first: no other can speak for it."""
+    return [number for number in order if log_p[number] <= (1 - 2 * INEXACT) * log_p[order[0]] + FAR]
 
 
 def _ranked(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> tuple[list[int], FloatArray, int]:

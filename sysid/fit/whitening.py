@@ -49,7 +49,7 @@ class Whitening:
         """For every stack (columns, k, bins), unscaled -> (columns, N)."""
         parts = []
         for group, whitener, bases, Y in zip(self.stacks, self.whitener, self.ends, outputs, strict=True):
-            white = np.einsum("fij,cjf->cif", whitener, group.scale * Y)
+            white = weighed(group.scale * whitener.transpose(1, 2, 0), Y)
             for part, basis in zip(group.slices, bases, strict=True):
                 some = rows(white[..., part])
                 parts.append(some - (some @ basis.T) @ basis)
@@ -63,7 +63,7 @@ def noise_whitening(model: Model, stacks: Sequence[Stack], division: Division) -
     for group in stacks:
         white = whitener_of(division.at(group.frequency_hz))
         E = np.concatenate([respond(model.structure, model.values, group, False).E, jumps(group)])
-        E = np.einsum("fij,cjf->cif", white, group.scale * E)
+        E = weighed(group.scale * white.transpose(1, 2, 0), E)
         whitener.append(white)
         ends.append([orthonormal(rows(E[..., part])) for part in group.slices])
     return Whitening(tuple(stacks), whitener, ends)

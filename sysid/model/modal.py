@@ -17,9 +17,9 @@ from sysid.model.structure import FloatArray
 
 WORST_CONDITION = 1e7
 NUDGE = 1e-9
-SHORT = 0.5
-"""Of a time constant, a sample within which a series serves; its terms:"""
-TERMS = 14
+SHORT = 1e-3
+"""Of a time constant, a sample within which differences lose digits and a series serves; its terms:"""
+TERMS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +38,12 @@ class Modes:
     def of(cls, A: FloatArray, dt: float) -> Modes:
         """Raises LinAlgError where A is not finite."""
         poles, V = np.linalg.eig(A)
-        if np.linalg.cond(V) > WORST_CONDITION:
+        W = _inverse(V)
+        if W is None or _nearly_singular(V, W):
             # equal poles that do not part: nudge the matrix by far less than any estimate resolves
             poles, V = np.linalg.eig(A + np.diag(np.arange(len(A))) * NUDGE / dt)
-        return cls(poles.astype(complex), V, np.linalg.inv(V), dt)
+            W = np.linalg.inv(V)
+        return cls(poles.astype(complex), V, W, dt)
 
     def sampled(self, dt: float) -> Modes:
         """The same modes over another sample."""
@@ -75,11 +77,25 @@ class Modes:
         nearer = a + b - further
         far = np.abs(further) > SHORT
         closed = (self.moved / self.dt - _mean(nearer)) / np.where(far, further, 1.0)
+        if np.all(far):
+            return np.asarray(self.dt**2 * closed)
         a, b = np.where(far, 0.0, a), np.where(far, 0.0, b)
         series, power = np.zeros_like(a), np.ones_like(a)
         for k in range(TERMS):
             series, power = series + power / math.factorial(k + 2), a * power + b ** (k + 1)
         return np.asarray(self.dt**2 * np.where(far, closed, series))
+
+
+def _nearly_singular(V: ComplexArray, W: ComplexArray) -> bool:
+    """Columns of V have the length 1, so that the largest of its inverse W bounds the condition, and costs nothing."""
+    return not len(V) ** 1.5 * np.max(np.abs(W)) < WORST_CONDITION and bool(np.linalg.cond(V) > WORST_CONDITION)
+
+
+def _inverse(V: ComplexArray) -> ComplexArray | None:
+    try:
+        return np.asarray(np.linalg.inv(V))
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _mean(x: ComplexArray) -> ComplexArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -122,3 +123,10 @@ def test_a_piece_without_a_frequency_in_the_band_is_left_out_of_a_fit(ideal_card
 def test_nothing_is_refused_in_a_sentence() -> None:
     with pytest.raises(FitError, match="no run to fit"):
         identify(TPP, Dataset(records=(), band_hz=DEFAULT_BAND_HZ))
+
+
+@pytest.mark.parametrize(("off", "stacks"), [(1.4e-5, 1), (1e-3, 2)])
+def test_runs_whose_clocks_hardly_differ_share_a_stack(ideal_card: Card, off: float, stacks: int) -> None:
+    chirps, _ = ideal_card
+    late = replace(chirps[1], channels={**chirps[1].channels, "t": chirps[1].t * (1 + off)})
+    assert len(prepared([chirps[0], late], DEFAULT_BAND_HZ).viewed(INPUTS).stacks) == stacks
