@@ -132,23 +132,25 @@ def _response_findings(compared: Comparison) -> Iterator[Finding]:
             continue
         worst = max(each, key=lambda one: float(np.sum(one.off[one.outside] ** 2)))
         at = int(np.argmax(np.where(worst.outside, worst.off, -1.0)))
+        furthest_hz = float(worst.frequency_hz[at])
         decibels, degrees = float(worst.decibels[at]), float(worst.degrees[at])
         if abs(decibels) >= OFF_DB or abs(degrees) >= OFF_DEG:
             yield LeavesBounds(
                 axis=axis_of(output),
                 output=output,
                 command=worst.mismatch.command,
-                bands_hz=_longest(worst),
-                furthest_hz=float(worst.frequency_hz[at]),
+                bands_hz=_told_bands(worst, furthest_hz),
+                furthest_hz=furthest_hz,
                 decibels=decibels,
                 degrees=degrees,
             )
 
 
-def _longest(response: ResponseError) -> tuple[tuple[float, float], ...]:
-    """The bands outside the bounds that are longest on a logarithmic scale, in their order."""
-    longest = sorted(response.noticed, key=lambda band: band[0] / band[1])[:BANDS_TOLD]
-    return tuple(sorted(longest))
+def _told_bands(response: ResponseError, furthest_hz: float) -> tuple[tuple[float, float], ...]:
+    """The band outside the bounds that holds this frequency, and of the others the longest on a logarithmic scale."""
+    inside = [band for band in response.noticed if band[0] <= furthest_hz <= band[1]][:1]
+    others = sorted((band for band in response.noticed if band not in inside), key=lambda band: band[0] / band[1])
+    return tuple(sorted([*inside, *others][:BANDS_TOLD]))
 
 
 def _growth_findings(compared: Comparison) -> Iterator[Finding]:

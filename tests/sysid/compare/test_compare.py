@@ -18,6 +18,7 @@ from gcs.analysis.text.documents import comparison_document
 from gcs.analysis.text.findings import finding_text, listed_runs, suspicion_text
 from sysid.compare.compare import compare
 from sysid.compare.data_checks import flat_tops
+from sysid.compare.finding_kinds import LeavesBounds
 from sysid.compare.on_runs import CompareError
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
@@ -197,6 +198,12 @@ def test_what_is_missing_is_placed() -> None:
     assert strongest.coherence_together > 0.8
     (q_per_y,) = [one for one in found.responses if (one.mismatch.output, one.mismatch.command) == ("q", "delta_y")]
     assert any(low < 8 < high for low, high in q_per_y.noticed), "30 ms of lag show above the pitch mode"
+    left = [one for one in found.findings if isinstance(one, LeavesBounds)]
+    assert [one.axis for one in left] == ["roll", "pitch"]
+    for one in left:
+        assert abs(one.decibels) > 0.5 or abs(one.degrees) > 3
+        assert any(low <= one.furthest_hz <= high for low, high in one.bands_hz)
+        assert any("lies outside the bounds of the measured response" in text for text in told(found))
 
 
 @pytest.fixture(scope="module")
