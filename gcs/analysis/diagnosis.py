@@ -300,7 +300,9 @@ def _hiding(answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
 
 
 def _behind(last: Candidate, answer: Diagnosis, users: Sequence[Effect]) -> CouldHide:
-    return could_hide(last.asked, instrumental_step(last.asked, answer.whitening), answer.whitening, answer.division, users)
+    return could_hide(
+        last.asked, instrumental_step(last.asked, answer.whitening), answer.whitening, answer.division, users
+    )
 
 
 def _suggested(answer: Diagnosis, fit: Fit, runs: int) -> Suggestion | None:

@@ -241,7 +241,9 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
     best = min(fits, key=lambda one: one.error_share, default=parent)
     open_question = _leaves_more(best, parent)
     explained = (
-        gain(*(instrumental_step(one.asked_in(best.metric), best.metric) for one in (best, parent)))[0] if best is not parent else 0.0
+        gain(*(instrumental_step(one.asked_in(best.metric), best.metric) for one in (best, parent)))[0]
+        if best is not parent
+        else 0.0
     )
     for one in asked:
         if one.not_testable is not None or _quick(one) or one.score is None:
