@@ -32,8 +32,8 @@ BY_FEEDBACK = 0.15
 logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
 of usual size 0.25 and more."""
 NEW_BY_FEEDBACK = 0.02
-"""The same of what is new in every sample, where a short past foretells the noise: gusts of four times the usual size in
-chirps of less than half, in a loop of double gain, made up to 0.013."""
+"""The same of what is new in every sample, where a short past foretells the noise: fourfold gusts in chirps of less
+than half, in a loop of double gain, made up to 0.013."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

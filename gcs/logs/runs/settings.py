@@ -29,12 +29,11 @@ FADES = ("SID_T_FADE_IN", "SID_T_FADE_OUT")
 
 def by_parameters(parameters: Mapping[str, Any]) -> Chirp | None:
     """ArduPilot's chirp by SID_AXIS and the others; None where not all are there, or they add to no cyclic command."""
-    number = parameters.get("SID_AXIS")
-    values = [parameters.get(name) for name in NUMBERS]
-    if not _is_number(number) or int(number) in RATE_AXES or not all(map(_is_number, values)):
+    number, *values = (_number(parameters.get(name)) for name in ("SID_AXIS", *NUMBERS))
+    if number is None or int(number) in RATE_AXES or None in values:
         return None
-    amplitude, low, high, duration_s = map(float, values)
-    fades = [float(value) if _is_number(value := parameters.get(name, 0.0)) else 0.0 for name in FADES]
+    amplitude, low, high, duration_s = (value or 0.0 for value in values)
+    fades = [_number(parameters.get(name)) or 0.0 for name in FADES]
     chirp = Chirp(
         axis=AXES.get(int(number), ""),
         law="ardupilot",
@@ -53,9 +52,9 @@ def by_maneuver(maneuver: Mapping[str, Any], law: Law) -> Chirp | None:
     wanted = ("amplitude", "f_start_hz", "f_stop_hz", "duration_s", "c1", "fade_in_s", "fade_out_s")
     if maneuver.get("kind") != "chirp" or maneuver.get("target", "command") != "command":
         return None
-    if not all(_is_number(maneuver.get(name)) for name in wanted):
+    numbers = {name: value for name in wanted if (value := _number(maneuver.get(name))) is not None}
+    if len(numbers) < len(wanted):
         return None
-    numbers = {name: float(maneuver[name]) for name in wanted}
     chirp = Chirp(axis=str(maneuver.get("axis")), law=law, **numbers)
     return chirp if numbers["amplitude"] > 0 and chirp.makes_sense else None
 
@@ -93,13 +92,12 @@ def with_settings(run: Run, entry: Mapping[str, Any]) -> Run:
     if record is None or run.maneuver != "chirp" or any(name.startswith("excitation_") for name in record.channels):
         return run
     start_s = run.start_s if run.entered_s is None else run.entered_s + LEAD_S
-    told = entry.get("log_start_within_s")
-    within_s = ENTERED_WITHIN_S + (float(told) if _is_number(told) else 0.0)
+    within_s = ENTERED_WITHIN_S + (_number(entry.get("log_start_within_s")) or 0.0)
     shares = [(_share(record, chirp, start_s, within_s), chirp) for chirp in _chirps(entry)]
     if not shares:
         return run
     share, chirp = max(shares, key=lambda one: one[0])
-    if run.axis is not None and run.axis != chirp.axis or share <= 0:
+    if (run.axis is not None and run.axis != chirp.axis) or share <= 0:
         return run
     rebuilt = with_excitation(record, chirp, start_s, within_s, "flight.json")
     return run if rebuilt is None else replace(run, record=rebuilt, notes=(*run.notes, rebuilt.notes[-1]))
@@ -120,5 +118,7 @@ def _share(record: Record, chirp: Chirp, start_s: float, within_s: float) -> flo
     return 0.0 if place is None else place.share
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _number(value: Any) -> float | None:
+    """None where it is none."""
+    told = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if told else None

@@ -1,0 +1,145 @@
+"""Diagnoses without a logged excitation: what a loop makes of gusts is no effect, and an effect is still named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import planted
+import pytest
+from numpy.typing import NDArray
+from planted_fits import records
+from scipy.linalg import expm
+
+from sysid.data.chirp import Chirp
+from sysid.data.dataset import dataset
+from sysid.data.record import Record
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import candidate, instrumental_step
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.estimate import estimate
+from sysid.fit.identify import identify
+from sysid.fit.innovations import Innovations
+from sysid.fit.noise import divide
+from sysid.model.paper import TPP
+from sysid.model.structure import Model
+
+EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+BAND = (0.5, 10.0)
+TRUTH = np.array([planted.TABLE_4[name] for name in TPP.names])
+
+
+def fly(effect: str | None, sizes: Mapping[str, float], seed: int) -> list[Record]:
+    """Four chirps of 12 s in doubled gusts, in a loop of double gain, their excitation not logged."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planted, "RATE_GAIN", 2 * planted.RATE_GAIN)
+        patch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
+        (flight,) = planted.fly_many(effect, sizes, seeds=range(seed, seed + 1), duration_s=12.0, gusts=2.0)
+    return records(flight, *EXCITATIONS)
+
+
+def asked(runs: Sequence[Record]) -> Diagnosis:
+    return diagnose(TPP, runs, (), BAND, chains=False)
+
+
+@pytest.fixture(scope="module")
+def clean() -> list[Record]:
+    return fly(None, {}, 9100)
+
+
+def test_a_strong_loop_in_strong_gusts_is_no_alarm(clean: Sequence[Record]) -> None:
+    runs = dataset(clean, BAND)
+    parent = candidate(estimate(TPP, runs.viewed(TPP.inputs), weights="constant"), (), runs)
+    ordinary = divide(parent.estimate.error, runs.stacks, runs.causes)
+    assert ordinary.chi_squared - ordinary.degrees > 5 * (2 * ordinary.degrees) ** 0.5  # what the loop makes of it
+    new = parent.division
+    assert abs(new.chi_squared - new.degrees) < 3 * (2 * new.degrees) ** 0.5
+    assert asked(clean).verdict == "complete"
+
+
+def test_rows_are_white_and_of_unit_variance(clean: Sequence[Record]) -> None:
+    runs = dataset(clean, BAND)
+    parent = candidate(estimate(TPP, runs.viewed(TPP.inputs), weights="constant"), (), runs)
+    assert isinstance(parent.metric, Innovations)
+    left = instrumental_step(parent.asked_in(parent.metric), parent.metric).residual
+    parts = np.array_split(left, 8)
+    assert 0.85 < np.mean(left**2) < 1.05
+    assert all(0.7 < np.mean(part**2) < 1.3 for part in parts)
+
+
+def test_an_effect_is_still_named() -> None:
+    found = asked(fly("angular_damping", {"L_p": -3.0, "M_q": -3.0}, 9101))
+    assert (found.verdict, found.effect) == ("missing", "angular_damping")
+    assert found.winner is not None
+    assert found.winner.values["L_p"] == pytest.approx(-3.0, abs=3 * found.winner.standard_errors["L_p"])
+
+
+def test_where_the_excitation_is_logged_nothing_is_asked_otherwise(clean: Sequence[Record]) -> None:
+    logged = [replace(one, channels={**one.channels, **_still(one)}) for one in clean]
+    runs = dataset(logged, BAND)
+    assert not runs.in_a_loop
+    parent = candidate(estimate(TPP, runs.viewed(TPP.inputs), weights="constant"), (), runs)
+    assert parent.asked is parent
+
+
+def _still(one: Record) -> dict[str, NDArray[np.float64]]:
+    """Something that is not feedback in both excitations."""
+    rng = np.random.default_rng(0)
+    return {name: rng.standard_normal(one.t.size) for name in EXCITATIONS[:2]}
+
+
+# ------------------------------------------------------------------------------------------------ a derivative
+
+
+DT = 0.002
+DERIVATIVE_HZ = 20.0
+
+
+def with_derivative(seed: int) -> list[Record]:
+    """Four chirps of 15 s on the paper's vehicle, whose controller also feeds back filtered accelerations."""
+    A, B, C, _ = Model(TPP, TRUTH).matrices
+    n, m = B.shape
+    whole = expm(np.block([[A, B, np.eye(n)], [np.zeros((m + n, n + m + n))]]) * DT)[:n]
+    rng = np.random.default_rng(seed)
+    found = []
+    for number, axis in enumerate(("roll", "pitch") * 2):
+        t = DT * np.arange(round(17.0 / DT))
+        chirp = Chirp(axis=axis, law="tischler", f_start_hz=0.5, f_stop_hz=10.0, duration_s=15.0)
+        r = np.zeros((t.size, 2))
+        r[:, number % 2] = (0.10, 0.15)[number % 2] * chirp.wave(t - 1.0)
+        found.append(_flown(whole, C, t, r, rng, f"#{number + 1}"))
+    return found
+
+
+def _flown(
+    whole: NDArray[np.float64],
+    C: NDArray[np.float64],
+    t: NDArray[np.float64],
+    r: NDArray[np.float64],
+    rng: np.random.Generator,
+    id: str,
+) -> Record:
+    n, pole = whole.shape[0], np.exp(-2 * np.pi * 1.5 * DT)
+    rates = [TPP.states.index(name) for name in ("p", "q")]
+    noise = 0.004 * rng.standard_normal((t.size, 2))
+    x, gust, angle, slow, last = np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), np.zeros(2)
+    ys, us = np.empty((2, t.size, 2))
+    share = 1 - np.exp(-2 * np.pi * DERIVATIVE_HZ * DT)
+    for k in range(t.size):
+        y = C @ x + noise[k]
+        slow += share * ((y - last) / DT - slow)
+        u = r[k] - 2 * planted.RATE_GAIN @ y - 2 * planted.ATTITUDE_GAIN @ angle - 0.02 * planted.RATE_GAIN @ slow
+        ys[k], us[k], last, angle = y, u, y, angle + DT * y
+        gust[rates] = pole * gust[rates] + np.sqrt(1 - pole**2) * np.array([0.65, 2.8]) * rng.standard_normal(2)
+        x = whole @ np.concatenate([x, u, gust])
+    return Record(id, {"t": t, "p": ys[:, 0], "q": ys[:, 1], "delta_x": us[:, 0], "delta_y": us[:, 1]})
+
+
+def test_a_controller_with_a_derivative_is_coped_with() -> None:
+    runs = with_derivative(0)
+    fit = identify(TPP, runs, band_hz=BAND)
+    z = (fit.model.values - TRUTH) / fit.standard_errors
+    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.6
+    found = asked(runs)
+    assert found.verdict == "complete" or found.reason == "feedback"
