@@ -50,8 +50,6 @@ class Class:
     """Probability, among the candidates, of the answer,"""
     whole: float
     """and of the whole class."""
-    near: frozenset[str]
-    """All entries that the runs do not surely tell from the answer, however unlikely."""
 
     @property
     def right(self) -> float:
@@ -77,7 +75,6 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
         equivalent=_equivalents(kept, named),
         named=shares[0],
         whole=held[count - 1],
-        near=frozenset(name for one in rivals if _near(one, winner) for name in one.effects if name not in named),
     )
 
 
@@ -99,11 +96,19 @@ def _count(held: Sequence[float]) -> int:
     return USEFUL if certain > USEFUL and held[USEFUL - 1] >= ENOUGH else certain
 
 
-def _near(one: Ranked, winner: Ranked) -> bool:
-    assert one.stepped is not None
+def near(winner: Ranked, candidates: Sequence[Ranked]) -> frozenset[str]:
+    """All plausible entries that the runs do not surely tell from the answer, however unlikely."""
     assert winner.stepped is not None
-    behind = gain(winner.stepped, one.stepped)[0] + one.added - winner.added
-    return behind < max(SAME, misfit(winner))
+    least = max(SAME, misfit(winner))
+    return frozenset(
+        name
+        for one in candidates
+        if one.stepped is not None
+        and not one.implausible
+        and gain(winner.stepped, one.stepped)[0] + one.added - winner.added < least
+        for name in one.effects
+        if name not in winner.effects
+    )
 
 
 def _equivalents(families: Sequence[Sequence[Ranked]], named: set[str]) -> dict[str, tuple[str, ...]]:

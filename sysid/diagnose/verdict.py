@@ -14,7 +14,7 @@ from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
 from sysid.diagnose.chains import Unsearched
 from sysid.diagnose.confidence import COMPLETE_RIGHT, IN_A_LOOP_RIGHT, lead, of_named, of_unexplained
 from sysid.diagnose.evidence import Candidate, Stepped, gain
-from sysid.diagnose.likely import SAME, declared
+from sysid.diagnose.likely import SAME, declared, near
 from sysid.diagnose.shares import Shares
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
@@ -230,8 +230,11 @@ def _answer(
     if missing and reference.validation is not None:
         compared = sizes(winner.fit, winner.effects, reference.validation)
         missing = all(one.off <= LARGEST_DIFFERENCE for one in compared)
-    among = declared(winner, singles if len(chain) == 1 else pairs)
-    ratio, short = lead(winner, among.near, singles)
+    peers = answers = singles if len(chain) == 1 else pairs
+    if enough:  # what would not be named is no answer beside one that is
+        answers = [one for one in peers if one.fit is not None and shares.enough(one)]
+    among = declared(winner, answers)
+    ratio, short = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, short, among)
     if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division):
         missing = False  # a name by chance of what the loop made

@@ -226,7 +226,7 @@ def test_json(written: dict[str, Any]) -> None:
     jsonschema.validate(document, DIAGNOSIS)
     assert (document["verdict"], document["effect"], document["chain"]) == ("missing", "servo_lag", ["servo_lag"])
     assert document["explained_share"] >= 0.8
-    assert "gyro_lag" in document["indistinguishable"]
+    assert "gyro_lag" in document["equivalent"]["servo_lag"]
     asked = [one["delta_bic"] for one in document["candidates"] if one["delta_bic"] is not None]
     assert asked == sorted(asked), "best first"
     (lag,) = (one for one in document["candidates"] if one["effect"] == "servo_lag")

@@ -14,7 +14,7 @@ from sysid.diagnose import candidates, choice, likely
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
 from sysid.diagnose.confidence import UNEXPLAINED_RIGHT, of_named, of_unexplained
 from sysid.diagnose.evidence import Candidate, Stepped
-from sysid.diagnose.likely import declared
+from sysid.diagnose.likely import declared, near
 from sysid.model.effect import named_effect
 from sysid.model.relaxation import RelaxationError
 
@@ -57,7 +57,7 @@ def test_what_is_far_behind_is_not_in_the_class() -> None:
     lag = refitted("servo_lag")
     found = of(lag, [refitted("transport_delay", 4.0, 1), refitted("servo_backlash", 60.0, 2)])
     assert found.alike == ("transport_delay",)
-    assert found.near == {"transport_delay"}
+    assert near(lag, [refitted("transport_delay", 4.0, 1), refitted("servo_backlash", 60.0, 2)]) == {"transport_delay"}
     assert found.named == pytest.approx(1 / (1 + math.exp(-2 / likely.TEMPER)), abs=1e-3)
     assert found.right == found.whole > 0.97
 
