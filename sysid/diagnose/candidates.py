@@ -40,9 +40,8 @@ SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
 SERIOUS_SLOW = 0.1
 """and where a refit takes simulations or a long search."""
-SERIOUS_BESIDE = 0.25
 SERIOUS_SLOW_BESIDE = 0.3
-"""The same beside one that leaves noise: such a score is not that of an effect that explains all."""
+"""and beside one that leaves noise: a lower score is not that of an effect that explains all."""
 FEW_POINTS = 8
 NEAR = 0.7
 """Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
@@ -230,9 +229,8 @@ def of_all_questions(log_p: float, division: Division) -> float:
 def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Ranked]:
     """Refits of what may be the answer, the most promising first: linear entries, which take milliseconds, then others.
 
-    Once one leaves noise, those whose scores are far below the best cannot be the answer. An entry that takes
-    simulations is refitted where the linear ones leave more than noise, or where its score alone comes near to what the
-    best of them explains.
+    An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
+    comes near to what the best of them explains; once one leaves noise, no more where its score is far below the best.
     """
     top = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
     found: dict[tuple[str, ...], Ranked] = {}
@@ -247,7 +245,7 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
 
     testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
     for one in testable:
-        if _quick(one) and _share(one, top) >= (SERIOUS if question_open else SERIOUS_BESIDE):
+        if _quick(one) and _share(one, top) >= SERIOUS:
             fit(one)
     linear_enough = not question_open
     explained = 0.0

@@ -174,8 +174,6 @@ class _Chains:
         self.alone = {one.effect: one for one in fitted if not one.implausible}
         """Plausible single effects."""
         self.found: dict[tuple[str, ...], Ranked] = {}
-        self.begun: list[tuple[Ranked, dict[str, Ranked]]] = []
-        """First effects, and what was asked beside each."""
         self.not_asked: list[str] = []
         self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
 
@@ -209,27 +207,11 @@ class _Chains:
         if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
             return False
         asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
-        self.begun.append((first, {one.effect: one for one in asked}))
         chosen = self.without_twins(asked)[:SECONDS]
         for second in chosen:
-            if _names(first.effect, second.effect) in self.found or self.asked_from_behind(first, second):
-                continue
-            if self.promising(first, second):
+            if _names(first.effect, second.effect) not in self.found and self.promising(first, second):
                 self.fit(first, second)
         return True
-
-    def asked_from_behind(self, first: Ranked, second: Ranked) -> bool:
-        """Whether a chain was begun with the second, or with what alone does the same, and the first promised nothing
-        beside it."""
-        return any(
-            first.effect in beside and not self.promising(other, beside[first.effect])
-            for other, beside in self.begun
-            if other.effect == second.effect or self.same(other.effect, second.effect)
-        )
-
-    def same(self, one: str, other: str) -> bool:
-        """Whether two plausible effects alone explain the same things."""
-        return one in self.alone and other in self.alone and not _apart(self.alone[one], self.alone[other])
 
     def without_twins(self, seconds: Sequence[Ranked]) -> list[Ranked]:
         """Of those that alone answer the same to the last digits the first: the others are exchanged for it at the

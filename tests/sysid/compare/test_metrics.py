@@ -8,9 +8,7 @@ import control
 import numpy as np
 import pytest
 from planted import PLANTED, TABLE_4, fly
-from scipy.ndimage import maximum_filter1d
 
-from sysid.compare.by_time import largest_within
 from sysid.compare.metrics import integrated_cost, mismatch, response_difference
 from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
@@ -130,9 +128,3 @@ def test_a_missing_lag_shows_as_phase_and_costs_more_than_the_guide() -> None:
         lag = np.degrees(np.arctan(2 * np.pi * one.frequency_hz[place] * PLANTED["servo_lag"]["tau_s"]))
         assert one.degrees[place] == pytest.approx(lag, abs=8), "the model leads by the lag that it lacks"
         assert one.cost > 100
-
-
-def test_the_largest_of_each_neighbourhood() -> None:
-    values = np.random.default_rng(0).standard_normal(300)
-    for width in (1, 2, 7, 64, 101):
-        assert np.array_equal(largest_within(values, width), maximum_filter1d(values, width))
