@@ -104,7 +104,7 @@ def with_derivative(seed: int) -> list[Record]:
     rng = np.random.default_rng(seed)
     found = []
     for number, axis in enumerate(("roll", "pitch") * 2):
-        t = DT * np.arange(round(17.0 / DT))
+        t = DT * np.arange(round(17.0 / DT), dtype=np.float64)
         chirp = Chirp(axis=axis, law="tischler", f_start_hz=0.5, f_stop_hz=10.0, duration_s=15.0)
         r = np.zeros((t.size, 2))
         r[:, number % 2] = (0.10, 0.15)[number % 2] * chirp.wave(t - 1.0)
