@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from planted_fits import records
 from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.shares import Shares
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.parameter import Parameter
@@ -104,11 +106,19 @@ def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(planted, "ATTITUDE_GAIN", 2 * planted.ATTITUDE_GAIN)
     runs = fly_many(None, {}, seeds=[2], duration_s=20.0, gusts=2.0)[0]
     found = asked(runs, without=EXCITATIONS)
-    assert (found.verdict, found.reason) == ("unexplained", "feedback")
-    assert found.confidence <= 0.5
-    assert found.to_json()["reason"] == "feedback"
-    assert "no excitation is logged" in answer(found)
-    assert asked(runs).verdict == "complete"
+    assert (found.verdict, found.reason) == ("complete", None)
+    logged = asked(runs)
+    assert logged.verdict == "complete"
+    # were more left than its past foretells, by a trace of what is new, or by much of it
+    left = Shares(
+        error_share=0.1, noise_share=0.01, noise_floor_percent={}, terms=None, validation=None, new_share=0.01
+    )
+    assert left.by_feedback(found.division)
+    assert not replace(left, new_share=0.1).by_feedback(found.division)
+    assert not left.by_feedback(logged.division)
+    told = replace(found, verdict="unexplained", reason="feedback")
+    assert told.to_json()["reason"] == "feedback"
+    assert "no excitation is logged" in answer(told)
 
 
 @pytest.mark.usefixtures("only_effects")
