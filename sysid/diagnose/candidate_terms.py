@@ -77,24 +77,7 @@ class CandidateTerms:
 def candidate_terms(parent: Candidate) -> CandidateTerms:
     """Every expression in every row, on the parent's runs. Which there are depends on the channels that move there."""
     on, model = parent.dataset, parent.model
-    probe = _listening(parent)
-    named = model.by_name
-    with np.errstate(all="ignore"):  # a parent that is not linear may run away: nothing is finite then, nor ranked
-        flown = [[_signals(probe, named, one) for one in group.spectra] for group in on.stacks]
-        imposed = flown  # what is new knows no command
-        if not on.beyond:
-            imposed = [[_signals(probe, named, one) for one in group.spectra] for group in on.imposed]
-        found = _expressions_on([one for group in flown for one in group])
-        constants = dict(model.structure.constants)
-
-        def bins(signals: Sequence[Sequence[Mapping[str, FloatArray]]]) -> list[ComplexArray]:
-            return [
-                np.hstack([_bins(found, said, constants, one) for one, said in zip(group.spectra, parts, strict=True)])
-                for group, parts in zip(on.stacks, signals, strict=True)
-            ]
-
-        spectra = bins(flown)
-        terms = _within_reach(spectra, spectra if imposed is flown else bins(imposed))
+    found, flown, imposed = _spectra(parent)
     at = [f"{name}_dot" for name in ("p", "q", "a", "b") if name in model.structure.states]
     # a measurement reaches the command of its own sample: there no past tells which was first
     at += ["delta_x", "delta_y", *(() if on.beyond else ("p_m", "q_m"))]
@@ -107,13 +90,34 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
 
     return CandidateTerms(
         entries=tuple(made),
-        flown=terms[0],
-        imposed=terms[1],
+        flown=flown,
+        imposed=imposed,
         transfer=[_transfer(parent, at, group.frequency_hz) for group in on.stacks],
         plain=_plain(parent),
         first=numbered([one.parts[0] for one in made]),
         second=numbered([one.parts[1] for one in made if len(one.parts) == 2]),
     )
+
+
+def _spectra(parent: Candidate) -> tuple[list[Expression], list[ComplexArray], list[ComplexArray]]:
+    """Expressions, and their bins for every stack (expressions, bins): by the commands as flown, and as imposed."""
+    on, probe, named = parent.dataset, _listening(parent), parent.model.by_name
+    constants = dict(parent.model.structure.constants)
+    with np.errstate(all="ignore"):  # a parent that is not linear may run away: nothing is finite then, nor ranked
+        flown = [[_signals(probe, named, one) for one in group.spectra] for group in on.stacks]
+        found = _expressions_on([one for group in flown for one in group])
+
+        def bins(signals: Sequence[Sequence[Mapping[str, FloatArray]]]) -> list[ComplexArray]:
+            return [
+                np.hstack([_bins(found, said, constants, one) for one, said in zip(group.spectra, parts, strict=True)])
+                for group, parts in zip(on.stacks, signals, strict=True)
+            ]
+
+        spectra = bins(flown)
+        if on.beyond:  # what is new knows no command
+            return found, *_within_reach(spectra, spectra)
+        imposed = [[_signals(probe, named, one) for one in group.spectra] for group in on.imposed]
+        return found, *_within_reach(spectra, bins(imposed))
 
 
 def _within_reach(

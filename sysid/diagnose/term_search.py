@@ -72,7 +72,7 @@ class _Products:
     """(pairs,), of the first part with the second."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _InMetric:
     """All of the inner products that no fit has a part in."""
 
@@ -119,7 +119,8 @@ def _in_metric(known: CandidateTerms, whitening: Whitening) -> _InMetric:
         j = two[0][here][0]
         pairs[here] = np.real((Z[one[1][here]].conj() * Z[two[1][here]]) @ np.sum(h[i].conj() * h[j], axis=0))
     pairs -= np.sum(ends[one] * ends[two], axis=1)
-    return _InMetric(Z, h, sizes, ends, whole.T - np.sum(ends**2, axis=2), pairs)
+    whole = whole.T - np.sum(ends**2, axis=2)
+    return _InMetric(Z=Z, h=h, sizes=sizes, ends=ends, whole=whole, pairs=pairs)
 
 
 def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> _Products:

@@ -226,14 +226,10 @@ def _answer(
         return _Answer(verdict="unexplained", explained_share=0.0, confidence=sure)
     chain, enough = choice.larger_first(winner, singles), shares.enough(winner)
     stands_in = bool(winner.implausible) and enough
-    missing, compared = enough and not stands_in, tuple[Size, ...]()
-    if missing and reference.validation is not None:
-        compared = sizes(winner.fit, winner.effects, reference.validation)
-        missing = all(one.off <= LARGEST_DIFFERENCE for one in compared)
-    peers = answers = singles if len(chain) == 1 else pairs
-    if enough:  # what would not be named is no answer beside one that is
-        answers = [one for one in peers if one.fit is not None and shares.enough(one)]
-    among = declared(winner, answers)
+    compared = _compared(winner, reference) if enough and not stands_in else ()
+    missing = enough and not stands_in and all(one.off <= LARGEST_DIFFERENCE for one in compared)
+    peers = singles if len(chain) == 1 else pairs
+    among = declared(winner, _answers(peers, shares) if enough else peers)
     ratio, short = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, short, among)
     if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division):
@@ -254,3 +250,15 @@ def _answer(
         lead=ratio if missing else None,
         sizes=compared,
     )
+
+
+def _compared(winner: Ranked, reference: Reference) -> tuple[Size, ...]:
+    """Its sizes on the fitted and the validation runs."""
+    if winner.fit is None or reference.validation is None:
+        return ()
+    return sizes(winner.fit, winner.effects, reference.validation)
+
+
+def _answers(peers: Sequence[Ranked], shares: Shares) -> list[Ranked]:
+    """What would be named itself: no other is an answer beside one that is."""
+    return [one for one in peers if one.fit is not None and shares.enough(one)]

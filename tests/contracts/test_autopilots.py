@@ -17,6 +17,7 @@ NAMES = re.compile(
 TELLS = {
     "logs/runs/systemid.py",  # what an ArduPilot log says, to its reader
     "logs/runs/told.py",
+    "logs/runs/settings.py",
     "logs/runs/health.py",
     "cli/check.py",  # help: what is looked at
     "cli/fetch.py",  # help: MAVLink's names of the ways
