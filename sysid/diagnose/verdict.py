@@ -220,9 +220,8 @@ def _answer(
 ) -> _Answer:
     """Where there is something to explain: whether an effect, or a chain of two, does it."""
     winner = choice.winner(singles, pairs)
-    most = 1.0 if reference.parent.division.measured else IN_A_LOOP_RIGHT
     if winner is None or winner.fit is None:
-        sure = min(most, of_unexplained(None, chance, 0.0))
+        sure = _of_unexplained(None, chance, 0.0, reference)
         return _Answer(verdict="unexplained", explained_share=0.0, confidence=sure)
     chain, enough = choice.larger_first(winner, singles), shares.enough(winner)
     stands_in = bool(winner.implausible) and enough
@@ -235,7 +234,7 @@ def _answer(
     if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division):
         missing = False  # a name by chance of what the loop made
     if not missing:
-        confidence = min(most, of_unexplained(winner, chance, confidence))
+        confidence = _of_unexplained(winner, chance, confidence, reference)
     if not winner.fit.model.stable:
         confidence = min(confidence, IN_A_LOOP_RIGHT)
     return _Answer(
@@ -250,6 +249,11 @@ def _answer(
         lead=ratio if missing else None,
         sizes=compared,
     )
+
+
+def _of_unexplained(winner: Ranked | None, chance: float, named: float, reference: Reference) -> float:
+    sure = of_unexplained(winner, chance, named)
+    return sure if reference.parent.division.measured else min(sure, IN_A_LOOP_RIGHT)
 
 
 def _compared(winner: Ranked, reference: Reference) -> tuple[Size, ...]:
