@@ -228,7 +228,7 @@ def _answer(
     compared = _compared(winner, reference) if enough and not stands_in else ()
     missing = enough and not stands_in and all(one.off <= LARGEST_DIFFERENCE for one in compared)
     peers = singles if len(chain) == 1 else pairs
-    among = declared(winner, _answers(peers, shares) if enough else peers)
+    among = declared(winner, _answers(peers, shares, enough))
     ratio, short = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, short, among)
     if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division):
@@ -263,6 +263,6 @@ def _compared(winner: Ranked, reference: Reference) -> tuple[Size, ...]:
     return sizes(winner.fit, winner.effects, reference.validation)
 
 
-def _answers(peers: Sequence[Ranked], shares: Shares) -> list[Ranked]:
-    """What would be named itself: no other is an answer beside one that is."""
-    return [one for one in peers if one.fit is not None and shares.enough(one)]
+def _answers(peers: Sequence[Ranked], shares: Shares, enough: bool) -> Sequence[Ranked]:
+    """What would be named itself: beside a winner that is, no other is an answer."""
+    return [one for one in peers if one.fit is not None and shares.enough(one)] if enough else peers
