@@ -6,6 +6,7 @@ excitation was logged it serves as instrument, so that feedback does not bias th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -13,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from sysid.data.dataset import Bins
+from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, excitation_of
 from sysid.data.stacks import Stack
 from sysid.errors import FitError
@@ -20,6 +22,7 @@ from sysid.fit.axes import refuse_still_channels, refuse_vague_axes
 from sysid.fit.gauss_newton import SETTLED, minimise, normal_equations
 from sysid.fit.grow import grow
 from sysid.fit.identifiable import alike
+from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError, axis_weights, output_error
 from sysid.fit.rows import project, rows, smooth
 from sysid.fit.start import POOR_SHARE, START_THINNING, start
@@ -40,6 +43,10 @@ UNBIASING_STEPS = 8
 WORST_UNBIASING = 1.1  # of the residual power at the least-squares optimum
 SHORT = 0.3  # standard errors of white noise: the next step is far shorter
 WORST_OF_ONE_AXIS = 4.0
+LEFT_OPEN = 0.5
+"""Of what the excitation explains of what least squares leaves, beyond noise,"""
+PLAINLY = 6.0
+"""where that is so many standard deviations of chance."""
 
 
 Weights = Literal["residual spectrum", "constant"]
@@ -123,7 +130,7 @@ def _weighed(model: Model, bins: Bins, fixed: Mapping[str, float], kind: Weights
             model, weights = reweighed
     if caused is not None:
         try:
-            unbiased = _unbias(model, stacks, weights, free_of(model, fixed), caused)
+            unbiased = _unbias(model, stacks, weights, free_of(model, fixed), caused, bins.causes(structure.commands))
         except RelaxationError:
             unbiased = None
         if unbiased is not None:
@@ -205,17 +212,19 @@ def _unbias(
     stacks: Sequence[Stack],
     weights: Sequence[AnyArray],
     free: Sequence[int],
-    causes: Sequence[ComplexArray],
+    caused: Sequence[ComplexArray],
+    causes: Causes,
 ) -> tuple[Model, list[ComplexArray]] | None:
     """From the least-squares optimum to where the residual has nothing left that the excitation caused.
 
-    A few Newton steps; None where they do not settle, or leave the bounds or the optimum far behind: the data have no
-    good instrument and the least-squares estimate stays. With the model come the instruments.
+    A few Newton steps; None where they do not settle, or leave the bounds, or leave the optimum far behind without that
+    the excitation explains much less of what is left: the data have no good instrument and the least-squares estimate
+    stays. With the model come the instruments.
     """
     structure, values = model.structure, model.values.copy()
     if not free:
         return None
-    Z = asked_with(model, stacks, free, causes)
+    Z = asked_with(model, stacks, free, caused)
     for _ in range(UNBIASING_STEPS):
         curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, free, Z)
         size = np.sqrt(np.abs(np.diag(curvature)))
@@ -233,7 +242,18 @@ def _unbias(
         if np.any(np.diag(curvature) == 0):
             return None
     before, after = (normal_equations(structure, x, stacks, weights, False).power for x in (model.values, values))
-    return (found, Z) if np.all(after < _worst_unbiasing(structure, stacks) * before) else None
+    near = np.all(after < _worst_unbiasing(structure, stacks) * before)
+    return (found, Z) if near or _asks_less(found, model, stacks, causes) else None
+
+
+def _asks_less(found: Model, least_squares: Model, stacks: Sequence[Stack], causes: Causes) -> bool:
+    """Whether the excitation explains much less of what a model leaves than of what least squares does.
+
+    In a loop least squares may take most of slow gusts for answers of the vehicle: then the truth leaves far more.
+    """
+    before, after = (divide(output_error(one, stacks), stacks, causes) for one in (least_squares, found))
+    excess = [one.chi_squared - one.degrees for one in (before, after)]
+    return excess[0] > PLAINLY * math.sqrt(2 * before.degrees) and excess[1] < LEFT_OPEN * excess[0]
 
 
 def _worst_unbiasing(structure: Structure, stacks: Sequence[Stack]) -> float:
