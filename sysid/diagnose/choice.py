@@ -10,6 +10,8 @@ from sysid.diagnose.evidence import gain
 from sysid.diagnose.likely import CHANCE, SAME, misfit
 from sysid.diagnose.shares import EXPLAINED
 
+EVIDENCE = 6.0
+"""By which an entry must lower BIC to be an answer: less is chance among so many entries."""
 ALMOST = 0.05
 """Of what can be explained, by which a simpler entry may explain less than one of doubtful values and be named."""
 TIED = 1.0
@@ -22,8 +24,8 @@ AS_MUCH = 0.8
 
 def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     """The likeliest effect; a chain of two only where it explains clearly more."""
-    single = next((one for one in singles if one.fit is not None and one.delta_bic < 0), None)
-    pair = next((one for one in pairs if one.delta_bic < 0), None)
+    single = next((one for one in singles if one.fit is not None and one.delta_bic < -EVIDENCE), None)
+    pair = next((one for one in pairs if one.delta_bic < -EVIDENCE), None)
     if single is None:
         return pair
     single = _likeliest_in_practice(single, singles)

@@ -84,6 +84,9 @@ class Shares:
             return one
         E0, N = self.error_share, self.noise_share
         share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
+        if one.fit.error_share > E0 and one.fit.division.measured:
+            # least squares took gusts of the loop for the parent's answers: powers do not tell what it left
+            share = _by_the_noise(one)
         if self.validation is None:
             return replace(one, explained_share=share)
         on = self.validation
@@ -95,9 +98,7 @@ class Shares:
         assert one.fit is not None
         share = one.explained_share or 0.0
         if self.error_share - self.noise_share < LITTLE * self.noise_share:
-            left = one.fit.division
-            rest = max(0.0, left.chi_squared - left.degrees)
-            share = max(share, one.chi_squared / max(one.chi_squared + rest, 1e-300))
+            share = max(share, _by_the_noise(one))
         if one.validation_share is None:
             return share >= EXPLAINED
         there = min(1.0, one.validation_share + one.validation_slack)
@@ -160,6 +161,14 @@ def _new_share(candidates: Sequence[Ranked], reference: Reference) -> float:
     left = reference.parent.division
     explained = [left.chi_squared - left.degrees, *(one.chi_squared - one.added for one in candidates)]
     return max(0.0, *explained) / max(reference.stepped.residual.size, 1)
+
+
+def _by_the_noise(one: Ranked) -> float:
+    """Of what can be explained, by chi squared."""
+    assert one.fit is not None
+    left = one.fit.division
+    rest = max(0.0, left.chi_squared - left.degrees)
+    return max(0.0, one.chi_squared) / max(one.chi_squared + rest, 1e-300)
 
 
 def _shares(error: OutputError) -> FloatArray:
