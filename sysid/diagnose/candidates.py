@@ -36,6 +36,8 @@ IN_A_LOOP = math.log(100)
 the gusts of half a run, are shown by noise more often than chance has it."""
 QUESTIONS = 3
 """Kinds of them: the commands against the residual, the catalogue, candidate terms."""
+KEPT = 0.5
+"""Of the chi squared that a score promises, what a refit explains at least that was in the right valley."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
 SERIOUS_SLOW = 0.1
@@ -283,12 +285,43 @@ def _quick(one: Ranked) -> bool:
 
 
 def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
+    """The refit; where it explains far less than the score promised, or fails, a better one from where the score was.
+
+    Valleys are told apart by what is left of all power; what is small beside gusts shows in the noise's measure alone.
+    """
     try:
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
-        fit = refit(composed, parent, one.effects)
-    except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
+    except (FitError, EffectError) as error:
         return replace(one, not_testable=str(error))
-    return replace(one, fit=fit)
+    fit, failure = _refit(composed, parent, one, None)
+    begin = _where_scored(one, composed, parent)
+    if begin is not None and one.score is not None:
+        explained = 0.0 if fit is None else _explained(fit, parent)
+        again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
+        if again is not None and _explained(again, parent) > explained:
+            fit = again
+    return replace(one, fit=fit) if fit is not None else replace(one, not_testable=failure)
+
+
+def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | None) -> tuple[Candidate | None, str]:
+    try:
+        return refit(composed, parent, one.effects, near), ""
+    except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
+        return None, str(error)
+
+
+def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
+    """The parent with the sizes of the score; None where it takes simulations, or they are not all known."""
+    values = parent.model.by_name | ({} if one.score is None else dict(one.score.at))
+    if not composed.linear or not set(composed.names) <= set(values):
+        return None
+    return Model(composed, composed.vector({name: values[name] for name in composed.names}))
+
+
+def _explained(fit: Candidate, parent: Candidate) -> float:
+    """Chi squared, by the noise that the parent leaves."""
+    metric = parent.metric
+    return gain(*(instrumental_step(one.asked_in(metric), metric) for one in (fit, parent)))[0]
 
 
 def ranked(one: Ranked, reference: Reference) -> Ranked:

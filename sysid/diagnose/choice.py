@@ -98,5 +98,7 @@ def _unusual(one: Ranked) -> tuple[bool, float]:
 
 
 def larger_first(winner: Ranked, singles: Sequence[Ranked]) -> tuple[str, ...]:
+    """By what each explains alone; by its score, where it could not be fitted alone."""
     alone = {one.effect: one.chi_squared for one in singles if one.fit is not None}
-    return tuple(sorted(winner.effects, key=lambda name: -alone.get(name, 0.0)))
+    scored = {one.effect: one.score.chi_squared for one in singles if one.score is not None}
+    return tuple(sorted(winner.effects, key=lambda name: -alone.get(name, scored.get(name, 0.0))))

@@ -196,13 +196,14 @@ def _residual(one: Candidate) -> list[ComplexArray]:
     return [(group.Y - Y)[None] for group, Y in zip(one.dataset.stacks, one.Y, strict=True)]
 
 
-def refit(composed: Structure, parent: Candidate, added: Sequence[str]) -> Candidate:
-    """Fit a composition that grows from the parent. Raises FitError where the runs do not determine it."""
+def refit(composed: Structure, parent: Candidate, added: Sequence[str], near: Model | None = None) -> Candidate:
+    """Fit a composition that grows from the parent, or goes on from `near`. Raises FitError where the runs do not
+    determine it."""
     fixed = {name: parent.model[name] for name in parent.held}
     open_to_all = structural(composed, fixed)
     if open_to_all is not None:
         raise FitError(open_to_all)
-    begin = parent.model if composed.base == parent.model.structure.base else None
+    begin = near or (parent.model if composed.base == parent.model.structure.base else None)
     found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed, parent.estimate.weights)
     return candidate(found, parent.held, parent.dataset, added)
 

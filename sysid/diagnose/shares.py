@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -31,6 +32,9 @@ BY_FEEDBACK = 0.15
 """Share of an output's error up to which commands seem to explain it by feedback alone, where their excitation is not
 logged: doubled gusts and loops of double gain made up to 0.08 on clean flights, four times the gusts 0.145, and effects
 of usual size 0.25 and more."""
+A_LOOP_MAKES, NO_LOOP_MAKES = math.log(1e-12), math.log(1e-40)
+"""Logarithms of the chance of noise: what loops of double gain made in fourfold gusts and short weak chirps, 1e-7, was
+well above the first; effects of clear size show more than the second."""
 NEW_BY_FEEDBACK = 0.02
 """The same of what is new in every sample, where a short past foretells the noise: fourfold gusts in chirps of less
 than half, in a loop of double gain, made up to 0.013."""
@@ -71,10 +75,12 @@ class Shares:
             new_share=_new_share(candidates, reference),
         )
 
-    def by_feedback(self, left: Division) -> bool:
-        """Whether what can be explained is what the loop alone could make."""
-        if left.measured:
+    def by_feedback(self, left: Division, chance: float) -> bool:
+        """Whether what can be explained is what the loop alone could make; `chance`, a logarithm, is that of noise."""
+        if left.measured or chance < NO_LOOP_MAKES:
             return False
+        if chance > A_LOOP_MAKES:
+            return True
         explained = [*(1 - left.noise_share), 1 - self.noise_share / max(self.error_share, 1e-300)]
         return bool(max(explained) <= BY_FEEDBACK or self.new_share <= NEW_BY_FEEDBACK)
 

@@ -174,7 +174,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
     answer = _answer(singles, pairs, shares, reference, chance) if significant else _Answer(confidence=COMPLETE_RIGHT)
     return Diagnosis(
         verdict=answer.verdict,
-        reason="feedback" if answer.verdict == "unexplained" and shares.by_feedback(parent.division) else None,
+        reason="feedback" if answer.verdict == "unexplained" and shares.by_feedback(parent.division, chance) else None,
         effect=answer.effect,
         stands_in=answer.stands_in,
         chain=answer.chain,
@@ -231,7 +231,7 @@ def _answer(
     among = declared(winner, _answers(peers, shares, enough))
     ratio, short = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, short, among)
-    if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division):
+    if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division, chance):
         missing = False  # a name by chance of what the loop made
     if not missing:
         confidence = _of_unexplained(winner, chance, confidence, reference)

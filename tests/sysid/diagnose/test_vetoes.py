@@ -113,9 +113,12 @@ def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPa
     left = Shares(
         error_share=0.1, noise_share=0.01, noise_floor_percent={}, terms=None, validation=None, new_share=0.01
     )
-    assert left.by_feedback(found.division)
-    assert not replace(left, new_share=0.1).by_feedback(found.division)
-    assert not left.by_feedback(logged.division)
+    weak, plain, strong = (math.log(chance) for chance in (1e-7, 1e-20, 1e-60))
+    assert left.by_feedback(found.division, plain)
+    much = replace(left, new_share=0.1)
+    assert [much.by_feedback(found.division, chance) for chance in (weak, plain)] == [True, False]
+    assert not left.by_feedback(found.division, strong), "that much no loop makes"
+    assert not left.by_feedback(logged.division, weak)
     told = replace(found, verdict="unexplained", reason="feedback")
     assert told.to_json()["reason"] == "feedback"
     assert "no excitation is logged" in answer(told)

@@ -1,0 +1,54 @@
+"""Refits that begin where the score found an effect, where growing from the parent ends in another valley."""
+
+from __future__ import annotations
+
+import pytest
+from strangers.asking import records
+from strangers.flights import Stranger, fly
+
+from sysid.data.band import swept_band
+from sysid.data.record import Record
+from sysid.diagnose import candidates
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.choice import larger_first
+from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.score import Score
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.identify import on_runs
+
+SEED = 2041
+"""A training one: a mode of 5.9 Hz in roll with one share in a hundred of the inertia, far less than the gusts."""
+
+
+@pytest.fixture(scope="module")
+def flown() -> Stranger:
+    return fly(SEED)
+
+
+def asked(runs: list[Record]) -> Diagnosis:
+    swept = swept_band(runs)
+    assert swept is not None
+    return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=False)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode", "angular_damping")], indirect=True)
+def test_a_mode_below_the_gusts_is_found_where_its_score_is(flown: Stranger, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = records(flown)[: flown.plan.fitted]
+    found = asked(runs)
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    assert found.winner is not None
+    frequency_hz = flown.hidden.sizes[0]["frequency_roll"]
+    assert found.winner.values["frequency_roll"] == pytest.approx(frequency_hz, rel=0.01)
+    monkeypatch.setattr(candidates, "_where_scored", lambda *_: None)
+    assert asked(runs).verdict == "unexplained"
+
+
+def test_of_two_the_larger_is_named_though_one_has_no_fit_of_its_own() -> None:
+    def scored(effect: str, chi_squared: float) -> Ranked:
+        score = Score(effect=effect, chi_squared=chi_squared, degrees=1, tried=1, at={}, errors={})
+        return Ranked(effects=(effect,), score=score, not_testable=None)
+
+    alone = [scored("angular_damping", 10.0), scored("structural_mode", 400.0)]
+    both = Ranked(effects=("angular_damping", "structural_mode"), score=None, not_testable=None)
+    assert larger_first(both, alone) == ("structural_mode", "angular_damping")
