@@ -9,7 +9,7 @@ effects the sensitivities are those of the vehicle as that part alone would move
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -74,8 +74,6 @@ class Causes:
     """For every stack (m, bins)."""
     reference: list[ComplexArray]
     """The bins of the references, for every stack (m, bins)."""
-    chances: dict[int, tuple[float, float] | None] = field(default_factory=dict)
-    """By number of windows: mean and deviation of what chance explains where noise comes in bursts; worked out once."""
 
 
 def causes(stacks: Sequence[Stack], commands: Sequence[str], references: Sequence[str] | None = None) -> Causes:

@@ -112,9 +112,7 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     tiny = LEAST_LEVEL * np.max(own, initial=1e-300)
     chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
     if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
-        if count not in by.chances:
-            by.chances[count] = _in_bursts(explained, span, segment[order], stacks)
-        chance = by.chances[count]
+        chance = _in_bursts(explained, span, segment[order], stacks)
         if chance is not None:
             chi_squared = as_steady(chi_squared, degrees, *chance)
     return Division(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from planted import fly_many
@@ -51,7 +49,7 @@ def deviations(flown: tuple[tuple[Stack, ...], Causes], calm: float) -> np.ndarr
     for seed in range(DRAWS):
         left = noise(stacks, seed, calm)
         power = np.sum([np.sum(np.abs(one) ** 2, axis=1) for one in left], axis=0)
-        division = divide(OutputError(left, power, power), stacks, replace(causes, chances={}))
+        division = divide(OutputError(left, power, power), stacks, causes)
         found.append((division.chi_squared - division.degrees) / np.sqrt(2 * division.degrees))
     return np.array(found)
 
