@@ -23,15 +23,16 @@ def whitener_of(spectrum: ComplexArray) -> ComplexArray:
 
 
 def weighed(weight: AnyArray, columns: ComplexArray) -> ComplexArray:
-    """Columns (c, k, bins) by weights: a number for each output and bin, (k, bins), or a lower triangular matrix for
-    each bin, (k, k, bins)."""
+    """Columns (c, k, bins) by weights: a number for each output and bin, (k, bins), or a matrix for each bin,
+    (k, k, bins)."""
     if weight.ndim == 2:
         return np.asarray(weight * columns)
     found = np.empty_like(columns)
     for row, parts in enumerate(weight):
         np.multiply(parts[row], columns[:, row], out=found[:, row])
-        for column in range(row):
-            found[:, row] += parts[column] * columns[:, column]
+        for column, part in enumerate(parts):
+            if column != row:
+                found[:, row] += part * columns[:, column]
     return found
 
 

@@ -22,6 +22,7 @@ from sysid.fit.estimate import estimate
 from sysid.fit.identify import identify
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import divide
+from sysid.fit.whitening import weighed
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
 
@@ -143,3 +144,11 @@ def test_a_controller_with_a_derivative_is_coped_with() -> None:
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.6
     found = asked(runs)
     assert found.verdict == "complete" or found.reason == "feedback"
+
+
+def test_rows_are_weighed_by_all_of_a_matrix() -> None:
+    """The past of one output foretells the other, in both directions."""
+    rng = np.random.default_rng(3)
+    W = rng.standard_normal((2, 2, 5)) + 1j * rng.standard_normal((2, 2, 5))
+    columns = rng.standard_normal((3, 2, 5)) + 1j * rng.standard_normal((3, 2, 5))
+    np.testing.assert_allclose(weighed(W, columns), np.einsum("ijf,cjf->cif", W, columns), rtol=1e-12)
