@@ -252,8 +252,7 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
     linear_enough = not question_open
     explained = 0.0
     if best is not parent:
-        metric = best.metric
-        explained = gain(*(instrumental_step(one.asked_in(metric), metric) for one in (best, parent)))[0]
+        explained = _explained(best, parent, best.metric)
     for one in testable:
         if _quick(one) or one.score is None:
             continue
@@ -296,9 +295,9 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     fit, failure = _refit(composed, parent, one, None)
     begin = _where_scored(one, composed, parent)
     if begin is not None and one.score is not None:
-        explained = 0.0 if fit is None else _explained(fit, parent)
+        explained = 0.0 if fit is None else _explained(fit, parent, parent.metric)
         again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
-        if again is not None and _explained(again, parent) > explained:
+        if again is not None and _explained(again, parent, parent.metric) > explained:
             fit = again
     return replace(one, fit=fit) if fit is not None else replace(one, not_testable=failure)
 
@@ -318,9 +317,8 @@ def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model 
     return Model(composed, composed.vector({name: values[name] for name in composed.names}))
 
 
-def _explained(fit: Candidate, parent: Candidate) -> float:
-    """Chi squared, by the noise that the parent leaves."""
-    metric = parent.metric
+def _explained(fit: Candidate, parent: Candidate, metric: Whitening) -> float:
+    """Chi squared by which a fit is likelier than the parent."""
     return gain(*(instrumental_step(one.asked_in(metric), metric) for one in (fit, parent)))[0]
 
 

@@ -20,7 +20,7 @@ from sysid.fit.gauss_newton import NormalEquations, bounded_step
 from sysid.fit.output_error import output_error
 from sysid.fit.prediction_error import MEMORY_S, Equations, Noise, lower
 from sysid.fit.rows import orthonormal, rows
-from sysid.fit.whitening import Whitening, jumps
+from sysid.fit.whitening import Whitening, jumps, weighed
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model
@@ -94,8 +94,8 @@ def _left(model: Model, noise: Noise, stacks: Sequence[Stack]) -> list[ComplexAr
     found = []
     for group in stacks:
         response, W = respond(model.structure, model.values, group, False), noise.weights(group)
-        E = _by(W, np.concatenate([response.E, jumps(group)]))
-        left = _by(W, (group.Y - response.Y)[None])
+        E = weighed(W, np.concatenate([response.E, jumps(group)]))
+        left = weighed(W, (group.Y - response.Y)[None])
         each = []
         for part in group.slices:
             basis, some = orthonormal(rows(E[..., part])), rows(left[..., part])
@@ -108,7 +108,7 @@ def _left(model: Model, noise: Noise, stacks: Sequence[Stack]) -> list[ComplexAr
 def _ends(model: Model, noise: Noise, group: Stack, v: ComplexArray) -> list[FloatArray]:
     """For every segment a basis of its end states and of the past of what it leaves."""
     response, W, k = respond(model.structure, model.values, group, False), noise.weights(group), len(group.Y)
-    E = _by(W, np.concatenate([response.E, jumps(group)]))
+    E = weighed(W, np.concatenate([response.E, jumps(group)]))
     late = noise.late(group)
     # (lag, output that is foretold, output that foretells, outputs, bins)
     past = np.einsum("lf,jf,oi->lijof", late, group.scale * v, noise.root).reshape(-1, k, v.shape[1])
@@ -142,7 +142,3 @@ def _past_commands(group: Stack, commands: Sequence[str], rate_hz: float) -> Com
     late = np.exp(-2j * np.pi * np.outer(m, group.frequency_hz) / rate_hz)
     found = np.einsum("lf,cf,oi->lcoif", late, u, np.eye(k))
     return np.asarray(found.reshape(-1, k, u.shape[1]))
-
-
-def _by(W: ComplexArray, columns: ComplexArray) -> ComplexArray:
-    return np.asarray(np.einsum("ijf,cjf->cif", W, columns))
