@@ -87,7 +87,7 @@ class Ranked:
     implausible: tuple[str, ...] = ()
     """Parameters outside what physics allows that were not so in the parent."""
     outside: tuple[str, ...] = ()
-    """The same whatever their standard errors: what is only so within these is doubtful."""
+    """The same whatever their standard errors, and those at a bound of what an effect may be: doubtful values."""
     resolved: tuple[str, ...] = ()
     """Parameters of the parent that were implausible and are not any more."""
     rows: int = 1
@@ -105,18 +105,24 @@ class Ranked:
     def values(self) -> dict[str, float]:
         """Its parameters: refitted, else one step from the parent, else none."""
         if self.fit is not None:
-            model = self.fit.model
-            own = [one for one in model.structure.composed if (one.path or one.id) in self.effects]
-            names = [name for one in own for name in one.names] or list(model.structure.names)
-            return {name: model[name] for name in names}
+            return {name: self.fit.told[0][name] for name in self.names}
         return {} if self.score is None else dict(self.score.at)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its parameters in the refit; all of the model, where it is another base."""
+        if self.fit is None:
+            return ()
+        structure = self.fit.model.structure
+        own = [one for one in structure.composed if (one.path or one.id) in self.effects]
+        return tuple(name for one in own for name in one.names) or structure.names
 
     @property
     def standard_errors(self) -> dict[str, float]:
         """Of `values`, where the refit gives any."""
         if self.fit is None:
             return {} if self.score is None else dict(self.score.errors)
-        errors = self.fit.standard_errors
+        errors = self.fit.told[1]
         return {name: errors[name] for name in self.values if errors[name] > 0}
 
     def to_json(self) -> dict[str, Any]:
@@ -330,7 +336,7 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     own = instrumental_step(one.fit.asked_in(reference.whitening), reference.whitening)
     likelier, _ = gain(own, reference.stepped)
     model, parent = one.fit.model, reference.parent
-    before, outside = _outside(parent.model), _outside(model)
+    before, outside = _outside(parent), _outside(one.fit)
     now = _implausible(one.fit.asked, reference.whitening)
     validated = error = None
     if reference.validation is not None:
@@ -353,10 +359,12 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     )
 
 
-def _outside(model: Model) -> set[str]:
-    """Parameters outside what physics allows, whatever their errors."""
-    parameters = zip(model.structure.parameters, model.values, strict=True)
-    return {parameter.name for parameter, value in parameters if parameter.implausible(float(value))}
+def _outside(one: Candidate) -> set[str]:
+    """Parameters outside what physics allows, whatever their errors, or at a bound: what would be more is another
+    effect, as a second-order lag of damping ratio 1 would be two lags."""
+    parameters = zip(one.model.structure.parameters, one.model.values, strict=True)
+    beyond = {parameter.name for parameter, value in parameters if parameter.implausible(float(value))}
+    return beyond | set(one.estimate.at_bound)
 
 
 def _implausible(one: Candidate, whitening: Whitening) -> set[str]:
