@@ -23,16 +23,17 @@ if TYPE_CHECKING:
 
 _FORMAT_HELP = """\
 --json prints {"format": "tippath.runs/1", "runs": [{"id", "path", "maneuver", "axis", "start_s", "duration_s",
-"rate_hz", "gaps": [[start_s, stop_s]], "usable", "reasons", "notes", "rate_source", "swept_band_hz", "excitation",
-"health": {"jitter", "clipped", "saturated_share", "command_band_hz": {axis: [low, high]}, "coherence": {axis:
-{"band_hz", "share"}}, "input_correlation", "quiet": [{"where", "start_s", "duration_s"}], "latency": [{"field",
-"against", "late_ms", "correlation"}]},
-"record"}], "damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused":
-{path: reason}}. start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
-Each source has "joined": null, or of logs that were read together {"files": [{"path", "sha256", "samples", "filled",
-"damage"}], "samples", "shared", "unlike", "missing", "stretches": [[start_s, stop_s]], "complete": true, false or null
-(not shown)}, and "apart": {path: why it was not read with them}. With --explain each source also has "channels":
-{channel: {"unit", "source", "scale", "offset"}}, "absent": {channel: reason} and "fields".
+"rate_hz", "gaps": [[start_s, stop_s]], "usable", "usable_to_hz" (up to which frequency it would be, where it is not),
+"reasons", "notes", "rate_source", "swept_band_hz", "excitation", "health": {"jitter", "clipped", "saturated_share",
+"command_band_hz": {axis: [low, high]}, "coherence": {axis: {"band_hz", "share"}}, "input_correlation", "quiet":
+[{"where", "start_s", "duration_s"}], "latency": [{"field", "against", "late_ms", "correlation"}]}, "record"}],
+"damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused": {path:
+reason}, "left_out": {flight folder: other logs in it}}. start_s and duration_s are the maneuver's; a record also
+holds up to 0.5 s before and 1 s after it. Each source has "joined": null, or of logs that were read together
+{"files": [{"path", "sha256", "samples", "filled", "damage"}], "samples", "shared", "unlike", "missing", "stretches":
+[[start_s, stop_s]], "complete": true, false or null (not shown)}, and "apart": {path: why it was not read with them}.
+With --explain each source also has "channels": {channel: {"unit", "source", "scale", "offset"}}, "absent": {channel:
+reason} and "fields".
 
 What was read is kept beside the log in a folder .tippath and taken from there the next time, as long as log, profile
 and window are the same; it may be removed at any time. TIPPATH_CACHE=off in the environment does without it.
@@ -90,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.cli.counting import ReadingBar
     from gcs.cli.listing import write_records
     from gcs.logs import Ingest, UnreadableError, ingest, parse_window
+    from gcs.logs.runs.health import F_HIGH_HZ
     from gcs.logs.runs.of_flight import of_flight
     from gcs.logs.words import printable
 
@@ -120,7 +122,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"not the log of {args.flight}", file=sys.stderr)
         return 1
     if not found.usable:
-        print("no run is usable", file=sys.stderr)
+        lower = any(run.usable_to_hz is not None for run in found.runs)
+        print(f"no run is usable{f' up to {F_HIGH_HZ:g} Hz' if lower else ''}", file=sys.stderr)
         return 1
     return 0
 

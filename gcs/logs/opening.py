@@ -147,6 +147,12 @@ def dataflash_boots(
     logs: Sequence[MessageLog], path: Path, profile: Profile | None
 ) -> tuple[tuple[DataFlashTables, ...], Profile, tuple[str, ...]]:
     """The boots of a DataFlash log, in whichever of its two spellings, its profile, and a note on several boots."""
+    if any("TIME" in log.names and "StartTime" in log.formats["TIME"].columns for log in logs):
+        raise TippathError(
+            f"{path}: PX4's former log (sdlog2, .px4log), which is not read: its messages have no times of their own. "
+            "Write it as CSV with PX4's sdlog2_dump.py, and name its columns in a profile ([time] source = "
+            '"TIME_StartTime", scale = 1e-6)'
+        )
     time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
     scale = None if profile is None else profile.time_scale
     boots = tuple(DataFlashTables(boot, str(path), time, scale, sifted=isinstance(boot, JoinedLog)) for boot in logs)

@@ -63,7 +63,7 @@ def read(path: Path, how: Reading) -> Content:
         opening.require_file(path)
         if not _is_record(path):
             raise TippathError(f"{path}: not a record; records are the .npz files that tippath ingest -o writes")
-        record = Record.load(path)
+        record = replace(Record.load(path), path=str(path))  # its log may be gone, and holds it in no window
         return Content(
             Source(path=str(path), sha256=record.sha256, kind="record"),
             (cutting.of_record(record, how.window, how.f_high_hz, how.loop_rate_hz),),

@@ -191,6 +191,10 @@ def _same_parameters(spread: Spread) -> Check:
     return Check(name, not moved, ParametersMoved(moved, count, LARGEST_SPREAD, spread.moves[: max(moved, 1)]))
 
 
+INTEGRATES = 1e-6
+"""1/s, a pole's real part below which it is one of zero: damping that was held at none."""
+
+
 def explain_instability(settled: Settled, bins: Bins) -> list[str]:
     """What to make of a fit with poles in the right half plane, in sentences.
 
@@ -199,6 +203,8 @@ def explain_instability(settled: Settled, bins: Bins) -> list[str]:
     """
     model = settled.estimate.model
     real = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
+    if real < INTEGRATES:
+        return ["the model has a pole at zero: it integrates its commands, do not simulate it for long"]
     free = output_error(model, bins.stacks).nrmse_percent
     said = [
         f"the model is unstable (pole at {real:+.1f} 1/s): do not simulate it or design on it; "
