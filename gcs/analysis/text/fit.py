@@ -181,7 +181,7 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
         named = ", ".join(Path(one).name for one in structure.outside_matrices)
         lines += wrapped(f"not in them, for it acts on the commands before: {named}", "  ", "  ")
     if not fit.stable:
-        lines.append("  unstable: see the warnings")
+        lines.append("  not stable: see the warnings")
     lines += ["", *_parameters(fit)]
     if len(fit.lineage) > 1:
         lines += ["", f"{'ladder':28}{''.join(f'{name:>9} ' for name in structure.outputs)}".rstrip()]

@@ -1,6 +1,6 @@
 """Other people's logs, found with flights that nobody here made: each test names the finding (A1 to A17) it holds.
 
-Findings about fits stand in `tests/gcs/analysis/test_strangers_fits.py`.
+Findings about fits stand in `tests/gcs/cli/test_strangers_fits.py`.
 """
 
 from __future__ import annotations
