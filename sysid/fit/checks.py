@@ -17,6 +17,7 @@ import numpy as np
 from sysid.data.dataset import Bins, Dataset, Runs, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import Record
+from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.check_kinds import (
     CheckFinding,
