@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
+from planted import PLANTED, fly_many
+from planted_fits import records
 
 from gcs.logs import FromStart, resolve_runs
 from sysid.compare.compare import compare
@@ -20,6 +22,7 @@ from sysid.compare.data_checks import mistaken_signs
 from sysid.compare.finding_kinds import WrongSigns
 from sysid.data.record import Record
 from sysid.data.stacks import Stack
+from sysid.diagnose import chains
 from sysid.fit import checks
 from sysid.fit.identify import identify
 from sysid.model import predict
@@ -164,3 +167,26 @@ def test_parts_of_one_log_fit_and_judge(tippath: Tippath, shared_data: Path, tmp
     status, _, err = tippath("fit", f"{path}@0:20", "--validate", f"{path}@15:30", "--model", "cd")
     assert status == 1
     assert "5.0 s of the flight are in both" in err
+
+
+@pytest.mark.parametrize("only_effects", [("servo_lag", "gyro_misalignment", "servo_backlash")], indirect=True)
+@pytest.mark.usefixtures("only_effects")
+def test_ctrl_c_in_a_long_diagnosis_gives_the_answer_so_far(
+    tippath: Tippath, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Section 4: a diagnosis of 41 s of data took 237 s in pairs, and Ctrl-C gave nothing."""
+    runs = fly_many("servo_lag", PLANTED["servo_lag"], seeds=[31], duration_s=8.0, noise=0.004)[0]
+    paths = []
+    for one in records([{**run, "p": run["p"] + 0.2 * run["q"], "q": run["q"] - 0.2 * run["p"]} for run in runs]):
+        paths.append(tmp_path / f"{one.id.replace('#', '-')}.npz")
+        one.save(paths[-1])
+    assert tippath("fit", *paths, "--model", "tpp", "-o", tmp_path / "fit.json")[0] == 0
+
+    def pressed(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(chains, "refitted", pressed)
+    status, out, _ = tippath("diagnose", tmp_path / "fit.json", "--repeat")
+    assert status == 130
+    assert "servo_lag" in out
+    assert "because the search was interrupted" in " ".join(out.split())
