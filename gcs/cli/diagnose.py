@@ -163,13 +163,8 @@ def run(args: argparse.Namespace) -> int:
             say=say,
         )
     document = None if args.output is None else grown_document(found, args.output.parent)
-    text = diagnosis_text(
-        found,
-        str(args.fit),
-        rest_of(args, used),
-        None if document is None else str(args.output),
-        full=args.explain,
-    )
+    target = None if document is None else str(args.output)
+    text = diagnosis_text(found, str(args.fit), rest_of(args, used), target, full=args.explain)
     doubts = doubted([*records, *validation])
     text = with_warnings(text, doubts)
     _write(args, found, document, text)

@@ -20,6 +20,7 @@ from gcs.logs.profile.mapping import FASTEST_RAD_S
 from gcs.logs.runs.clipped import clipped_words, times_clipped
 from gcs.logs.runs.latency import Latency
 from gcs.logs.runs.spectra import COMMAND_RMS, Coherent, Spectra, spectra, strength
+from gcs.vehicle.sweeps import ANY
 from sysid.data.preprocess import DEFAULT_BAND_HZ, MINIMUM_SEGMENT_S, gap_places, rate_hz
 from sysid.data.record import CHANNELS, RATES, Record
 
@@ -50,7 +51,6 @@ LOWEST_BAND_HZ = 3
 BAND_FROM_HZ = 0.3
 """Where a band begins that is named to the user: below it pilots and controllers show more than the vehicle."""
 
-SWEEP = "fly a chirp: tippath sweep --connect LINK --axis roll, then pitch (and elevator in forward flight)"
 TELEMETRY = ("ATTITUDE", "ATTITUDE_QUATERNION", "HIGHRES_IMU", "SCALED_IMU", "SCALED_IMU2", "RAW_IMU")
 
 
@@ -145,6 +145,7 @@ class _Measured:
     planned_s: float | None
     maneuver_s: float | None
     slow_channels: Mapping[str, float]
+    sweep: str
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:
@@ -192,11 +193,13 @@ def check(
     maneuver_s: float | None = None,
     slow_channels: Mapping[str, float] | None = None,
     f_high_hz: float = F_HIGH_HZ,
+    sweep: str = ANY,
 ) -> Health:
     """Check one record.
 
     planned_s and maneuver_s: how long the maneuver was to last and lasted, where known. slow_channels: median spacing
-    of the fields behind channels that were logged more slowly than the rates.
+    of the fields behind channels that were logged more slowly than the rates. sweep: how a chirp is flown with what
+    logged it.
     """
     edges, rate = _pieces(record, f_high_hz)
     inside_s = np.delete(np.diff(record.t), edges[1:-1] - 1)
@@ -217,6 +220,7 @@ def check(
         planned_s=planned_s,
         maneuver_s=maneuver_s,
         slow_channels=slow_channels or {},
+        sweep=sweep,
     )
     findings = [finding for checked in CHECKS for finding in checked(run)]
     reasons = tuple(finding.text for finding in findings if finding.reason)
@@ -344,7 +348,7 @@ def _excitation(run: _Measured) -> Iterator[_Finding]:
             f"{axis} command {command:.2g} of full and rate {rate:.2g} rad/s rms"
             for axis, (command, rate) in run.excitation.items()
         )
-        yield _Finding(f"no excitation: {axes}; {SWEEP}")
+        yield _Finding(f"no excitation: {axes}; {run.sweep}")
 
 
 def _irregular_samples(run: _Measured) -> Iterator[_Finding]:

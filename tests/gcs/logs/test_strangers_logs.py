@@ -19,6 +19,7 @@ from gcs.logs.profile import profiles
 from gcs.logs.profile.expression import Expression
 from gcs.logs.profile.proposal import propose
 from gcs.logs.runs import health
+from gcs.vehicle.sweeps import ANY, how_to_sweep
 from sysid.data.record import Record
 
 Saved = Callable[[bytes, str], Path]
@@ -258,3 +259,32 @@ def test_pulse_widths_are_guessed_and_a_proposed_profile_is_read_as_it_stands(sa
     truth = columns()
     for place, name in enumerate(HEADER.split(",")):
         assert np.allclose(run.record.channels[name], truth[:, place], atol=1e-5), name
+
+
+def test_who_flies_another_autopilot_is_told_how_to_sweep_with_it(saved: Saved, shared_data: Path) -> None:
+    """Section 3: "tippath sweep --connect LINK" to users of PX4, Betaflight and Crazyflie, whom it cannot fly."""
+    for name, kind, words in (
+        ("arducopter_heli", "dataflash", "tippath sweep"),
+        ("mine", "dataflash", "tippath sweep"),
+        ("px4_sensor_combined", "ulog", "SDLOG_PROFILE"),
+        ("mine", "ulog", "SDLOG_PROFILE"),
+        ("blackbox_chirp", "blackbox", "debug_mode = CHIRP"),
+        ("blackbox_rotorflight", "blackbox", "log what is added"),
+        ("crazyflie_usd", "crazyflie", "uSD deck"),
+        ("quadrotor", "csv", "uSD deck"),
+        ("paparazzi_data", "paparazzi", "sys_id_chirp"),
+        ("mine", "csv", "log what is added"),
+    ):
+        said = how_to_sweep(name, kind)
+        assert words in said
+        assert ("tippath" in said) == (words == "tippath sweep")
+    for profile in profiles.bundled_profiles():
+        assert how_to_sweep(profile.name, "") != ANY, f"{profile.name} is no autopilot's"
+    still = columns()
+    still[:, 1:] *= 1e-4
+    (run,) = ingest([saved(csv(still), "still.csv")]).runs
+    assert any(ANY in reason for reason in run.reasons)
+    (run,) = ingest([shared_data / "px4" / "sample_log_small.ulg"]).runs
+    assert any("PX4 has no chirp" in reason for reason in run.reasons), run.reasons
+    (run,) = ingest([shared_data / "ardupilot" / "log171.bin"]).runs
+    assert any("tippath sweep --connect LINK" in reason for reason in run.reasons)
