@@ -20,8 +20,8 @@ BETAFLIGHT = (
     "axis); set debug_mode = CHIRP, chirp_frequency_end_deci_hz = 150, and log to the blackbox at 500 Hz or more"
 )
 PX4 = (
-    "PX4 has no chirp for multicopters: sweep the stick by hand, from one motion in 3 s to as fast as you can, for 60 s "
-    "in roll, then in pitch, in Acro, with bit 3 of SDLOG_PROFILE set; its autotune (MC_AT_START) excites each axis, too"
+    "PX4 has no chirp for multicopters: sweep the stick by hand, from one motion in 3 s to as fast as you can, 60 s of "
+    "roll, then 60 s of pitch, in Acro, with bit 3 of SDLOG_PROFILE set; its autotune (MC_AT_START) excites them, too"
 )
 CRAZYFLIE = (
     f"a Crazyflie has no chirp of its own: add one to the command of {AXES} in an app of its firmware, and log the "

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.airframe import Airframe, agreed
 from sysid.data.dataset import Bins, Dataset, Runs, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import Record
@@ -252,7 +253,9 @@ def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
     except FitError:
         late = None
     if late is not None:
-        said.append(f"{late}: refit with --with servo_lag or --with transport_delay")
+        flew = agreed(one.segment.record.airframe for one in bins.spectra)
+        lag = "motor_lag" if flew is Airframe.MULTIROTOR else "servo_lag"
+        said.append(f"{late}: refit with --with {lag} or --with transport_delay")
     return said
 
 
