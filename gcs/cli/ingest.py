@@ -43,6 +43,11 @@ them lacks is taken from the other. They are of one flight where samples of the 
 where a few differ, the fetched ones are taken, and counted. The files stay as they are. A fetched-N.BIN that is named
 is read alone.
 
+--join is for converters that write a CSV for each topic: `tippath ingest --join gyro.csv cmd.csv --profile FILE.toml
+-o DIR`, then `tippath fit DIR/gyro-1.npz`. Each has its own clock, in the time column and the unit that [time] names. A
+column is called by its name where no other file has it, and by FILE.column always (`source = "gyro.x"`, FILE without
+what all names begin with); commands are brought onto the clock of the rates as in any log.
+
 --flight FOLDER is for a log off the vehicle's card, of a flight with `--log card`: its runs are matched to the flight's
 by the vehicle's clock, and it is read together with what FOLDER has of the flight; with --json "flight": {"matches":
 [{"label", "run", "off_s"}], "problem"}. A log of another boot has other times: that is said, and the exit status is 1.
@@ -71,6 +76,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         type=Path,
         help="the flight that a log off the vehicle's card is of: which runs are",
     )
+    parser.add_argument(
+        "--join", action="store_true", help="the CSVs named are one flight's, joined by time; -o writes its record"
+    )
     parser.add_argument("-o", dest="output", metavar="DIR", type=Path, help="write the usable runs there as records")
     parser.add_argument("--explain", action="store_true", help="channels found, not found, and what to write")
     parser.add_argument("--profile", metavar="FILE.toml", type=Path, help="where the channels come from")
@@ -90,17 +98,23 @@ def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
     from gcs.cli.counting import ReadingBar
     from gcs.cli.listing import write_records
-    from gcs.logs import Ingest, UnreadableError, ingest, parse_window
+    from gcs.errors import UsageError
+    from gcs.logs import Ingest, UnreadableError, ingest, ingest_joined, parse_window
     from gcs.logs.runs.health import F_HIGH_HZ
     from gcs.logs.runs.of_flight import of_flight
     from gcs.logs.words import printable
 
     window = None if args.window is None else parse_window(args.window)
     try:
-        with ReadingBar() as bar:
-            found = ingest(
-                args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar
-            )
+        if args.join and args.flight is not None:
+            raise UsageError("--join is of CSVs, --flight of a log off the vehicle's card: name one of them")
+        if args.join:
+            found = ingest_joined(args.logs, args.profile, window, loop_rate_hz=args.loop_rate)
+        else:
+            with ReadingBar() as bar:
+                found = ingest(
+                    args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar
+                )
     except UnreadableError as error:
         if not (args.json or args.explain):
             raise

@@ -45,6 +45,7 @@ __all__ = [
     "check_same_rate_source",
     "fitted_beside",
     "ingest",
+    "ingest_joined",
     "logs_in",
     "parse_window",
     "resolve_runs",
@@ -210,6 +211,30 @@ def ingest(
     if not sources:
         raise UnreadableError(refused)
     return Ingest(tuple(runs), tuple(_with_apart(sources)), refused, _left_out(logs, folders))
+
+
+def ingest_joined(
+    paths: Sequence[Path | str],
+    profile: Path | Profile | None = None,
+    window: AnyWindow | None = None,
+    *,
+    f_high_hz: float = F_HIGH_HZ,
+    loop_rate_hz: float | None = None,
+) -> Ingest:
+    """Several CSVs of one flight as one log, joined by time; a run is called after the first, its record to be saved.
+
+    Raises TippathError where they cannot be read or do not overlap in time, UsageError where there is but one, or one
+    is no CSV.
+    """
+    csvs = [Path(path) for path in paths]
+    others = [path.name for path in csvs if path.suffix.lower() not in (".csv", ".txt")]
+    if others or len(csvs) < 2:
+        raise UsageError(
+            f"--join joins two CSVs or more by time, {f'{others[0]} is none' if others else 'name several'}"
+        )
+    chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
+    content = reading.read_as_one(csvs, reading.Reading(chosen, window, f_high_hz, loop_rate_hz))
+    return Ingest(content.runs, (content.source,))
 
 
 def _logs_of(paths: Iterable[Path | str], refused: dict[str, str]) -> list[Path]:

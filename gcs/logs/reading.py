@@ -101,9 +101,18 @@ def _is_record(path: Path) -> bool:
         raise unreadable(path, error) from error
 
 
+def read_as_one(paths: Sequence[Path], how: Reading) -> Content:
+    """Several CSVs as one log, called after the first. Raises TippathError where they cannot be joined."""
+    return _content(paths[0], opening.open_csvs(paths, how.profile), how)
+
+
 def _parse(path: Path, how: Reading) -> Content:
     beside = how.beside.get(path, ())
     opened = open_joined(path, beside, how.profile) if beside else opening.open_log(path, how.profile)
+    return _content(path, opened, how)
+
+
+def _content(path: Path, opened: opening.Opened, how: Reading) -> Content:
     name = printable(path.name)
     parts = opened.parts
     if how.loop_rate_hz is not None:
