@@ -14,6 +14,7 @@ from pathlib import Path
 from gcs.errors import TippathError
 from gcs.logs.formats import dataflash, dataflash_text, ulog
 from gcs.logs.formats.csv import CsvFile
+from gcs.logs.formats.csv_join import JoinedCsv, labels
 from gcs.logs.formats.csv_table import CsvLog, open_table
 from gcs.logs.formats.damage import Damage
 from gcs.logs.formats.dataflash_join import JoinedLog
@@ -147,6 +148,12 @@ def dataflash_boots(
     logs: Sequence[MessageLog], path: Path, profile: Profile | None
 ) -> tuple[tuple[DataFlashTables, ...], Profile, tuple[str, ...]]:
     """The boots of a DataFlash log, in whichever of its two spellings, its profile, and a note on several boots."""
+    if any("TIME" in log.names and "StartTime" in log.formats["TIME"].columns for log in logs):
+        raise TippathError(
+            f"{path}: PX4's former log (sdlog2, .px4log), which is not read: its messages have no times of their own. "
+            "Write it as CSV with PX4's sdlog2_dump.py, and name its columns in a profile ([time] source = "
+            '"TIME_StartTime", scale = 1e-6)'
+        )
     time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
     scale = None if profile is None else profile.time_scale
     boots = tuple(DataFlashTables(boot, str(path), time, scale, sifted=isinstance(boot, JoinedLog)) for boot in logs)
@@ -226,7 +233,7 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
     except OSError as error:
         raise unreadable(path, error) from error
     file = CsvFile.parse(raw, str(path))
-    chosen = profile or _csv_profile(file)
+    chosen = profile or _csv_profile([file])
     log = _csv_log(file, chosen)
     hints = [*file.layout.hints]
     if profile is None and chosen.name == "channels":
@@ -253,16 +260,50 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
     )
 
 
-def _csv_profile(file: CsvFile) -> Profile:
-    """Of the bundled profiles the one whose columns are there; a header of channel names needs none."""
-    layout = file.layout
-    names = [name for name in layout.names if file.column(name) is not None]
-    units = {name: layout.units[place] for name in names if (place := file.column(name)) is not None}
-    if {"p", "q"} <= set(names):
-        return contract_profile(names, units, file.path)
-    columns = set(file.header)
+def open_csvs(paths: Sequence[Path], profile: Profile | None) -> Opened:
+    """Several CSVs as one log, joined by time. Raises TippathError where they cannot be read, or do not overlap."""
+    names = labels(paths)
+    raws = []
+    for path in paths:
+        require_file(path)
+        try:
+            raws.append(path.read_bytes())
+        except OSError as error:
+            raise unreadable(path, error) from error
+    files = [CsvFile.parse(raw, str(path)) for raw, path in zip(raws, paths, strict=True)]
+    chosen = profile or _csv_profile(files)
+    time, scale = chosen.time_source or "t", chosen.time_scale or 1.0
+    logs = [open_table(file, time, scale, [], [name for name in file.header if name]) for file in files]
+    for path, log in zip(paths, logs, strict=True):
+        if len(log.boots) > 1:
+            raise TippathError(f"{path}: its clock begins anew; cut it there, and join the parts of one boot")
+    joined = JoinedCsv({name: log.boots[0] for name, log in zip(names, logs, strict=True)}, time)
+    beside = ", ".join(printable(path.name) for path in paths[1:])
+    return Opened(
+        boots=(joined,),
+        kind="csv",
+        sha256=hashlib.sha256(b"".join(hashlib.sha256(raw).digest() for raw in raws)).hexdigest(),
+        profile=chosen,
+        notes=tuple(
+            f"{printable(path.name)}: {note}" for path, log in zip(paths, logs, strict=True) for note in log.notes
+        ),
+        hints=(f"joined by time with {beside}", *(hint for file in files for hint in file.layout.hints)),
+    )
+
+
+def _csv_profile(files: Sequence[CsvFile]) -> Profile:
+    """Of the bundled profiles the one whose columns are there; headers of channel names need none."""
+    units = {
+        name: file.layout.units[place]
+        for file in files
+        for name in file.layout.names
+        if (place := file.column(name)) is not None
+    }
+    if {"p", "q"} <= set(units):
+        return contract_profile(list(units), units, files[0].path)
+    columns = {name for file in files for name in file.header}
     bundled = (each for each in bundled_profiles() if each.kind == "csv" and set(each.needs) <= columns)
-    return next(bundled, contract_profile(names, {}, file.path))
+    return next(bundled, contract_profile(list(units), {}, files[0].path))
 
 
 def _csv_log(file: CsvFile, profile: Profile) -> CsvLog:

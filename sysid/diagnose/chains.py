@@ -73,16 +73,22 @@ class LittleLeft:
 
 @dataclass(frozen=True, slots=True)
 class BudgetSpent:
-    """What promised less was left out, because the search had cost its budget."""
+    """What promised less was left out, because the search had cost its budget, or somebody ended it."""
 
     chains: tuple[tuple[str, str], ...]
     """The first effect and the second, in the order in which they would have been tried."""
     firsts: tuple[str, ...] = ()
     """Effects beside which nothing was asked."""
+    interrupted: bool = False
+    """By Ctrl-C: what was found until then is the answer."""
 
     def to_json(self) -> dict[str, object]:
         """For the `tippath.diagnosis/1` document."""
-        return {"reason": "budget", "chains": ["+".join(one) for one in self.chains], "firsts": list(self.firsts)}
+        return {
+            "reason": "interrupted" if self.interrupted else "budget",
+            "chains": ["+".join(one) for one in self.chains],
+            "firsts": list(self.firsts),
+        }
 
 
 Unsearched = LittleLeft | BudgetSpent
@@ -174,6 +180,7 @@ class _Chains:
         self.alone = {one.effect: one for one in fitted if not one.implausible}
         """Plausible single effects."""
         self.found: dict[tuple[str, ...], Ranked] = {}
+        self.interrupted = False
         self.not_asked: list[str] = []
         self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
 
@@ -181,7 +188,11 @@ class _Chains:
     def unsearched(self) -> BudgetSpent | None:
         """What the budget did not reach."""
         pairs = tuple(pair for names, pair in self.not_fitted.items() if names not in self.found)
-        return BudgetSpent(pairs, tuple(self.not_asked)) if pairs or self.not_asked else None
+        return BudgetSpent(pairs, tuple(self.not_asked), self.interrupted) if pairs or self.not_asked else None
+
+    def interrupt(self) -> None:
+        """Try nothing more; who wants the end at once interrupts once more."""
+        self.left, self.interrupted = -math.inf, True
 
     def paid(self, cost: float) -> bool:
         """Whether the budget has this left; it is taken from it then."""
@@ -202,7 +213,12 @@ class _Chains:
             self.not_asked.append(first.effect)
             return True
         whitening, users = self.reference.whitening, self.reference.users
-        seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, silent)
+        try:
+            seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, silent)
+        except KeyboardInterrupt:
+            self.interrupt()
+            self.not_asked.append(first.effect)
+            return True
         scores = [one.score for one in seconds if one.score is not None]
         if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
             return False
@@ -247,7 +263,12 @@ class _Chains:
             if not self.paid(self.price_of(more, begin)):
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
                 return
-            both = self._fitted(first, second, more, begin)
+            try:
+                both = self._fitted(first, second, more, begin)
+            except KeyboardInterrupt:
+                self.interrupt()
+                self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
+                return
             if both is not None and begin is first and both.implausible and second.effect in self.alone:
                 # alone, the first one stands in for the second too, and may not come away from there
                 waiting.append((first, self.alone[second.effect]))
