@@ -81,7 +81,7 @@ class PaparazziFile:
     """At least one."""
     damage: Damage
     sha256: str
-    """Of the .data, or of it and its .log, where there is one."""
+    """Of the .data with its .log, never of one file alone: `gcs.logs.cache` keeps only what one file decides."""
     notes: tuple[str, ...]
     """What is wrong with it."""
     hints: tuple[str, ...]
@@ -117,7 +117,7 @@ def read(path: Path) -> PaparazziFile:
     return PaparazziFile(
         logs=tuple(logs),
         damage=Damage(len(raw), skipped, breaks),
-        sha256=hashlib.sha256(raw if xml is None else raw + xml).hexdigest(),
+        sha256=hashlib.sha256(raw + (b"no .log" if xml is None else xml)).hexdigest(),
         notes=tuple(notes),
         hints=tuple(hints),
     )

@@ -111,6 +111,19 @@ def test_the_data_is_read_with_the_log_beside_it(pair: Path) -> None:
     assert roll.record.channels["delta_c"] == pytest.approx(4000 / 9600), "the order is the airframe's"
 
 
+def test_a_log_that_comes_later_is_not_missed(pair: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TIPPATH_CACHE")
+    data = pair.with_name("20_06.data")
+    taken = []
+    for beside in (False, True):
+        if beside:
+            data.with_suffix(".log").write_text(pair.read_text())
+        record = ingest([data]).runs[0].record
+        assert record is not None
+        taken.append(float(record.channels["delta_c"].mean()))
+    assert taken == pytest.approx([7 / 9600, 4000 / 9600])
+
+
 def test_each_aircraft_is_a_log(tmp_path: Path) -> None:
     (tmp_path / "two.data").write_bytes(flown(aircraft=(12, 13), order="RPYT"))
     found = ingest([tmp_path / "two.data"])
