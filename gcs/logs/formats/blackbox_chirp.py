@@ -1,10 +1,10 @@
 """The chirps that Betaflight (2025.12 and later) and INAV fly themselves, out of the debug fields of a blackbox log.
 
 Both need debug_mode CHIRP, whose number differs from release to release: it is told by what stands in the fields, which
-must agree with each other. The
-columns made are `chirp.axis` (0 roll, 1 pitch, 2 yaw; -1 while none is flown), `chirp.active` (0 or 1),
-`chirp.excitation` (what is added to the rate's setpoint, before Betaflight's lag filter, in parts of the amplitude) and
-`chirp.f_start_hz`, `chirp.f_stop_hz` (of the chirp that is flown: where it was ended early, what it came to).
+must agree with each other. The columns made are `chirp.axis` (0 roll, 1 pitch, 2 yaw; -1 while none is flown),
+`chirp.active` (0 or 1), `chirp.excitation` (what is added to the rate's setpoint, before Betaflight's lag filter, in
+parts of the largest) and `chirp.f_start_hz`, `chirp.f_stop_hz` (of the chirp that is flown: where it was ended early,
+what it came to).
 
 - Betaflight after pull request 15113: debug[0] the phase times 5000, [1] the axis or -1, [2] ten times the frequency,
   [3] a thousand times the excitation.
@@ -26,7 +26,7 @@ from gcs.logs.formats.columns import Column
 from gcs.logs.formats.tables import FloatArray, stretches
 
 PHASE, FREQUENCY, EXCITATION = 5e3, 10.0, 1e3
-INAV_RUNNING, INAV_STATES, INAV_SCALE, INAV_FASTEST_HZ = 3, 5, 100.0, 60.0
+INAV_RUNNING, INAV_STATES, INAV_SCALE, INAV_FASTEST_HZ, INAV_LARGEST = 3, 5, 100.0, 60.0, 30.0
 TURN = round(PHASE * 2 * np.pi)
 SHORTEST = 50
 """Samples of a chirp."""
@@ -101,7 +101,7 @@ def _inav(debug: FloatArray) -> Found | None:
     possible = (state >= 0) & (state <= INAV_STATES) & (axis >= 0) & (axis <= 3) & (running | (output == 0))
     if not running.any() or not _mostly(possible & (frequency <= INAV_SCALE * INAV_FASTEST_HZ + 1)):
         return None
-    return np.where(running, axis - 1, -1.0), frequency / INAV_SCALE, output / INAV_SCALE
+    return np.where(running, axis - 1, -1.0), frequency / INAV_SCALE, output / INAV_SCALE / INAV_LARGEST
 
 
 def _mostly(mask: NDArray[np.bool_]) -> bool:

@@ -10,11 +10,10 @@ import csv
 import hashlib
 import math
 import re
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-
-import numpy as np
 
 from gcs.errors import TippathError
 from gcs.logs.formats.blackbox import BlackboxFile
@@ -80,7 +79,7 @@ def _settings(raw: bytes) -> dict[str, str]:
         return {}
     found = {_NAMES.get(cells[0], cells[0]): ",".join(cells[1:]) for cells in lines if len(cells) > 1}
     try:  # the Explorer has it in radians per microsecond
-        found["gyro_scale"] = np.float32(float(found["gyroScale"]) * 180e6 / math.pi).tobytes()[::-1].hex()
+        found["gyro_scale"] = struct.pack(">f", float(found["gyroScale"]) * 180e6 / math.pi).hex()
     except (KeyError, ValueError, OverflowError):
         found.pop("gyro_scale", None)
     return found

@@ -5,6 +5,7 @@ A file holds one log after the other, as a rule one for each arming. Every log b
 
 from __future__ import annotations
 
+import math
 import re
 import struct
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,7 @@ FRAMES = "IPSGH"
 PREVIOUS, STRAIGHT_LINE, AVERAGE_2, MINTHROTTLE, MOTOR_0, INCREMENT = 1, 2, 3, 4, 5, 6
 HOME, CENTRE, VBATREF, LAST_TIME, MINMOTOR = 7, 8, 9, 10, 11
 PREDICTORS = range(MINMOTOR + 1)
+MOST_LOOPS = 1 << 20  # between frames
 
 _LINE = re.compile(rb"H ([^:\n\r]{1,80}):([^\n\r]{0,4000})\r?\n")
 _FIELD = re.compile(r"Field ([A-Z]) (name|signed|predictor|encoding)")
@@ -46,13 +48,13 @@ class Header:
     size: int
     """Bytes."""
 
-    def number(self, name: str, otherwise: float = 0.0, place: int = 0) -> float:
-        """A setting, or one of several between commas."""
-        parts = self.settings.get(name, "").split(",")
+    def number(self, name: str, otherwise: float = 0.0) -> float:
+        """A setting, the first of several between commas."""
         try:
-            return float(parts[place])
-        except (IndexError, ValueError):
+            value = float(self.settings.get(name, "").split(",")[0])
+        except ValueError:
             return otherwise
+        return value if math.isfinite(value) else otherwise
 
     @property
     def gyro_scale(self) -> float:
@@ -67,13 +69,13 @@ class Header:
     @property
     def intervals(self) -> tuple[int, int, int]:
         """I frames every so many loops; of loops in between n of so many are logged: (every, n, of)."""
-        every = max(1, round(self.number("I interval", 32)))
         part, slash, of = self.settings.get("P interval", "1/1").partition("/")
         try:
             n, of_loops = (int(part), int(of)) if slash else (1, int(part))
         except ValueError:
             n, of_loops = 1, 1
-        return every, max(1, n), max(1, of_loops)
+        every = round(min(max(1, self.number("I interval", 32)), MOST_LOOPS))
+        return every, min(max(1, n), MOST_LOOPS), min(max(1, of_loops), MOST_LOOPS)
 
 
 def parse(data: bytes, where: str) -> Header:

@@ -25,6 +25,7 @@ TERMS = "PIDFSBO"
 """Of axisP, axisI and so on, whose sum goes to the mixer."""
 IN_TENTHS = ("gyroADC", "gyroUnfilt", "setpoint", "rcCommand")
 """Ten times as fine with the header's blackbox_high_resolution."""
+SHORTEST_LOOP_US, LONGEST_LOOP_US = 30, 20_000
 GYROS = ("gyroADC", "gyroUnfilt", "gyroRAW")
 ACCELEROMETERS = ("accSmooth", "accADC")
 
@@ -38,9 +39,8 @@ class BlackboxLog(ColumnLog):
     @property
     def loop_rate_hz(self) -> float | None:
         """How often the controller gave a command; None where the header does not say."""
-        gyro_us = self.header.number("looptime")
-        every = self.header.number("pid_process_denom", 1.0)
-        return 1e6 / (gyro_us * every) if gyro_us > 0 and every > 0 else None
+        loop_us = self.header.number("looptime") * self.header.number("pid_process_denom", 1.0)
+        return 1e6 / loop_us if SHORTEST_LOOP_US <= loop_us <= LONGEST_LOOP_US else None
 
     @property
     def airframe(self) -> Airframe | None:
@@ -101,5 +101,5 @@ def _axis_sums(columns: Mapping[str, Column], header: Header) -> Iterator[tuple[
             continue
         there = [columns[name] for name in (f"axis{term}[{place}]" for term in TERMS) if name in columns]
         total = np.sum([one.stored for one in there], axis=0, dtype=np.float64)
-        limit = header.number("pidsum_limit_yaw" if place == "2" else "pidsum_limit") or np.inf
-        yield f"axisSum[{place}]", np.clip(total, -limit, limit)
+        limit = header.number("pidsum_limit_yaw" if place == "2" else "pidsum_limit")
+        yield f"axisSum[{place}]", np.asarray(np.clip(total, -limit, limit) if limit > 0 else total)

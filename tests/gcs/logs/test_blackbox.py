@@ -129,7 +129,7 @@ def test_chirps_become_runs_with_their_excitation(saved: Saved, flown: Flight, k
         assert record.swept_band_hz == pytest.approx((LOW_HZ, HIGH_HZ), rel=0.1)
         own, other = ("excitation_x", "excitation_y")[:: 1 if place == 0 else -1]
         on = np.interp(record.t, flown.t + 7, flown.axis == place) == 1
-        scale = 90.0 if kind == "inav" else 1.0
+        scale = 90 / 30 if kind == "inav" else 1.0
         expected = (1, -1)[place] * scale * np.interp(record.t, flown.t + 7, flown.chirp)
         assert record.channels[own][on] == pytest.approx(expected[on], abs=0.06 * scale)
         assert not record.channels[other].any()
@@ -280,6 +280,22 @@ def test_what_cannot_be_read_is_told(saved: Saved, case: str) -> None:
     with pytest.raises(TippathError, match=words) as caught:
         ingest([path])
     assert str(caught.value).startswith(str(path))
+
+
+def test_settings_that_make_no_sense_are_not_taken(saved: Saved) -> None:
+    wild = dict.fromkeys((*SETTINGS, *CHIRP, "looptime"), "nan") | {"motorOutput": "inf,x", "pidsum_limit": "-3"}
+    log = Writer(settings={**wild, "gyro_scale": "0x7fc00000", "acc_1G": ""})
+    log.settings = SETTINGS
+    for i in range(50):
+        log.add({"time": 2000 * i, "gyroADC[0]": 40, "axisP[0]": 700})
+    path = saved(log.data, "flight.bbl")
+    (found,) = blackbox.read(path).logs
+    assert found.loop_rate_hz is None
+    assert found.series("gyroADC[0]").values == pytest.approx(40)
+    assert found.series("axisSum[0]").values == pytest.approx(700)
+    (run,) = ingest([path]).runs
+    assert run.record is not None
+    assert "az" not in run.record.channels
 
 
 @pytest.mark.parametrize("kept", [0, 10, 2000, -1, -7])
