@@ -63,9 +63,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "ingest",
         help="list the runs in logs with their health; write records",
         description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
-        "telemetry .tlog and .csv, whole or damaged. A folder is searched for them, and so are those in it; "
-        "of a flight folder its flight*.BIN are taken, with what `tippath fetch` brought of the same flight, or that "
-        "alone.",
+        "telemetry .tlog, Betaflight's, INAV's and Rotorflight's blackbox (.bbl, .bfl, .TXT), the Crazyflie's uSD "
+        "card, Paparazzi's .log with .data, and .csv, whole or damaged. A folder is searched for them, and so are "
+        "those in it; of a flight folder its flight*.BIN are taken, with what `tippath fetch` brought of the same "
+        "flight, or that alone.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -9,10 +9,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.logs.formats import dataflash, dataflash_text, ulog
+from gcs.logs.formats import blackbox, blackbox_csv, crazyflie, dataflash, dataflash_text, paparazzi, ulog
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.csv_join import JoinedCsv, labels
 from gcs.logs.formats.csv_table import CsvLog, open_table
@@ -34,7 +35,10 @@ from sysid.data.record import CHANNELS, REQUIRED
 
 HEAD_BYTES = 64
 TLOG_MOTORS = "tlog_motors"
-READ = "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), and records (.npz) of tippath ingest -o"
+READ = (
+    "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, Betaflight's, INAV's and Rotorflight's blackbox (.bbl, .bfl, "
+    ".TXT), Crazyflie's uSD card, Paparazzi's .log and .data, CSV (.csv, .txt), and records (.npz) of tippath ingest -o"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,14 +244,8 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
         others = [name for name in file.layout.names if name and name not in CHANNELS]
         if others:
             hints.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
-    cut: tuple[Profile, ...] = ()
-    if chosen.settings is not None:
-        cuts_and_notes = [cuts_by_settings(chosen, boot) for boot in log.boots]
-        cut = tuple(
-            replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ())))
-            for cuts, notes in cuts_and_notes
-        )
-        hints += [note for cuts, notes in cuts_and_notes if not cuts for note in notes]
+    cut, uncut = _cut(log.boots, chosen)
+    hints += uncut
     return Opened(
         boots=log.boots,
         kind="csv",
@@ -291,6 +289,87 @@ def open_csvs(paths: Sequence[Path], profile: Profile | None) -> Opened:
     )
 
 
+def _cut(boots: Sequence[Log], chosen: Profile) -> tuple[tuple[Profile, ...], list[str]]:
+    """For each boot the profile with the runs that the profile's settings cut out of it, and why they cut none."""
+    if chosen.settings is None:
+        return (), []
+    cuts_and_notes = [cuts_by_settings(chosen, boot) for boot in boots]
+    return (
+        tuple(
+            replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ())))
+            for cuts, notes in cuts_and_notes
+        ),
+        [note for cuts, notes in cuts_and_notes if not cuts for note in notes],
+    )
+
+
+def _open_blackbox(read: Callable[[Path], blackbox.BlackboxFile], path: Path, profile: Profile | None) -> Opened:
+    """Each log of the file by itself: one of them may have chirps, and each was flown with settings of its own."""
+    file = read(path)
+    best, profiles, hints = _for_each(file.logs, profile, "blackbox")
+    told = [
+        replace(chosen, loop_rate_hz=log.loop_rate_hz, loop_told_by="looptime and pid_process_denom")
+        if chosen.loop_rate_hz is None
+        else chosen
+        for log, chosen in zip(file.logs, profiles, strict=True)
+    ]
+    return Opened(
+        boots=file.logs,
+        kind="blackbox",
+        sha256=file.sha256,
+        profile=best,
+        damage=file.damage,
+        notes=file.notes,
+        hints=hints,
+        cut=tuple(
+            replace(chosen, airframe=chosen.airframe or log.airframe)
+            for log, chosen in zip(file.logs, told, strict=True)
+        ),
+    )
+
+
+def _for_each(
+    logs: Sequence[Log], profile: Profile | None, otherwise: str
+) -> tuple[Profile, tuple[Profile, ...], tuple[str, ...]]:
+    """The profile that suits a file best, that of each of its logs with the runs that its settings cut, and why they
+    cut none."""
+    each = [profile or choose(log, bundled_profiles()) or named(otherwise) for log in logs]
+    cut: list[Profile] = []
+    hints: list[str] = []
+    for log, chosen in zip(logs, each, strict=True):
+        with_cuts, uncut = _cut((log,), chosen)
+        cut += with_cuts or (chosen,)
+        hints += uncut
+    return max(each, key=lambda chosen: chosen.priority), tuple(cut), tuple(dict.fromkeys(hints))
+
+
+def _open_paparazzi(path: Path, profile: Profile | None) -> Opened:
+    file = paparazzi.read(path)
+    best, profiles, hints = _for_each(file.logs, profile, "paparazzi_data")
+    return Opened(
+        boots=file.logs,
+        kind="paparazzi",
+        sha256=file.sha256,
+        profile=best,
+        damage=file.damage,
+        notes=file.notes,
+        hints=(*file.hints, *hints),
+        cut=profiles,
+    )
+
+
+def _open_crazyflie(path: Path, profile: Profile | None) -> Opened:
+    file = crazyflie.read(path)
+    return Opened(
+        boots=(file.log,),
+        kind="crazyflie",
+        sha256=file.sha256,
+        profile=profile or choose(file.log, bundled_profiles()) or named("crazyflie_usd"),
+        damage=file.damage,
+        notes=file.notes,
+    )
+
+
 def _csv_profile(files: Sequence[CsvFile]) -> Profile:
     """Of the bundled profiles the one whose columns are there; headers of channel names need none."""
     units = {
@@ -324,5 +403,9 @@ FORMATS = (
     Format("ulog", (".ulg",), ulog.is_ulog, _open_ulog),
     Format("dataflash", (".log",), dataflash_text.recognises, _open_dataflash_text),
     Format("tlog", (".tlog",), _is_tlog, _open_tlog),
+    Format("blackbox", (".bbl", ".bfl"), blackbox.recognises, partial(_open_blackbox, blackbox.read)),
+    Format("blackbox", (), blackbox_csv.recognises, partial(_open_blackbox, blackbox_csv.read)),
+    Format("paparazzi", (".data",), paparazzi.recognises, _open_paparazzi),
+    Format("crazyflie", (), crazyflie.recognises, _open_crazyflie),
     Format("csv", (".csv", ".txt"), _never, _open_csv),
 )

@@ -51,7 +51,7 @@ class Log(Protocol):
 
     @property
     def kind(self) -> str:
-        """`dataflash`, `ulog`, `tlog` or `csv`."""
+        """`dataflash`, `ulog`, `tlog`, `blackbox`, `crazyflie`, `paparazzi` or `csv`."""
 
     @property
     def sampled_s(self) -> float:
