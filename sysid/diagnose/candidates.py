@@ -40,10 +40,14 @@ KEPT = 0.5
 """Of the chi squared that a score promises, what a refit explains at least that was in the right valley."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
+SERIOUS_BESIDE = 0.1
+"""the same beside one that leaves noise: of 24 training flights none below 0.12 explained half of what the best did,"""
 SERIOUS_SLOW = 0.1
 """and where a refit takes simulations or a long search."""
 SERIOUS_SLOW_BESIDE = 0.3
 """and beside one that leaves noise: a lower score is not that of an effect that explains all."""
+WORTH_THE_TIME = math.log(0.01)
+"""Chance that noise alone shows as much of one entry, above which it is neither simulated nor refitted twice."""
 FEW_POINTS = 8
 NEAR = 0.7
 """Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
@@ -253,14 +257,14 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
 
     testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
     for one in testable:
-        if _quick(one) and _share(one, top) >= SERIOUS:
+        if _quick(one) and _share(one, top) >= (SERIOUS if question_open else SERIOUS_BESIDE):
             fit(one)
     linear_enough = not question_open
     explained = 0.0
     if best is not parent:
         explained = _explained(best, parent, best.metric)
     for one in testable:
-        if _quick(one) or one.score is None:
+        if _quick(one) or one.score is None or one.score.log_p > WORTH_THE_TIME:
             continue
         near = one.score.chi_squared > NEAR * explained
         least = SERIOUS_SLOW if question_open else SERIOUS_SLOW_BESIDE
@@ -300,7 +304,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         return replace(one, not_testable=str(error))
     fit, failure = _refit(composed, parent, one, None)
     begin = _where_scored(one, composed, parent)
-    if begin is not None and one.score is not None:
+    if begin is not None and one.score is not None and one.score.log_p < WORTH_THE_TIME:
         explained = 0.0 if fit is None else _explained(fit, parent, parent.metric)
         again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
         if again is not None and _explained(again, parent, parent.metric) > explained:

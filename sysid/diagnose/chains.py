@@ -40,6 +40,8 @@ from sysid.model.structure import Model, Structure
 
 PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
+LEAST_OF_BEST = 0.1
+"""Of what the best effect explains, that another explains to begin a chain: what is less is found beside the best."""
 ALIKE = 0.2
 """Of what two effects explain, by which their answers must differ to begin two chains."""
 TWINS = 1e-6
@@ -246,12 +248,13 @@ class _Chains:
         return first.added == second.added and not _apart(first, second, TWINS)
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
-        """Whether the second is significant beside the first, and comes near to what the best chain explains more."""
+        """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
+        plausible effect alone) explains more."""
         if second.score is None:
             return True
         if second.score.log_p > SIGNIFICANT:
             return False
-        best = max((one.chi_squared for one in self.found.values()), default=0.0)
+        best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
 
     def fit(self, first: Ranked, second: Ranked) -> None:
@@ -319,7 +322,9 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
     for one in able[1:]:
         if len(chosen) == PARENTS_OF_PAIRS:
             break
-        if not one.implausible and all(other.implausible or _apart(one, other) for other in chosen):
+        if one.implausible or one.chi_squared < LEAST_OF_BEST * able[0].chi_squared:
+            continue
+        if all(other.implausible or _apart(one, other) for other in chosen):
             chosen.append(one)
     return chosen
 
