@@ -260,6 +260,7 @@ def test_several_logs_are_numbered_through(saved: Saved, chirps: bytes) -> None:
         ("btfl_all.bbl#4", "roll", True),
         ("btfl_all.bbl#5", "pitch", True),
     ]
+    assert any("set debug_mode = CHIRP" in reason for reason in found.runs[0].reasons)
     assert any("3 logs in this file" in note for note in found.sources[0].notes)
     assert any("left out" in note and "log 3" in note for note in found.sources[0].notes)
     (record,) = resolve_runs([f"{path}#5"])
