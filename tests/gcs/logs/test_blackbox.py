@@ -251,7 +251,8 @@ def test_several_logs_are_numbered_through(saved: Saved, chirps: bytes) -> None:
     for i in range(500):
         still.add({"time": 2000 * i})
     cut = chirps[:3000]
-    path = saved(still.data + chirps + cut[: cut.index(b"I interval")] + chirps, "btfl_all.bbl")
+    no_fields = cut[: cut.index(b"Field P")]
+    path = saved(still.data + chirps + Writer().data + no_fields + Writer().data + chirps, "btfl_all.bbl")
     found = ingest([path])
     assert [(run.id, run.axis, run.usable) for run in found.runs] == [
         ("btfl_all.bbl#1", None, False),
@@ -262,7 +263,8 @@ def test_several_logs_are_numbered_through(saved: Saved, chirps: bytes) -> None:
     ]
     assert any("set debug_mode = CHIRP" in reason for reason in found.runs[0].reasons)
     assert any("3 logs in this file" in note for note in found.sources[0].notes)
-    assert any("left out" in note and "log 3" in note for note in found.sources[0].notes)
+    assert "2 more logs in it without samples" in found.sources[0].notes
+    assert any("left out" in note and "log 4" in note for note in found.sources[0].notes)
     (record,) = resolve_runs([f"{path}#5"])
     assert record.axis == "pitch"
 
