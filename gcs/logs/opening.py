@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.logs.formats import dataflash, dataflash_text, ulog
+from gcs.logs.formats import dataflash, dataflash_text, mat, ulog
+from gcs.logs.formats.arrays import ArrayLog, columns_of
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.csv_table import CsvLog, open_table
 from gcs.logs.formats.damage import Damage
@@ -21,9 +22,9 @@ from gcs.logs.formats.dataflash_scan import HEAD
 from gcs.logs.formats.dataflash_table import DataFlashTables, MessageLog
 from gcs.logs.formats.joined import Joined
 from gcs.logs.formats.raw import unreadable
-from gcs.logs.formats.tables import Log
+from gcs.logs.formats.tables import FloatArray, Log
 from gcs.logs.formats.ulog_table import UlogTables
-from gcs.logs.profile.choice import choose, contract_profile
+from gcs.logs.profile.choice import choose, contract_profile, contract_profile_within
 from gcs.logs.profile.cuts import cuts_by_settings
 from gcs.logs.profile.profiles import Profile, bundled_profiles, named
 from gcs.logs.profile.sources import fields_in, fields_of
@@ -33,7 +34,10 @@ from sysid.data.record import CHANNELS, REQUIRED
 
 HEAD_BYTES = 64
 TLOG_MOTORS = "tlog_motors"
-READ = "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), and records (.npz) of tippath ingest -o"
+READ = (
+    "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), MATLAB .mat, and records (.npz) of tippath "
+    "ingest -o"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,14 +237,8 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
         others = [name for name in file.layout.names if name and name not in CHANNELS]
         if others:
             hints.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
-    cut: tuple[Profile, ...] = ()
-    if chosen.settings is not None:
-        cuts_and_notes = [cuts_by_settings(chosen, boot) for boot in log.boots]
-        cut = tuple(
-            replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ())))
-            for cuts, notes in cuts_and_notes
-        )
-        hints += [note for cuts, notes in cuts_and_notes if not cuts for note in notes]
+    cut, told = _cut_by_settings(chosen, log.boots)
+    hints += told
     return Opened(
         boots=log.boots,
         kind="csv",
@@ -251,6 +249,17 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
         hints=tuple(hints),
         cut=cut,
     )
+
+
+def _cut_by_settings(profile: Profile, boots: Sequence[Log]) -> tuple[tuple[Profile, ...], list[str]]:
+    """For each boot the profile with the runs that its [settings] cut, and notes where they cut none."""
+    if profile.settings is None:
+        return (), []
+    cuts_and_notes = [cuts_by_settings(profile, boot) for boot in boots]
+    cut = tuple(
+        replace(profile, cuts=cuts, notes=(*profile.notes, *(notes if cuts else ()))) for cuts, notes in cuts_and_notes
+    )
+    return cut, [note for cuts, notes in cuts_and_notes if not cuts for note in notes]
 
 
 def _csv_profile(file: CsvFile) -> Profile:
@@ -278,10 +287,38 @@ def _csv_log(file: CsvFile, profile: Profile) -> CsvLog:
     return open_table(file, profile.time_source or "t", profile.time_scale or 1.0, list(needed), others)
 
 
+def _open_mat(path: Path, profile: Profile | None) -> Opened:
+    file = mat.read(path)
+    return _of_arrays(path, profile, "mat", columns_of(file.arrays), sha256=file.sha256, hints=mat.left_out(file))
+
+
+def _of_arrays(
+    path: Path,
+    profile: Profile | None,
+    kind: str,
+    columns: Mapping[str, FloatArray],
+    *,
+    sha256: str,
+    hints: tuple[str, ...] = (),
+) -> Opened:
+    """Named arrays by the profile asked for, or by the channels' own names."""
+    chosen = profile or contract_profile_within(columns, kind)
+    log = ArrayLog(path=str(path), kind=kind, columns=columns, time=chosen.time_source, scale=chosen.time_scale or 1.0)
+    cut, told = _cut_by_settings(chosen, (log,))
+    notes: tuple[str, ...] = ()
+    if not any(log.clock_of(name) for name in columns):
+        notes = (
+            f"no vector of times called {chosen.time_source} of as many samples as another array; name it in a "
+            "profile: [time] source = ..., scale = ...",
+        )
+    return Opened(boots=(log,), kind=kind, sha256=sha256, profile=chosen, notes=notes, hints=(*hints, *told), cut=cut)
+
+
 FORMATS = (
     Format("dataflash", (".bin",), _is_dataflash, _open_dataflash),
     Format("ulog", (".ulg",), ulog.is_ulog, _open_ulog),
     Format("dataflash", (".log",), dataflash_text.recognises, _open_dataflash_text),
     Format("tlog", (".tlog",), _is_tlog, _open_tlog),
+    Format("mat", (".mat",), mat.recognises, _open_mat),
     Format("csv", (".csv", ".txt"), _never, _open_csv),
 )

@@ -18,7 +18,7 @@ class Source:
     sha256: str
     """Of its bytes; of logs read together, of theirs, unless the others add nothing to it."""
     kind: str
-    """`dataflash`, `ulog`, `tlog`, `csv` or `record`."""
+    """`record`, or a log's."""
     profile: Profile | None = None
     damage: Damage | None = None
     """None where the format has no way to tell."""

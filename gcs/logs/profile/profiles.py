@@ -31,7 +31,7 @@ from sysid.data.airframe import Airframe
 from sysid.data.chirp import Law
 from sysid.data.record import CHANNELS
 
-Kind = Literal["dataflash", "ulog", "tlog", "csv"]
+Kind = Literal["dataflash", "ulog", "tlog", "csv", "mat"]
 Maneuver = Literal["chirp", "doublet", "quiet", "unknown"]
 Axis = Literal["roll", "pitch", "elevator"]
 

@@ -12,6 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from gcs.logs.formats.tables import TABLES
 from gcs.logs.profile.profiles import ChannelSource
 from gcs.logs.profile.units import factor
 from gcs.logs.words import printable
@@ -102,7 +103,7 @@ def propose(
 
 def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None]) -> list[str]:
     source, scale = time
-    if kind != "csv" and source is None:
+    if kind not in TABLES and source is None:
         return ["# time: the log's own clock, no [time] needed", ""]
     if source is None or source not in (*fields, *(_plain(name) for name in fields)):
         guess = next(((f, s) for pattern, s in _TIMES for f in fields if pattern.search(_plain(f).lower())), None)
