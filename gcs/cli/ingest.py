@@ -46,6 +46,10 @@ is read alone.
 by the vehicle's clock, and it is read together with what FOLDER has of the flight; with --json "flight": {"matches":
 [{"label", "run", "off_s"}], "problem"}. A log of another boot has other times: that is said, and the exit status is 1.
 
+A file of frequency responses is a run for each command: .csv with columns frequency_hz or omega (rad/s), real and
+imaginary or db and deg, and coherence, bound_db, output, input where there are such; .mat of such arrays; the .json and
+.txt of `tippath response`. [response] of a profile names what is not told (input, output, columns).
+
 A flight.json beside a log is believed: a run that it says is to be flown again (aborted, link lost, limits left) is
 listed as not usable; `tippath fit LOG#n` takes it all the same.
 """

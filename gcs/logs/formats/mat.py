@@ -7,6 +7,7 @@ Structs and cells are taken apart: `flight.imu.gyro`, `signals[1].values`, count
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ MARK = b"MATLAB 5.0 MAT-file"
 MARK_73 = b"MATLAB 7.3 MAT-file"
 INSTALL = "install it: pip install 'tippath[mat]' (or pip install h5py)"
 MOST_ARRAYS = 20_000
+_NUMBERED = re.compile(r"\[\d+\]$")
 NUMBERS = "biufc"
 OBJECT, BOOLEANS = "MATLAB_object_decode", 2
 """An attribute of what is no plain array, and what it says of booleans, which are one."""
@@ -34,6 +36,8 @@ class MatFile:
 
     arrays: Mapping[str, np.ndarray]
     """Name -> numbers of any shape, real or complex."""
+    texts: Mapping[str, tuple[str, ...]]
+    """Name -> texts; those of a cell by the cell's own name."""
     objects: tuple[str, ...]
     """Names of what is an object, with its class where the file tells."""
     sha256: str
@@ -51,10 +55,14 @@ def read(path: Path) -> MatFile:
     except OSError as error:
         raise unreadable(path, error) from error
     arrays: dict[str, np.ndarray] = {}
+    texts: dict[str, tuple[str, ...]] = {}
     objects: list[str] = []
     for name, value in _of_hdf5(path) if raw.startswith(MARK_73) else _of_format_5(path, raw):
         if isinstance(value, str):
             objects.append(f"{printable(name)}{value and f' ({printable(value)})'}")
+        elif value.dtype.kind == "U":
+            cell = _NUMBERED.sub("", printable(name))
+            texts[cell] = (*texts.get(cell, ()), *value.tolist())
         elif len(arrays) < MOST_ARRAYS:
             arrays[printable(name)] = value
     if objects and not arrays:
@@ -64,7 +72,7 @@ def read(path: Path) -> MatFile:
         )
     if not arrays:
         raise TippathError(f"{path}: no array of numbers in it; save time, rates and commands as arrays")
-    return MatFile(arrays, tuple(objects), hashlib.sha256(raw).hexdigest())
+    return MatFile(arrays, texts, tuple(objects), hashlib.sha256(raw).hexdigest())
 
 
 def left_out(file: MatFile) -> tuple[str, ...]:
@@ -125,8 +133,10 @@ def _nodes(file: Any, name: str, node: Any, depth: int = 0) -> Iterator[tuple[st
     if isinstance(node, h5py.Group):
         for key in node:
             yield from _nodes(file, f"{name}.{key}", node[key], depth + 1)
-    elif kind in ("char", "string") or "MATLAB_empty" in node.attrs or not node.size:
+    elif "MATLAB_empty" in node.attrs or not node.size:
         return
+    elif kind == "char" and node.dtype.kind == "u":
+        yield name, np.array([printable("".join(map(chr, row))) for row in np.atleast_2d(node[()].T)], dtype=str)
     elif node.dtype == h5py.ref_dtype:
         references = np.asarray(node[()]).T.ravel()
         for i, reference in enumerate(references[:MOST_ARRAYS]):

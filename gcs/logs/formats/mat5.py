@@ -42,7 +42,7 @@ class _Element(NamedTuple):
 
 
 def parts(raw: bytes) -> Iterator[tuple[str, Any]]:
-    """(name, array of numbers), or (name, class) of an object; nothing for texts. Raises DamagedError."""
+    """(name, array of numbers), (name, array of texts), or (name, class) of an object. Raises DamagedError."""
     if len(raw) < HEADER:
         raise DamagedError("shorter than its header")
     order = ORDERS.get(raw[126:128])
@@ -118,7 +118,9 @@ class _Reader:
             yield from self._entries(inside, name, shape, fields, depth)
         elif kind in UNREADABLE:
             yield name, UNREADABLE[kind] or _text(_next(inside))
-        elif kind != CHARACTERS:
+        elif kind == CHARACTERS:
+            yield name, self._texts(_next(inside), shape)
+        else:
             raise DamagedError(f"an array of an unknown class, {kind}")
 
     def _fields(self, inside: Iterator[_Element]) -> list[str]:
@@ -141,6 +143,17 @@ class _Reader:
                     raise DamagedError("a cell or a struct that holds no arrays")
                 label = f"{name}[{i}]" if count > 1 else name
                 yield from self.matrix(element.data, f"{label}{field}", depth + 1)
+
+    def _texts(self, element: _Element, shape: list[int]) -> np.ndarray:
+        """Rows of characters as texts, without the blanks that fill them up; none where they are none."""
+        if element.type in NUMBERS:
+            characters = "".join(chr(number) if number < 0xD800 else "?" for number in self._numbers(element).tolist())
+        else:
+            encoding = {16: "utf-8", 17: "utf-16", 18: "utf-32"}.get(element.type, "utf-8")
+            suffix = "" if element.type == 16 else {"<": "-le", ">": "-be"}[self.order]
+            characters = bytes(element.data).decode(encoding + suffix, "replace")
+        count = shape[0] if len(shape) == 2 and len(characters) == math.prod(shape) else 1
+        return np.array([printable(characters[i::count]).rstrip() for i in range(count)], dtype=str)
 
     def _array(self, inside: Iterator[_Element], shape: list[int], complex_too: bool) -> np.ndarray:
         values = self._numbers(_next(inside))
