@@ -61,9 +61,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "ingest",
         help="list the runs in logs with their health; write records",
         description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
-        "telemetry .tlog, .csv and MATLAB's .mat, whole or damaged. A folder is searched for them, and so are those in "
-        "it; of a flight folder its flight*.BIN are taken, with what `tippath fetch` brought of the same flight, or "
-        "that alone.",
+        "telemetry .tlog, .csv, MATLAB's .mat, MCAP of ROS 2 and .parquet, whole or damaged. A folder is searched for "
+        "them, and so are those in it; of a flight folder its flight*.BIN are taken, with what `tippath fetch` brought "
+        "of the same flight, or that alone.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.logs.formats import dataflash, dataflash_text, mat, ulog
+from gcs.logs.formats import dataflash, dataflash_text, mat, mcap, parquet, ulog
 from gcs.logs.formats.arrays import ArrayLog, columns_of
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.csv_table import CsvLog, open_table
@@ -35,8 +35,8 @@ from sysid.data.record import CHANNELS, REQUIRED
 HEAD_BYTES = 64
 TLOG_MOTORS = "tlog_motors"
 READ = (
-    "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), MATLAB .mat, and records (.npz) of tippath "
-    "ingest -o"
+    "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), MATLAB .mat, MCAP (.mcap, ROS 2), "
+    ".parquet, and records (.npz) of tippath ingest -o"
 )
 
 
@@ -292,6 +292,16 @@ def _open_mat(path: Path, profile: Profile | None) -> Opened:
     return _of_arrays(path, profile, "mat", columns_of(file.arrays), sha256=file.sha256, hints=mat.left_out(file))
 
 
+def _open_mcap(path: Path, profile: Profile | None) -> Opened:
+    file = mcap.read(path)
+    return _of_arrays(path, profile, "mcap", file.columns, sha256=file.sha256, hints=file.notes, damage=file.damage)
+
+
+def _open_parquet(path: Path, profile: Profile | None) -> Opened:
+    file = parquet.read(path)
+    return _of_arrays(path, profile, "parquet", file.columns, sha256=file.sha256)
+
+
 def _of_arrays(
     path: Path,
     profile: Profile | None,
@@ -300,6 +310,7 @@ def _of_arrays(
     *,
     sha256: str,
     hints: tuple[str, ...] = (),
+    damage: Damage | None = None,
 ) -> Opened:
     """Named arrays by the profile asked for, or by the channels' own names."""
     chosen = profile or contract_profile_within(columns, kind)
@@ -311,7 +322,16 @@ def _of_arrays(
             f"no vector of times called {chosen.time_source} of as many samples as another array; name it in a "
             "profile: [time] source = ..., scale = ...",
         )
-    return Opened(boots=(log,), kind=kind, sha256=sha256, profile=chosen, notes=notes, hints=(*hints, *told), cut=cut)
+    return Opened(
+        boots=(log,),
+        kind=kind,
+        sha256=sha256,
+        profile=chosen,
+        damage=damage,
+        notes=notes,
+        hints=(*hints, *told),
+        cut=cut,
+    )
 
 
 FORMATS = (
@@ -320,5 +340,7 @@ FORMATS = (
     Format("dataflash", (".log",), dataflash_text.recognises, _open_dataflash_text),
     Format("tlog", (".tlog",), _is_tlog, _open_tlog),
     Format("mat", (".mat",), mat.recognises, _open_mat),
+    Format("mcap", (".mcap",), mcap.recognises, _open_mcap),
+    Format("parquet", (".parquet",), parquet.recognises, _open_parquet),
     Format("csv", (".csv", ".txt"), _never, _open_csv),
 )

@@ -43,7 +43,7 @@ class Series:
         return Series(self.t[first:last], self.values[first:last], self.clock)
 
 
-TABLES = ("csv", "mat")
+TABLES = ("csv", "mat", "mcap", "parquet")
 """Kinds of log that tell of no mode, text or maneuver, as somebody saved them: all of one is one run."""
 
 

@@ -33,6 +33,7 @@ def _rates(letter: str, axis: str, name: str) -> tuple[str, ...]:
         rf"(^|[ ._])(g|w|omega[ ._]?){axis}$",
         rf"(angular_velocity|gyro\w*)\.\w+\[{index}\]$",
         rf"{name}speed$",
+        rf"(angular_velocity|gyro\w*)\.{axis}$",
     )
 
 
