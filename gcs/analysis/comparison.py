@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gcs.analysis.fits import on_airframe, runs_of, told_loop_rate
 from gcs.errors import TippathError
-from gcs.logs import AnyWindow, FromStart, Run, ingest, resolve_runs
+from gcs.logs import AnyWindow, FromStart, Run, fitted_beside, ingest, resolve_runs
 from sysid.data.airframe import Airframe
 from sysid.data.record import Record
 from sysid.fit.result import Fit
@@ -100,8 +100,7 @@ def flown_with_validation(
     else:
         judging = runs_of(fit, fit.validation)
     judging = [record for record in judging if record.maneuver != "quiet"]
-    taken = {(Path(record.path).resolve(), record.id) for record in judging}
-    fitted = [record for record in records if (Path(record.path).resolve(), record.id) not in taken]
+    fitted = fitted_beside(records, judging)
     if not fitted:
         raise TippathError(
             "no run is left to fit: every one validates; leave at least a roll and a pitch chirp to the fit"

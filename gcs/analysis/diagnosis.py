@@ -150,6 +150,11 @@ class FitDiagnosis:
     """What these runs cost the answer."""
 
     @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the search, and this is what was found until then."""
+        return _interrupted(self.last)
+
+    @property
     def grown(self) -> Fit | None:
         """The fit with what was found added; None where nothing was."""
         return self.added or (self.fit if len(self.rungs) > 1 else None)
@@ -186,7 +191,7 @@ def diagnose_fit(
         rungs.append(_step(answer))
         grown = question.grown(fit, composed, answer)
         wild = () if grown is None else newly_implausible(fit, grown)
-        if not repeat or grown is None or wild or _unsure(answer) or len(rungs) >= MOST_RUNGS:
+        if not repeat or grown is None or wild or _unsure(answer) or len(rungs) >= MOST_RUNGS or _interrupted(answer):
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
@@ -215,6 +220,10 @@ def diagnose_fit(
         next=_next(answer),
         remarks=tuple(remarks),
     )
+
+
+def _interrupted(answer: Diagnosis) -> bool:
+    return isinstance(answer.unsearched, BudgetSpent) and answer.unsearched.interrupted
 
 
 @dataclass(frozen=True, eq=False)

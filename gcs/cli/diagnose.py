@@ -33,7 +33,9 @@ them first. Validation runs, of another maneuver or amplitude, never enter a fit
 from one that only follows the noise.
 
 Chains of two effects are searched where the best single one leaves at least 0.1 points of NRMSE that could be
-explained, or 0.3 where that is known not to matter, and within a budget; what was not searched is said.
+explained, or 0.3 where that is known not to matter, and within a budget of 300 fits of the base; what was not searched
+is said. Ctrl-C ends the search of chains: what was found until then is printed, and the exit status is 130. A second
+one, or one before, while single effects are asked, ends the command without an answer.
 
 What matters is what could change the margins of the loop that `tippath design` would close on the fit by 1 dB or 5
 degrees, or by --matters. What is left and seen is bounded by its 95 % limit at the loop's crossings, what is not seen
@@ -64,7 +66,7 @@ gained), "remainder" (what that could do: "seen" and "margins" with "gain_db", "
 "frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing by name, "reason" (where the data
 are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs": [{"effects", "nrmse_percent",
 "validation_nrmse_percent", "verdict", "effect", "confidence"}], "unsearched_chains": {"reason": "little left",
-"points"} or {"reason": "budget", "chains", "firsts"} or null}.
+"points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or null}.
 """
 
 
@@ -123,6 +125,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.text.diagnosis import diagnosis_text
     from gcs.analysis.text.documents import diagnosis_document, grown_document
     from gcs.analysis.vehicles import doubted
+    from gcs.cli import EXIT_INTERRUPTED
     from gcs.cli.counting import Counting
     from gcs.cli.fit import print_notes, with_warnings
     from gcs.errors import UsageError
@@ -160,13 +163,8 @@ def run(args: argparse.Namespace) -> int:
             say=say,
         )
     document = None if args.output is None else grown_document(found, args.output.parent)
-    text = diagnosis_text(
-        found,
-        str(args.fit),
-        rest_of(args, used),
-        None if document is None else str(args.output),
-        full=args.explain,
-    )
+    target = None if document is None else str(args.output)
+    text = diagnosis_text(found, str(args.fit), rest_of(args, used), target, full=args.explain)
     doubts = doubted([*records, *validation])
     text = with_warnings(text, doubts)
     _write(args, found, document, text)
@@ -174,7 +172,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(diagnosis_document(found, doubts))
     else:
         print(text)
-    return 0
+    return EXIT_INTERRUPTED if found.interrupted else 0
 
 
 def _limit(words: str | None) -> Limit | None:

@@ -173,17 +173,14 @@ def runs_to_fit(
     """
     from gcs.analysis.fits import on_airframe
     from gcs.errors import TippathError
-    from gcs.logs import resolve_runs
+    from gcs.logs import fitted_beside, resolve_runs
 
     def named(words: Sequence[str]) -> list[Record]:
         read = resolve_runs(words, profile, window, f_high_hz=f_high_hz, loop_rate_hz=args.loop_rate)
         return on_airframe(read, parse_airframe(args))
 
     validation = named(args.validate) if args.validate else []
-    judging = {(record.path, record.id) for record in validation}
-    records = [
-        record for record in named(args.runs) if (record.path, record.id) not in judging and record.maneuver != "quiet"
-    ]
+    records = fitted_beside([record for record in named(args.runs) if record.maneuver != "quiet"], validation)
     if not records:
         raise TippathError("no run is left to fit: they are quiet hover or validation runs")
     return records, validation

@@ -23,16 +23,17 @@ if TYPE_CHECKING:
 
 _FORMAT_HELP = """\
 --json prints {"format": "tippath.runs/1", "runs": [{"id", "path", "maneuver", "axis", "start_s", "duration_s",
-"rate_hz", "gaps": [[start_s, stop_s]], "usable", "reasons", "notes", "rate_source", "swept_band_hz", "excitation",
-"health": {"jitter", "clipped", "saturated_share", "command_band_hz": {axis: [low, high]}, "coherence": {axis:
-{"band_hz", "share"}}, "input_correlation", "quiet": [{"where", "start_s", "duration_s"}], "latency": [{"field",
-"against", "late_ms", "correlation"}]},
-"record"}], "damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused":
-{path: reason}}. start_s and duration_s are the maneuver's; a record also holds up to 0.5 s before and 1 s after it.
-Each source has "joined": null, or of logs that were read together {"files": [{"path", "sha256", "samples", "filled",
-"damage"}], "samples", "shared", "unlike", "missing", "stretches": [[start_s, stop_s]], "complete": true, false or null
-(not shown)}, and "apart": {path: why it was not read with them}. With --explain each source also has "channels":
-{channel: {"unit", "source", "scale", "offset"}}, "absent": {channel: reason} and "fields".
+"rate_hz", "gaps": [[start_s, stop_s]], "usable", "usable_to_hz" (up to which frequency it would be, where it is not),
+"reasons", "notes", "rate_source", "swept_band_hz", "excitation", "health": {"jitter", "clipped", "saturated_share",
+"command_band_hz": {axis: [low, high]}, "coherence": {axis: {"band_hz", "share"}}, "input_correlation", "quiet":
+[{"where", "start_s", "duration_s"}], "latency": [{"field", "against", "late_ms", "correlation"}]}, "record"}],
+"damage": {path: {"total_bytes", "skipped_bytes", "resyncs", "unknown", "tail_cut"}}, "sources", "refused": {path:
+reason}, "left_out": {flight folder: other logs in it}}. start_s and duration_s are the maneuver's; a record also
+holds up to 0.5 s before and 1 s after it. Each source has "joined": null, or of logs that were read together
+{"files": [{"path", "sha256", "samples", "filled", "damage"}], "samples", "shared", "unlike", "missing", "stretches":
+[[start_s, stop_s]], "complete": true, false or null (not shown)}, and "apart": {path: why it was not read with them}.
+With --explain each source also has "channels": {channel: {"unit", "source", "scale", "offset"}}, "absent": {channel:
+reason} and "fields".
 
 What was read is kept beside the log in a folder .tippath and taken from there the next time, as long as log, profile
 and window are the same; it may be removed at any time. TIPPATH_CACHE=off in the environment does without it.
@@ -41,6 +42,11 @@ A flight's flight.BIN and what was fetched of the same flight are read together,
 them lacks is taken from the other. They are of one flight where samples of the same time are equal to the last byte;
 where a few differ, the fetched ones are taken, and counted. The files stay as they are. A fetched-N.BIN that is named
 is read alone.
+
+--join is for converters that write a CSV for each topic: `tippath ingest --join gyro.csv cmd.csv --profile FILE.toml
+-o DIR`, then `tippath fit DIR/gyro-1.npz`. Each has its own clock, in the time column and the unit that [time] names. A
+column is called by its name where no other file has it, and by FILE.column always (`source = "gyro.x"`, FILE without
+what all names begin with); commands are brought onto the clock of the rates as in any log.
 
 --flight FOLDER is for a log off the vehicle's card, of a flight with `--log card`: its runs are matched to the flight's
 by the vehicle's clock, and it is read together with what FOLDER has of the flight; with --json "flight": {"matches":
@@ -61,9 +67,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "ingest",
         help="list the runs in logs with their health; write records",
         description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
-        "telemetry .tlog, .csv, MATLAB's .mat, MCAP of ROS 2 and .parquet, whole or damaged. A folder is searched for "
-        "them, and so are those in it; of a flight folder its flight*.BIN are taken, with what `tippath fetch` brought "
-        "of the same flight, or that alone.",
+        "telemetry .tlog, Betaflight's, INAV's and Rotorflight's blackbox (.bbl, .bfl, .TXT), the Crazyflie's uSD "
+        "card, Paparazzi's .log with .data, .csv, MATLAB's .mat, MCAP of ROS 2 and .parquet, whole or damaged. A "
+        "folder is searched for them, and so are those in it; of a flight folder its flight*.BIN are taken, with what "
+        "`tippath fetch` brought of the same flight, or that alone.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -73,6 +80,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="FOLDER",
         type=Path,
         help="the flight that a log off the vehicle's card is of: which runs are",
+    )
+    parser.add_argument(
+        "--join", action="store_true", help="the CSVs named are one flight's, joined by time; -o writes its record"
     )
     parser.add_argument("-o", dest="output", metavar="DIR", type=Path, help="write the usable runs there as records")
     parser.add_argument("--explain", action="store_true", help="channels found, not found, and what to write")
@@ -93,16 +103,23 @@ def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
     from gcs.cli.counting import ReadingBar
     from gcs.cli.listing import write_records
-    from gcs.logs import Ingest, UnreadableError, ingest, parse_window
+    from gcs.errors import UsageError
+    from gcs.logs import Ingest, UnreadableError, ingest, ingest_joined, parse_window
+    from gcs.logs.runs.health import F_HIGH_HZ
     from gcs.logs.runs.of_flight import of_flight
     from gcs.logs.words import printable
 
     window = None if args.window is None else parse_window(args.window)
     try:
-        with ReadingBar() as bar:
-            found = ingest(
-                args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar
-            )
+        if args.join and args.flight is not None:
+            raise UsageError("--join is of CSVs, --flight of a log off the vehicle's card: name one of them")
+        if args.join:
+            found = ingest_joined(args.logs, args.profile, window, loop_rate_hz=args.loop_rate)
+        else:
+            with ReadingBar() as bar:
+                found = ingest(
+                    args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar
+                )
     except UnreadableError as error:
         if not (args.json or args.explain):
             raise
@@ -124,7 +141,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"not the log of {args.flight}", file=sys.stderr)
         return 1
     if not found.usable:
-        print("no run is usable", file=sys.stderr)
+        lower = any(run.usable_to_hz is not None for run in found.runs)
+        print(f"no run is usable{f' up to {F_HIGH_HZ:g} Hz' if lower else ''}", file=sys.stderr)
         return 1
     return 0
 

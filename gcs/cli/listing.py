@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,13 @@ from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.dataflash_table import EVENTS
-from gcs.logs.opening import open_log
+from gcs.logs.opening import Opened, open_log
 from gcs.logs.profile.profiles import ChannelSource
-from gcs.logs.profile.proposal import propose
+from gcs.logs.profile.proposal import Values, propose
 from gcs.logs.profile.sources import found_in
-from gcs.logs.runs.health import Health
+from gcs.logs.runs.health import Health, up_to_words
 from gcs.logs.words import printable
-from sysid.data.record import CHANNELS, REQUIRED
+from sysid.data.record import CHANNELS, REQUIRED, FloatArray
 
 FORMAT = "tippath.runs/1"
 
@@ -53,6 +54,7 @@ def document(found: Ingest, written: Mapping[str, str] | None = None, *, explain
             for source in found.sources
         ],
         "refused": dict(found.refused),
+        "left_out": dict(found.left_out),
     }
 
 
@@ -103,6 +105,7 @@ def _run_entry(run: Run, record: str | None) -> dict[str, Any]:
         "rate_hz": None if run.rate_hz is None else _number(run.rate_hz),
         "gaps": [[_number(start), _number(stop)] for start, stop in run.gaps],
         "usable": run.usable,
+        "usable_to_hz": run.usable_to_hz,
         "reasons": list(run.reasons),
         "notes": list(run.notes),
         "rate_source": run.rate_source,
@@ -206,9 +209,12 @@ def table(found: Ingest) -> list[str]:
     lines = [f" {'run':<{width}}  {'maneuver':<8}  {'axis':<8}  {'start s':>8}  {'length s':>8}  {'Hz':>6}  gaps"]
     for id, run in zip(ids, found.runs, strict=True):
         rate = "-" if run.rate_hz is None else f"{run.rate_hz:.1f}"
+        answer = "usable" if run.usable else "not usable, because"
+        if run.usable_to_hz is not None:
+            answer = f"{up_to_words(run.usable_to_hz)}; not above, because"
         lines.append(
             f" {id:<{width}}  {run.maneuver:<8}  {run.axis or '-':<8}  {run.start_s:8.2f}  {run.duration_s:8.2f}  "
-            f"{rate:>6}  {len(run.gaps):4d}  {'usable' if run.usable else 'not usable, because'}"
+            f"{rate:>6}  {len(run.gaps):4d}  {answer}"
         )
         if run.health is not None and run.maneuver != "quiet" and (words := run.health.words(run.axis)):
             lines.append(f"    {printable(words)}")
@@ -216,7 +222,7 @@ def table(found: Ingest) -> list[str]:
         lines += [f"    note: {printable(note)}" for note in run.notes]
     for source in found.sources:
         lines += [f" {printable(source.path)}: {printable(note)}" for note in (*source.notes, *source.hints)]
-    return lines
+    return [*lines, *(f" {words}" for words in found.left_out.values())]
 
 
 def shown_ids(runs: Sequence[Run]) -> list[str]:
@@ -273,16 +279,34 @@ def _of_refused(path: Path, reason: str) -> list[str]:
     """What to write for a log that is refused as it is, where at least its fields can be read."""
     try:
         if path.suffix.lower() in (".csv", ".txt"):
-            kind, fields = "csv", tuple(name for name in CsvFile.read(path).header if name)
+            file = CsvFile.read(path)
+            kind, fields = "csv", tuple(name for name in file.header if name)
+            column: Callable[[str], FloatArray] = partial(_csv_column, file)
         else:
             opened = open_log(path, None)
             kind, fields = opened.kind, tuple(dict.fromkeys(name for log in opened.boots for name in log.fields()))
+            column = partial(_log_column, opened)
     except TippathError:
         return []
+
+    def values(name: str) -> FloatArray | None:
+        try:
+            return column(name)
+        except (TippathError, KeyError, StopIteration):
+            return None
+
     return [
         f"\n {printable(str(path))}: not read: {printable(reason)}",
-        *_to_write(Source(path=str(path), sha256="", kind=kind, fields=fields), {}),
+        *_to_write(Source(path=str(path), sha256="", kind=kind, fields=fields), {}, values),
     ]
+
+
+def _csv_column(file: CsvFile, name: str) -> FloatArray:
+    return file.columns([name])[name]
+
+
+def _log_column(opened: Opened, name: str) -> FloatArray:
+    return next(log for log in opened.boots if log.has(name)).series(name).values
 
 
 def _scaled(text: str, source: Source, channel: str) -> str:
@@ -294,7 +318,7 @@ def _scaled(text: str, source: Source, channel: str) -> str:
     return f"{scale:+.6g} * {shown}" + (f" {offset:+.6g}" if offset else "")
 
 
-def _to_write(source: Source, have: Mapping[str, str]) -> list[str]:
+def _to_write(source: Source, have: Mapping[str, str], values: Values | None = None) -> list[str]:
     """A profile to start from, and the fields there are to choose from."""
     fields = [printable(name) for name in source.fields]
     shown = ", ".join(fields[:40]) + (f" and {len(fields) - 40} more" if len(fields) > 40 else "")
@@ -309,5 +333,5 @@ def _to_write(source: Source, have: Mapping[str, str]) -> list[str]:
         f"  fields of this log: {shown}",
         "  to take a channel from elsewhere, a profile to start from:",
         "",
-        *propose(candidates, source.kind, found, time).splitlines(),
+        *propose(candidates, source.kind, found, time, values).splitlines(),
     ]

@@ -115,7 +115,7 @@ class Calculations:
             rows = choices.as_fitted(rows, read.runs, kept.ladder[0].fit)
             base = choices.base_of(kept.ladder[0].fit)
         fitted = _fitted_before(kept, records)
-        unread = [*read.refused.values(), *_unread(read)]
+        unread = [*read.refused.values(), *read.left_out.values(), *_unread(read)]
         self._step("")
         state = DeskState(
             path=path,

@@ -18,13 +18,13 @@ from pathlib import Path
 from gcs.errors import TippathError, UsageError
 from gcs.logs import opening, reading
 from gcs.logs.cache import Content
-from gcs.logs.flight_files import beside, fetched, is_streamed, of_flight, streamed_after
+from gcs.logs.flight_files import beside, fetched, hidden_by, is_streamed, of_flight, streamed_after
 from gcs.logs.formats.damage import Damage
 from gcs.logs.formats.raw import unreadable
 from gcs.logs.profile.choice import taking_one_of
 from gcs.logs.profile.profiles import Profile, load
 from gcs.logs.reading import Progress
-from gcs.logs.runs.health import F_HIGH_HZ
+from gcs.logs.runs.health import F_HIGH_HZ, up_to_words
 from gcs.logs.runs.run import AnyWindow, FromStart, Run, Window, split_mark
 from gcs.logs.runs.verdicts import named_all_the_same, with_verdicts
 from gcs.logs.source import Source
@@ -43,7 +43,9 @@ __all__ = [
     "UnreadableError",
     "Window",
     "check_same_rate_source",
+    "fitted_beside",
     "ingest",
+    "ingest_joined",
     "logs_in",
     "parse_window",
     "resolve_runs",
@@ -59,6 +61,8 @@ class Ingest:
     sources: tuple[Source, ...]
     refused: Mapping[str, str] = field(default_factory=dict)
     """Path -> why it could not be read, of several logs of which others could."""
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Flight folder -> which other logs in it are not listed, in words."""
 
     @property
     def usable(self) -> tuple[Run, ...]:
@@ -110,6 +114,8 @@ def parse_window(text: str) -> AnyWindow:
     return FromStart(start, stop)
 
 
+SHARED_S = 0.1  # parts that meet share a sample
+NAMED = 4  # logs that are left out
 DEPTH = 4  # folders within folders, as /log/2026-11-20/*.ulg on a PX4 card
 
 
@@ -160,7 +166,7 @@ def _files_within(folder: Path) -> Iterator[list[Path]]:
 def _in_order(path: Path) -> tuple[object, ...]:
     """By folder and name, with the numbers in names as numbers: every second piece is one."""
     pieces = re.split(r"(\d+)", path.stem.lower())
-    return (path.parent, *(int(piece) if place % 2 else piece for place, piece in enumerate(pieces)), path.name)
+    return path.parent, tuple(int(piece) if place % 2 else piece for place, piece in enumerate(pieces)), path.name
 
 
 def ingest(
@@ -185,12 +191,14 @@ def ingest(
     from elsewhere with those in the folder of its `flight`. Raises TippathError for a profile that makes no sense.
     """
     chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
+    paths = list(paths)
     refused: dict[str, str] = {}
     logs = _logs_of(paths, refused)
     if not logs and not refused:
         raise UsageError("name at least one log, flight folder or record")
     together = _together(logs, flight) if join else {}
     how = reading.Reading(chosen, window, f_high_hz, loop_rate_hz, together)
+    folders = [Path(word) for word in paths if Path(word).is_dir()]
     sources: list[Source] = []
     later = [log for log in logs if any(log in others for others in together.values())]
     runs = _read([log for log in logs if log not in later], how, progress, sources, refused)
@@ -202,7 +210,31 @@ def ingest(
     runs += _read(instead, replace(how, beside={}), None, sources, refused)
     if not sources:
         raise UnreadableError(refused)
-    return Ingest(tuple(runs), tuple(_with_apart(sources)), refused)
+    return Ingest(tuple(runs), tuple(_with_apart(sources)), refused, _left_out(logs, folders))
+
+
+def ingest_joined(
+    paths: Sequence[Path | str],
+    profile: Path | Profile | None = None,
+    window: AnyWindow | None = None,
+    *,
+    f_high_hz: float = F_HIGH_HZ,
+    loop_rate_hz: float | None = None,
+) -> Ingest:
+    """Several CSVs of one flight as one log, joined by time; a run is called after the first, its record to be saved.
+
+    Raises TippathError where they cannot be read or do not overlap in time, UsageError where there is but one, or one
+    is no CSV.
+    """
+    csvs = [Path(path) for path in paths]
+    others = [path.name for path in csvs if path.suffix.lower() not in (".csv", ".txt")]
+    if others or len(csvs) < 2:
+        raise UsageError(
+            f"--join joins two CSVs or more by time, {f'{others[0]} is none' if others else 'name several'}"
+        )
+    chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
+    content = reading.read_as_one(csvs, reading.Reading(chosen, window, f_high_hz, loop_rate_hz))
+    return Ingest(content.runs, (content.source,))
 
 
 def _logs_of(paths: Iterable[Path | str], refused: dict[str, str]) -> list[Path]:
@@ -281,6 +313,23 @@ def _with_apart(sources: Sequence[Source]) -> list[Source]:
     return out
 
 
+def _left_out(logs: Sequence[Path], folders: Sequence[Path]) -> dict[str, str]:
+    """Flight folder that was found in folders -> the other logs in it, which are not listed."""
+    found: dict[str, str] = {}
+    for log in logs:
+        folder = log.parent
+        if str(folder) in found or not is_streamed(log) or not any(log.is_relative_to(each) for each in folders):
+            continue
+        names = [printable(str(path.relative_to(folder))) for path in hidden_by(log, opening.suffixes())]
+        if names:
+            more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+            found[str(folder)] = (
+                f"left out of {printable(str(folder))}: {', '.join(names[:NAMED])}{more}; {printable(log.name)} makes "
+                "it the folder of one flight: name other logs by themselves"
+            )
+    return found
+
+
 def split_run_word(word: str) -> tuple[Path, int | None]:
     """`LOG#2` -> (LOG, 2), `LOG` -> (LOG, None). A file of exactly that name goes before a number."""
     if not word:
@@ -315,7 +364,7 @@ def resolve_runs(
     if not words:
         raise UsageError("name at least one run: a flight folder, LOG, LOG#n or a record")
     read: dict[tuple[Path, AnyWindow | None], Ingest] = {}
-    records: dict[tuple[str, str], Record] = {}
+    records: dict[tuple[object, ...], Record] = {}
     for word in words:
         plain, own_window = _with_window(word)
         its_window = own_window or window
@@ -324,13 +373,18 @@ def resolve_runs(
             read[path, its_window] = ingest([path], profile, its_window, f_high_hz=f_high_hz, loop_rate_hz=loop_rate_hz)
         found = read[path, its_window]
         meant = found.runs if number is None else _numbered(found.runs, number, word, its_window)
-        usable = [(run, run.record) for run in meant if run.usable and run.record is not None]
+        usable = [run.record for run in meant if run.usable and run.record is not None]
         if not usable:
-            listed = "\n".join(f"  {run.id}: {reason}" for run in meant for reason in run.reasons)
+            listed = "\n".join(
+                f"  {run.id}: {reason}"
+                for run in meant
+                for reason in (*run.reasons, *([] if run.usable_to_hz is None else [up_to_words(run.usable_to_hz)]))
+            )
             raise TippathError(f"{word}: not usable, because\n{listed}")
         unread = [f"left out of {word}: {reason}" for reason in found.refused.values()]
-        for place, (run, record) in enumerate(usable):
-            records.setdefault((run.path, run.id), _with_notes(record, [] if place else unread))
+        unread += found.left_out.values()
+        for place, record in enumerate(usable):
+            records.setdefault(_identity(record), _with_notes(record, [] if place else unread))
     check_same_rate_source(records.values())
     return list(records.values())
 
@@ -358,6 +412,44 @@ def _numbered(runs: Sequence[Run], number: int, word: str, window: AnyWindow | N
 
 def _with_notes(record: Record, notes: Iterable[str]) -> Record:
     return replace(record, notes=(*record.notes, *map(printable, notes)))
+
+
+def fitted_beside(records: Sequence[Record], judging: Sequence[Record]) -> list[Record]:
+    """The records that are not among those that judge. Raises TippathError where a part of one is: it may not do both.
+
+    Equal are records of the same bytes, run and times, whether cut from the log or written before.
+    """
+    fitted = []
+    for record in records:
+        shared = {one.id: _shared_s(record, one) for one in judging}
+        if any(_identity(record) == _identity(one) for one in judging):
+            continue
+        if max(shared.values(), default=0.0) > SHARED_S:
+            other = max(shared, key=lambda id: shared[id])
+            raise TippathError(
+                f"{record.id} is to be fitted and {other} is to judge, and {shared[other]:.1f} s of the flight are in "
+                f"both: name parts that do not overlap, such as {split_mark(record.id)[0]}@0:20 and "
+                f"{split_mark(record.id)[0]}@20:40"
+            )
+        fitted.append(record)
+    return fitted
+
+
+def _identity(record: Record) -> tuple[object, ...]:
+    """Equal for a run and a record that was written of it; several records may be parts of one run."""
+    return (*_run_of(record), float(record.t[0]), float(record.t[-1]))
+
+
+def _run_of(record: Record) -> tuple[str, str]:
+    """Which run of which log it is, or is a part of."""
+    return record.sha256 or record.path, split_mark(record.id)[0]
+
+
+def _shared_s(one: Record, other: Record) -> float:
+    """How much of a run is in both; 0 for different runs."""
+    if _run_of(one) != _run_of(other):
+        return 0.0
+    return max(0.0, float(min(one.t[-1], other.t[-1]) - max(one.t[0], other.t[0])))
 
 
 def check_same_rate_source(records: Iterable[Record]) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 _FETCHED = re.compile(r"fetched-(\d+)(-\d+)?(\.run-\d+-only|\.runs-only)?(-\d+)?\.BIN")
@@ -35,6 +36,19 @@ def streamed_after(log: Path) -> tuple[Path, ...]:
     """The streamed logs of a folder that come behind this one: where the vehicle began anew."""
     every = sorted((path for path in _files(log.parent) if is_streamed(path)), key=lambda path: (len(path.name), path))
     return tuple(every[every.index(log) + 1 :]) if log in every else ()
+
+
+def hidden_by(log: Path, suffixes: Collection[str]) -> list[Path]:
+    """The logs in the folder of a streamed log, and below it, that are none of this flight's and so are not listed."""
+    files = [Path(at) / name for at, _, names in os.walk(log.parent) for name in names]
+    ours = {path.stem.lower() for path in files if is_streamed(path)}
+    return sorted(
+        path
+        for path in files
+        if path.suffix.lower() in suffixes
+        and not (path.parent == log.parent and (path.stem.lower() in ours or _FETCHED.fullmatch(path.name)))
+        and not any(part.startswith(".") for part in path.relative_to(log.parent).parts)
+    )
 
 
 def of_flight(folder: Path, log: Path) -> tuple[Path, ...]:

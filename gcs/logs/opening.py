@@ -9,12 +9,25 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.logs.formats import dataflash, dataflash_text, mat, mcap, parquet, ulog
+from gcs.logs.formats import (
+    blackbox,
+    blackbox_csv,
+    crazyflie,
+    dataflash,
+    dataflash_text,
+    mat,
+    mcap,
+    paparazzi,
+    parquet,
+    ulog,
+)
 from gcs.logs.formats.arrays import ArrayLog, columns_of
 from gcs.logs.formats.csv import CsvFile
+from gcs.logs.formats.csv_join import JoinedCsv, labels
 from gcs.logs.formats.csv_table import CsvLog, open_table
 from gcs.logs.formats.damage import Damage
 from gcs.logs.formats.dataflash_join import JoinedLog
@@ -35,7 +48,8 @@ from sysid.data.record import CHANNELS, REQUIRED
 HEAD_BYTES = 64
 TLOG_MOTORS = "tlog_motors"
 READ = (
-    "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, CSV (.csv, .txt), MATLAB .mat, MCAP (.mcap, ROS 2), "
+    "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, Betaflight's, INAV's and Rotorflight's blackbox (.bbl, .bfl, "
+    ".TXT), Crazyflie's uSD card, Paparazzi's .log and .data, CSV (.csv, .txt), MATLAB .mat, MCAP of ROS 2 (.mcap), "
     ".parquet, and records (.npz) of tippath ingest -o"
 )
 
@@ -151,6 +165,12 @@ def dataflash_boots(
     logs: Sequence[MessageLog], path: Path, profile: Profile | None
 ) -> tuple[tuple[DataFlashTables, ...], Profile, tuple[str, ...]]:
     """The boots of a DataFlash log, in whichever of its two spellings, its profile, and a note on several boots."""
+    if any("TIME" in log.names and "StartTime" in log.formats["TIME"].columns for log in logs):
+        raise TippathError(
+            f"{path}: PX4's former log (sdlog2, .px4log), which is not read: its messages have no times of their own. "
+            "Write it as CSV with PX4's sdlog2_dump.py, and name its columns in a profile ([time] source = "
+            '"TIME_StartTime", scale = 1e-6)'
+        )
     time = None if profile is None or profile.time_source is None else profile.time_source.rsplit(".", 1)[-1]
     scale = None if profile is None else profile.time_scale
     boots = tuple(DataFlashTables(boot, str(path), time, scale, sifted=isinstance(boot, JoinedLog)) for boot in logs)
@@ -230,15 +250,15 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
     except OSError as error:
         raise unreadable(path, error) from error
     file = CsvFile.parse(raw, str(path))
-    chosen = profile or _csv_profile(file)
+    chosen = profile or _csv_profile([file])
     log = _csv_log(file, chosen)
     hints = [*file.layout.hints]
     if profile is None and chosen.name == "channels":
         others = [name for name in file.layout.names if name and name not in CHANNELS]
         if others:
             hints.append(f"columns that are no channels are not used: {', '.join(map(printable, others[:8]))}")
-    cut, told = _cut_by_settings(chosen, log.boots)
-    hints += told
+    cut, uncut = _cut(log.boots, chosen)
+    hints += uncut
     return Opened(
         boots=log.boots,
         kind="csv",
@@ -251,27 +271,131 @@ def _open_csv(path: Path, profile: Profile | None) -> Opened:
     )
 
 
-def _cut_by_settings(profile: Profile, boots: Sequence[Log]) -> tuple[tuple[Profile, ...], list[str]]:
-    """For each boot the profile with the runs that its [settings] cut, and notes where they cut none."""
-    if profile.settings is None:
-        return (), []
-    cuts_and_notes = [cuts_by_settings(profile, boot) for boot in boots]
-    cut = tuple(
-        replace(profile, cuts=cuts, notes=(*profile.notes, *(notes if cuts else ()))) for cuts, notes in cuts_and_notes
+def open_csvs(paths: Sequence[Path], profile: Profile | None) -> Opened:
+    """Several CSVs as one log, joined by time. Raises TippathError where they cannot be read, or do not overlap."""
+    names = labels(paths)
+    raws = []
+    for path in paths:
+        require_file(path)
+        try:
+            raws.append(path.read_bytes())
+        except OSError as error:
+            raise unreadable(path, error) from error
+    files = [CsvFile.parse(raw, str(path)) for raw, path in zip(raws, paths, strict=True)]
+    chosen = profile or _csv_profile(files)
+    time, scale = chosen.time_source or "t", chosen.time_scale or 1.0
+    logs = [open_table(file, time, scale, [], [name for name in file.header if name]) for file in files]
+    for path, log in zip(paths, logs, strict=True):
+        if len(log.boots) > 1:
+            raise TippathError(f"{path}: its clock begins anew; cut it there, and join the parts of one boot")
+    joined = JoinedCsv({name: log.boots[0] for name, log in zip(names, logs, strict=True)}, time)
+    beside = ", ".join(printable(path.name) for path in paths[1:])
+    return Opened(
+        boots=(joined,),
+        kind="csv",
+        sha256=hashlib.sha256(b"".join(hashlib.sha256(raw).digest() for raw in raws)).hexdigest(),
+        profile=chosen,
+        notes=tuple(
+            f"{printable(path.name)}: {note}" for path, log in zip(paths, logs, strict=True) for note in log.notes
+        ),
+        hints=(f"joined by time with {beside}", *(hint for file in files for hint in file.layout.hints)),
     )
-    return cut, [note for cuts, notes in cuts_and_notes if not cuts for note in notes]
 
 
-def _csv_profile(file: CsvFile) -> Profile:
-    """Of the bundled profiles the one whose columns are there; a header of channel names needs none."""
-    layout = file.layout
-    names = [name for name in layout.names if file.column(name) is not None]
-    units = {name: layout.units[place] for name in names if (place := file.column(name)) is not None}
-    if {"p", "q"} <= set(names):
-        return contract_profile(names, units, file.path)
-    columns = set(file.header)
+def _cut(boots: Sequence[Log], chosen: Profile) -> tuple[tuple[Profile, ...], list[str]]:
+    """For each boot the profile with the runs that the profile's settings cut out of it, and why they cut none."""
+    if chosen.settings is None:
+        return (), []
+    cuts_and_notes = [cuts_by_settings(chosen, boot) for boot in boots]
+    return (
+        tuple(
+            replace(chosen, cuts=cuts, notes=(*chosen.notes, *(notes if cuts else ())))
+            for cuts, notes in cuts_and_notes
+        ),
+        [note for cuts, notes in cuts_and_notes if not cuts for note in notes],
+    )
+
+
+def _open_blackbox(read: Callable[[Path], blackbox.BlackboxFile], path: Path, profile: Profile | None) -> Opened:
+    """Each log of the file by itself: one of them may have chirps, and each was flown with settings of its own."""
+    file = read(path)
+    best, profiles, hints = _for_each(file.logs, profile, "blackbox")
+    told = [
+        replace(chosen, loop_rate_hz=log.loop_rate_hz, loop_told_by="looptime and pid_process_denom")
+        if chosen.loop_rate_hz is None
+        else chosen
+        for log, chosen in zip(file.logs, profiles, strict=True)
+    ]
+    return Opened(
+        boots=file.logs,
+        kind="blackbox",
+        sha256=file.sha256,
+        profile=best,
+        damage=file.damage,
+        notes=file.notes,
+        hints=hints,
+        cut=tuple(
+            replace(chosen, airframe=chosen.airframe or log.airframe)
+            for log, chosen in zip(file.logs, told, strict=True)
+        ),
+    )
+
+
+def _for_each(
+    logs: Sequence[Log], profile: Profile | None, otherwise: str
+) -> tuple[Profile, tuple[Profile, ...], tuple[str, ...]]:
+    """The profile that suits a file best, that of each of its logs with the runs that its settings cut, and why they
+    cut none."""
+    each = [profile or choose(log, bundled_profiles()) or named(otherwise) for log in logs]
+    cut: list[Profile] = []
+    hints: list[str] = []
+    for log, chosen in zip(logs, each, strict=True):
+        with_cuts, uncut = _cut((log,), chosen)
+        cut += with_cuts or (chosen,)
+        hints += uncut
+    return max(each, key=lambda chosen: chosen.priority), tuple(cut), tuple(dict.fromkeys(hints))
+
+
+def _open_paparazzi(path: Path, profile: Profile | None) -> Opened:
+    file = paparazzi.read(path)
+    best, profiles, hints = _for_each(file.logs, profile, "paparazzi_data")
+    return Opened(
+        boots=file.logs,
+        kind="paparazzi",
+        sha256=file.sha256,
+        profile=best,
+        damage=file.damage,
+        notes=file.notes,
+        hints=(*file.hints, *hints),
+        cut=profiles,
+    )
+
+
+def _open_crazyflie(path: Path, profile: Profile | None) -> Opened:
+    file = crazyflie.read(path)
+    return Opened(
+        boots=(file.log,),
+        kind="crazyflie",
+        sha256=file.sha256,
+        profile=profile or choose(file.log, bundled_profiles()) or named("crazyflie_usd"),
+        damage=file.damage,
+        notes=file.notes,
+    )
+
+
+def _csv_profile(files: Sequence[CsvFile]) -> Profile:
+    """Of the bundled profiles the one whose columns are there; headers of channel names need none."""
+    units = {
+        name: file.layout.units[place]
+        for file in files
+        for name in file.layout.names
+        if (place := file.column(name)) is not None
+    }
+    if {"p", "q"} <= set(units):
+        return contract_profile(list(units), units, files[0].path)
+    columns = {name for file in files for name in file.header}
     bundled = (each for each in bundled_profiles() if each.kind == "csv" and set(each.needs) <= columns)
-    return next(bundled, contract_profile(names, {}, file.path))
+    return next(bundled, contract_profile(list(units), {}, files[0].path))
 
 
 def _csv_log(file: CsvFile, profile: Profile) -> CsvLog:
@@ -315,7 +439,7 @@ def _of_arrays(
     """Named arrays by the profile asked for, or by the channels' own names."""
     chosen = profile or contract_profile_within(columns, kind)
     log = ArrayLog(path=str(path), kind=kind, columns=columns, time=chosen.time_source, scale=chosen.time_scale or 1.0)
-    cut, told = _cut_by_settings(chosen, (log,))
+    cut, told = _cut((log,), chosen)
     notes: tuple[str, ...] = ()
     if not any(log.clock_of(name) for name in columns):
         notes = (
@@ -339,6 +463,10 @@ FORMATS = (
     Format("ulog", (".ulg",), ulog.is_ulog, _open_ulog),
     Format("dataflash", (".log",), dataflash_text.recognises, _open_dataflash_text),
     Format("tlog", (".tlog",), _is_tlog, _open_tlog),
+    Format("blackbox", (".bbl", ".bfl"), blackbox.recognises, partial(_open_blackbox, blackbox.read)),
+    Format("blackbox", (), blackbox_csv.recognises, partial(_open_blackbox, blackbox_csv.read)),
+    Format("paparazzi", (".data",), paparazzi.recognises, _open_paparazzi),
+    Format("crazyflie", (), crazyflie.recognises, _open_crazyflie),
     Format("mat", (".mat",), mat.recognises, _open_mat),
     Format("mcap", (".mcap",), mcap.recognises, _open_mcap),
     Format("parquet", (".parquet",), parquet.recognises, _open_parquet),

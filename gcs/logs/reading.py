@@ -69,7 +69,7 @@ def read(path: Path, how: Reading) -> Content:
         opening.require_file(path)
         if not _is_record(path):
             raise TippathError(f"{path}: not a record; records are the .npz files that tippath ingest -o writes")
-        record = Record.load(path)
+        record = replace(Record.load(path), path=str(path))  # its log may be gone, and holds it in no window
         return Content(
             Source(path=str(path), sha256=record.sha256, kind="record"),
             (cutting.of_record(record, how.window, how.f_high_hz, how.loop_rate_hz),),
@@ -133,12 +133,21 @@ def _of_responses(path: Path, how: Reading) -> Content | None:
     return Content(source, of_responses.runs_of(found, printable(path.name), str(path), sha256))
 
 
+def read_as_one(paths: Sequence[Path], how: Reading) -> Content:
+    """Several CSVs as one log, called after the first. Raises TippathError where they cannot be joined."""
+    return _content(paths[0], opening.open_csvs(paths, how.profile), how)
+
+
 def _parse(path: Path, how: Reading) -> Content:
     content = _of_responses(path, how)
     if content is not None:
         return content
     beside = how.beside.get(path, ())
     opened = open_joined(path, beside, how.profile) if beside else opening.open_log(path, how.profile)
+    return _content(path, opened, how)
+
+
+def _content(path: Path, opened: opening.Opened, how: Reading) -> Content:
     name = printable(path.name)
     parts = opened.parts
     if how.loop_rate_hz is not None:

@@ -18,7 +18,7 @@ class Source:
     sha256: str
     """Of its bytes; of logs read together, of theirs, unless the others add nothing to it."""
     kind: str
-    """`record`, or a log's."""
+    """The log's, such as `dataflash`; `record` for what tippath wrote."""
     profile: Profile | None = None
     damage: Damage | None = None
     """None where the format has no way to tell."""

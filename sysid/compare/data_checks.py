@@ -3,8 +3,8 @@
 A fit hides such mistakes. With rates clipped it finds a slower vehicle; with axes swapped or turned by 90 or 180
 degrees a structure without bounds fits exactly as well, only its numbers mean something else; runs of two vehicles give
 the mean of both. Each check here looks at what a mistake cannot hide: flat tops at one value; the axis that a run was
-declared to be flown on beside the command that moved; the sign of the slowest answers; residuals that every run's own
-linear response explains and a common one does not.
+declared to be flown on beside the command that moved; the sign of the slowest answers, or without a logged excitation
+of the fastest; residuals that every run's own linear response explains and a common one does not.
 """
 
 from __future__ import annotations
@@ -40,6 +40,12 @@ OTHER_AXIS = 2.0
 SLOWEST_HZ = 0.9
 USUAL_LAG = np.exp(1j * np.pi / 6)
 """Slow answers of a rate lie about 30 degrees behind the command."""
+FASTER_HZ = 1.0
+LATEST_S, LATENESS_STEP_S = 0.15, 0.005
+"""By which motors, servos and links delay a vehicle's answer, at most, and the steps in which it is looked for."""
+ALIGNED, CLEARLY = 0.8, 0.5
+"""Share of a fast response that one lateness aligns with its command, and by how much more than with its opposite. Two
+measured multirotors and a simulated one: 0.88 to 0.99, at most 0.3 for the opposite; a flapping rotor 0.7 and 0.9."""
 OPPOSITE = -0.26
 """Cosine beside the usual phase from which on an answer counts as of the other sign: 105 degrees away."""
 LEAST_DIRECT = 0.1
@@ -144,21 +150,46 @@ def _mistaken_commands(records: Sequence[Record]) -> list[Suspicion]:
 
 
 def mistaken_signs(measured: Responses) -> list[Suspicion]:
-    """Slow answers whose signs are not the convention's: rates and commands swapped, turned or of another sign.
+    """Answers whose signs are not the convention's: rates and commands swapped, turned or of another sign.
 
-    A positive roll (pitch) command gives a positive slow roll (pitch) rate, whatever the vehicle.
+    A positive roll (pitch) command gives a positive slow roll (pitch) rate, whatever the vehicle. Where feedback may
+    have made the commands slow answers are those of the controller, turned by 180 degrees, and the angular
+    accelerations of fast ones are looked at: late, they have the command's sign. Nothing is told where these are not
+    clear, as of a rotor that flaps.
     """
     if not set(CYCLIC) <= set(measured.commands) or not set(RATES) <= set(measured.outputs):
         return []
     at = np.ix_([measured.outputs.index(name) for name in RATES], [measured.commands.index(name) for name in CYCLIC])
     H = measured.H[at]
-    known = np.all(np.isfinite(H), axis=(0, 1)) & (measured.frequency_hz <= SLOWEST_HZ)
-    if np.count_nonzero(known) < FEWEST_POINTS:
-        return []
-    answers = _answers(np.mean(H[:, :, known], axis=2) * USUAL_LAG)
+    known = np.all(np.isfinite(H), axis=(0, 1))
+    gain: ComplexArray | FloatArray | None
+    if measured.closed_loop_safe:
+        known &= measured.frequency_hz <= SLOWEST_HZ
+        gain = np.mean(H[:, :, known], axis=2) * USUAL_LAG if np.count_nonzero(known) >= FEWEST_POINTS else None
+    else:
+        known &= measured.frequency_hz >= FASTER_HZ
+        weighed = (H * measured.partial_coherence[at])[:, :, known]
+        gain = _fast_gain(2 * np.pi * measured.frequency_hz[known], weighed) if np.any(known) else None
+    answers = None if gain is None else _answers(gain)
     if answers is None:
         return []
     return [WrongSigns(answers, measured.closed_loop_safe)]
+
+
+def _fast_gain(omega: FloatArray, H: ComplexArray) -> FloatArray | None:
+    """Angular acceleration by command (2, 2), with signs, of responses H (2, 2, f) at `omega`, rad/s (f,).
+
+    Whichever lateness aligns them best may be in it. None where a large one has no clear sign.
+    """
+    acceleration = 1j * omega * H
+    size = np.sum(np.abs(acceleration), axis=2)
+    early = np.exp(1j * np.outer(omega, np.arange(0, LATEST_S, LATENESS_STEP_S)))
+    aligned = np.real(acceleration @ early) / np.maximum(size, 1e-300)[:, :, None]
+    plus, minus = np.max(aligned, axis=2), np.max(-aligned, axis=2)
+    clear = (np.maximum(plus, minus) >= ALIGNED) & (np.abs(plus - minus) >= CLEARLY)
+    if not np.all(clear | (size < LEAST_DIRECT * np.max(size))):
+        return None
+    return np.asarray(np.where(clear, np.sign(plus - minus), 0.0) * size)
 
 
 USUAL: Answers = ((0, 1), (1, 1))

@@ -241,12 +241,11 @@ class CommandsElsewhere:
 
 @dataclass(frozen=True, slots=True)
 class WrongSigns:
-    """Slow answers whose signs are not the convention's."""
+    """Answers whose signs are not the convention's: slow ones, or without a logged excitation fast ones."""
 
     answers: Answers
     """Rows of `p`, `q` for `delta_x`, `delta_y`."""
     excitation_logged: bool
-    """Otherwise gusts through the feedback may look so."""
     runs: tuple[str, ...] = ()
     """All of them."""
     kind: ClassVar[str] = "signs"

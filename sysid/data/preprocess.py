@@ -50,6 +50,7 @@ class Segment:
     """Name -> samples, shape (n,)."""
     resampled: int
     """Samples whose time was off the uniform grid by more than a tenth of a sample and were interpolated."""
+    _as_held: dict[tuple[str, ...], FloatArray] = field(default_factory=dict, init=False)
 
     @property
     def samples(self) -> int:
@@ -79,10 +80,18 @@ class Segment:
         return self.dt / self.finer
 
     def as_held(self, names: Sequence[str]) -> FloatArray:
-        """Commands as the loop held them, (names, n finer): what acts on their samples is simulated on these."""
-        logged = np.stack([self.channels[name] for name in names])
-        if self.finer == 1:
-            return logged
+        """Commands as the loop held them, (names, n finer): what acts on their samples is simulated on these.
+
+        Worked out once: every simulation begins here, and none changes it.
+        """
+        key = tuple(names)
+        if key not in self._as_held:
+            logged = np.stack([self.channels[name] for name in names])
+            self._as_held[key] = logged if self.finer == 1 else self._between(logged)
+        return self._as_held[key]
+
+    def _between(self, logged: FloatArray) -> FloatArray:
+        """Samples (rows, n) of what moves on between them, at every loop."""
         # heavier than NumPy itself to load: only where it is needed
         from scipy.interpolate import CubicSpline
 

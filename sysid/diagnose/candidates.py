@@ -41,10 +41,14 @@ KEPT = 0.5
 """Of the chi squared that a score promises, what a refit explains at least that was in the right valley."""
 SERIOUS = 0.02
 """Share of the best score from which on a candidate is refitted,"""
+SERIOUS_BESIDE = 0.1
+"""the same beside one that leaves noise: of 24 training flights none below 0.12 explained half of what the best did,"""
 SERIOUS_SLOW = 0.1
 """and where a refit takes simulations or a long search."""
 SERIOUS_SLOW_BESIDE = 0.3
 """and beside one that leaves noise: a lower score is not that of an effect that explains all."""
+WORTH_THE_TIME = math.log(0.01)
+"""Chance that noise alone shows as much of one entry, above which it is neither simulated nor refitted twice."""
 FEW_POINTS = 8
 NEAR = 0.7
 """Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
@@ -88,7 +92,7 @@ class Ranked:
     implausible: tuple[str, ...] = ()
     """Parameters outside what physics allows that were not so in the parent."""
     outside: tuple[str, ...] = ()
-    """The same whatever their standard errors: what is only so within these is doubtful."""
+    """The same whatever their standard errors, and those at a bound of what an effect may be: doubtful values."""
     resolved: tuple[str, ...] = ()
     """Parameters of the parent that were implausible and are not any more."""
     rows: int = 1
@@ -106,18 +110,24 @@ class Ranked:
     def values(self) -> dict[str, float]:
         """Its parameters: refitted, else one step from the parent, else none."""
         if self.fit is not None:
-            model = self.fit.model
-            own = [one for one in model.structure.composed if (one.path or one.id) in self.effects]
-            names = [name for one in own for name in one.names] or list(model.structure.names)
-            return {name: model[name] for name in names}
+            return {name: self.fit.told[0][name] for name in self.names}
         return {} if self.score is None else dict(self.score.at)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its parameters in the refit; all of the model, where it is another base."""
+        if self.fit is None:
+            return ()
+        structure = self.fit.model.structure
+        own = [one for one in structure.composed if (one.path or one.id) in self.effects]
+        return tuple(name for one in own for name in one.names) or structure.names
 
     @property
     def standard_errors(self) -> dict[str, float]:
         """Of `values`, where the refit gives any."""
         if self.fit is None:
             return {} if self.score is None else dict(self.score.errors)
-        errors = self.fit.standard_errors
+        errors = self.fit.told[1]
         return {name: errors[name] for name in self.values if errors[name] > 0}
 
     def to_json(self) -> dict[str, Any]:
@@ -251,14 +261,14 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
 
     testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
     for one in testable:
-        if _quick(one) and _share(one, top) >= SERIOUS:
+        if _quick(one) and _share(one, top) >= (SERIOUS if question_open else SERIOUS_BESIDE):
             fit(one)
     linear_enough = not question_open
     explained = 0.0
     if best is not parent:
         explained = _explained(best, parent, best.metric)
     for one in testable:
-        if _quick(one) or one.score is None:
+        if _quick(one) or one.score is None or one.score.log_p > WORTH_THE_TIME:
             continue
         near = one.score.chi_squared > NEAR * explained
         least = SERIOUS_SLOW if question_open else SERIOUS_SLOW_BESIDE
@@ -298,7 +308,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         return replace(one, not_testable=str(error))
     fit, failure = _refit(composed, parent, one, None)
     begin = _where_scored(one, composed, parent)
-    if begin is not None and one.score is not None:
+    if begin is not None and one.score is not None and one.score.log_p < WORTH_THE_TIME:
         explained = 0.0 if fit is None else _explained(fit, parent, parent.metric)
         again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
         if again is not None and _explained(again, parent, parent.metric) > explained:
@@ -334,7 +344,7 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     own = instrumental_step(one.fit.asked_in(reference.whitening), reference.whitening)
     likelier, _ = gain(own, reference.stepped)
     model, parent = one.fit.model, reference.parent
-    before, outside = _outside(parent.model), _outside(model)
+    before, outside = _outside(parent), _outside(one.fit)
     now = _implausible(one.fit.asked, reference.whitening)
     validated = error = None
     if reference.validation is not None:
@@ -357,10 +367,12 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     )
 
 
-def _outside(model: Model) -> set[str]:
-    """Parameters outside what physics allows, whatever their errors."""
-    parameters = zip(model.structure.parameters, model.values, strict=True)
-    return {parameter.name for parameter, value in parameters if parameter.implausible(float(value))}
+def _outside(one: Candidate) -> set[str]:
+    """Parameters outside what physics allows, whatever their errors, or at a bound: what would be more is another
+    effect, as a second-order lag of damping ratio 1 would be two lags."""
+    parameters = zip(one.model.structure.parameters, one.model.values, strict=True)
+    beyond = {parameter.name for parameter, value in parameters if parameter.implausible(float(value))}
+    return beyond | set(one.estimate.at_bound)
 
 
 def _implausible(one: Candidate, whitening: Whitening) -> set[str]:

@@ -40,6 +40,8 @@ from sysid.model.structure import Model, Structure
 
 PARENTS_OF_PAIRS = 3
 MOST_FIRSTS = 5
+LEAST_OF_BEST = 0.1
+"""Of what the best effect explains, that another explains to begin a chain: what is less is found beside the best."""
 ALIKE = 0.2
 """Of what two effects explain, by which their answers must differ to begin two chains."""
 TWINS = 1e-6
@@ -73,16 +75,22 @@ class LittleLeft:
 
 @dataclass(frozen=True, slots=True)
 class BudgetSpent:
-    """What promised less was left out, because the search had cost its budget."""
+    """What promised less was left out, because the search had cost its budget, or somebody ended it."""
 
     chains: tuple[tuple[str, str], ...]
     """The first effect and the second, in the order in which they would have been tried."""
     firsts: tuple[str, ...] = ()
     """Effects beside which nothing was asked."""
+    interrupted: bool = False
+    """By Ctrl-C: what was found until then is the answer."""
 
     def to_json(self) -> dict[str, object]:
         """For the `tippath.diagnosis/1` document."""
-        return {"reason": "budget", "chains": ["+".join(one) for one in self.chains], "firsts": list(self.firsts)}
+        return {
+            "reason": "interrupted" if self.interrupted else "budget",
+            "chains": ["+".join(one) for one in self.chains],
+            "firsts": list(self.firsts),
+        }
 
 
 Unsearched = LittleLeft | BudgetSpent
@@ -174,6 +182,7 @@ class _Chains:
         self.alone = {one.effect: one for one in fitted if not one.implausible}
         """Plausible single effects."""
         self.found: dict[tuple[str, ...], Ranked] = {}
+        self.interrupted = False
         self.not_asked: list[str] = []
         self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
 
@@ -181,7 +190,11 @@ class _Chains:
     def unsearched(self) -> BudgetSpent | None:
         """What the budget did not reach."""
         pairs = tuple(pair for names, pair in self.not_fitted.items() if names not in self.found)
-        return BudgetSpent(pairs, tuple(self.not_asked)) if pairs or self.not_asked else None
+        return BudgetSpent(pairs, tuple(self.not_asked), self.interrupted) if pairs or self.not_asked else None
+
+    def interrupt(self) -> None:
+        """Try nothing more; who wants the end at once interrupts once more."""
+        self.left, self.interrupted = -math.inf, True
 
     def paid(self, cost: float) -> bool:
         """Whether the budget has this left; it is taken from it then."""
@@ -202,7 +215,12 @@ class _Chains:
             self.not_asked.append(first.effect)
             return True
         whitening, users = self.reference.whitening, self.reference.users
-        seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, silent)
+        try:
+            seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, silent)
+        except KeyboardInterrupt:
+            self.interrupt()
+            self.not_asked.append(first.effect)
+            return True
         scores = [one.score for one in seconds if one.score is not None]
         if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
             return False
@@ -230,12 +248,13 @@ class _Chains:
         return first.added == second.added and not _apart(first, second, TWINS)
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
-        """Whether the second is significant beside the first, and comes near to what the best chain explains more."""
+        """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
+        plausible effect alone) explains more."""
         if second.score is None:
             return True
         if second.score.log_p > SIGNIFICANT:
             return False
-        best = max((one.chi_squared for one in self.found.values()), default=0.0)
+        best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
 
     def fit(self, first: Ranked, second: Ranked) -> None:
@@ -247,7 +266,12 @@ class _Chains:
             if not self.paid(self.price_of(more, begin)):
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
                 return
-            both = self._fitted(first, second, more, begin)
+            try:
+                both = self._fitted(first, second, more, begin)
+            except KeyboardInterrupt:
+                self.interrupt()
+                self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
+                return
             if both is not None and begin is first and both.implausible and second.effect in self.alone:
                 # alone, the first one stands in for the second too, and may not come away from there
                 waiting.append((first, self.alone[second.effect]))
@@ -298,7 +322,9 @@ def _different(able: Sequence[Ranked]) -> list[Ranked]:
     for one in able[1:]:
         if len(chosen) == PARENTS_OF_PAIRS:
             break
-        if not one.implausible and all(other.implausible or _apart(one, other) for other in chosen):
+        if one.implausible or one.chi_squared < LEAST_OF_BEST * able[0].chi_squared:
+            continue
+        if all(other.implausible or _apart(one, other) for other in chosen):
             chosen.append(one)
     return chosen
 

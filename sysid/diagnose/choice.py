@@ -69,7 +69,7 @@ def _explains_instead(one: Ranked, winner: Ranked, near: float) -> bool:
 
 def _explains_as_much(one: Ranked, winner: Ranked) -> bool:
     """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair."""
-    if one.fit is None or one.outside or one.added >= winner.added or one.explained_share is None:
+    if one.fit is None or one.outside or len(one.names) >= len(winner.names) or one.explained_share is None:
         return False
     if one.delta_bic >= 0 or one.chi_squared < AS_MUCH * winner.chi_squared:
         return False

@@ -111,6 +111,18 @@ class Candidate:
         return here
 
     @cached_property
+    def told(self) -> tuple[Model, dict[str, float]]:
+        """The numbers to tell of it and their standard errors, 0 of those held or at a bound: as fitted where the
+        excitation keeps feedback out, else those that foretell best what is new."""
+        if not self.dataset.in_a_loop:
+            return self.model, self.standard_errors
+        there = self.asked_in(self.metric)
+        J = self.metric(there.J)
+        errors = np.sqrt(np.diag(np.linalg.pinv(J @ J.T))) if len(J) else ()
+        found = dict(zip(there.free, map(float, errors), strict=True))
+        return there.model, {name: found.get(name, 0.0) for name in there.model.structure.names}
+
+    @cached_property
     def metric(self) -> Whitening:
         """White rows by the noise that it leaves: for `asked`, and for that of every other candidate."""
         if self.dataset.in_a_loop:

@@ -37,8 +37,8 @@ EFFECT = Effect(
             "zeta",
             "-",
             "damping ratio of the servos",
-            plausible=(0.3, 1.5),  # below it rings, above it is two lags
-            bounds=(0.05, 2.0),  # beyond, it would be `servo_lag`
+            plausible=(0.3, 1.0),  # below, it rings
+            bounds=(0.05, 1.0),  # beyond, it would be two lags: `servo_lag` and less
             typical=0.7,
             grid=(0.7,),
         ),

@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.airframe import Airframe, agreed
 from sysid.data.dataset import Bins, Dataset, Runs, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
 from sysid.data.record import Record
+from sysid.data.stacks import Stack
 from sysid.errors import FitError
 from sysid.fit.check_kinds import (
     CheckFinding,
@@ -191,6 +193,10 @@ def _same_parameters(spread: Spread) -> Check:
     return Check(name, not moved, ParametersMoved(moved, count, LARGEST_SPREAD, spread.moves[: max(moved, 1)]))
 
 
+INTEGRATES = 1e-6
+"""1/s, a pole's real part below which it is one of zero: damping that was held at none."""
+
+
 def explain_instability(settled: Settled, bins: Bins) -> list[str]:
     """What to make of a fit with poles in the right half plane, in sentences.
 
@@ -199,6 +205,8 @@ def explain_instability(settled: Settled, bins: Bins) -> list[str]:
     """
     model = settled.estimate.model
     real = max(pole.real for pole in np.linalg.eigvals(model.matrices.A))
+    if real < INTEGRATES:
+        return ["the model has a pole at zero: it integrates its commands, do not simulate it for long"]
     free = output_error(model, bins.stacks).nrmse_percent
     said = [
         f"the model is unstable (pole at {real:+.1f} 1/s): do not simulate it or design on it; "
@@ -223,6 +231,8 @@ def explain_instability(settled: Settled, bins: Bins) -> list[str]:
 
 
 LATE_ALREADY = frozenset({"servo_lag", "motor_lag", "servo_second_order", "transport_delay", "gyro_lag", "gyro_filter"})
+HINT_TOLERANCE = 1e-3
+"""Of the summed logarithms of residual power: a twentieth of a percent of a rate."""
 LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
 
 
@@ -243,23 +253,26 @@ def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
     except FitError:
         late = None
     if late is not None:
-        said.append(f"{late}: refit with --with servo_lag or --with transport_delay")
+        flew = agreed(one.segment.record.airframe for one in bins.spectra)
+        lag = "motor_lag" if flew is Airframe.MULTIROTOR else "servo_lag"
+        said.append(f"{late}: refit with --with {lag} or --with transport_delay")
     return said
 
 
 def lateness(structure: Structure, bins: Bins, fitted: Model | None = None) -> str | None:
     """Whether commands that act late, by a lag or a delay, would explain much more; None where they would not.
 
-    Without a closed form, which begins at the data, every fit begins at the one that is known, if any.
+    Without a closed form, which begins at the data, every fit begins at the one that is known, if any. It costs less
+    than the fit that it is a hint for: a few fits of some of the bins, each beginning at the last.
     """
     begin = fitted if closed_form(structure) is None else None
-    base = _cost(structure, bins, begin)
+    base, _ = _least(structure, bins, begin)
     parts, least = [], {}
     for kind in ("lag", "delay"):
-        costs = [_cost(structure, _late(bins, kind, late_s), begin) for late_s in LATENESS_S]
-        late_s = LATENESS_S[int(np.argmin(costs))]
-        least[kind] = min(costs)
-        lifted = estimate(structure, _late(bins, kind, late_s), begin, weights="constant").error.nrmse_percent
+        late_s, cost, model = _least_late(structure, bins, kind, begin)
+        least[kind] = cost
+        late = _late(bins, kind, late_s).stacks
+        lifted = output_error(_settled(model, late)[0], late).nrmse_percent
         parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to {_percent(structure.outputs, lifted)}")
     if min(least.values()) > base + np.log(0.7):
         return None
@@ -270,18 +283,43 @@ def lateness(structure: Structure, bins: Bins, fitted: Model | None = None) -> s
     return f"something is late between command and rate: {', '.join(parts)}; {verdict}"
 
 
+def _least_late(structure: Structure, bins: Bins, kind: str, begin: Model | None) -> tuple[float, float, Model]:
+    """The lateness of the least cost, s, found by steps to either side from the middle; the cost, and its model."""
+    found: dict[int, tuple[float, Model]] = {}
+
+    def cost(at: int) -> float:
+        if not 0 <= at < len(LATENESS_S):
+            return np.inf
+        if at not in found:
+            near = found[min(found, key=lambda other: abs(other - at))][1] if found else begin
+            start_at = begin if begin is None else near
+            found[at] = _least(structure, _late(bins, kind, LATENESS_S[at]), start_at)
+        return found[at][0]
+
+    at = len(LATENESS_S) // 2
+    while cost(better := min((at - 1, at + 1), key=cost)) < cost(at):
+        at = better
+    return LATENESS_S[at], *found[at]
+
+
 def _percent(outputs: Sequence[str], nrmse: FloatArray) -> str:
     """`p 92 / q 88 %`."""
     return " / ".join(f"{name} {value:.0f}" for name, value in zip(outputs, nrmse, strict=True)) + " %"
 
 
-def _cost(structure: Structure, bins: Bins, begin: Model | None) -> float:
-    """The least cost of a bare base, judged on some of the bins: it is compared with others of these bins only."""
+def _least(structure: Structure, bins: Bins, begin: Model | None) -> tuple[float, Model]:
+    """The least cost of a bare base, judged on some of the bins, as what it is compared with; and its model."""
     stacks = [group.thinned(START_THINNING) for group in bins.stacks]
     if begin is not None:
-        return float(np.sum(np.log(minimise(begin, stacks, output_error(begin, stacks).residual_power)[1])))
+        best, power = _settled(begin, stacks)
+        return float(np.sum(np.log(power))), best
     best = start(structure, stacks, thorough=False)
-    return float(np.sum(np.log(output_error(best, stacks).residual_power)))
+    return float(np.sum(np.log(output_error(best, stacks).residual_power))), best
+
+
+def _settled(begin: Model, stacks: Sequence[Stack]) -> tuple[Model, FloatArray]:
+    """As good as a hint has to be."""
+    return minimise(begin, stacks, output_error(begin, stacks).residual_power, tolerance=HINT_TOLERANCE)
 
 
 def _late(bins: Bins, kind: str, late_s: float) -> Bins:

@@ -33,8 +33,9 @@ SURE = 5.0
 """Standard errors."""
 LITTLE_S, LIKELY = 3e-4, 3.0
 """The same where a loop that nobody told of may have done it."""
-SHORTEST = 0.02
-"""Of a log's sample, that a loop holds commands at least."""
+SHORTEST_S = 1e-3
+"""That a loop holds commands, at least: a shorter hold would move them by half a millisecond at most, which no log so
+slow tells, and what acts on samples is simulated on the loop's."""
 SLOW_S = 1 / 220
 """Samples of a log that no loop of a flying vehicle is likely to share."""
 THINNED = 1.25
@@ -125,7 +126,7 @@ def loop_held_s(model: Model, runs: Dataset, fixed: Mapping[str, float] | None =
 
 
 def _loop_s(sample_s: float, held_s: float, early_s: float) -> float:
-    return min(max(held_s - 2 * early_s, SHORTEST * sample_s), sample_s)
+    return min(max(held_s - 2 * early_s, SHORTEST_S), sample_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,10 +139,11 @@ def held_stable(
                 return np.concatenate(parts)
 
             try:
-                moved = least_squares(residuals, values[loose], x_scale=scale, max_nfev=40).x
+                with np.errstate(all="ignore"):  # a step too far has no response: it is taken back
+                    moved = least_squares(residuals, values[loose], x_scale=scale, max_nfev=40).x
                 values = values.copy()
                 values[loose] = moved
-            except np.linalg.LinAlgError:
+            except (np.linalg.LinAlgError, ValueError):  # of slopes that are not finite
                 break  # a step led to where there is no response
         else:
             model = Model(structure, values)

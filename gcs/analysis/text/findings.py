@@ -110,11 +110,10 @@ def suspicion_text(suspicion: Suspicion) -> str:
                 f"the commands do not follow what was added to them: {moves}; check their signs and axes in the profile"
             )
         case WrongSigns(answers, logged):
-            gusts = "" if logged else " (or gusts through the feedback look so: the excitation is not logged)"
             moves = _moves(answers, CYCLIC, RATES)
             return (
-                f"the slow answers have the wrong signs ({moves}): as if {_looks(answers)}; "
-                f"check the profile first{gusts}"
+                f"the {'slow' if logged else 'fast'} answers have the wrong signs ({moves}): as if {_looks(answers)}; "
+                "check the profile first"
             )
         case Mixed():
             return _mixed(suspicion)

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAMETERS, Identification, Judgement
+from gcs.analysis.ladder import rung_names
 from gcs.analysis.text.blocks import wrapped
 from gcs.analysis.text.checks import check_text, checks_document
 from sysid.compare.metrics import GOOD_COST, Mismatches
@@ -180,12 +181,12 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
         named = ", ".join(Path(one).name for one in structure.outside_matrices)
         lines += wrapped(f"not in them, for it acts on the commands before: {named}", "  ", "  ")
     if not fit.stable:
-        lines.append("  unstable: see the warnings")
+        lines.append("  not stable: see the warnings")
     lines += ["", *_parameters(fit)]
     if len(fit.lineage) > 1:
         lines += ["", f"{'ladder':28}{''.join(f'{name:>9} ' for name in structure.outputs)}".rstrip()]
-        for rung in fit.lineage:
-            name = structure.base_.label if not rung.effects else f"+ {Path(rung.effects[-1]).name}"
+        names = rung_names(structure.base_, [rung.effects for rung in fit.lineage])
+        for name, rung in zip(names, fit.lineage, strict=True):
             lines.append(f"  {name:26} {'  '.join(f'{value:8.1f}' for value in rung.nrmse_percent.values())}")
     if responses is not None:
         lines += ["", responses_text(responses)]

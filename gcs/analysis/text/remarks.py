@@ -54,10 +54,11 @@ def _text(remark: Remark) -> str:
             return f"stopped after {questions} questions"
         case LittleLeft(points):
             return f"chains of two were not searched: at most {_tenths_up(points)} points of NRMSE are left"
-        case BudgetSpent(chains, firsts):
+        case BudgetSpent(chains, firsts, interrupted):
             pairs = [" + ".join(Path(name).name for name in one) for one in chains]
             beside = [f"all beside {Path(name).name}" for name in firsts]
-            return f"chains of two not tried, because they cost much and promised less: {listed([*pairs, *beside])}"
+            why = "the search was interrupted" if interrupted else "they cost much and promised less"
+            return f"chains of two not tried, because {why}: {listed([*pairs, *beside])}"
         case InALoop(effects, pole):
             named = f" with {listed(effects)}" if effects else ""
             return (

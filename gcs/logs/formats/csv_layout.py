@@ -86,7 +86,7 @@ def layout_of(raw: bytes, path: str) -> Layout:
     lines = _Lines(text)
     heading = _header_line(lines, _top(lines, path, padding), path)
     header = tuple(printable(name.strip()) for name in _split(heading.line, heading.separator, path, heading.number))
-    if len(header) > 1 and not header[-1]:
+    if len(header) > 1 and not header[-1] and not _fills_last(lines.ahead(SAMPLE), heading.separator, len(header)):
         header = header[:-1]
     _check(header, path, heading.number)
     names, units = _names_and_units(header)
@@ -96,6 +96,9 @@ def layout_of(raw: bytes, path: str) -> Layout:
     if not body.strip():
         raise TippathError(f"{path}, line {heading.number}: a header and no rows; the log has no samples")
     body, mixed, hints = _decimals(body, heading.separator)
+    nameless = [str(place + 1) for place, name in enumerate(header) if place and not name]
+    if nameless:
+        hints.append(f"without a name, and not used: column {', '.join(nameless)}")
     return Layout(
         path=path,
         header=header,
@@ -316,10 +319,19 @@ def _split(line: str, separator: str, path: str, number: int) -> list[str]:
 def _check(header: Sequence[str], path: str, number: int) -> None:
     where = f"{path}, line {number}"
     for place, name in enumerate(header):
-        if not name and place:  # the first is the row number of many programs
+        if not name and place and any(header[place:]):  # the first is the row number of many programs
             raise TippathError(f"{where}, column {place + 1}: no name in the header; name it or remove the column")
         if name and name in header[:place]:
             raise TippathError(f"{where}, column {place + 1}: {name[:SHOWN]!r} stands twice in the header; rename one")
+
+
+def _fills_last(sample: Sequence[str], separator: str, columns: int) -> bool:
+    """Whether rows have something in the last of so many columns."""
+    try:
+        rows = [cells(line, separator) for line in sample]
+    except csv.Error:
+        return False
+    return any(len(row) == columns and row[-1].strip() for row in rows)
 
 
 def _units_row(line: str, separator: str, columns: int) -> list[str] | None:

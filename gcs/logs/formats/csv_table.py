@@ -53,8 +53,18 @@ class CsvTable:
         return tuple(name for name in self.file.header if name)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of the columns, without the units behind them."""
+        return tuple(name for name in self.file.layout.names if name)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """The first time and the last."""
+        return float(self._t[0]), float(self._t[-1])
+
+    @property
     def sampled_s(self) -> float:
-        return float(self._t[-1] - self._t[0])
+        return self.span_s[1] - self.span_s[0]
 
     def texts(self) -> Sequence[tuple[float, str]]:
         return ()

@@ -55,7 +55,7 @@ class Log(Protocol):
 
     @property
     def kind(self) -> str:
-        """`dataflash`, `ulog`, `tlog`, or one of `TABLES`."""
+        """`dataflash`, `ulog`, `tlog`, `blackbox`, `crazyflie`, `paparazzi`, or one of `TABLES`."""
 
     @property
     def sampled_s(self) -> float:

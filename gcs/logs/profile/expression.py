@@ -1,7 +1,8 @@
 """Arithmetic on fields, as profiles write it: `(-m1*m1 + m3*m3) / 2 / 65535**2`, `SIDD.Targ * (SIDS.Ax == 10)`.
 
 The text is parsed by Python's own grammar and only numbers, field names, + - * / // % **, signs, comparisons of two
-sides and `pi` are accepted; everything else is refused by name. Nothing is ever handed to `eval`.
+sides, `pi` and the functions of `FUNCTIONS` are accepted; everything else is refused by name. Nothing is ever handed to
+`eval`.
 """
 
 from __future__ import annotations
@@ -37,6 +38,15 @@ _COMPARE: Mapping[type[ast.cmpop], Callable[[FloatArray, FloatArray], NDArray[np
     ast.Gt: np.greater,
     ast.GtE: np.greater_equal,
 }
+
+FUNCTIONS: Mapping[str, tuple[int, Callable[..., FloatArray]]] = {
+    "min": (2, np.minimum),
+    "max": (2, np.maximum),
+    "abs": (1, np.abs),
+    "clip": (3, np.clip),
+    "sqrt": (1, np.sqrt),
+}
+"""Name -> how many values it takes, and what makes one of them: `clip(x, low, high)`."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +100,20 @@ def _check(node: ast.expr, text: str, fields: dict[str, None]) -> None:
         case ast.UnaryOp(op=ast.UAdd() | ast.USub(), operand=operand):
             _check(operand, text, fields)
             return
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
+            count = FUNCTIONS[name][0]
+            if len(args) != count:
+                raise TippathError(f"source {text!r}: {name} takes {count} value{'s' * (count > 1)}, not {len(args)}")
+            for each in args:
+                _check(each, text, fields)
+            return
         case ast.Name() | ast.Attribute() | ast.Subscript() if _is_field(node):
             if not (isinstance(node, ast.Name) and node.id == "pi"):
                 fields[ast.unparse(node)] = None
             return
     raise TippathError(
         f"source {text!r}: {type(node).__name__.lower()} is not allowed; "
-        "only + - * / // % **, comparisons, numbers, pi and field names such as m1 or RATE.R"
+        f"only + - * / // % **, comparisons, {', '.join(FUNCTIONS)}, numbers, pi and field names such as m1 or RATE.R"
     )
 
 
@@ -126,5 +143,7 @@ def _evaluate(node: ast.expr, values: Mapping[str, FloatArray]) -> FloatArray:
         case ast.UnaryOp(op=op, operand=operand):
             value = _evaluate(operand, values)
             return np.negative(value) if isinstance(op, ast.USub) else value
+        case ast.Call(func=ast.Name(id=name), args=args):
+            return FUNCTIONS[name][1](*(_evaluate(each, values) for each in args))
     key = ast.unparse(node)
     return np.asarray(math.pi) if key == "pi" and key not in values else values[key]

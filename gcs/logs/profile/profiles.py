@@ -31,7 +31,7 @@ from sysid.data.airframe import Airframe
 from sysid.data.chirp import Law
 from sysid.data.record import CHANNELS
 
-Kind = Literal["dataflash", "ulog", "tlog", "csv", "mat", "mcap", "parquet"]
+Kind = Literal["dataflash", "ulog", "tlog", "csv", "blackbox", "crazyflie", "paparazzi", "mat", "mcap", "parquet"]
 Maneuver = Literal["chirp", "doublet", "quiet", "unknown"]
 Axis = Literal["roll", "pitch", "elevator"]
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 from gcs.logs.formats.tables import TABLES
+from gcs.logs.profile.by_values import BY_VALUES, FloatArray, Guess, command_guess, rate_guess, time_guess
 from gcs.logs.profile.profiles import ChannelSource
 from gcs.logs.profile.units import factor
 from gcs.logs.words import printable
@@ -34,6 +36,8 @@ def _rates(letter: str, axis: str, name: str) -> tuple[str, ...]:
         rf"(angular_velocity|gyro\w*)\.\w+\[{index}\]$",
         rf"{name}speed$",
         rf"(angular_velocity|gyro\w*)\.{axis}$",
+        rf"(^|[ ._])gyro\w*\[{index}\]$",
+        rf"(^|[ ._])r_{name}$",
     )
 
 
@@ -45,6 +49,8 @@ def _commands(name: str, letter: str, other: str, index: int) -> tuple[str, ...]
         rf"(^|[ ._])({other})([ ._]?{_CONTROL})?$",
         rf"(torque_setpoint|actuator_controls_0)\.(xyz|control)\[{index}\]$",
         rf"^u[ ._]?{index + 1}$",
+        rf"^axissum\[{index}\]$",
+        rf"^axisp\[{index}\]$",
     )
 
 
@@ -60,6 +66,7 @@ GUESSES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 _WANTED = re.compile(r"des(ired)?$|[ ._]sp$|rate_?setpoint|target|[ ._]ref$")
 _MOTORS = re.compile(r"^(?:m|motors?[ ._]?|pwm[ ._]?|mot[ ._]?)([1-4])$")
+_PID_SUMS = re.compile(r"axis(sum|p)\[\d\]$")
 _TIMES = (
     (re.compile(r"(time|stamp|^t)\w*_?(us|usec|micros)$|^(micros|timeus)$"), 1e-6),
     (re.compile(r"(time|stamp|^t)\w*_?(ms|msec|millis)$|^(millis|timems)$"), 1e-3),
@@ -67,10 +74,19 @@ _TIMES = (
     (re.compile(r"^(t|time|time_?s|seconds|secs?|elapsed)$"), 1.0),
     (re.compile(r"^timestamp$"), 1e-6),
     (re.compile(r"time|stamp"), 1.0),
+    (re.compile(r"(^|[ ._])ticks?$"), 1e-3),
 )
 _UNIT = re.compile(r"^(.*?\S)\s*[\[(](?!\d+[\])])([^\[\]()]*)[\])]$")
 _DEGREES = re.compile(r"deg|dps|°")
 _IN_DEGREES = ("RATE.", "SIDD.", "PIDR.", "PIDP.", "PIDY.")
+
+
+Values = Callable[[str], FloatArray | None]
+"""The values of a field, shape (n,); None where they cannot be read."""
+
+
+Proposed = tuple[str, ChannelSource, str]
+"""A field or arithmetic, how it becomes a channel, and why."""
 
 
 def propose(
@@ -78,19 +94,22 @@ def propose(
     kind: str,
     found: Mapping[str, ChannelSource],
     time: tuple[str | None, float | None] = (None, None),
+    values: Values | None = None,
 ) -> str:
     """TOML text of a profile for a log with these fields.
 
     found: channel -> where it came from, for those that were found; they stay as they are. time: source and scale, as
-    the profile in use has them.
+    the profile in use has them. values: of a field, by which scales are guessed that no name tells.
     """
     lines = ["# save as mine.toml, correct it, and name it: --profile mine.toml", 'name = "mine"', ""]
-    lines += _time(fields, kind, time)
+    looked = values or _unseen
+    lines += _time(fields, kind, time, looked)
+    guesses = _of_one_gyro({channel: _guess(channel, fields, looked) for channel in (*REQUIRED[1:], "r", "omega")})
     for channel in dict.fromkeys((*REQUIRED[1:], *found, "r", "omega")):
         if channel in found:
             lines += _entry(channel, found[channel].sources[0], found[channel], "found")
             continue
-        guess = _guess(channel, fields)
+        guess = guesses.get(channel)
         if guess is not None:
             lines += _entry(channel, *guess)
         elif channel in REQUIRED:
@@ -102,8 +121,27 @@ def propose(
     return "\n".join(lines)
 
 
-def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None]) -> list[str]:
+def _of_one_gyro(guesses: Mapping[str, Proposed | None]) -> dict[str, Proposed | None]:
+    """The guesses, all rates in the unit of the one that moved most: slow deg/s look like rad/s."""
+    told = [guess for name in ("p", "q", "r") if (guess := guesses[name]) is not None and BY_VALUES in guess[2]]
+    if all(guess[1].scale == 1.0 for guess in told):
+        return dict(guesses)
+    field, source, why = next(guess for guess in told if guess[1].scale != 1.0)
+    return {
+        name: (one[0], replace(one[1], scale=source.scale), f"{why}, as {field}" if one[0] != field else why)
+        if one in told
+        else one
+        for name, one in guesses.items()
+    }
+
+
+def _unseen(field: str) -> None:
+    return None
+
+
+def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None], values: Values) -> list[str]:
     source, scale = time
+    why = "to seconds"
     if kind not in TABLES and source is None:
         return ["# time: the log's own clock, no [time] needed", ""]
     if source is None or source not in (*fields, *(_plain(name) for name in fields)):
@@ -112,15 +150,18 @@ def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None
             return ["[time]   # no name in this log looks like it", 'source = "TIME_COLUMN"', "scale = 1.0", ""]
         source, scale = guess
         written = factor("t", _unit(source))
-        scale = scale if not _unit(source) or written is None else written
-    return ["[time]", f"source = {_quoted(source)}", f"scale = {scale or 1.0:.12g}   # to seconds", ""]
+        if _unit(source) and written is not None:
+            scale = written
+        elif (column := values(source)) is not None and (told := time_guess(column)) is not None:
+            scale, why = told.scale, f"to seconds; guessed: {told.why}"
+    return ["[time]", f"source = {_quoted(source)}", f"scale = {scale or 1.0:.12g}   # {why}", ""]
 
 
-def _guess(channel: str, fields: Sequence[str]) -> tuple[str, ChannelSource, str] | None:
+def _guess(channel: str, fields: Sequence[str], values: Values) -> Proposed | None:
     same = next((field for field in fields if _plain(field) == channel), None)
     if same is not None:
-        scale, why = _scale(channel, same)
-        return same, ChannelSource(channel, (same,), scale), f"by its name; {why}"
+        told = _scale(channel, same, values)
+        return same, ChannelSource(channel, (same,), told.scale, told.offset), f"by its name; {told.why}"
     for pattern in GUESSES.get(channel, ()):
         for field in fields:
             name = _plain(field).lower()
@@ -130,8 +171,9 @@ def _guess(channel: str, fields: Sequence[str]) -> tuple[str, ChannelSource, str
                 else name
             )
             if re.search(pattern, name) and not _WANTED.search(name):
-                scale, why = _scale(channel, field)
-                return field, ChannelSource(channel, (field,), scale), f"guessed by name: check the sign; {why}"
+                told = _scale(channel, field, values)
+                source = ChannelSource(channel, (field,), told.scale, told.offset)
+                return field, source, f"guessed by name: check the sign; {told.why}"
     motors = {match[1]: field for field in fields if (match := _MOTORS.match(_plain(field).lower()))}
     if channel in ("delta_x", "delta_y") and len(motors) == 4 and all(m.isidentifier() for m in motors.values()):
         m1, m2, m3, m4 = (motors[number] for number in "1234")
@@ -145,17 +187,27 @@ def _has_unit(name: str) -> bool:
     return re.search(r"(deg|rad|°)[ ._/]?(per[ ._]?)?(s|sec)$|dps$", name) is not None
 
 
-def _scale(channel: str, field: str) -> tuple[float, str]:
+def _scale(channel: str, field: str, values: Values) -> Guess:
+    """By the unit behind the name, by the name, or by the values."""
     unit = CHANNELS[channel]
     written = _unit(field)
     if written:
         known = factor(channel, written)
-        return (1.0, f"unit {written} not known, in {unit}?") if known is None else (known, f"{written} to {unit}")
+        return (
+            Guess(1.0, f"unit {written} not known, in {unit}?")
+            if known is None
+            else Guess(known, f"{written} to {unit}")
+        )
     if channel == "omega":
-        return (math.tau / 60, "1/min to rad/s") if "rpm" in field.lower() else (1.0, "in rad/s?")
+        return Guess(math.tau / 60, "1/min to rad/s") if "rpm" in field.lower() else Guess(1.0, "in rad/s?")
     if unit == "rad/s" and (_DEGREES.search(field.lower()) or field.startswith(_IN_DEGREES)):
-        return math.pi / 180, "deg/s to rad/s"
-    return 1.0, f"in {unit}?"
+        return Guess(math.pi / 180, "deg/s to rad/s")
+    if _PID_SUMS.match(field.lower()):
+        return Guess(1 / 500, "Betaflight's PID sums, 500 for full command")
+    by_values = {"rad/s": rate_guess, "-1..1": command_guess}.get(unit)
+    column = None if by_values is None else values(field)
+    told = None if by_values is None or column is None else by_values(column)
+    return told or Guess(1.0, f"in {unit}?")
 
 
 def _entry(channel: str, text: str, source: ChannelSource, why: str) -> list[str]:

@@ -23,6 +23,7 @@ from gcs.logs.runs.health import F_HIGH_HZ, Health
 from gcs.logs.runs.loop import TOLD, held, loop_of
 from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
+from gcs.vehicle.sweeps import ANY, ARDUPILOT, how_to_sweep
 from sysid.data.chirp import with_excitation
 from sysid.data.record import Record, RecordError
 
@@ -91,6 +92,7 @@ class Cutting:
             maneuver_s=duration_s,
             slow_channels=mapped.spacing_s,
             f_high_hz=self.f_high_hz,
+            sweep=how_to_sweep(self.profile.name, self.log.kind),
         )
         checked = self._with_the_log(checked, mapped.sources, (start, stop), span, others)
         beside = (
@@ -234,7 +236,8 @@ def of_record(
         mark, window = window.mark, window.after(float(record.t[0]))
     if window is not None:
         record = replace(record.window(*window), id=record.id + mark)
-    checked = health.check(record, f_high_hz=f_high_hz)
+    vehicles_own = record.rate_source.isupper()  # a kind of message, as ArduPilot and MAVLink name them
+    checked = health.check(record, f_high_hz=f_high_hz, sweep=ARDUPILOT if vehicles_own else ANY)
     thinned = held(record, checked.rate_hz)
     record = replace(record, notes=_each_once(*record.notes, *checked.notes, *([] if thinned is None else [thinned])))
     return Run(

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.logs.formats.tables import FloatArray, stretches
+from gcs.logs.profile.by_values import LIKELY_HZ, TIMES
 from gcs.logs.profile.mapping import FASTEST_RAD_S
+from gcs.logs.runs.clipped import clipped_words, times_clipped
 from gcs.logs.runs.latency import Latency
 from gcs.logs.runs.spectra import COMMAND_RMS, Coherent, Spectra, spectra, strength
+from gcs.vehicle.sweeps import ANY
 from sysid.data.preprocess import DEFAULT_BAND_HZ, MINIMUM_SEGMENT_S, gap_places, rate_hz
 from sysid.data.record import CHANNELS, RATES, Record
 
@@ -27,12 +29,10 @@ SHORTEST_PIECE_S = MINIMUM_SEGMENT_S
 SHORTEST_RUN_S = 5.0
 RATE_RMS = 0.01  # rad/s: less is gyro noise on the bench
 COMMAND_LIMIT = 1.05
+BEYOND_REASON = 0.1
+"""Share of samples beyond it that no mixer is asked for: the scale is wrong."""
 SATURATED = 0.999
 SATURATED_NOTE, SATURATED_REASON = 0.002, 0.1  # shares of the samples
-CLIPPED_SAMPLES = 5
-FULL_SCALES = tuple(math.radians(scale) for scale in (125, 250, 500, 1000, 2000, 4000))
-"""What gyros are set to, rad/s."""
-FULL_SCALE_WITHIN = 0.02
 JITTER_NOTE = 0.3
 """Standard deviation of the spacing over its median. A sound log has 0.01 to 0.05, one that skips every tenth sample
 0.3; the stamps are right all the same, so it is no reason."""
@@ -48,11 +48,10 @@ MOST_OF_IT = 0.8
 """Of a run, in one piece."""
 LOWEST_BAND_HZ = 3
 """A fit of less of a hovering vehicle's band tells little."""
+BAND_FROM_HZ = 0.3
+"""Where a band begins that is named to the user: below it pilots and controllers show more than the vehicle."""
 
-SWEEP = "fly a chirp: tippath sweep --connect LINK --axis roll, then pitch (and elevator in forward flight)"
-LIKELY_HZ = (40.0, 5000.0)  # what vehicles log their rates at
 TELEMETRY = ("ATTITUDE", "ATTITUDE_QUATERNION", "HIGHRES_IMU", "SCALED_IMU", "SCALED_IMU2", "RAW_IMU")
-UNITS_OF_TIME = (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9))
 
 
 @dataclass(frozen=True)
@@ -81,6 +80,8 @@ class Health:
     """Command channel -> share of samples at full command, where there are any."""
     usable: bool
     reasons: tuple[str, ...] = field(default=())
+    usable_to_hz: int | None = None
+    """Up to which frequency it is usable, where it is not up to the one asked for but would be up to a lower one."""
     notes: tuple[str, ...] = field(default=())
     jitter: float = 0.0
     """Standard deviation over median of the spacing outside gaps."""
@@ -144,6 +145,7 @@ class _Measured:
     planned_s: float | None
     maneuver_s: float | None
     slow_channels: Mapping[str, float]
+    sweep: str
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:
@@ -191,33 +193,34 @@ def check(
     maneuver_s: float | None = None,
     slow_channels: Mapping[str, float] | None = None,
     f_high_hz: float = F_HIGH_HZ,
+    sweep: str = ANY,
 ) -> Health:
     """Check one record.
 
     planned_s and maneuver_s: how long the maneuver was to last and lasted, where known. slow_channels: median spacing
-    of the fields behind channels that were logged more slowly than the rates.
+    of the fields behind channels that were logged more slowly than the rates. sweep: how a chirp is flown with what
+    logged it.
     """
-    spacing_s = np.diff(record.t)
-    at = gap_places(spacing_s, f_high_hz)
-    edges = np.concatenate(([0], at, [record.t.size]))
-    inside_s = np.delete(spacing_s, at - 1)
+    edges, rate = _pieces(record, f_high_hz)
+    inside_s = np.delete(np.diff(record.t), edges[1:-1] - 1)
     excitation = strength(record, f_high_hz)
     commands = tuple(name for name in ("delta_x", "delta_y", "delta_e") if name in record.channels)
     saturated = {name: float(np.mean(np.abs(record.channels[name]) >= SATURATED)) for name in commands}
     run = _Measured(
         record=record,
         f_high_hz=f_high_hz,
-        rate_hz=rate_hz(record.t, [(float(record.t[i - 1]), float(record.t[i])) for i in at.tolist()]),
+        rate_hz=rate,
         edges=edges,
         jitter=float(np.std(inside_s) / np.median(inside_s)) if inside_s.size else 0.0,
         excitation=excitation,
         commands=commands,
         saturated={name: share for name, share in saturated.items() if share > 0},
-        clipped={name: times for name in RATES if (times := _clipped(record.channels[name])) > 0},
+        clipped={name: times for name in RATES if (times := times_clipped(record.channels[name])) > 0},
         spectra=spectra(record, excitation, edges, f_high_hz),
         planned_s=planned_s,
         maneuver_s=maneuver_s,
         slow_channels=slow_channels or {},
+        sweep=sweep,
     )
     findings = [finding for checked in CHECKS for finding in checked(run)]
     reasons = tuple(finding.text for finding in findings if finding.reason)
@@ -230,6 +233,7 @@ def check(
         saturated_share=run.saturated,
         usable=not reasons,
         reasons=reasons,
+        usable_to_hz=_usable_to_hz(run) if reasons else None,
         notes=tuple(finding.text for finding in findings if not finding.reason),
         jitter=run.jitter,
         clipped=run.clipped,
@@ -238,6 +242,32 @@ def check(
         input_correlation=run.spectra.input_correlation,
         in_pieces=run.in_pieces,
     )
+
+
+def _pieces(record: Record, f_high_hz: float) -> tuple[NDArray[np.int64], float]:
+    """First sample of each piece without a gap and the one behind the last, and the rate outside the gaps, Hz."""
+    at = gap_places(np.diff(record.t), f_high_hz)
+    gaps = [(float(record.t[i - 1]), float(record.t[i])) for i in at.tolist()]
+    return np.concatenate(([0], at, [record.t.size])), rate_hz(record.t, gaps)
+
+
+def _usable_to_hz(run: _Measured) -> int | None:
+    """The frequency up to which a run that is not usable would be: the highest one that uses most of it, or any."""
+    if any(finding.reason for checked in CHECKS if checked not in BY_BAND for finding in checked(run)):
+        return None
+    below = []
+    for f_high_hz in range(math.ceil(run.f_high_hz) - 1, LOWEST_BAND_HZ - 1, -1):
+        edges, rate = _pieces(run.record, f_high_hz)
+        lower = replace(run, f_high_hz=f_high_hz, edges=edges, rate_hz=rate)
+        if not any(finding.reason for checked in BY_BAND for finding in checked(lower)):
+            below.append(lower)
+    enough = [lower for lower in below if lower.used_s >= MOST_OF_IT * run.record.duration_s]
+    return next((round(lower.f_high_hz) for lower in (*enough, *below)), None)
+
+
+def up_to_words(f_high_hz: int) -> str:
+    """`usable up to 10 Hz: --band 0.3:10`."""
+    return f"usable up to {f_high_hz} Hz: --band {BAND_FROM_HZ:g}:{f_high_hz}"
 
 
 # ------------------------------------------------------------------------------------------------ the checks
@@ -271,7 +301,7 @@ def _gyros(run: _Measured) -> Iterator[_Finding]:
                 f"{name} reaches {largest:.0f} rad/s: are these degrees? Give scale = 0.017453292519943295 in a profile"
             )
         elif name in run.clipped:
-            yield _note(_clipped_in_words(run.record, name, run.clipped[name]))
+            yield _note(clipped_words(run.record, name, run.clipped[name]))
 
 
 def _still_commands(run: _Measured) -> Iterator[_Finding]:
@@ -290,13 +320,19 @@ def _saturation(run: _Measured) -> Iterator[_Finding]:
     for name in run.commands:
         largest = float(np.abs(run.record.channels[name]).max())
         share = run.saturated.get(name, 0.0)
-        if largest > COMMAND_LIMIT:
+        beyond = int(np.count_nonzero(np.abs(run.record.channels[name]) > COMMAND_LIMIT))
+        if beyond > BEYOND_REASON * run.record.t.size:
             yield _Finding(
                 f"{name} reaches {largest:.4g}; commands are {CHANNELS[name]} of full command: "
                 "give a scale in a profile (--profile FILE.toml)"
             )
         elif share > SATURATED_REASON:
             yield _Finding(f"{name} is at full command in {100 * share:.0f} % of the samples: fly with less amplitude")
+        elif beyond:
+            yield _note(
+                f"{name} passes full command in {beyond} of {run.record.t.size} samples, by up to "
+                f"{largest - 1:.2g}: a mixer is asked so, what the actuators do is limited (servo_saturation)"
+            )
         elif share > SATURATED_NOTE:
             yield _note(f"{name} is at full command in {100 * share:.1f} % of the samples")
 
@@ -312,7 +348,7 @@ def _excitation(run: _Measured) -> Iterator[_Finding]:
             f"{axis} command {command:.2g} of full and rate {rate:.2g} rad/s rms"
             for axis, (command, rate) in run.excitation.items()
         )
-        yield _Finding(f"no excitation: {axes}; {SWEEP}")
+        yield _Finding(f"no excitation: {axes}; {run.sweep}")
 
 
 def _irregular_samples(run: _Measured) -> Iterator[_Finding]:
@@ -376,6 +412,9 @@ CHECKS: tuple[Callable[[_Measured], Iterator[_Finding]], ...] = (
 )
 """In the order in which reasons and notes are told."""
 
+BY_BAND = (_sample_rate, _slow_commands, _length)
+"""Those whose reasons depend on how high the band reaches."""
+
 
 def too_slow(kind: str, rate_hz: float, f_high_hz: float = F_HIGH_HZ) -> str | None:
     """Why rates from this kind of message at that rate are not enough; None where they are."""
@@ -418,14 +457,9 @@ def _no_piece_in_words(run: _Measured) -> str:
 
 def _without_gaps(run: _Measured) -> str:
     """What to do about a run with too many gaps."""
-    longest_s = max(stop - start for start, stop in run.gaps)
-    do = "log to a faster medium, or log less beside the rates"
     if run.record.rate_source in TELEMETRY:
-        do = "take the vehicle's own log instead of the telemetry"
-    below_hz = math.floor(1 / (4 * longest_s) * 0.999)
-    if below_hz < LOWEST_BAND_HZ or below_hz >= run.f_high_hz:
-        return do
-    return f"{do}; or use it up to {below_hz} Hz only, where gaps so short are none: --band 0:{below_hz}"
+        return "take the vehicle's own log instead of the telemetry"
+    return "log to a faster medium, or log less beside the rates"
 
 
 def _used_in_words(run: _Measured) -> str:
@@ -439,7 +473,7 @@ def _mistaken_time(record: Record, rate_hz: float) -> str | None:
     """Whether the times of a CSV look as if they were not seconds, and what to write then."""
     if record.rate_source != "csv":
         return None
-    for name, scale in UNITS_OF_TIME:
+    for name, scale in TIMES[1:]:
         if LIKELY_HZ[0] <= rate_hz / scale <= LIKELY_HZ[1]:
             return (
                 f"time goes on by {1 / rate_hz:g} from row to row, which would be {rate_hz:.3g} Hz: is it in {name}? "
@@ -447,25 +481,3 @@ def _mistaken_time(record: Record, rate_hz: float) -> str | None:
                 "(where it is in seconds, log faster)"
             )
     return None
-
-
-def _clipped_in_words(record: Record, name: str, times: int) -> str:
-    values = np.abs(record.channels[name])
-    largest = float(values.max())
-    when = float(record.t[int(np.argmax(values == largest))])
-    scale = next((full for full in FULL_SCALES if abs(largest - full) <= FULL_SCALE_WITHIN * full), None)
-    held = (
-        f"{name} stands at {'its largest value' if scale is None else 'full scale'}, {largest:.2f} rad/s, {times} times"
-    )
-    if scale is None:
-        return f"{held}, first at {when:.2f} s of the log: clipped?"
-    return f"{held}, first at {when:.2f} s of the log: clipped by the gyro's {math.degrees(scale):.0f} deg/s"
-
-
-def _clipped(values: FloatArray) -> int:
-    """How often the largest magnitude is held, for longer than values are held elsewhere (a slow field, repeated)."""
-    changes = 1 + int(np.count_nonzero(np.diff(values)))
-    long = CLIPPED_SAMPLES * max(1.0, values.size / changes)
-    size = np.abs(values)
-    top = size == size.max()
-    return sum(stop - start >= long for start, stop in stretches(top))

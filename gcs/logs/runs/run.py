@@ -80,3 +80,10 @@ class Run:
     """When the excitation mode was entered, in the log's own time, where the log tells."""
     verdict: str | None = None
     """What the flight's own verdict has against it, see `gcs.logs.runs.verdicts`; a reason then tells it."""
+
+    @property
+    def usable_to_hz(self) -> int | None:
+        """Up to which frequency it is usable, where nothing but a band that reaches too high stands against it."""
+        if self.usable or self.health is None or self.reasons != self.health.reasons:
+            return None
+        return self.health.usable_to_hz

@@ -20,11 +20,12 @@ from gcs.logs.profile.mapping import OutsideLog
 from gcs.logs.profile.profiles import Cut, Profile
 from gcs.logs.runs import excited, systemid, told
 from gcs.logs.runs.cutting import Cutting
-from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S, SWEEP
+from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S
 from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.settings import with_laws
 from gcs.logs.runs.span import Known, Span
 from gcs.vehicle.autopilots import SYSTEMID
+from gcs.vehicle.sweeps import how_to_sweep
 from sysid.data.chirp import Chirp
 
 CUT_WITHIN_S = 1.0
@@ -178,7 +179,7 @@ def _known(cut: Cut) -> Known | None:
 
 def _whole(log: Log, profile: Profile, window: AnyWindow | None) -> Span:
     """All of a log in which no maneuver was found, or of the window."""
-    reasons = (_no_maneuver(log),) if log.kind not in TABLES and window is None else ()
+    reasons = (_no_maneuver(log, profile),) if log.kind not in TABLES and window is None else ()
     whole = Span(start_s=-math.inf, stop_s=math.inf, first_s=-math.inf, last_s=math.inf, reasons=reasons)
     return _named(whole, excited.find(log, profile)) if log.kind in TABLES and not profile.cuts else whole
 
@@ -214,7 +215,7 @@ def _named(whole: Span, shown: Sequence[Span]) -> Span:
     )
 
 
-def _no_maneuver(log: Log) -> str:
+def _no_maneuver(log: Log, profile: Profile) -> str:
     if log.kind == "dataflash":
         entered = any(mode == SYSTEMID for _, mode in log.modes())
         what = "the log has no SIDS and no SIDD, " + (
@@ -222,9 +223,10 @@ def _no_maneuver(log: Log) -> str:
         )
     else:
         what = "neither flight modes nor texts tell of one"
+    sweep = how_to_sweep(profile.name, log.kind)
     return (
         f"no excitation maneuver: {what}, and the commands show no chirp; pilot and controller alone moved the "
-        f"commands, and their feedback cannot be told from the vehicle: {SWEEP}; or name a stretch that was "
+        f"commands, and their feedback cannot be told from the vehicle: {sweep}; or name a stretch that was "
         "flown as one: --window START:STOP"
     )
 

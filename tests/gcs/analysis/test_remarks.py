@@ -18,6 +18,10 @@ from sysid.diagnose.chains import BudgetSpent, LittleLeft
             "chains of two not tried, because they cost much and promised less: servo_lag + servo_deadband and all "
             "beside yaw_coupling",
         ),
+        (
+            BudgetSpent((("servo_lag", "servo_deadband"),), (), interrupted=True),
+            "chains of two not tried, because the search was interrupted: servo_lag + servo_deadband",
+        ),
     ],
 )
 def test_what_was_not_searched_in_words(finding: LittleLeft | BudgetSpent, text: str) -> None:

@@ -84,7 +84,7 @@ def at_the_stop(c: dict[str, np.ndarray]) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (still, ["no excitation", "tippath sweep"]),
+        (still, ["no excitation", "fly a chirp"]),
         (no_commands, ["neither delta_x nor delta_y", "profile"]),
         (dead_gyro, ["p never changes", "gyro"]),
         (degrees, ["degrees", "scale"]),

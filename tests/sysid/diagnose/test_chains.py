@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from planted import PLANTED, fly_many
@@ -82,6 +83,33 @@ def test_the_search_ends_with_its_budget_and_says_what_it_left_out(
     assert isinstance(found.unsearched, BudgetSpent)
     assert left_out(found.unsearched)
     assert found.to_json()["unsearched_chains"]["reason"] == "budget"
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    ("work", "pressed", "pairs"), [("refitted", 1, 0), ("score_effects", 1, 0), ("score_effects", 2, 1)]
+)
+def test_ctrl_c_ends_the_search_and_keeps_what_was_found(
+    flight: list[Record], monkeypatch: pytest.MonkeyPatch, work: str, pressed: int, pairs: int
+) -> None:
+    done, count = getattr(chains, work), 0
+
+    def interrupted(*args: Any) -> Any:
+        nonlocal count
+        count += 1
+        if count == pressed:
+            raise KeyboardInterrupt
+        return done(*args)
+
+    monkeypatch.setattr(chains, work, interrupted)
+    found = asked(flight)
+    assert count == pressed, "nothing more is tried"
+    assert len(found.pairs) == pairs
+    assert len([one for one in found.candidates if one.fit is not None]) >= 2
+    assert isinstance(found.unsearched, BudgetSpent)
+    assert found.unsearched.interrupted
+    assert found.to_json()["unsearched_chains"]["reason"] == "interrupted"
 
 
 def test_a_refit_is_dearer_where_more_has_to_be_simulated() -> None:

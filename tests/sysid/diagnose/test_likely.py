@@ -30,6 +30,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "misfit", lambda *_: 0.0)
     monkeypatch.setattr(likely, "promised", lambda *_: 0.0)
     monkeypatch.setattr(choice, "_unusual", lambda one: (bool(one.implausible), 0.0))
+    monkeypatch.setattr(Ranked, "names", property(lambda one: ("x",) * one.added))
 
 
 def refitted(name: str, behind: float = 0.0, direction: int = 0, **also: object) -> Ranked:

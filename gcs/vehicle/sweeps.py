@@ -1,0 +1,48 @@
+"""How a chirp is flown with the autopilot that wrote a log: what a hint tells where nothing was excited.
+
+By the name of the log's profile, where that is one of an autopilot, else by the kind of log. Sources: ArduPilot's mode
+SystemID; betaflight/betaflight pull requests 13105 and 15113; PX4's multicopter autotune, which has no sweep
+(PX4-Autopilot pull request 21857); paparazzi/paparazzi pull request 2374.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+AXES = "roll, then pitch (and elevator in forward flight)"
+ARDUPILOT = f"fly a chirp: tippath sweep --connect LINK --axis {AXES}"
+ANY = (
+    f"fly a chirp, a sine that goes from 0.5 to 10 Hz in 30 s or more, added to the command of {AXES}, and log what is "
+    "added (excitation_x, excitation_y)"
+)
+BETAFLIGHT = (
+    "fly a chirp: Betaflight 2025.12 or later, built with CHIRP, has a mode CHIRP (each switching on sweeps the next "
+    "axis); set debug_mode = CHIRP, chirp_frequency_end_deci_hz = 150, and log to the blackbox at 500 Hz or more"
+)
+PX4 = (
+    "PX4 has no chirp for multicopters: sweep the stick by hand, from one motion in 3 s to as fast as you can, 60 s of "
+    "roll, then 60 s of pitch, in Acro, with bit 3 of SDLOG_PROFILE set; its autotune (MC_AT_START) excites them, too"
+)
+CRAZYFLIE = (
+    f"a Crazyflie has no chirp of its own: add one to the command of {AXES} in an app of its firmware, and log the "
+    "command, what is added and the gyro with the uSD deck at 500 Hz or more"
+)
+PAPARAZZI = "fly a chirp: Paparazzi's module sys_id_chirp adds one to a command, and its message CHIRP tells the runs"
+BY_PROFILE: Mapping[str, str] = {
+    "arducopter": ARDUPILOT,
+    "blackbox_rotorflight": ANY,
+    "blackbox": BETAFLIGHT,
+    "crazyflie": CRAZYFLIE,
+    "quadrotor": CRAZYFLIE,
+    "paparazzi": PAPARAZZI,
+    "px4": PX4,
+    "tlog": ARDUPILOT,
+}
+"""The beginning of a bundled log profile's name -> what to do; the first that fits."""
+BY_KIND: Mapping[str, str] = {"dataflash": ARDUPILOT, "tlog": ARDUPILOT, "ulog": PX4}
+
+
+def how_to_sweep(profile: str, kind: str) -> str:
+    """For a log of this kind that was read by this profile."""
+    named = (words for name, words in BY_PROFILE.items() if profile == name or profile.startswith(f"{name}_"))
+    return next(named, BY_KIND.get(kind, ANY))
