@@ -20,6 +20,8 @@ HEADER = 128
 ORDERS: Mapping[bytes, Literal["<", ">"]] = {b"IM": "<", b"MI": ">"}
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """Type of an element -> numpy's, but for the order of bytes."""
+ENCODINGS = {"<": {17: "utf-16-le", 18: "utf-32-le"}, ">": {17: "utf-16-be", 18: "utf-32-be"}}
+"""Order of bytes -> type of an element -> how its texts are written; all else is UTF-8."""
 MATRIX, COMPRESSED = 14, 15
 CELL, STRUCT, OBJECT, CHARACTERS, SPARSE, FUNCTION, OPAQUE = 1, 2, 3, 4, 5, 16, 17
 NUMERIC = range(6, 16)
@@ -147,11 +149,10 @@ class _Reader:
     def _texts(self, element: _Element, shape: list[int]) -> np.ndarray:
         """Rows of characters as texts, without the blanks that fill them up; none where they are none."""
         if element.type in NUMBERS:
-            characters = "".join(chr(number) if number < 0xD800 else "?" for number in self._numbers(element).tolist())
+            numbers = (int(number) for number in np.nan_to_num(self._numbers(element), nan=-1).tolist())
+            characters = "".join(chr(number) if 0 <= number < 0xD800 else "?" for number in numbers)
         else:
-            encoding = {16: "utf-8", 17: "utf-16", 18: "utf-32"}.get(element.type, "utf-8")
-            suffix = "" if element.type == 16 else {"<": "-le", ">": "-be"}[self.order]
-            characters = bytes(element.data).decode(encoding + suffix, "replace")
+            characters = bytes(element.data).decode(ENCODINGS[self.order].get(element.type, "utf-8"), "replace")
         count = shape[0] if len(shape) == 2 and len(characters) == math.prod(shape) else 1
         return np.array([printable(characters[i::count]).rstrip() for i in range(count)], dtype=str)
 

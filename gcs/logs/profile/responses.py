@@ -47,7 +47,7 @@ CIFER = re.compile(rb"^!\s*INPUT\s*:", re.MULTILINE)
 FEWEST_NUMBERS = 0.5  # of the rows, so that a file is one of numbers at all
 LISTED = 8
 HEAD = 1 << 14
-"""Bytes that tell whether a CSV is one: a log may be large."""
+"""Bytes that tell whether a file is one: a log may be large."""
 
 
 class NoResponseError(Exception):
@@ -66,7 +66,7 @@ class _Pair:
 
 def of_csv(raw: bytes, path: str, table: ResponseTable | None) -> list[Response]:
     """Raises NoResponseError for what is no response, TippathError for one that cannot be read."""
-    if table is None and CIFER.search(raw):
+    if table is None and CIFER.search(raw[:HEAD]):
         pairs = list(_of_cifer(raw.decode("utf-8", "replace")))
         if not pairs:
             raise TippathError(f"{path}: names of a response and no row of it; write it again, whole")

@@ -222,7 +222,8 @@ def test_no_numbers_are_refused(saved: Saved) -> None:
 @pytest.mark.parametrize("first", range(0, 200, 50))
 def test_no_damage_is_a_traceback(saved: Saved, write: Callable[..., bytes], first: int) -> None:
     small = {name: values[:60] for name, values in flight().items()}
-    raw = write({**small, "s": {"inner": small}}, **({"compressed": first % 100 == 0} if write is v5 else {}))
+    texts = {"title": "hover, µ"} if write is v5 else {}
+    raw = write({**small, "s": {"inner": small}, **texts}, **({"compressed": first % 100 == 0} if write is v5 else {}))
     for seed in range(first, first + 50):
         chance = random.Random(seed)
         damaged = injure(raw[128:], chance, lambda chance: raw[128 : 128 + chance.randrange(200)], cut=True)
