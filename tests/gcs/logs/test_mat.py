@@ -144,10 +144,12 @@ def test_what_to_write_is_proposed(
     saved: Saved, write: Callable[..., bytes], capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = flight()
-    log = {"time": made["t"], "roll_rate": made["p"], "pitch_rate": made["q"], "x": made["delta_x"]}
+    sticks = np.column_stack([made["delta_x"], 2 + made["delta_y"]])
+    log = {"time": made["t"], "roll_rate": made["p"], "pitch_rate": made["q"], "in": sticks}
     assert main(["ingest", str(saved(write(log), "f.mat")), "--explain"]) == 1
     said = capsys.readouterr().out
     assert 'source = "roll_rate"' in said
+    assert "their lowest and highest values: in[0] -0.1..0.1, in[1] 1.9..2.1" in said
     assert '[time]\nsource = "time"' in said
 
 
