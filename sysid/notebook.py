@@ -23,7 +23,7 @@ from sysid.control.loop import Following, following
 from sysid.control.regulator import INPUT_COST, Gains, design
 from sysid.control.stability import ClosedLoop, closed_loop
 from sysid.data.preprocess import DEFAULT_BAND_HZ, spectra
-from sysid.data.record import CYCLIC, RATES, FloatArray, Record
+from sysid.data.record import CYCLIC, RATES, REQUIRED, FloatArray, Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.verdict import Diagnosis
 from sysid.errors import SysidError
@@ -124,8 +124,9 @@ def simulate(
 ) -> Record:
     """A run of the model alone, from rest: each command sample holds until the next; no gusts, no noise.
 
-    `t` (n,) is uniform, s; `commands` has (n,) for each of the model's inputs, and 0 for those it does not name. Raises
-    NotebookError for a model that is not linear or whose effects no matrix holds (delay, play, limits).
+    `t` (n,) is uniform, s; `commands` has (n,) for each of the model's inputs, and 0 for those it does not name; what a
+    model of one axis does not have stands still. Raises NotebookError for a model that is not linear or whose effects
+    no matrix holds (delay, play, limits).
     """
     structure = model.structure
     if not structure.linear or structure.outside_matrices:
@@ -138,7 +139,8 @@ def simulate(
     _, answer, _ = dlsim((*discretise(A, B, dt), C, D, dt), U.T)
     rates = dict(zip(structure.outputs, answer.T, strict=True))
     flown = dict(zip(structure.inputs, U, strict=True))
-    return make_record(name, {"t": time, **rates, **flown}, maneuver=maneuver)
+    still = dict.fromkeys(REQUIRED, np.zeros_like(time))
+    return make_record(name, {**still, "t": time, **rates, **flown}, maneuver=maneuver)
 
 
 def fit_model(

@@ -20,6 +20,7 @@ from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.data.dataset import Dataset, Runs, prepared
+from sysid.data.preprocess import RESPONSE
 from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft
@@ -315,16 +316,27 @@ def _behind(last: Candidate, answer: Diagnosis, users: Sequence[Effect]) -> Coul
 
 
 def _suggested(answer: Diagnosis, fit: Fit, runs: int) -> Suggestion | None:
+    """None for measured responses, too: most of the terms are not linear, and these know nothing else."""
+    if of_responses(answer):
+        return None
     structure = fit.model.structure
     with contextlib.suppress(SuggestionError):
         return suggest(answer.simple().terms, structure.title, runs)
     return None
 
 
+def of_responses(answer: Diagnosis) -> bool:
+    """Whether measured responses were asked: they tell of linear dynamics, and of no size of a command."""
+    return any(one.maneuver == RESPONSE for one in answer.parent.dataset.records)
+
+
 def _next(found: Diagnosis) -> NextManeuver | None:
-    """Between the winner and what the data cannot tell from it, or the best two; for an unknown, linear or not."""
+    """Between the winner and what the data cannot tell from it, or the best two; for an unknown, linear or not.
+
+    None for measured responses: nothing tells how large a command flew them.
+    """
     winner = found.winner
-    if found.verdict == "complete":
+    if found.verdict == "complete" or of_responses(found):
         return None
     if winner is None or winner.fit is None or (found.verdict == "unexplained" and not found.stands_in):
         return linear_or_not(found.parent, found.division)

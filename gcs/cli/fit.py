@@ -65,7 +65,8 @@ def add_parser(subparsers: Any) -> None:
         help="fit a model to runs",
         description="Fit the Tip-Path-Plane (tpp), Cylinder-Dynamics (cd) or another model to several runs together.",
         epilog="RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` "
-        "numbers them), or a record written by ingest. A CSV with columns t, p, q, delta_x, delta_y is one run.\n\n"
+        "numbers them), or a record written by ingest. A CSV with columns t, p, q, delta_x, delta_y is one run;\n"
+        "so is a measured frequency response of each command (CSV, .mat, .json of `tippath response`, CIFER's).\n\n"
         + _VEHICLE_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

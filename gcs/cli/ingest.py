@@ -52,6 +52,10 @@ what all names begin with); commands are brought onto the clock of the rates as 
 by the vehicle's clock, and it is read together with what FOLDER has of the flight; with --json "flight": {"matches":
 [{"label", "run", "off_s"}], "problem"}. A log of another boot has other times: that is said, and the exit status is 1.
 
+A file of frequency responses is a run for each command: .csv with columns frequency_hz or omega (rad/s), real and
+imaginary or db and deg, and coherence, bound_db, output, input where there are such; .mat of such arrays; the .json and
+.txt of `tippath response`. [response] of a profile names what is not told (input, output, columns).
+
 A flight.json beside a log is believed: a run that it says is to be flown again (aborted, link lost, limits left) is
 listed as not usable; `tippath fit LOG#n` takes it all the same.
 """
@@ -64,9 +68,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="list the runs in logs with their health; write records",
         description="List the runs in logs with their health; write records. Reads DataFlash .BIN and .log, ULog .ulg, "
         "telemetry .tlog, Betaflight's, INAV's and Rotorflight's blackbox (.bbl, .bfl, .TXT), the Crazyflie's uSD "
-        "card, Paparazzi's .log with .data, and .csv, whole or damaged. A folder is searched for them, and so are "
-        "those in it; of a flight folder its flight*.BIN are taken, with what `tippath fetch` brought of the same "
-        "flight, or that alone.",
+        "card, Paparazzi's .log with .data, .csv, MATLAB's .mat, MCAP of ROS 2 and .parquet, whole or damaged. A "
+        "folder is searched for them, and so are those in it; of a flight folder its flight*.BIN are taken, with what "
+        "`tippath fetch` brought of the same flight, or that alone.",
         epilog=_FORMAT_HELP,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

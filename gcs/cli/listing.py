@@ -10,6 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source
 from gcs.logs.formats.csv import CsvFile
@@ -318,6 +320,18 @@ def _scaled(text: str, source: Source, channel: str) -> str:
     return f"{scale:+.6g} * {shown}" + (f" {offset:+.6g}" if offset else "")
 
 
+def _spans(source: Source, values: Values | None) -> list[str]:
+    """The lowest and highest value of each column of a matrix: it has no name of its own to be known by."""
+    if values is None or source.kind not in ("mat", "parquet"):
+        return []
+    spans = [
+        f"{printable(name)} {np.nanmin(found):.3g}..{np.nanmax(found):.3g}"
+        for name in source.fields[:40]
+        if name.endswith("]") and (found := values(name)) is not None and found.size
+    ]
+    return [f"  their lowest and highest values: {', '.join(spans)}"] if spans else []
+
+
 def _to_write(source: Source, have: Mapping[str, str], values: Values | None = None) -> list[str]:
     """A profile to start from, and the fields there are to choose from."""
     fields = [printable(name) for name in source.fields]
@@ -331,6 +345,7 @@ def _to_write(source: Source, have: Mapping[str, str], values: Values | None = N
     time = (None, None) if source.profile is None else (source.profile.time_source, source.profile.time_scale)
     return [
         f"  fields of this log: {shown}",
+        *_spans(source, values),
         "  to take a channel from elsewhere, a profile to start from:",
         "",
         *propose(candidates, source.kind, found, time, values).splitlines(),

@@ -13,7 +13,19 @@ from functools import partial
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.logs.formats import blackbox, blackbox_csv, crazyflie, dataflash, dataflash_text, paparazzi, ulog
+from gcs.logs.formats import (
+    blackbox,
+    blackbox_csv,
+    crazyflie,
+    dataflash,
+    dataflash_text,
+    mat,
+    mcap,
+    paparazzi,
+    parquet,
+    ulog,
+)
+from gcs.logs.formats.arrays import ArrayLog, columns_of
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.csv_join import JoinedCsv, labels
 from gcs.logs.formats.csv_table import CsvLog, open_table
@@ -23,9 +35,9 @@ from gcs.logs.formats.dataflash_scan import HEAD
 from gcs.logs.formats.dataflash_table import DataFlashTables, MessageLog
 from gcs.logs.formats.joined import Joined
 from gcs.logs.formats.raw import unreadable
-from gcs.logs.formats.tables import Log
+from gcs.logs.formats.tables import FloatArray, Log
 from gcs.logs.formats.ulog_table import UlogTables
-from gcs.logs.profile.choice import choose, contract_profile
+from gcs.logs.profile.choice import choose, contract_profile, contract_profile_within
 from gcs.logs.profile.cuts import cuts_by_settings
 from gcs.logs.profile.profiles import Profile, bundled_profiles, named
 from gcs.logs.profile.sources import fields_in, fields_of
@@ -37,7 +49,8 @@ HEAD_BYTES = 64
 TLOG_MOTORS = "tlog_motors"
 READ = (
     "DataFlash .BIN and .log, ULog .ulg, telemetry .tlog, Betaflight's, INAV's and Rotorflight's blackbox (.bbl, .bfl, "
-    ".TXT), Crazyflie's uSD card, Paparazzi's .log and .data, CSV (.csv, .txt), and records (.npz) of tippath ingest -o"
+    ".TXT), Crazyflie's uSD card, Paparazzi's .log and .data, CSV (.csv, .txt), MATLAB .mat, MCAP of ROS 2 (.mcap), "
+    ".parquet, and records (.npz) of tippath ingest -o"
 )
 
 
@@ -404,6 +417,53 @@ def _csv_log(file: CsvFile, profile: Profile) -> CsvLog:
     return open_table(file, profile.time_source or "t", profile.time_scale or 1.0, list(needed), others)
 
 
+def _open_mat(path: Path, profile: Profile | None) -> Opened:
+    file = mat.read(path)
+    return _of_arrays(path, profile, "mat", columns_of(file.arrays), sha256=file.sha256, hints=mat.left_out(file))
+
+
+def _open_mcap(path: Path, profile: Profile | None) -> Opened:
+    file = mcap.read(path)
+    return _of_arrays(path, profile, "mcap", file.columns, sha256=file.sha256, hints=file.notes, damage=file.damage)
+
+
+def _open_parquet(path: Path, profile: Profile | None) -> Opened:
+    file = parquet.read(path)
+    return _of_arrays(path, profile, "parquet", file.columns, sha256=file.sha256)
+
+
+def _of_arrays(
+    path: Path,
+    profile: Profile | None,
+    kind: str,
+    columns: Mapping[str, FloatArray],
+    *,
+    sha256: str,
+    hints: tuple[str, ...] = (),
+    damage: Damage | None = None,
+) -> Opened:
+    """Named arrays by the profile asked for, or by the channels' own names."""
+    chosen = profile or contract_profile_within(columns, kind)
+    log = ArrayLog(path=str(path), kind=kind, columns=columns, time=chosen.time_source, scale=chosen.time_scale or 1.0)
+    cut, told = _cut((log,), chosen)
+    notes: tuple[str, ...] = ()
+    if not any(log.clock_of(name) for name in columns):
+        notes = (
+            f"no vector of times called {chosen.time_source} of as many samples as another array; name it in a "
+            "profile: [time] source = ..., scale = ...",
+        )
+    return Opened(
+        boots=(log,),
+        kind=kind,
+        sha256=sha256,
+        profile=chosen,
+        damage=damage,
+        notes=notes,
+        hints=(*hints, *told),
+        cut=cut,
+    )
+
+
 FORMATS = (
     Format("dataflash", (".bin",), _is_dataflash, _open_dataflash),
     Format("ulog", (".ulg",), ulog.is_ulog, _open_ulog),
@@ -413,5 +473,8 @@ FORMATS = (
     Format("blackbox", (), blackbox_csv.recognises, _open_decoded),
     Format("paparazzi", (".data",), paparazzi.recognises, _open_paparazzi),
     Format("crazyflie", (), crazyflie.recognises, _open_crazyflie),
+    Format("mat", (".mat",), mat.recognises, _open_mat),
+    Format("mcap", (".mcap",), mcap.recognises, _open_mcap),
+    Format("parquet", (".parquet",), parquet.recognises, _open_parquet),
     Format("csv", (".csv", ".txt"), _never, _open_csv),
 )

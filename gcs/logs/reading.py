@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
 import signal
@@ -16,12 +17,15 @@ from pathlib import Path
 from gcs.errors import TippathError
 from gcs.logs import cache, opening
 from gcs.logs.cache import Content
+from gcs.logs.formats import mat
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.raw import unreadable
 from gcs.logs.formats.tables import Log
 from gcs.logs.joining import open_joined
+from gcs.logs.profile import responses
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import cutting, runs
+from gcs.logs.runs import responses as of_responses
 from gcs.logs.runs.loop import TOLD
 from gcs.logs.runs.run import AnyWindow, Run
 from gcs.logs.source import Source
@@ -30,6 +34,8 @@ from sysid.data.record import Record, RecordError
 
 SIDE_BY_SIDE_BYTES = 64 << 20  # below it, starting processes costs more than they save
 MOST_PROCESSES = 8
+RESPONSES = (".csv", ".txt", ".mat", ".json")
+"""Endings of files that may hold frequency responses instead of a log."""
 
 
 @dataclass(frozen=True)
@@ -101,12 +107,41 @@ def _is_record(path: Path) -> bool:
         raise unreadable(path, error) from error
 
 
+def _of_responses(path: Path, how: Reading) -> Content | None:
+    """What a file of frequency responses holds; None for what is none. Raises TippathError."""
+    table = None if how.profile is None else how.profile.response
+    suffix = path.suffix.lower()
+    if suffix not in RESPONSES or not path.is_file():
+        return None
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    try:
+        if suffix == ".json":
+            found = responses.of_json(raw, str(path))
+        elif suffix == ".mat":
+            found = responses.of_mat(mat.read(path), str(path), table)
+        else:
+            found = responses.of_csv(raw, str(path), table)
+    except responses.NoResponseError:
+        return None
+    if how.window is not None:
+        raise TippathError(f"{path}: a frequency response has no seconds to cut: name a band, --band LOW:HIGH")
+    sha256 = hashlib.sha256(raw).hexdigest()
+    source = Source(path=str(path), sha256=sha256, kind="response", profile=how.profile)
+    return Content(source, of_responses.runs_of(found, printable(path.name), str(path), sha256))
+
+
 def read_as_one(paths: Sequence[Path], how: Reading) -> Content:
     """Several CSVs as one log, called after the first. Raises TippathError where they cannot be joined."""
     return _content(paths[0], opening.open_csvs(paths, how.profile), how)
 
 
 def _parse(path: Path, how: Reading) -> Content:
+    content = _of_responses(path, how)
+    if content is not None:
+        return content
     beside = how.beside.get(path, ())
     opened = open_joined(path, beside, how.profile) if beside else opening.open_log(path, how.profile)
     return _content(path, opened, how)

@@ -25,6 +25,8 @@ EVERY_LOOP = 0.8
 """Of a sample: a loop that takes longer was logged whole, but for a few samples."""
 DEFAULT_BAND_HZ = (0.0, 15.0)
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+RESPONSE = "response"
+"""The maneuver of a record that was made of a measured frequency response (`sysid.data.of_response`)."""
 
 
 def excitation_of(command: str) -> str:
@@ -267,6 +269,9 @@ def spectrum(
     from scipy.fft import rfft
 
     n, dt = segment.samples, segment.dt
+    swept = segment.record.swept_band_hz
+    if segment.record.maneuver == RESPONSE and swept is not None:  # nothing was measured beyond
+        band_hz = max(band_hz[0], swept[0] - 0.5 / (n * dt)), min(band_hz[1], swept[1])
     # the Nyquist bin is real and would count twice
     last = min(int(band_hz[1] * n * dt + 1e-9), (n - 1) // 2)
     first = max(1, int(band_hz[0] * n * dt + 1e-9) + 1)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.record import COMMANDS
+from sysid.data.record import COMMANDS, CYCLIC, RATES
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.terms import CONDITIONS, Entry, Expression, entries, expressions
 from sysid.fit.rows import rows
@@ -80,7 +80,8 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
     found, flown, imposed = _spectra(parent)
     at = [f"{name}_dot" for name in ("p", "q", "a", "b") if name in model.structure.states]
     # a measurement reaches the command of its own sample: there no past tells which was first
-    at += ["delta_x", "delta_y", *(() if on.beyond else ("p_m", "q_m"))]
+    at += [name for name in CYCLIC if name in model.structure.commands]
+    at += [f"{name}_m" for name in RATES if name in model.structure.states and not on.beyond]
     made = entries(found, at)
     place = {one: i for i, one in enumerate(found)}
 

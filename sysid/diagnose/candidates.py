@@ -16,6 +16,7 @@ from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.term_search import Selection
 from sysid.errors import FitError
+from sysid.fit.identify import beyond_responses
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
@@ -212,12 +213,15 @@ def score_effects(
     return found
 
 
+LINEAR = "not testable on measured frequency responses: they are linear"
+
+
 def _reason(effect: Effect, parent: Candidate) -> str | None:
     structure, on = parent.model.structure, parent.dataset
     ids = [one.id for one in structure.composed]
     reason = not_testable(effect, structure.base_, [*ids, effect.id], on.available)
     if reason is None:
-        return None
+        return LINEAR if beyond_responses(effect, on.records) else None
     without = not_testable(effect, structure.base_, [*ids, effect.id], on.available | on.still)
     if without is None:
         read = adapted(effect, structure.base_, [*ids, effect.id], on.available | on.still).channels

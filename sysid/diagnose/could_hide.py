@@ -32,6 +32,7 @@ from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.hidden import HARM, MOST, CouldHide, Hidden, grouped
 from sysid.diagnose.score import INDEPENDENT
 from sysid.fit.identifiable import size as whole
+from sysid.fit.identify import beyond_responses
 from sysid.fit.noise import Division
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.compose import compose, not_testable
@@ -84,7 +85,7 @@ def _testable(parent: Candidate, users: Sequence[Effect]) -> list[tuple[Effect, 
             continue
         if effect.group == "forward" and not forward:
             continue
-        if not effect.can_be_on(parent.dataset.airframe):
+        if not effect.can_be_on(parent.dataset.airframe) or beyond_responses(effect, parent.dataset.records):
             continue
         if not_testable(effect, structure.base_, [*present, effect.id], available) is not None:
             continue

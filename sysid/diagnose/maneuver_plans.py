@@ -111,7 +111,7 @@ def _headroom(found: Sequence[Spectrum]) -> float:
     rate = attitude = command = 1e-9
     for one in found:
         channels = one.segment.channels
-        rate = max(rate, *(float(np.max(np.abs(channels[name]))) for name in RATES))
+        rate = max(rate, *(float(np.max(np.abs(channels[name]))) for name in RATES if name in channels))
         command = max(command, *(float(np.max(np.abs(channels[name]))) for name in ("delta_x", "delta_y")))
         slow = np.where(one.frequency_hz >= SLOWEST_HZ, one.Y / (2j * np.pi * one.frequency_hz), 0)
         attitude = max(attitude, float(np.max(np.abs(one.in_time(slow)))))

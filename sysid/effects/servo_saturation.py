@@ -17,10 +17,10 @@ from sysid.model.parameter import Parameter
 
 
 def samples(commands: FloatArray, dt: float, parameters: Mapping[str, float]) -> FloatArray:
-    """Absolute commands (c, n), delta_x and delta_y first -> limited ones (c, n)."""
+    """Absolute commands (c, n), delta_x and delta_y first, as far as the base has them -> limited ones (c, n)."""
     limit = parameters["limit"]
     acting = np.clip(commands, -limit, limit)
-    tilt = np.hypot(commands[0], commands[1])
+    tilt = np.linalg.norm(commands[:2], axis=0)
     acting[:2] = commands[:2] * (limit / np.maximum(tilt, limit) if limit < inf else 1.0)
     return acting
 

@@ -18,6 +18,7 @@ from sysid.fit.search import Trial, search_nonsmooth
 from sysid.fit.start import START_THINNING, start
 from sysid.model.acting import behind, divided, jumping, linear_dynamics
 from sysid.model.effect import Effect
+from sysid.model.polynomial import closed_form
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
@@ -46,10 +47,12 @@ def grow(parent: Model, structure: Structure, stacks: Sequence[Stack], fixed: Ma
     jumps = jumping(structure, begin, stacks[0]) if valleys.front else []
     rough = [name for name in jumps if name in choices and min(choices[name]) > 0]
     ranges = {name: (min(choices[name]), max(choices.pop(name))) for name in rough}
-    if not choices and not rough:
+    bare = not parent.structure.composed
+    one_beginning = bare and closed_form(parent.structure) is None
+    if not choices and not rough and not one_beginning:
         return minimise(Model(structure, begin), stacks, valleys.power, tuple(fixed))[0]
     trials = [valleys.deepest(first, choices)]
-    if not parent.stable and not parent.structure.composed:
+    if one_beginning or (bare and not parent.stable):
         trials += [each.deepest(first, choices) for each in valleys.afresh()]
     _, found = min(trials, key=lambda trial: trial[0])
     if found is None:
@@ -130,7 +133,8 @@ class _Valleys:
     def afresh(self) -> list[_Valleys]:
         """The same from bare bases that were fitted to later commands.
 
-        Without its lateness a late vehicle may come out unstable, far from any valley with it.
+        Without its lateness a late vehicle may come out unstable, far from any valley with it; or, where the bare base
+        begins at one point and not at the data, with the opposite sign.
         """
         linear = [one for one in self.structure.composed if one.response is not None or one.per_command]
         if not linear or self.front or self.few is self.stacks:

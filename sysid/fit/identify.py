@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.data.dataset import Bins, Dataset, Runs, means, moves, prepared
-from sysid.data.preprocess import DEFAULT_BAND_HZ, Spectrum
+from sysid.data.preprocess import DEFAULT_BAND_HZ, RESPONSE, Spectrum
 from sysid.data.record import AXIS_OF, COMMANDS, CYCLIC, RATES, Record
 from sysid.errors import FitError
 from sysid.fit.checks import explain_instability, explain_poverty
@@ -21,7 +21,7 @@ from sysid.fit.prediction_error import prediction_error
 from sysid.fit.result import Fit, RecordUsed, Rung
 from sysid.fit.stable import Settled, settle
 from sysid.model.airframe import misfits
-from sysid.model.base import Base
+from sysid.model.base import Base, bases
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError
 from sysid.model.structure import Model, Structure
@@ -99,6 +99,7 @@ def _refuse_unfit(structure: Structure, fitted: Dataset, judging: Dataset) -> No
     if not fitted.records:
         raise FitError("no run to fit")
     refuse_unlogged(structure, [*fitted.records, *judging.records])
+    refuse_unmeasured_responses(structure, [*fitted.records, *judging.records])
     if not fitted.pieces:
         raise FitError("no run has 2 s of gap-free samples: nothing to fit")
 
@@ -183,10 +184,21 @@ def on_runs(
     """
     available = set.intersection(*(set(record.channels) for record in records))
     still = {name for name in COMMANDS if name in available and not moves(name, fitted)}
+    found: Structure | None = None
     if still:
         with contextlib.suppress(EffectError):
-            return compose(base, effects, available - still, means(fitted), outputs=outputs)
-    return compose(base, effects, available, means(fitted), outputs=outputs)
+            found = compose(base, effects, available - still, means(fitted), outputs=outputs)
+    found = found or compose(base, effects, available, means(fitted), outputs=outputs)
+    beyond = [effect.id for effect in found.composed if beyond_responses(effect, records)]
+    if beyond:
+        raise EffectError(f"{', '.join(beyond)} cannot act here: a measured frequency response is linear; fit the runs")
+    return found
+
+
+def beyond_responses(effect: Effect, records: Sequence[Record]) -> bool:
+    """Whether an effect is none of linear dynamics, and a run is a measured response, which tells only of those."""
+    linear = effect.linear and effect.samples is None
+    return not linear and any(record.maneuver == RESPONSE for record in records)
 
 
 def judge(model: Model, runs: Runs, band_hz: tuple[float, float] = DEFAULT_BAND_HZ) -> dict[str, float]:
@@ -213,6 +225,20 @@ def refuse_unlogged(structure: Structure, records: Sequence[Record]) -> None:
                 f"{record.id}: {', '.join(lacking)} is not logged, which {structure.base_.label} with the outputs "
                 f"{', '.join(structure.outputs)} needs; fit runs that have it, or measure less"
             )
+
+
+def refuse_unmeasured_responses(structure: Structure, records: Sequence[Record]) -> None:
+    """Raises FitError where a run is a frequency response that holds not all that the base is measured by."""
+    for record in records:
+        if record.maneuver != RESPONSE:
+            continue
+        lacking = [name for name in structure.outputs if not np.any(record.channels[name])]
+        if lacking:
+            alone = [
+                base.name for base in bases().values() if all(np.any(record.channels[name]) for name in base.outputs)
+            ]
+            able = f"--model {alone[0]} fits what it holds" if alone else "no base is measured by what it holds"
+            raise FitError(f"{record.id}: the response of {', '.join(lacking)} is not in it; {able}")
 
 
 def refuse_mixed_sources(records: Sequence[Record]) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
-from sysid.data.record import CHANNELS, COMMANDS
+from sysid.data.record import CHANNELS, COMMANDS, RATES
 from sysid.model.base import Base, bases, find_base
 from sysid.model.effect import Effect, EffectError, Surroundings, find
 from sysid.model.structure import Structure
@@ -31,24 +32,36 @@ def compose(
     base, declared = _grown(as_base(base), declared)
     found = _declared(declared, base, available, constants or {})
     _refuse_clashes(base, found)
+    measured = base.outputs if outputs is None else _measurable(base, outputs)
+    structure = _composed(base, found, available, constants or {}, measured)
+    if structure.files:
+        _refuse_broken(structure)
+    return structure
+
+
+def _composed(
+    base: Base,
+    found: Sequence[Effect],
+    available: Collection[str],
+    constants: Mapping[str, float],
+    outputs: tuple[str, ...],
+) -> Structure:
+    """Effects, as they are declared for each other, in the order of physics, with the channels that they read."""
     ordered = sorted(found, key=lambda one: (one.stage, one.order, one.id))
     needed = [name for one in ordered for name in one.channels]
     wanted = ("phi", "theta") if any(one.attitude for one in ordered) else ()
     attitude = tuple(name for name in wanted if name not in base.states)
     if set(attitude) <= set(available):  # logged, else states of their own
         needed, attitude = [*needed, *attitude], ()
-    structure = Structure(
+    return Structure(
         base_=base,
         composed=tuple(ordered),
-        outputs=base.outputs if outputs is None else _measurable(base, outputs),
+        outputs=outputs,
         commands=tuple(name for name in COMMANDS if name in (*base.commands, *needed)),
         channels=tuple(dict.fromkeys(name for name in needed if name not in (*COMMANDS, *base.states))),
         attitude_states=attitude,
-        constants=tuple(sorted((constants or {}).items())),
+        constants=tuple(sorted(constants.items())),
     )
-    if structure.files:
-        _refuse_broken(structure)
-    return structure
 
 
 def as_base(base: str | Base) -> Base:
@@ -164,4 +177,21 @@ def not_testable(effect: Effect, base: str | Base, others: Collection[str], avai
     missing = [name.replace("|", " or ") for name in effect.channels if logged.isdisjoint(name.split("|"))]
     if missing:
         return f"channel {', '.join(missing)} is not logged on every run, so it is not testable on these"
+    if effect.path is None and not effect.needs and not acts_on(effect, base):
+        return f"not testable on {base.name}: it acts on motions or parameters that are not in it"
     return None
+
+
+@cache
+def acts_on(effect: Effect, base: Base) -> bool:
+    """Whether an effect of the catalogue reads and moves nothing but what a base has, all channels being logged."""
+    if not set(effect.replaces) <= {one.name for one in base.parameters}:
+        return False
+    if set(RATES) <= set(base.states):  # what all entries may count on
+        return True
+    try:
+        structure = _composed(base, [effect], frozenset(CHANNELS), {"Omega_0": 1.0, "V_0": 1.0}, base.outputs)
+        structure.matrices(np.array([one.typical for one in structure.parameters]))
+    except (AttributeError, KeyError, ValueError):
+        return False
+    return True

@@ -10,19 +10,19 @@ import numpy as np
 from gcs.analysis.ladder import Nrmse, RungNumbers
 from gcs.analysis.pages.page import BLACK, BLUE, ORANGE
 from gcs.analysis.pages.pictures import BESIDE, GREY, panels
-from sysid.data.record import RATES, axis_of
+from sysid.data.record import axis_of
 
 
 def ladder_picture(
     rungs: Sequence[RungNumbers],
     floor: Nrmse | None,
-    outputs: Sequence[str] = RATES,
     placebo: RungNumbers | None = None,
 ) -> Any:
     """Error that is left, 100 less the NRMSE fit in percent, rung by rung: fitted, validation, and noise's part.
 
     The numbers are the NRMSE fit of the fitted runs. placebo: the best wrong effect in place of the last rung's.
     """
+    outputs = tuple(rungs[0][1])
     figure, axes = panels(1, len(outputs), 5.0)
     place = np.arange(len(rungs))
     for k, output in enumerate(outputs):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gcs.analysis.candidates import ranked, shows
-from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis
+from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis, of_responses
 from gcs.analysis.ladder import rungs_of, short_names
 from gcs.analysis.text.blocks import WIDTH, Blocks, Line, Sentence, block, command, text_of
 from gcs.analysis.text.explanation import explanation_lines
@@ -95,7 +95,7 @@ def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
     """The maneuver that would tell rivals apart, and a simple term where nothing known explains."""
     lines: list[Line] = []
     terms = found.last.terms
-    if terms is not None and terms.terms and found.last.verdict == "unexplained":
+    if terms is not None and terms.terms and found.last.verdict == "unexplained" and not of_responses(found.last):
         term = terms.terms[0]
         others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
         lines.append(Sentence(f"a simple term would do much: {term.entry.equation}{others}", " ", "   "))

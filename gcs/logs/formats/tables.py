@@ -43,6 +43,10 @@ class Series:
         return Series(self.t[first:last], self.values[first:last], self.clock)
 
 
+TABLES = ("csv", "mat", "mcap", "parquet")
+"""Kinds of log that tell of no mode, text or maneuver, as somebody saved them: all of one is one run."""
+
+
 class Log(Protocol):
     """One boot of a vehicle as it was logged; what a profile is applied to, and where runs are looked for."""
 
@@ -51,7 +55,7 @@ class Log(Protocol):
 
     @property
     def kind(self) -> str:
-        """`dataflash`, `ulog`, `tlog`, `blackbox`, `crazyflie`, `paparazzi` or `csv`."""
+        """`dataflash`, `ulog`, `tlog`, `blackbox`, `crazyflie`, `paparazzi`, or one of `TABLES`."""
 
     @property
     def sampled_s(self) -> float:

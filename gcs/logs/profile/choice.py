@@ -9,7 +9,7 @@ from gcs.logs.formats.tables import Log
 from gcs.logs.profile.profiles import ChannelSource, Profile, bundled_profiles
 from gcs.logs.profile.sources import keys_of
 from gcs.logs.profile.units import factor_or_ask
-from sysid.data.record import CHANNELS, RATES
+from sysid.data.record import CHANNELS, RATES, REQUIRED
 
 
 def choose(log: Log, candidates: Sequence[Profile]) -> Profile | None:
@@ -53,6 +53,16 @@ def contract_profile(header: Sequence[str], units: Mapping[str, str] | None = No
     return Profile(
         name="channels", channels=channels, kind="csv", time_source="t", time_scale=scales.get("t"), notes=notes
     )
+
+
+def contract_profile_within(fields: Collection[str], kind: str) -> Profile:
+    """For arrays that carry the channels' own names, all of them or all those of one struct (`run.p`)."""
+    structs = dict.fromkeys(name.rpartition(".")[0] for name in fields if name.rpartition(".")[2] == "p")
+    around = [f"{struct}." if struct else "" for struct in structs]
+    prefix = next((each for each in around if all(f"{each}{name}" in fields for name in REQUIRED)), "")
+    names = [name for name in CHANNELS if f"{prefix}{name}" in fields and name != "t"]
+    channels = {name: ChannelSource(name, (f"{prefix}{name}",)) for name in names}
+    return Profile(name="channels", channels=channels, kind=kind, time_source=f"{prefix}t")
 
 
 def taking_one_of(kinds: Collection[str]) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import TippathError
-from gcs.logs.formats.tables import FloatArray, Log, Series, stretches
+from gcs.logs.formats.tables import TABLES, FloatArray, Log, Series, stretches
 from gcs.logs.profile.profiles import ChannelSource, Profile
 from gcs.logs.profile.sources import Stretch, bind
 from sysid.data.preprocess import EVERY_LOOP
@@ -259,7 +259,7 @@ def _between(stretch: Stretch) -> str:
 def _time_key(profile: Profile, log: Log) -> str | None:
     """The field whose clock the profile asks for, where it names its message too."""
     key = profile.time_source
-    return key if key is not None and log.kind != "csv" and log.has(key) else None
+    return key if key is not None and log.kind not in TABLES and log.has(key) else None
 
 
 def onto(clock: Series, series: Series, held: bool) -> FloatArray:

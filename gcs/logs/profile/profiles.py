@@ -31,7 +31,7 @@ from sysid.data.airframe import Airframe
 from sysid.data.chirp import Law
 from sysid.data.record import CHANNELS
 
-Kind = Literal["dataflash", "ulog", "tlog", "csv", "blackbox", "crazyflie", "paparazzi"]
+Kind = Literal["dataflash", "ulog", "tlog", "csv", "blackbox", "crazyflie", "paparazzi", "mat", "mcap", "parquet"]
 Maneuver = Literal["chirp", "doublet", "quiet", "unknown"]
 Axis = Literal["roll", "pitch", "elevator"]
 
@@ -125,6 +125,8 @@ class Profile:
     loop_told_by: str = "profile"
     commands_late_s: float = 0.0
     """By which the log stamps commands too late, as its clock for rates has it."""
+    response: ResponseTable | None = None
+    """What a file of a frequency response holds."""
 
     def fits(self, log: Log) -> bool:
         """Whether the log holds everything this profile needs."""
@@ -180,6 +182,30 @@ class ChannelTable(Strict, frozen=True):
         return (self.source,) if isinstance(self.source, str) else self.source
 
 
+class ResponseTable(Strict, frozen=True):
+    """[response]: what a file of a frequency response holds, and of what it is the response."""
+
+    input: str
+    """A command."""
+    output: str
+    """What answers it."""
+    columns: tuple[str, ...] = ()
+    """Names of all columns of a file without a header."""
+    frequency: str | None = None
+    """The name of its column, as of the others; those of usual names need none."""
+    unit: Literal["Hz", "rad/s"] = "Hz"
+    """Of `frequency`."""
+    real: str | None = None
+    imaginary: str | None = None
+    db: str | None = None
+    deg: str | None = None
+    coherence: str | None = None
+    response: str | None = None
+    """Complex numbers, in a .mat."""
+    scale: float = 1.0
+    """Of the response: with a minus where the channel has the other sign."""
+
+
 class Document(Strict, frozen=True):
     """A profile as it is written."""
 
@@ -192,6 +218,7 @@ class Document(Strict, frozen=True):
     channels: dict[str, ChannelTable] = {}
     settings: Settings | None = None
     runs: tuple[Cut, ...] | None = None
+    response: ResponseTable | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -231,6 +258,7 @@ def parse(text: str, path: str) -> Profile:
         commands_late_s=document.time.commands_late_s,
         cuts=document.runs or (),
         settings=document.settings,
+        response=document.response,
         notes=tuple(map(printable, document.notes)),
         airframe=document.airframe,
     )
@@ -244,7 +272,7 @@ def _problem(document: Document) -> str | None:
     """What is wrong with a profile whose keys are all there and of the right kind; None where nothing is."""
     if document.settings is not None and document.runs is not None:
         return "[settings] and [[runs]] both say where the runs are; keep one of them"
-    if not document.channels:
+    if not document.channels and document.response is None:
         return "no [channels.*]; a profile needs at least p, q, delta_x and delta_y"
     problems = (
         *(_channel_problem(name, table) for name, table in document.channels.items()),

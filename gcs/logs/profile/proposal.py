@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
+from gcs.logs.formats.tables import TABLES
 from gcs.logs.profile.by_values import BY_VALUES, FloatArray, Guess, command_guess, rate_guess, time_guess
 from gcs.logs.profile.profiles import ChannelSource
 from gcs.logs.profile.units import factor
@@ -34,6 +35,7 @@ def _rates(letter: str, axis: str, name: str) -> tuple[str, ...]:
         rf"(^|[ ._])(g|w|omega[ ._]?){axis}$",
         rf"(angular_velocity|gyro\w*)\.\w+\[{index}\]$",
         rf"{name}speed$",
+        rf"(angular_velocity|gyro\w*)\.{axis}$",
         rf"(^|[ ._])gyro\w*\[{index}\]$",
         rf"(^|[ ._])r_{name}$",
     )
@@ -140,7 +142,7 @@ def _unseen(field: str) -> None:
 def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None], values: Values) -> list[str]:
     source, scale = time
     why = "to seconds"
-    if kind != "csv" and source is None:
+    if kind not in TABLES and source is None:
         return ["# time: the log's own clock, no [time] needed", ""]
     if source is None or source not in (*fields, *(_plain(name) for name in fields)):
         guess = next(((f, s) for pattern, s in _TIMES for f in fields if pattern.search(_plain(f).lower())), None)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gcs.errors import TippathError
 from gcs.logs.formats.dataflash_table import DataFlashTables
-from gcs.logs.formats.tables import FloatArray, Log
+from gcs.logs.formats.tables import TABLES, FloatArray, Log
 from gcs.logs.profile import mapping
 from gcs.logs.profile.profiles import Profile
 from gcs.logs.runs import around, health, latency, onboard
@@ -80,7 +80,7 @@ class Cutting:
         except (TippathError, RecordError) as error:
             if isinstance(error, mapping.OutsideLog) and (self._elsewhere(span, error) or self.windowed):
                 raise
-            if self.log.kind == "csv":
+            if self.log.kind in TABLES:
                 raise TippathError(str(error)) from error
             return self._without_record(span, id, (start, stop), band, error)
         begin, end = float(record.t[0]), float(record.t[-1])
@@ -127,7 +127,7 @@ class Cutting:
 
     def _elsewhere(self, span: Span, error: mapping.OutsideLog) -> bool:
         """Whether nothing of a maneuver lies where the log has samples, its entry neither."""
-        return self.log.kind == "csv" or span.first_s > error.last_s or span.stop_s < error.first_s
+        return self.log.kind in TABLES or span.first_s > error.last_s or span.stop_s < error.first_s
 
     def _mapped(self, span: Span) -> mapping.Mapped:
         low = max(span.first_s, span.start_s - KEEP_BEFORE_S, self.low_s)

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gcs.logs.formats.dataflash_table import DataFlashTables
-from gcs.logs.formats.tables import Log
+from gcs.logs.formats.tables import TABLES, Log
 from gcs.logs.profile.mapping import OutsideLog
 from gcs.logs.profile.profiles import Cut, Profile
 from gcs.logs.runs import excited, systemid, told
@@ -80,7 +80,7 @@ def runs_of(
             except OutsideLog as error:
                 beyond.append((number, span, error))
         outside += [error for _, _, error in beyond]
-        if beyond and window is None and log.kind != "csv":
+        if beyond and window is None and log.kind not in TABLES:
             elsewhere.append(_elsewhere(beyond))
             if len(beyond) == len(numbered):
                 whole = replace(_whole(log, profile, window), reasons=(NOTHING_WHOLE,))
@@ -179,14 +179,14 @@ def _known(cut: Cut) -> Known | None:
 
 def _whole(log: Log, profile: Profile, window: AnyWindow | None) -> Span:
     """All of a log in which no maneuver was found, or of the window."""
-    reasons = (_no_maneuver(log, profile),) if log.kind != "csv" and window is None else ()
+    reasons = (_no_maneuver(log, profile),) if log.kind not in TABLES and window is None else ()
     whole = Span(start_s=-math.inf, stop_s=math.inf, first_s=-math.inf, last_s=math.inf, reasons=reasons)
-    return _named(whole, excited.find(log, profile)) if log.kind == "csv" and not profile.cuts else whole
+    return _named(whole, excited.find(log, profile)) if log.kind in TABLES and not profile.cuts else whole
 
 
 def _maneuvers(log: Log, profile: Profile) -> list[Span]:
     """The maneuvers of a log that is to be cut by them, in order of time."""
-    if log.kind == "csv":
+    if log.kind in TABLES:
         return []
     if isinstance(log, DataFlashTables):
         spans = systemid.find(log)

@@ -1,0 +1,184 @@
+"""MCAP recordings of ROS 2: topics beside each other, stamps, an index that is not there, and damage."""
+
+from __future__ import annotations
+
+import builtins
+import io
+import json
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from injuries import injure
+
+from gcs.cli import main
+from gcs.errors import TippathError
+from gcs.logs import ingest
+from gcs.logs.formats import mcap
+from sysid.data.record import Record
+
+writing = pytest.importorskip("mcap.writer")
+ros2 = pytest.importorskip("mcap_ros2.writer")
+
+Saved = Callable[[bytes, str], Path]
+RATES = """geometry_msgs/Vector3 rate
+float64[4] motors
+string frame
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+STAMPED = """std_msgs/Header header
+float32[] controls
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+START_NS = 1_790_000_000_000_000_000
+PROFILE = b"""
+[channels.p]
+source = "imu_data.rate.x"
+[channels.q]
+source = "-imu_data.rate.y"
+[channels.delta_x]
+source = "fmu_out_mix.controls[0]"
+[channels.delta_y]
+source = "fmu_out_mix.controls[1]"
+"""
+
+
+def flight(count: int = 1500) -> dict[str, np.ndarray]:
+    t = np.arange(count) / 200
+    x, y = 0.1 * np.sin(2 * np.pi * t), 0.1 * np.cos(2 * np.pi * 1.3 * t)
+    return {"t": t, "p": 3 * x, "q": 2 * y, "delta_x": x, "delta_y": y}
+
+
+def recorded(count: int = 1500, *, finished: bool = True, late_s: float = 0.0, chunk: int = 20_000) -> bytes:
+    """Rates without a stamp; commands with one, recorded by `late_s` later."""
+    stream = io.BytesIO()
+    writer = ros2.Writer(stream, chunk_size=chunk)
+    rates, mix = (writer.register_msgdef(f"made/{name}", text) for name, text in (("Rates", RATES), ("Mix", STAMPED)))
+    made = flight(count)
+    for i, t in enumerate(made["t"]):
+        at = START_NS + round(1e9 * t)
+        rate = {"rate": {"x": made["p"][i], "y": -made["q"][i], "z": 0.0}, "motors": [1.0, 2.0, 3.0, 4.0], "frame": "b"}
+        writer.write_message("/imu/data", rates, rate, at)
+        header = {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}, "frame_id": ""}
+        controls = {"header": header, "controls": [made["delta_x"][i], made["delta_y"][i], 0.5]}
+        writer.write_message("/fmu/out/mix", mix, controls, at + round(1e9 * late_s))
+    if finished:
+        writer.finish()
+    return stream.getvalue()
+
+
+def read(path: Path, profile: Path) -> tuple[Record, Any]:
+    found = ingest([path], profile)
+    (run,) = found.runs
+    assert run.usable
+    return run.record, found.sources[0]
+
+
+def test_topics_are_fields_and_stamps_count(saved: Saved) -> None:
+    record, source = read(saved(recorded(late_s=0.05), "f.mcap"), saved(PROFILE, "p.toml"))
+    made = flight()
+    assert np.allclose(record.t, made["t"], atol=1e-6)
+    for name in ("p", "q"):
+        assert np.allclose(record.channels[name], made[name])
+    # float32 in the message; by their stamps, not by when they were recorded
+    assert np.allclose(record.channels["delta_x"], made["delta_x"], atol=1e-6)
+    assert {"imu_data.t", "imu_data.rate.x", "imu_data.motors[3]", "fmu_out_mix.controls[2]"} <= set(source.fields)
+    assert not any("header" in name or "frame" in name for name in source.fields)
+
+
+def test_a_recording_without_an_index_is_read(saved: Saved) -> None:
+    """A recorder that was stopped hard writes neither index nor end; what its last chunk held is lost."""
+    record, source = read(saved(recorded(finished=False), "f.mcap"), saved(PROFILE, "p.toml"))
+    assert record.t.size > 1000
+    assert np.allclose(record.channels["p"], flight()["p"][: record.t.size])
+    assert any("the recording ends early" in hint for hint in source.hints)
+
+
+def test_a_damaged_chunk_is_left_out(saved: Saved) -> None:
+    raw = bytearray(recorded())
+    at = len(raw) // 2
+    raw[at : at + 8] = bytes(8)
+    found = ingest([saved(bytes(raw), "f.mcap")], saved(PROFILE, "p.toml"))
+    (run,), damage = found.runs, found.sources[0].damage
+    assert damage.resyncs == 1
+    assert len(run.gaps) == 1
+    made = flight()
+    place = np.round(run.record.t * 200).astype(int)
+    assert np.allclose(run.record.channels["p"], made["p"][place])
+
+
+def test_messages_in_json(saved: Saved) -> None:
+    stream = io.BytesIO()
+    writer = writing.Writer(stream)
+    writer.start()
+    schema = writer.register_schema("made", "jsonschema", b"{}")
+    channel = writer.register_channel("run", "json", schema)
+    made = flight()
+    for i, t in enumerate(made["t"]):
+        values = {name: float(made[name][i]) for name in made if name != "t"}
+        writer.add_message(channel, round(1e9 * t), json.dumps(values).encode(), round(1e9 * t))
+    writer.finish()
+    (run,) = ingest([saved(stream.getvalue(), "f.mcap")]).runs
+    assert np.allclose(run.record.channels["delta_y"], made["delta_y"])
+
+
+def test_what_to_write_is_proposed(saved: Saved, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["ingest", str(saved(recorded(200), "f.mcap")), "--explain"]) == 1
+    assert "fields of this log: imu_data.t, imu_data.rate.x" in capsys.readouterr().out
+
+
+def test_nothing_of_use_is_told(saved: Saved) -> None:
+    stream = io.BytesIO()
+    writer = writing.Writer(stream)
+    writer.start()
+    channel = writer.register_channel("camera", "protobuf", writer.register_schema("x.Image", "protobuf", b"\0"))
+    writer.add_message(channel, 0, b"\1", 0)
+    writer.finish()
+    with pytest.raises(TippathError, match="no message with numbers could be read; topics in it: camera"):
+        ingest([saved(stream.getvalue(), "f.mcap")])
+
+
+def test_not_installed_is_one_line(saved: Saved, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = builtins.__import__
+
+    def without(name: str, *rest: Any, **named: Any) -> Any:
+        if name.split(".")[0] in ("mcap", "mcap_ros2", "pyarrow"):
+            raise ImportError(name)
+        return usual(name, *rest, **named)
+
+    paths = [saved(recorded(20), "f.mcap"), saved(b"PAR1" + bytes(20) + b"PAR1", "f.parquet")]
+    monkeypatch.setattr(builtins, "__import__", without)
+    for path, extra in zip(paths, ("mcap", "parquet"), strict=True):
+        with pytest.raises(TippathError, match=rf"what reads it is not installed: pip install 'tippath\[{extra}\]'"):
+            ingest([path])
+
+
+@pytest.mark.parametrize("raw", [b"", mcap.MARK, mcap.MARK + b"\x01"])
+def test_empty_and_cut_files_are_refused(saved: Saved, raw: bytes) -> None:
+    with pytest.raises(TippathError, match="no message with numbers could be read"):
+        ingest([saved(raw, "f.mcap")])
+
+
+@pytest.mark.parametrize("first", range(0, 200, 50))
+def test_no_damage_is_a_traceback(saved: Saved, first: int) -> None:
+    raw, profile = recorded(30, chunk=1500), saved(PROFILE, "p.toml")
+    for seed in range(first, first + 50):
+        damaged = injure(raw, random.Random(seed), lambda chance: raw[: chance.randrange(1, 300)], cut=True)
+        try:
+            ingest([saved(damaged, "f.mcap")], profile)
+        except TippathError as error:
+            assert len(str(error).splitlines()) == 1  # noqa: PT017
