@@ -39,7 +39,7 @@ def gusts_kept_out(references: Sequence[str]) -> bool:
     return all(name in EXCITATIONS for name in references)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Segment:
     """A gap-free, uniformly sampled part of a run."""
 
@@ -194,7 +194,8 @@ class Piece:
     def segment(self, names: Sequence[str]) -> Segment:
         """The part with these channels."""
         channels = {name: self._channel(name) for name in names}
-        return Segment(self.record, float(self.record.t[self.part.start]), self.dt, channels, self.resampled)
+        start_s = float(self.record.t[self.part.start])
+        return Segment(record=self.record, start_s=start_s, dt=self.dt, channels=channels, resampled=self.resampled)
 
     def _channel(self, name: str) -> FloatArray:
         """Where a time stamp is off the grid commands are held, those of a thinned log and rates interpolated."""

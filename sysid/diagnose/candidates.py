@@ -264,11 +264,9 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
         if _quick(one) and _share(one, top) >= (SERIOUS if question_open else SERIOUS_BESIDE):
             fit(one)
     linear_enough = not question_open
-    explained = 0.0
-    if best is not parent:
-        explained = _explained(best, parent, best.metric)
+    explained = 0.0 if best is parent else _explained(best, parent, best.metric)
     for one in testable:
-        if _quick(one) or one.score is None or one.score.log_p > WORTH_THE_TIME:
+        if one.score is None or not _worth_simulating(one, one.score):
             continue
         near = one.score.chi_squared > NEAR * explained
         least = SERIOUS_SLOW if question_open else SERIOUS_SLOW_BESIDE
@@ -295,6 +293,10 @@ def _quick(one: Ranked) -> bool:
     """Whether a refit takes milliseconds: a linear entry without many valleys to search."""
     known = catalogue()
     return one.effect in known and known[one.effect].linear and (one.score is None or one.score.tried <= FEW_POINTS)
+
+
+def _worth_simulating(one: Ranked, scored: Score) -> bool:
+    return not _quick(one) and scored.log_p <= WORTH_THE_TIME
 
 
 def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
