@@ -47,7 +47,7 @@ class McapFile:
     sha256: str
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Topic:
     name: str
     paths: tuple[str, ...] = ()
@@ -127,7 +127,7 @@ class _Reading:
                 self._schemas[record.id] = record
             case Channel():
                 if record.id not in self.topics:
-                    self.topics[record.id] = _Topic(printable(record.topic).lstrip("/").replace("/", "_"))
+                    self.topics[record.id] = _Topic(name=printable(record.topic).lstrip("/").replace("/", "_"))
                     self._decoders[record.id] = _decoder(record, self._schemas.get(record.schema_id))
             case Message():
                 self._message(record)
