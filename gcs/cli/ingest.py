@@ -101,25 +101,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
-    from gcs.cli.counting import ReadingBar
     from gcs.cli.listing import write_records
-    from gcs.errors import UsageError
-    from gcs.logs import Ingest, UnreadableError, ingest, ingest_joined, parse_window
+    from gcs.logs import Ingest, UnreadableError
     from gcs.logs.runs.health import F_HIGH_HZ
     from gcs.logs.runs.of_flight import of_flight
     from gcs.logs.words import printable
 
-    window = None if args.window is None else parse_window(args.window)
     try:
-        if args.join and args.flight is not None:
-            raise UsageError("--join is of CSVs, --flight of a log off the vehicle's card: name one of them")
-        if args.join:
-            found = ingest_joined(args.logs, args.profile, window, loop_rate_hz=args.loop_rate)
-        else:
-            with ReadingBar() as bar:
-                found = ingest(
-                    args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar
-                )
+        found = _read(args)
     except UnreadableError as error:
         if not (args.json or args.explain):
             raise
@@ -145,6 +134,21 @@ def run(args: argparse.Namespace) -> int:
         print(f"no run is usable{f' up to {F_HIGH_HZ:g} Hz' if lower else ''}", file=sys.stderr)
         return 1
     return 0
+
+
+def _read(args: argparse.Namespace) -> Ingest:
+    """What the logs hold. Raises UnreadableError, and UsageError for options that exclude each other."""
+    from gcs.cli.counting import ReadingBar
+    from gcs.errors import UsageError
+    from gcs.logs import ingest, ingest_joined, parse_window
+
+    window = None if args.window is None else parse_window(args.window)
+    if args.join and args.flight is not None:
+        raise UsageError("--join is of CSVs, --flight of a log off the vehicle's card: name one of them")
+    if args.join:
+        return ingest_joined(args.logs, args.profile, window, loop_rate_hz=args.loop_rate)
+    with ReadingBar() as bar:
+        return ingest(args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar)
 
 
 def _print(found: Ingest, written: Mapping[str, str], flight: FlightRuns | None, *, explain: bool) -> None:

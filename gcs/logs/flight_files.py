@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
+BELOW = 3  # levels of folders that are looked through for logs which are left out
 _FETCHED = re.compile(r"fetched-(\d+)(-\d+)?(\.run-\d+-only|\.runs-only)?(-\d+)?\.BIN")
 
 
@@ -40,14 +41,17 @@ def streamed_after(log: Path) -> tuple[Path, ...]:
 
 def hidden_by(log: Path, suffixes: Collection[str]) -> list[Path]:
     """The logs in the folder of a streamed log, and below it, that are none of this flight's and so are not listed."""
-    files = [Path(at) / name for at, _, names in os.walk(log.parent) for name in names]
+    files: list[Path] = []
+    for at, below, names in os.walk(log.parent):
+        deep = len(Path(at).relative_to(log.parent).parts) >= BELOW
+        below[:] = [] if deep else [name for name in below if not name.startswith(".")]
+        files += [Path(at) / name for name in names if not name.startswith(".")]
     ours = {path.stem.lower() for path in files if is_streamed(path)}
     return sorted(
         path
         for path in files
         if path.suffix.lower() in suffixes
         and not (path.parent == log.parent and (path.stem.lower() in ours or _FETCHED.fullmatch(path.name)))
-        and not any(part.startswith(".") for part in path.relative_to(log.parent).parts)
     )
 
 

@@ -341,11 +341,17 @@ def _open_blackbox(read: Callable[[Path], blackbox.BlackboxFile], path: Path, pr
     )
 
 
+def _open_decoded(path: Path, profile: Profile | None) -> Opened:
+    """A blackbox decoded to CSV; as its columns stand there where a profile names one of them for the time."""
+    if profile is not None and profile.time_source is not None:
+        return _open_csv(path, profile)
+    return _open_blackbox(blackbox_csv.read, path, profile)
+
+
 def _for_each(
     logs: Sequence[Log], profile: Profile | None, otherwise: str
 ) -> tuple[Profile, tuple[Profile, ...], tuple[str, ...]]:
-    """The profile that suits a file best, that of each of its logs with the runs that its settings cut, and why they
-    cut none."""
+    """The profile that suits a file best; that of each of its logs, with the runs that its settings cut; why none."""
     each = [profile or choose(log, bundled_profiles()) or named(otherwise) for log in logs]
     cut: list[Profile] = []
     hints: list[str] = []
@@ -464,7 +470,7 @@ FORMATS = (
     Format("dataflash", (".log",), dataflash_text.recognises, _open_dataflash_text),
     Format("tlog", (".tlog",), _is_tlog, _open_tlog),
     Format("blackbox", (".bbl", ".bfl"), blackbox.recognises, partial(_open_blackbox, blackbox.read)),
-    Format("blackbox", (), blackbox_csv.recognises, partial(_open_blackbox, blackbox_csv.read)),
+    Format("blackbox", (), blackbox_csv.recognises, _open_decoded),
     Format("paparazzi", (".data",), paparazzi.recognises, _open_paparazzi),
     Format("crazyflie", (), crazyflie.recognises, _open_crazyflie),
     Format("mat", (".mat",), mat.recognises, _open_mat),

@@ -7,7 +7,7 @@ at damage. GPS frames are passed over.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -29,6 +29,7 @@ from gcs.logs.words import printable
 
 SLOW = "blackbox slow"
 FEWEST = 10  # frames of a log that is worth a line
+NAMED = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,6 +61,7 @@ def read(path: Path) -> BlackboxFile:
     padded = np.frombuffer(data + bytes(frames.LONGEST), np.uint8)
     found: list[tuple[BlackboxLog, Chain]] = []
     refused: list[str] = []
+    empty = 0
     for number, (start, stop) in enumerate(pairwise([*begins, len(data)]), 1):
         where = f"{path}: log {number}" if len(begins) > 1 else str(path)
         try:
@@ -71,14 +73,17 @@ def read(path: Path) -> BlackboxFile:
         if chain.main.size >= FEWEST:
             found.append((_log(path, padded, chain, header), chain))
         else:
-            refused.append(f"{where}: no samples: the log ends {chain.main.size} frames after its header")
+            empty += 1
     if not found:
-        raise TippathError("\n".join(refused))
+        none = f"{path}: no samples: what is in it ends right behind its header; take the file from the vehicle again"
+        raise TippathError("\n".join(refused) or none)
     chains = [chain for _, chain in found]
     skipped = begins[0] + sum(chain.skipped_bytes for chain in chains)
     damage = Damage(len(data), skipped, sum(c.breaks for c in chains), {}, chains[-1].tail_cut)
     logs = tuple(log for log, _ in found)
-    return BlackboxFile(logs=logs, damage=damage, sha256=hashlib.sha256(data).hexdigest(), notes=_notes(logs, refused))
+    return BlackboxFile(
+        logs=logs, damage=damage, sha256=hashlib.sha256(data).hexdigest(), notes=_notes(logs, empty, refused)
+    )
 
 
 def _begins(data: bytes) -> Iterator[int]:
@@ -88,9 +93,14 @@ def _begins(data: bytes) -> Iterator[int]:
         at = data.find(MARK, at + 1)
 
 
-def _notes(logs: tuple[BlackboxLog, ...], refused: list[str]) -> tuple[str, ...]:
-    several = (f"{len(logs)} logs in this file, each armed anew",) if len(logs) > 1 else ()
-    return (*several, *(f"left out: {printable(reason)}" for reason in refused))
+def _notes(logs: Sequence[BlackboxLog], empty: int, refused: Sequence[str]) -> tuple[str, ...]:
+    notes = [f"{len(logs)} logs in this file, each armed anew"] if len(logs) > 1 else []
+    if empty:
+        notes.append(f"{empty} more log{'s' if empty > 1 else ''} in it without samples")
+    notes += [f"left out: {printable(reason)}" for reason in refused[:NAMED]]
+    if len(refused) > NAMED:
+        notes.append(f"left out: {len(refused) - NAMED} more logs whose header cannot be used")
+    return tuple(notes)
 
 
 def _log(path: Path, padded: Bytes, chain: Chain, header: Header) -> BlackboxLog:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.logs.formats import blackbox_header as fields_of
+from gcs.logs.formats import blackbox_header
 from gcs.logs.formats.blackbox_encodings import read_group
 from gcs.logs.formats.blackbox_header import FRAMES, Header, Layout
 from gcs.logs.formats.raw import Bytes, Offsets
@@ -186,7 +186,7 @@ def main_values(padded: Bytes, chain: Chain, header: Header) -> INT32:
     for kind, here in (("I", whole), ("P", ~whole)):
         values[here] = raw_values(padded, chain.main[here], layouts[kind])
     firsts = np.flatnonzero(whole)
-    _add_whole(values, firsts, layouts["I"], header)
+    _add_constants(values, firsts, layouts["I"], header)
     lengths = np.diff(np.append(firsts, chain.main.size))
     for place in range(1, int(lengths.max(initial=0))):
         firsts, lengths = firsts[lengths > place], lengths[lengths > place]
@@ -194,31 +194,28 @@ def main_values(padded: Bytes, chain: Chain, header: Header) -> INT32:
     return values
 
 
-def _columns(layout: Layout, *predictors: int) -> list[int]:
-    return [place for place, predictor in enumerate(layout.predictors) if predictor in predictors]
+def _columns(layout: Layout, predictor: int) -> list[int]:
+    return [place for place, each in enumerate(layout.predictors) if each == predictor]
 
 
 def _add_constants(values: INT32, here: Offsets, layout: Layout, header: Header) -> None:
-    low = header.number("motorOutput", header.number("minthrottle", 1150))
+    """What the header tells of a field, and of motors what the first has; wrapping at 32 bits."""
+    minthrottle = header.number("minthrottle", 1150)
     constants = {
-        fields_of.MINTHROTTLE: header.number("minthrottle", 1150),
-        fields_of.CENTRE: 1500,
-        fields_of.VBATREF: header.number("vbatref", 4095),
-        fields_of.MINMOTOR: low,
+        blackbox_header.MINTHROTTLE: minthrottle,
+        blackbox_header.CENTRE: 1500,
+        blackbox_header.VBATREF: header.number("vbatref", 4095),
+        blackbox_header.MINMOTOR: header.number("motorOutput", minthrottle),
     }
-    for predictor, constant in constants.items():
-        for column in _columns(layout, predictor):
-            values[here, column] += np.int32(round(constant) & 0x7FFFFFFF)
-    if "motor[0]" in layout.names:
-        motor = layout.names.index("motor[0]")
-        for column in _columns(layout, fields_of.MOTOR_0):
-            if column != motor:
-                values[here, column] += values[here, motor]
-
-
-def _add_whole(values: INT32, here: Offsets, layout: Layout, header: Header) -> None:
     with np.errstate(over="ignore"):
-        _add_constants(values, here, layout, header)
+        for predictor, constant in constants.items():
+            for column in _columns(layout, predictor):
+                values[here, column] += np.int32(round(constant) & 0x7FFFFFFF)
+        if "motor[0]" in layout.names:
+            motor = layout.names.index("motor[0]")
+            for column in _columns(layout, blackbox_header.MOTOR_0):
+                if column != motor:
+                    values[here, column] += values[here, motor]
 
 
 def _add_previous(values: INT32, here: Offsets, layout: Layout, header: Header, *, second: bool) -> None:
@@ -226,18 +223,17 @@ def _add_previous(values: INT32, here: Offsets, layout: Layout, header: Header, 
     before = values[here - 1].astype(np.int64)
     earlier = values[here - 2].astype(np.int64) if second else before
     now = values[here].astype(np.int64)
-    for column in _columns(layout, fields_of.PREVIOUS):
+    for column in _columns(layout, blackbox_header.PREVIOUS):
         now[:, column] += before[:, column]
-    for column in _columns(layout, fields_of.STRAIGHT_LINE):
+    for column in _columns(layout, blackbox_header.STRAIGHT_LINE):
         now[:, column] += 2 * before[:, column] - earlier[:, column]
-    for column in _columns(layout, fields_of.AVERAGE_2):
+    for column in _columns(layout, blackbox_header.AVERAGE_2):
         both = before[:, column] + earlier[:, column]
         now[:, column] += (both + (both < 0)) >> 1  # towards zero, as C divides
-    for column in _columns(layout, fields_of.INCREMENT):
+    for column in _columns(layout, blackbox_header.INCREMENT):
         now[:, column] = _next_logged(before[:, column], header.intervals)
     values[here] = now.astype(np.uint32).view(np.int32)
-    with np.errstate(over="ignore"):
-        _add_constants(values, here, layout, header)
+    _add_constants(values, here, layout, header)
 
 
 def _next_logged(loop: NDArray[np.int64], intervals: Sequence[int]) -> NDArray[np.int64]:

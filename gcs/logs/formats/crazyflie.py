@@ -131,8 +131,8 @@ def _chain(
 ) -> tuple[dict[int, list[int]], int, int, bool]:
     """Where the events of each kind begin; skipped bytes, breaks, and whether the end is cut.
 
-    Events have no mark. One is believed where its kind is known and its time is near the last; where that fails, the
-    next place is taken from which several in a row are so.
+    Events have no mark. One is believed where its kind is known and its time is near the last (kinds may wait for each
+    other); where that fails, the next place is taken from which several in a row are so.
     """
     sizes = {number: head.size + kind.size for number, kind in kinds.items()}
     step = LARGEST_STEP_S / unit_s
@@ -145,7 +145,7 @@ def _chain(
             if at + head.size > stop:
                 return at == stop
             number, now = head.unpack_from(data, at)
-            if number not in sizes or at + sizes[number] > stop or (last >= 0 and not 0 <= now - last <= step):
+            if number not in sizes or at + sizes[number] > stop or (last >= 0 and abs(now - last) > step):
                 return False
             at, last = at + sizes[number], now
         return True

@@ -221,6 +221,8 @@ def _no_maneuver(log: Log, profile: Profile) -> str:
         what = "the log has no SIDS and no SIDD, " + (
             "though mode SYSTEMID was entered" if entered else "mode SYSTEMID was never entered"
         )
+    elif log.kind == "blackbox":
+        what = "its debug fields are no chirp's (debug_mode CHIRP)"
     else:
         what = "neither flight modes nor texts tell of one"
     sweep = how_to_sweep(profile.name, log.kind)

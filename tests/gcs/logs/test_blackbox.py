@@ -223,6 +223,18 @@ def test_decoded_csv_is_the_same_log(saved: Saved, chirps: bytes) -> None:
     assert first.record.channels["delta_x"] == pytest.approx(runs[0].record.channels["delta_x"])
 
 
+def test_a_profile_of_its_columns_reads_a_decoded_csv_as_it_stands(saved: Saved, chirps: bytes, tmp_path: Path) -> None:
+    whole = blackbox.read(saved(chirps, "flight.bbl")).logs[0]
+    profile = tmp_path / "mine.toml"
+    sources = {"p": "gyroADC[0] (deg/s)", "q": "gyroADC[1]", "delta_x": "axisP[0] / 2", "delta_y": "axisP[1]"}
+    channels = "".join(f'[channels.{name}]\nsource = "{source}"\nscale = 1e-3\n' for name, source in sources.items())
+    profile.write_text(f'[time]\nsource = "time (us)"\nscale = 1e-6\n{channels}')
+    path = saved(decoded(whole, {"time": " (us)", "gyroADC[0]": " (deg/s)"}), "plain.csv")
+    (run,) = ingest([path], profile).runs
+    assert run.record is not None
+    assert run.record.channels["p"] == pytest.approx(1e-3 * whole.columns["gyroADC[0]"].stored)
+
+
 def test_decoded_csv_without_its_columns_is_told(saved: Saved) -> None:
     head = b'"Product","Blackbox flight data recorder by Nicholas Sherlock"\n"looptime",125\n'
     with pytest.raises(TippathError, match="no line of column names"):
@@ -239,7 +251,8 @@ def test_several_logs_are_numbered_through(saved: Saved, chirps: bytes) -> None:
     for i in range(500):
         still.add({"time": 2000 * i})
     cut = chirps[:3000]
-    path = saved(still.data + chirps + cut[: cut.index(b"I interval")] + chirps, "btfl_all.bbl")
+    no_fields = cut[: cut.index(b"Field P")]
+    path = saved(still.data + chirps + Writer().data + no_fields + Writer().data + chirps, "btfl_all.bbl")
     found = ingest([path])
     assert [(run.id, run.axis, run.usable) for run in found.runs] == [
         ("btfl_all.bbl#1", None, False),
@@ -248,8 +261,10 @@ def test_several_logs_are_numbered_through(saved: Saved, chirps: bytes) -> None:
         ("btfl_all.bbl#4", "roll", True),
         ("btfl_all.bbl#5", "pitch", True),
     ]
+    assert any("set debug_mode = CHIRP" in reason for reason in found.runs[0].reasons)
     assert any("3 logs in this file" in note for note in found.sources[0].notes)
-    assert any("left out" in note and "log 3" in note for note in found.sources[0].notes)
+    assert "2 more logs in it without samples" in found.sources[0].notes
+    assert any("left out" in note and "log 4" in note for note in found.sources[0].notes)
     (record,) = resolve_runs([f"{path}#5"])
     assert record.axis == "pitch"
 

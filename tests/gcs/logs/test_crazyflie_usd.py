@@ -44,7 +44,7 @@ def written(count: int, version: int = 2, rate_hz: int = 500, kinds: int = 2) ->
         motors = np.round(65535 * np.sqrt(squares)).astype(int)
         out += struct.pack(head, 65535, stamp) + struct.pack("<6f4I", 0, 0, 1, 90 * x, -60 * y, 30, *motors.tolist())
         if i % 10 == 3 and kinds > 1:
-            out += struct.pack(head, 1, stamp + 1) + struct.pack("<dB", t, i % 256)
+            out += struct.pack(head, 1, stamp - 1) + struct.pack("<dB", t, i % 256)
     return out + struct.pack("<I", zlib.crc32(out))
 
 
