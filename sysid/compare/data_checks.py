@@ -40,7 +40,8 @@ OTHER_AXIS = 2.0
 SLOWEST_HZ = 0.9
 USUAL_LAG = np.exp(1j * np.pi / 6)
 """Slow answers of a rate lie about 30 degrees behind the command."""
-FASTER_HZ = 1.0
+FASTER_HZ, TIMES_FURTHER = 1.0, 4.0
+"""Where fast answers begin, and how much further they have to be known: in a narrow band any lateness turns a sign."""
 LATEST_S, LATENESS_STEP_S = 0.15, 0.005
 """By which motors, servos and links delay a vehicle's answer, at most, and the steps in which it is looked for."""
 ALIGNED, CLEARLY = 0.8, 0.5
@@ -169,7 +170,8 @@ def mistaken_signs(measured: Responses) -> list[Suspicion]:
     else:
         known &= measured.frequency_hz >= FASTER_HZ
         weighed = (H * measured.partial_coherence[at])[:, :, known]
-        gain = _fast_gain(2 * np.pi * measured.frequency_hz[known], weighed) if np.any(known) else None
+        far = float(np.max(measured.frequency_hz[known], initial=0.0)) >= TIMES_FURTHER * FASTER_HZ
+        gain = _fast_gain(2 * np.pi * measured.frequency_hz[known], weighed) if far else None
     answers = None if gain is None else _answers(gain)
     if answers is None:
         return []
