@@ -10,7 +10,7 @@ moves on between them: their bins inside the band are the command's, and what ho
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -127,6 +127,8 @@ class Spectrum:
     """Number of the first bin kept."""
     inputs: tuple[str, ...]
     """Names of the rows of U."""
+    acting: dict[Hashable, ComplexArray] = field(default_factory=dict, init=False)
+    """What `sysid.model.acting` made of the commands last, by what acted."""
 
     def transform(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n) of this segment, or `Segment.as_held`, to the same bins, (rows, bins)."""

@@ -59,6 +59,8 @@ ASKED = 20.0
 """of the catalogue's scores on one first effect;"""
 REFIT = {"linear": (2.0, 0.6), "samples": (12.0, 2.0), "in time": (25.0, 15.0)}
 """of a refit, and of a look at each beginning before it, by what has to be simulated."""
+DEAR = REFIT["in time"][0]
+"""Price of a refit from which on it is for no crumbs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,10 +251,12 @@ class _Chains:
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
         """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
-        plausible effect alone) explains more."""
+        plausible effect alone) explains more; where it is dear, that it promises as much as a chain is looked for."""
         if second.score is None:
             return True
         if second.score.log_p > SIGNIFICANT:
+            return False
+        if second.score.chi_squared < REMAINDER * first.chi_squared and self.price_of(second, first) >= DEAR:
             return False
         best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)

@@ -53,8 +53,12 @@ class Score:
     @property
     def log_p(self) -> float:
         """Logarithm of the chance that noise alone shows as much, the number of points counted in."""
-        chi_squared = min(self.chi_squared, self.in_bursts)
-        return min(0.0, log_chance(chi_squared, self.degrees) + math.log(self.tried))
+        return min(0.0, self.log_p_there + math.log(self.tried))
+
+    @property
+    def log_p_there(self) -> float:
+        """The same at its best point, had no other been asked."""
+        return log_chance(min(self.chi_squared, self.in_bursts), self.degrees)
 
 
 def log_chance(chi_squared: float, degrees: int) -> float:

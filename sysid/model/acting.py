@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from sysid.data.preprocess import ComplexArray, Segment
+from sysid.data.preprocess import ComplexArray, Segment, Spectrum
 from sysid.data.stacks import Stack
 from sysid.model.effect import Effect, Signals
 from sysid.model.structure import FloatArray, Structure, discretise, recursion
@@ -19,6 +19,8 @@ STEP = 1e-3
 """Of a parameter, for differences."""
 LARGE_STEP = 1e-2
 """Of a parameter, to see whether it moves the commands steadily."""
+KEPT = 4
+"""Bins of acting commands, for each run."""
 
 
 @lru_cache(maxsize=256)
@@ -118,8 +120,24 @@ def _behind(
     found, commands = logged.copy(), len(structure.commands)
     kept = [None] * len(stack.spectra) if known is None else known
     for one, part, some in zip(stack.spectra, stack.slices, kept, strict=True):
-        found[:commands, part] = one.transform(in_time(structure, front, one.segment, named, some))
+        found[:commands, part] = _acting_bins(structure, front, one, named, some)
     return found
+
+
+def _acting_bins(
+    structure: Structure,
+    front: Sequence[Effect],
+    one: Spectrum,
+    named: Mapping[str, float],
+    known: Samples | None,
+) -> ComplexArray:
+    """Commands of one run as they act behind `front`, (commands, bins); kept, for what follows moves far more often."""
+    at = (tuple(front), structure.commands, tuple(named[name] for effect in front for name in effect.names))
+    if at not in one.acting:
+        if len(one.acting) >= KEPT:
+            one.acting.pop(next(iter(one.acting)))
+        one.acting[at] = one.transform(in_time(structure, front, one.segment, named, known))
+    return one.acting[at]
 
 
 def either_side(structure: Structure, named: Mapping[str, float], name: str) -> tuple[float, float]:
