@@ -56,6 +56,12 @@ class Whitening:
                 parts.append(some - (some @ basis.T) @ basis)
         return np.concatenate(parts, axis=1)
 
+    def bins(self, row: FloatArray) -> ComplexArray:
+        """Of a row (N,) its bins, (k, bins), stack after stack."""
+        sizes = [2 * len(g.Y) * (part.stop - part.start) for g in self.stacks for part in g.slices]
+        parts = np.split(row, np.cumsum(sizes)[:-1])
+        return np.concatenate([part.view(complex).reshape(len(self.stacks[0].Y), -1) for part in parts], axis=1)
+
 
 def noise_whitening(model: Model, stacks: Sequence[Stack], division: Division) -> Whitening:
     """By the noise's spectrum and the model's end states."""
