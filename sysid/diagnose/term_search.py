@@ -17,6 +17,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
 from sysid.diagnose.terms import Entry
+from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
@@ -306,8 +307,9 @@ class _Step:
     standard_errors: FloatArray
     explains: FloatArray
     """(N,) of the residual, as the imposed commands show it."""
-    in_bursts: float = math.inf
-    """Chi squared by the noise's power when the entry acts, where noise comes in bursts."""
+    at_least: float = math.inf
+    """Chi squared by the noise's power when the entry acts, where noise comes in bursts; of what is not linear by
+    frequencies at which a thinned log tells how large commands are; the less of both."""
 
     @property
     def chi_squared(self) -> float:
@@ -320,7 +322,7 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
     D = whitening(_together([known.answers(number) for number in numbers]))
     Z = whitening(_together([known.answers(number, True) for number in numbers]))
     Z = Z - (Z @ stepped.J.T) @ instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
-    envelope = stepped.envelope(whitening)
+    envelope, told = stepped.envelope(whitening), rows_that_tell_sizes(whitening)
     found = []
     begin = 0
     for number in numbers:
@@ -330,19 +332,25 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         gram, e = z @ z.T, z @ stepped.residual
         inverse = np.linalg.pinv(z @ d.T)
         spread = np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse.T), 0))
-        in_bursts = math.inf
+        at_least = math.inf
         if envelope.rough:
-            in_bursts = float(e @ np.linalg.pinv(envelope.gram(z), hermitian=True) @ e)
-        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, in_bursts))
+            at_least = _quadratic(e, envelope.gram(z))
+        if told is not None and not known.entries[number].linear:
+            at_least = min(at_least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
+        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, at_least))
     return found
 
 
+def _quadratic(e: FloatArray, covariance: FloatArray) -> float:
+    return float(e @ np.linalg.pinv(covariance, hermitian=True) @ e)
+
+
 def _log_chance(step: _Step, log_p: FloatArray) -> float:
-    """Of one entry; in bursts by the noise's power when it acts, where that is the more likely."""
-    steady = float(log_p[step.number])
-    if not math.isfinite(step.in_bursts):
-        return steady
-    return max(steady, float(log_chances(np.array(step.in_bursts), np.array(len(step.coefficients)))))
+    """Of one entry; by what is sure of it, where that is the more likely."""
+    usual = float(log_p[step.number])
+    if not math.isfinite(step.at_least):
+        return usual
+    return max(usual, float(log_chances(np.array(step.at_least), np.array(len(step.coefficients)))))
 
 
 def _together(answers: Sequence[list[ComplexArray]]) -> list[ComplexArray]:
