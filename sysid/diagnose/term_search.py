@@ -5,7 +5,6 @@ the commands as the logged excitation alone moved them."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
+from sysid.fit.rows import bins
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.structure import AnyArray, FloatArray
 
@@ -107,7 +107,7 @@ def _in_metric(known: CandidateTerms, whitening: Whitening) -> _InMetric:
     edges = np.cumsum([0, *sizes])
     ends = np.concatenate(
         [
-            _inner(Z[:, i:j], h[..., i:j], _complex(basis, [j - i], h.shape[1]))
+            _inner(Z[:, i:j], h[..., i:j], bins(basis, [j - i], h.shape[1]))
             for i, j, basis in zip(edges[:-1], edges[1:], bases, strict=True)
         ],
         axis=2,
@@ -129,7 +129,7 @@ def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> 
     fixed = _in_metric(known, whitening)
     b, k = len(stepped.J), fixed.h.shape[1]
     vectors = np.concatenate([stepped.residual[None], stepped.J, stepped.Z])
-    others = _inner(fixed.Z, fixed.h, _complex(vectors, fixed.sizes, k))
+    others = _inner(fixed.Z, fixed.h, bins(vectors, fixed.sizes, k))
     e, moved, asked = others[..., 0], others[..., 1 : 1 + b], others[..., 1 + b :]
     own = moved @ instrumental_inverse(stepped.Z, stepped.J)
     crossed = stepped.Z @ stepped.Z.T
@@ -144,18 +144,6 @@ def instrumental_inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:
     """Of asked moved^T; the sizes of sensitivities, which are many powers of ten apart, do not matter."""
     sizes = [np.maximum(np.sqrt(np.einsum("ij,ij->i", one, one)), 1e-300) for one in (moved, asked)]
     return np.asarray(np.linalg.pinv((asked @ moved.T) / np.outer(sizes[1], sizes[0]), RANK) / np.outer(*sizes))
-
-
-def _complex(vectors: FloatArray, sizes: Sequence[int], k: int) -> ComplexArray:
-    """Rows of a metric (v, N) back to bins (v, k, bins)."""
-    edges = np.cumsum([0, *(2 * k * size for size in sizes)])
-    return np.concatenate(
-        [
-            np.ascontiguousarray(vectors[:, i:j]).view(complex).reshape(len(vectors), k, -1)
-            for i, j in itertools.pairwise(edges)
-        ],
-        axis=2,
-    )
 
 
 def _inner(terms: ComplexArray, h: ComplexArray, vectors: ComplexArray) -> FloatArray:
@@ -395,8 +383,8 @@ def _left(parent: Candidate, known: CandidateTerms, numbers: Sequence[int]) -> O
         weight = np.diag(whitener[0]).real
         for part in group.slices:
             size = 2 * power.size * (part.stop - part.start)  # real and imaginary parts of every output
-            bins = e[begin : begin + size].view(complex).reshape(power.size, -1) / weight[:, None]
-            power += np.sum(np.abs(bins) ** 2, axis=1)
-            residuals.append(bins / group.scale[part])
+            left = e[begin : begin + size].view(complex).reshape(power.size, -1) / weight[:, None]
+            power += np.sum(np.abs(left) ** 2, axis=1)
+            residuals.append(left / group.scale[part])
             begin += size
     return OutputError(residuals, parent.estimate.error.measured_power, power)

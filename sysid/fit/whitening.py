@@ -11,7 +11,7 @@ import numpy as np
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.noise import Division
-from sysid.fit.rows import orthonormal, rows
+from sysid.fit.rows import bins, orthonormal, rows
 from sysid.model.predict import respond
 from sysid.model.structure import AnyArray, FloatArray, Model
 
@@ -58,9 +58,8 @@ class Whitening:
 
     def bins(self, row: FloatArray) -> ComplexArray:
         """Of a row (N,) its bins, (k, bins), stack after stack."""
-        sizes = [2 * len(g.Y) * (part.stop - part.start) for g in self.stacks for part in g.slices]
-        parts = np.split(row, np.cumsum(sizes)[:-1])
-        return np.concatenate([part.view(complex).reshape(len(self.stacks[0].Y), -1) for part in parts], axis=1)
+        sizes = [part.stop - part.start for group in self.stacks for part in group.slices]
+        return np.asarray(bins(row[None], sizes, len(self.stacks[0].Y))[0])
 
 
 def noise_whitening(model: Model, stacks: Sequence[Stack], division: Division) -> Whitening:
