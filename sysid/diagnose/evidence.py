@@ -21,7 +21,7 @@ from sysid.fit.bursts import Envelope
 from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
-from sysid.fit.noise import Division, divide
+from sysid.fit.noise import Division, divide, surprise
 from sysid.fit.output_error import OutputError
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
@@ -67,16 +67,24 @@ class Candidate:
         return dict(zip(self.model.structure.names, map(float, errors), strict=True))
 
     @cached_property
+    def _divided(self) -> Division:
+        return divide(self.estimate.error, self.dataset.stacks, self.dataset.causes)
+
+    @cached_property
     def division(self) -> Division:
-        """What it leaves, divided into what the commands explain and noise; whether they explain any is asked in its
-        metric."""
-        found = divide(self.estimate.error, self.dataset.stacks, self.dataset.causes)
-        new = self.metric if self.dataset.in_a_loop else None
-        if not isinstance(new, Innovations):
-            return found
+        """What it leaves, divided into what the commands explain and noise.
+
+        Whether they explain any is asked in its metric, of what one step leaves there: where noise is weak, numbers by
+        constant weights are off by more than it, and that is no error of the structure.
+        """
+        new, commands = self.metric, self._divided.commands
         stepped = instrumental_step(self.asked_in(new), new)
-        chi_squared, degrees = new.surprise(stepped.residual, stepped.J, found.commands)
-        return replace(found, chi_squared=chi_squared, degrees=degrees)
+        if isinstance(new, Innovations):
+            chi_squared, degrees = new.surprise(stepped.residual, stepped.J, commands)
+        else:
+            chi_squared, degrees = surprise(new.bins(stepped.residual), new.stacks, self.dataset.causes)
+            degrees = max(1, degrees - len(stepped.J))
+        return replace(self._divided, chi_squared=chi_squared, degrees=degrees)
 
     @cached_property
     def asked(self) -> Candidate:
@@ -127,7 +135,7 @@ class Candidate:
         """White rows by the noise that it leaves: for `asked`, and for that of every other candidate."""
         if self.dataset.in_a_loop:
             return innovations(self.model, self.dataset.wider, self.asked.free)
-        return noise_whitening(self.model, self.dataset.stacks, self.division)
+        return noise_whitening(self.model, self.dataset.stacks, self._divided)
 
     @property
     def error_share(self) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.evidence import Candidate, Stepped, imposed_answers
+from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.bursts import Envelope
 from sysid.fit.whitening import Whitening
 from sysid.model.acting import linear_dynamics
@@ -31,7 +32,7 @@ SMALL_STEP = 0.1
 INDEPENDENT = 1e-7
 """Share of a sensitivity that the base's own must leave of it."""
 WORTH_A_LOOK = math.log(0.01)
-"""Chance, from which on it is asked what bursts of the noise would make of it."""
+"""Chance, from which on it is asked what bursts of the noise, or a thinned log, would make of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +48,9 @@ class Score:
     """The point of the grids, and the one-step estimates of parameters that begin at their null."""
     errors: Mapping[str, float]
     """Standard errors of those estimates."""
-    in_bursts: float = math.inf
-    """Chi squared by the noise's power when the effect acts, where noise comes in bursts and that is less."""
+    at_least: float = math.inf
+    """Chi squared by the noise's power when the effect acts, where noise comes in bursts; of what acts on the commands'
+    samples that of the frequencies at which a thinned log tells these; where that is less."""
 
     @property
     def log_p(self) -> float:
@@ -58,7 +60,7 @@ class Score:
     @property
     def log_p_there(self) -> float:
         """The same at its best point, had no other been asked."""
-        return log_chance(min(self.chi_squared, self.in_bursts), self.degrees)
+        return log_chance(min(self.chi_squared, self.at_least), self.degrees)
 
 
 def log_chance(chi_squared: float, degrees: int) -> float:
@@ -200,7 +202,7 @@ class _Question:
         if not np.any(keep):
             return None
         Z1 = Z1[keep]
-        chi_squared, degrees, in_bursts = self._explained(Z1)
+        chi_squared, degrees, at_least = self._explained(Z1)
         names = [name for place, name in zip(keep, [*([""] if alone else []), *dict(steps)], strict=True) if place]
         moves, errors = ({}, {}) if D is None else self._moves(names, D[keep], Z1, dict(steps))
         return Score(
@@ -210,7 +212,7 @@ class _Question:
             tried=tried,
             at={**point, **{name: point[name] + move for name, move in moves.items()}},
             errors=errors,
-            in_bursts=in_bursts,
+            at_least=at_least,
         )
 
     def _answers(
@@ -244,17 +246,16 @@ class _Question:
         return self._imposed[key]
 
     def _explained(self, Z: FloatArray) -> tuple[float, int, float]:
-        """Chi squared of the residual along these rows, its degrees of freedom, and the same in the noise's bursts."""
-        gram = Z @ Z.T
-        scale = np.sqrt(np.diag(gram))
-        inner, axes = np.linalg.eigh(gram / np.outer(scale, scale))
-        rank = inner > 1e-9 * inner[-1]
-        along = axes[:, rank].T @ ((Z @ self.stepped.residual) / scale)
-        chi_squared, degrees = float(np.sum(along**2 / inner[rank])), int(np.sum(rank))
-        if not self.envelope.rough or log_chance(chi_squared, degrees) > WORTH_A_LOOK:
+        """Chi squared of the residual along these rows, its degrees of freedom, and what of it is sure (`at_least`)."""
+        residual = self.stepped.residual
+        chi_squared, degrees = _along(Z, residual)
+        if log_chance(chi_squared, degrees) > WORTH_A_LOOK:
             return chi_squared, degrees, math.inf
-        spread = axes[:, rank].T @ (self.envelope.gram(Z) / np.outer(scale, scale)) @ axes[:, rank]
-        return chi_squared, degrees, float(along @ np.linalg.solve(spread, along))
+        told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
+        at_least = math.inf if told is None else _along(Z * told, residual * told)[0]
+        if self.envelope.rough:
+            at_least = min(at_least, _along(Z, residual, self.envelope.gram(Z))[0])
+        return chi_squared, degrees, at_least
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]
@@ -269,6 +270,20 @@ class _Question:
         each = [(name, float(times), float(error)) for name, times, error in zip(names, move, spread, strict=True)]
         moves = {name: times * width[name] for name, times, _ in each if name}
         return moves, {name: error * abs(width[name]) for name, _, error in each if name}
+
+
+def _along(Z: FloatArray, residual: FloatArray, covariance: FloatArray | None = None) -> tuple[float, int]:
+    """Chi squared of a residual (N,) along rows (c, N), and its degrees of freedom; `covariance` (c, c) of their inner
+    products with noise where that is not white."""
+    gram = Z @ Z.T
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inner, axes = np.linalg.eigh(gram / np.outer(scale, scale))
+    rank = inner > 1e-9 * inner[-1]
+    along = axes[:, rank].T @ ((Z @ residual) / scale)
+    if covariance is None:
+        return float(np.sum(along**2 / inner[rank])), int(np.sum(rank))
+    spread = axes[:, rank].T @ (covariance / np.outer(scale, scale)) @ axes[:, rank]
+    return float(along @ np.linalg.solve(spread, along)), int(np.sum(rank))
 
 
 def _steady(structure: Structure, on: Dataset) -> Structure:

@@ -5,7 +5,6 @@ the commands as the logged excitation alone moved them."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,9 +16,11 @@ from sysid.data.preprocess import ComplexArray
 from sysid.diagnose.candidate_terms import CandidateTerms, candidate_terms
 from sysid.diagnose.evidence import Candidate, Stepped, error_share
 from sysid.diagnose.terms import Entry
+from sysid.diagnose.thinned import rows_that_tell_sizes
 from sysid.fit.innovations import Innovations
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
+from sysid.fit.rows import bins
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.structure import AnyArray, FloatArray
 
@@ -106,7 +107,7 @@ def _in_metric(known: CandidateTerms, whitening: Whitening) -> _InMetric:
     edges = np.cumsum([0, *sizes])
     ends = np.concatenate(
         [
-            _inner(Z[:, i:j], h[..., i:j], _complex(basis, [j - i], h.shape[1]))
+            _inner(Z[:, i:j], h[..., i:j], bins(basis, [j - i], h.shape[1]))
             for i, j, basis in zip(edges[:-1], edges[1:], bases, strict=True)
         ],
         axis=2,
@@ -128,7 +129,7 @@ def _products(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> 
     fixed = _in_metric(known, whitening)
     b, k = len(stepped.J), fixed.h.shape[1]
     vectors = np.concatenate([stepped.residual[None], stepped.J, stepped.Z])
-    others = _inner(fixed.Z, fixed.h, _complex(vectors, fixed.sizes, k))
+    others = _inner(fixed.Z, fixed.h, bins(vectors, fixed.sizes, k))
     e, moved, asked = others[..., 0], others[..., 1 : 1 + b], others[..., 1 + b :]
     own = moved @ instrumental_inverse(stepped.Z, stepped.J)
     crossed = stepped.Z @ stepped.Z.T
@@ -143,18 +144,6 @@ def instrumental_inverse(asked: FloatArray, moved: FloatArray) -> FloatArray:
     """Of asked moved^T; the sizes of sensitivities, which are many powers of ten apart, do not matter."""
     sizes = [np.maximum(np.sqrt(np.einsum("ij,ij->i", one, one)), 1e-300) for one in (moved, asked)]
     return np.asarray(np.linalg.pinv((asked @ moved.T) / np.outer(sizes[1], sizes[0]), RANK) / np.outer(*sizes))
-
-
-def _complex(vectors: FloatArray, sizes: Sequence[int], k: int) -> ComplexArray:
-    """Rows of a metric (v, N) back to bins (v, k, bins)."""
-    edges = np.cumsum([0, *(2 * k * size for size in sizes)])
-    return np.concatenate(
-        [
-            np.ascontiguousarray(vectors[:, i:j]).view(complex).reshape(len(vectors), k, -1)
-            for i, j in itertools.pairwise(edges)
-        ],
-        axis=2,
-    )
 
 
 def _inner(terms: ComplexArray, h: ComplexArray, vectors: ComplexArray) -> FloatArray:
@@ -306,8 +295,9 @@ class _Step:
     standard_errors: FloatArray
     explains: FloatArray
     """(N,) of the residual, as the imposed commands show it."""
-    in_bursts: float = math.inf
-    """Chi squared by the noise's power when the entry acts, where noise comes in bursts."""
+    at_least: float = math.inf
+    """Chi squared by the noise's power when the entry acts, where noise comes in bursts; of what is not linear by
+    frequencies at which a thinned log tells how large commands are; the less of both."""
 
     @property
     def chi_squared(self) -> float:
@@ -320,7 +310,7 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
     D = whitening(_together([known.answers(number) for number in numbers]))
     Z = whitening(_together([known.answers(number, True) for number in numbers]))
     Z = Z - (Z @ stepped.J.T) @ instrumental_inverse(stepped.Z, stepped.J) @ stepped.Z
-    envelope = stepped.envelope(whitening)
+    envelope, told = stepped.envelope(whitening), rows_that_tell_sizes(whitening)
     found = []
     begin = 0
     for number in numbers:
@@ -330,19 +320,25 @@ def _steps(known: CandidateTerms, numbers: Sequence[int], stepped: Stepped, whit
         gram, e = z @ z.T, z @ stepped.residual
         inverse = np.linalg.pinv(z @ d.T)
         spread = np.sqrt(np.maximum(np.diag(inverse @ gram @ inverse.T), 0))
-        in_bursts = math.inf
+        at_least = math.inf
         if envelope.rough:
-            in_bursts = float(e @ np.linalg.pinv(envelope.gram(z), hermitian=True) @ e)
-        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, in_bursts))
+            at_least = _quadratic(e, envelope.gram(z))
+        if told is not None and not known.entries[number].linear:
+            at_least = min(at_least, _quadratic((z * told) @ stepped.residual, (z * told) @ z.T))
+        found.append(_Step(number, inverse @ e, spread, np.linalg.pinv(gram, hermitian=True) @ e @ z, at_least))
     return found
 
 
+def _quadratic(e: FloatArray, covariance: FloatArray) -> float:
+    return float(e @ np.linalg.pinv(covariance, hermitian=True) @ e)
+
+
 def _log_chance(step: _Step, log_p: FloatArray) -> float:
-    """Of one entry; in bursts by the noise's power when it acts, where that is the more likely."""
-    steady = float(log_p[step.number])
-    if not math.isfinite(step.in_bursts):
-        return steady
-    return max(steady, float(log_chances(np.array(step.in_bursts), np.array(len(step.coefficients)))))
+    """Of one entry; by what is sure of it, where that is the more likely."""
+    usual = float(log_p[step.number])
+    if not math.isfinite(step.at_least):
+        return usual
+    return max(usual, float(log_chances(np.array(step.at_least), np.array(len(step.coefficients)))))
 
 
 def _together(answers: Sequence[list[ComplexArray]]) -> list[ComplexArray]:
@@ -387,8 +383,8 @@ def _left(parent: Candidate, known: CandidateTerms, numbers: Sequence[int]) -> O
         weight = np.diag(whitener[0]).real
         for part in group.slices:
             size = 2 * power.size * (part.stop - part.start)  # real and imaginary parts of every output
-            bins = e[begin : begin + size].view(complex).reshape(power.size, -1) / weight[:, None]
-            power += np.sum(np.abs(bins) ** 2, axis=1)
-            residuals.append(bins / group.scale[part])
+            left = e[begin : begin + size].view(complex).reshape(power.size, -1) / weight[:, None]
+            power += np.sum(np.abs(left) ** 2, axis=1)
+            residuals.append(left / group.scale[part])
             begin += size
     return OutputError(residuals, parent.estimate.error.measured_power, power)

@@ -128,6 +128,10 @@ class Entry:
         )
 
     @property
+    def linear(self) -> bool:
+        return all(len(factors) == 1 and factors[0].form == "plain" for _, factors in self.parts)
+
+    @property
     def signals(self) -> int:
         """How many signals it is made of; rates, which are sums of others, count twice."""
         _, expression = self.parts[0]

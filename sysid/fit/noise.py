@@ -93,32 +93,19 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     A window is WINDOW_HZ wide, or `window_hz` where short runs have too few bins in so narrow a one.
     """
     scale = np.concatenate([group.scale for group in stacks])
-    frequency = np.concatenate([group.frequency_hz for group in stacks])
-    rows = [scale * np.concatenate(each, axis=1) for each in (error.residuals, by.caused, by.reference)]
-    segment = np.concatenate([np.full(one.shape[1], number) for number, one in enumerate(error.residuals)])
-    count = max(1, round((float(frequency.max()) - float(frequency.min())) / (window_hz or WINDOW_HZ)))
-    edges = np.linspace(float(frequency.min()), float(frequency.max()), count + 1)
-    order, starts = _cut(frequency, edges)
-    half = 0.5 * (edges[1] - edges[0])
-    place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
-    y, x, z = (each[:, order] for each in rows)
-    span = _Span.of(z, place, segment[order], starts)
-    explained = _explained(y, x, place, span)
-    found, rest, unknown, free = explained.found, explained.rest, explained.unknown, explained.free
-    around = np.array([_neighbours(rest, number) for number in range(count)])
-    freedom = np.array([max(_neighbours(free, number), 1.0) for number in range(count)])
+    asked = _Asked.of(scale * np.concatenate(error.residuals, axis=1), stacks, by, window_hz or WINDOW_HZ)
+    explained, count = asked.explained, asked.edges_hz.size - 1
+    around = np.array([_neighbours(explained.rest, number) for number in range(count)])
+    freedom = np.array([max(_neighbours(explained.free, number), 1.0) for number in range(count)])
     S = around / freedom[:, None, None]
     own = np.real(np.einsum("wkk->wk", S))
     tiny = LEAST_LEVEL * np.max(own, initial=1e-300)
-    chi_squared, degrees = _surprise(found, rest, unknown, free, tiny)
-    if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
-        chance = _in_bursts(explained, span, segment[order], stacks)
-        if chance is not None:
-            chi_squared = as_steady(chi_squared, degrees, *chance)
+    chi_squared, degrees = asked.surprise(tiny)
+    unknown = explained.unknown
     return Division(
-        edges_hz=edges,
+        edges_hz=asked.edges_hz,
         power=explained.power,
-        explained=np.real(np.einsum("wkk->wk", found)) - unknown[:, None] * own,
+        explained=np.real(np.einsum("wkk->wk", explained.found)) - unknown[:, None] * own,
         by_command=explained.by_command - np.minimum(2, unknown)[:, None, None] * own[:, :, None],
         commands=by.commands,
         references=by.references,
@@ -126,6 +113,51 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
         degrees=degrees,
         level=S + tiny * np.eye(S.shape[1]),
     )
+
+
+def surprise(white: ComplexArray, stacks: Sequence[Stack], by: Causes) -> tuple[float, int]:
+    """What the commands explain of white rows (k, bins), all stacks': chi squared, and its degrees of freedom."""
+    return _Asked.of(white, stacks, by, WINDOW_HZ).surprise(LEAST_LEVEL)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Asked:
+    """Bins held against what the references span, window by window."""
+
+    edges_hz: FloatArray
+    explained: _Explained
+    span: _Span
+    segment: NDArray[np.int64]
+    """(bins,), window after window, that each belongs to."""
+    stacks: Sequence[Stack]
+
+    @classmethod
+    def of(cls, y: ComplexArray, stacks: Sequence[Stack], by: Causes, window_hz: float) -> _Asked:
+        scale = np.concatenate([group.scale for group in stacks])
+        frequency = np.concatenate([group.frequency_hz for group in stacks])
+        x, z = (scale * np.concatenate(each, axis=1) for each in (by.caused, by.reference))
+        sizes = [part.stop - part.start for group in stacks for part in group.slices]
+        segment = np.repeat(np.arange(len(sizes)), sizes)
+        count = max(1, round((float(frequency.max()) - float(frequency.min())) / window_hz))
+        edges = np.linspace(float(frequency.min()), float(frequency.max()), count + 1)
+        order, starts = _cut(frequency, edges)
+        half = 0.5 * (edges[1] - edges[0])
+        place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
+        y, x, z = (each[:, order] for each in (y, x, z))
+        span = _Span.of(z, place, segment[order], starts)
+        return cls(
+            edges_hz=edges, explained=_explained(y, x, place, span), span=span, segment=segment[order], stacks=stacks
+        )
+
+    def surprise(self, tiny: float) -> tuple[float, int]:
+        """Chi squared of all windows, and its degrees of freedom; `tiny` is a power that all noise has."""
+        asked = self.explained
+        chi_squared, degrees = _surprise(asked.found, asked.rest, asked.unknown, asked.free, tiny)
+        if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
+            chance = _in_bursts(self.explained, self.span, self.segment, self.stacks)
+            if chance is not None:
+                chi_squared = as_steady(chi_squared, degrees, *chance)
+        return chi_squared, degrees
 
 
 def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

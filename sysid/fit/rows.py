@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
@@ -16,6 +19,18 @@ def rows(x: ComplexArray) -> FloatArray:
     """(r, k, bins) complex -> (r, 2 k bins) real, so that real products are real parts."""
     real: FloatArray = np.ascontiguousarray(x).reshape(x.shape[0], -1).view(float)
     return real
+
+
+def bins(vectors: FloatArray, sizes: Sequence[int], k: int) -> ComplexArray:
+    """Rows (v, N), segments of so many bins one after the other, back to bins (v, k, bins)."""
+    edges = np.cumsum([0, *(2 * k * size for size in sizes)])
+    return np.concatenate(
+        [
+            np.ascontiguousarray(vectors[:, i:j]).view(complex).reshape(len(vectors), k, -1)
+            for i, j in itertools.pairwise(edges)
+        ],
+        axis=2,
+    )
 
 
 def orthonormal(E: AnyArray, rank: float = ENDS_RANK) -> AnyArray:

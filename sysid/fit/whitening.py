@@ -11,7 +11,7 @@ import numpy as np
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.noise import Division
-from sysid.fit.rows import orthonormal, rows
+from sysid.fit.rows import bins, orthonormal, rows
 from sysid.model.predict import respond
 from sysid.model.structure import AnyArray, FloatArray, Model
 
@@ -55,6 +55,11 @@ class Whitening:
                 some = rows(white[..., part])
                 parts.append(some - (some @ basis.T) @ basis)
         return np.concatenate(parts, axis=1)
+
+    def bins(self, row: FloatArray) -> ComplexArray:
+        """Of a row (N,) its bins, (k, bins), stack after stack."""
+        sizes = [part.stop - part.start for group in self.stacks for part in group.slices]
+        return np.asarray(bins(row[None], sizes, len(self.stacks[0].Y))[0])
 
 
 def noise_whitening(model: Model, stacks: Sequence[Stack], division: Division) -> Whitening:

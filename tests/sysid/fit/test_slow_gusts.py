@@ -1,4 +1,5 @@
-"""A quadrotor, which integrates, in slow gusts and a loop: least squares takes gusts for its answers."""
+"""Slow gusts: least squares takes some of them for a quadrotor's answers; where they are weak its numbers are off by
+more than the noise."""
 
 from __future__ import annotations
 
@@ -8,11 +9,15 @@ from strangers.flights import Stranger, fly
 
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.score import log_chance
 from sysid.fit import estimate
 from sysid.fit.identify import identify, on_runs
+from sysid.fit.noise import divide
 
 SEED = 2069
 """A training one: motors of 89 ms, 39 s chirps, slow gusts of 2.3 times the usual size."""
+CLEAN_SEED = 3144
+"""One of a small helicopter that hides nothing: 13.8 s chirps, a strong loop, slow gusts."""
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +55,16 @@ def test_what_is_missing_is_told_by_the_noise(runs: list[Record]) -> None:
     assert found.winner.fit.error_share > found.parent.error_share
     assert found.explained_share is not None
     assert found.explained_share > 0.9
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("servo_lag",)], indirect=True)
+def test_where_noise_is_weak_numbers_by_strong_noise_are_no_error_of_the_structure() -> None:
+    flown = fly(CLEAN_SEED)
+    runs = records(flown)[: flown.plan.fitted]
+    found = diagnose(on_runs("tpp", (), runs, runs), runs, chains=False)
+    assert found.verdict == "complete"
+    parent = found.parent
+    as_fitted = divide(parent.estimate.error, parent.dataset.stacks, parent.dataset.causes)
+    assert log_chance(as_fitted.chi_squared, as_fitted.degrees) < -30, "which would be an alarm"
+    assert found.division.chi_squared < found.division.degrees + 4 * (2 * found.division.degrees) ** 0.5
