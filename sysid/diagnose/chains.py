@@ -133,7 +133,7 @@ def chains_of_two(
         first = waiting.pop(0)
         done.add(first.effect)
         if not chains.begin_with(first):
-            if first is able[0]:
+            if first is able[0] and not chains.found:
                 return ChainSearch()  # the best one alone leaves noise
             continue
         if not waiting and chains.found:

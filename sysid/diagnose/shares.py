@@ -95,8 +95,8 @@ class Shares:
             return one
         E0, N = self.error_share, self.noise_share
         share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
-        if one.fit.error_share > E0 or not one.fit.division.measured:
-            # gusts of a loop, which least squares takes for the parent's answers: powers do not tell what it left
+        if one.fit.error_share > E0 and one.fit.division.measured:
+            # least squares took gusts of the loop for the parent's answers: powers do not tell what it left
             share = self._by_the_noise(one)
         if self.validation is None or one.validation_error is None:
             return replace(one, explained_share=share)
@@ -105,10 +105,11 @@ class Shares:
 
     def enough(self, one: Ranked) -> bool:
         """Whether it explains what can be explained; by the noise's own measure where that is little beside the
-        noise."""
+        noise, or where feedback lets commands explain gusts, too."""
         assert one.fit is not None
         share = one.explained_share or 0.0
-        if self.error_share - self.noise_share < LITTLE * self.noise_share:
+        little = self.error_share - self.noise_share < LITTLE * self.noise_share
+        if little or not one.fit.division.measured:
             share = max(share, self._by_the_noise(one))
         if one.validation_share is None:
             return share >= EXPLAINED
