@@ -93,6 +93,7 @@ PLANTED: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "airspeed_scaling": {"m": 1.0},
         # actuators
         "servo_lag": {"tau_s": 0.03},
+        "lag_per_axis": {"tau_x": 0.01, "tau_y": 0.03},
         "servo_second_order": {"frequency": 12.0, "zeta": 0.7},
         "transport_delay": {"T_d": 0.0131},
         "servo_rate_limit": {"rate": 4.0},
@@ -278,6 +279,7 @@ def equations(
     tau, L_b, M_a = N["tau_f"], N["L_b"], N["M_a"]
     # the cyclic that acts: the command, or what the servo makes of it
     x, y, e = ("v_x", "v_y", "v_e") if effect in ("servo_lag", "servo_second_order") else ("x", "y", "e")
+    x, y = ("v_x", "v_y") if effect == "lag_per_axis" else (x, y)
 
     E = _Equations({})
     E.add("p", b=L_b, p=N["L_p"], gust_p=1.0)
@@ -416,6 +418,9 @@ def equations(
         case "servo_lag":
             for name in ("x", "y", "e"):
                 E.add(f"v_{name}", **{name: 1 / size["tau_s"], f"v_{name}": -1 / size["tau_s"]})
+        case "lag_per_axis":
+            for name in ("x", "y"):
+                E.add(f"v_{name}", **{name: 1 / size[f"tau_{name}"], f"v_{name}": -1 / size[f"tau_{name}"]})
         case "servo_second_order":
             w, zeta = 2 * math.pi * size["frequency"], size["zeta"]
             for name in ("x", "y", "e"):

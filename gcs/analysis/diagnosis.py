@@ -106,6 +106,14 @@ class LoopUntold:
 
 
 @dataclass(frozen=True, slots=True)
+class StepsLost:
+    """Validation runs that did not judge: a log slower than the loop does not tell when their commands stepped."""
+
+    runs: tuple[str, ...]
+    """Their ids."""
+
+
+@dataclass(frozen=True, slots=True)
 class NoExcitation:
     """The commands stand for themselves: with gusts, feedback alone lets them explain some of the error."""
 
@@ -120,6 +128,7 @@ Remark = (
     | InALoop
     | ClocksDiffer
     | LoopUntold
+    | StepsLost
     | LittleLeft
     | BudgetSpent
 )
@@ -197,6 +206,7 @@ def diagnose_fit(
         fit, composed = grown, [*grown.model.structure.composed]
     looped = _in_a_loop(answer) or _no_excitation(answer)
     remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *looped]
+    remarks += _not_judged(answer, judging.records)
     remarks += [] if answer.unsearched is None else [answer.unsearched]
     if repeat and grown is not None:
         remarks.append(_stopped(answer, wild))
@@ -368,6 +378,12 @@ def _clocks_differ(found: Diagnosis) -> list[Remark]:
         return [LoopUntold(found.thinned)]
     early = clocks(found)
     return [] if early is None else [ClocksDiffer(early)]
+
+
+def _not_judged(found: Diagnosis, validation: Sequence[Record]) -> list[Remark]:
+    kept = set() if found.validation is None else {one.id for one in found.validation.records}
+    lost = tuple(one.id for one in validation if one.id not in kept)
+    return [StepsLost(lost)] if lost else []
 
 
 def _no_excitation(found: Diagnosis) -> list[Remark]:

@@ -112,26 +112,30 @@ def chains_of_two(
     say: Progress,
     budget: float | None = None,
     limit: Limit | None = None,
+    answered: bool = True,
 ) -> ChainSearch:
     """The best second effects on the best first ones, where those leave something that is not noise; best first.
 
     `budget`: base fits that this may cost, BUDGET where none is named; `limit`: changes of margins from which on what
-    is left matters.
+    is left matters. Where one effect is `answered`, nothing is looked for beside one that explains nearly all; else the
+    one that explains most on the validation runs is tried with the best, however little it is on the fitted ones.
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
-    if not able or _remainder(able[0], reference) < REMAINDER:
+    if not able or (answered and _remainder(able[0], reference) < REMAINDER):
         return ChainSearch()
     points = points_left(able[0], reference)
-    if _crumbs(able[0], points, limit or Limit()):
+    if points < CRUMBS or (answered and _harmless(able[0], points, limit or Limit())):
         return ChainSearch(unsearched=LittleLeft(points))
     chains = _Chains(fitted, reference, say, budget)
+    if not answered and (other := _best_elsewhere(able)) is not None:
+        chains.fit(able[0], other)
     waiting, done = _different(able), set[str]()
     while waiting and len(done) < MOST_FIRSTS:
         first = waiting.pop(0)
         done.add(first.effect)
         if not chains.begin_with(first):
-            if first is able[0]:
+            if first is able[0] and not chains.found:
                 return ChainSearch()  # the best one alone leaves noise
             continue
         if not waiting and chains.found:
@@ -143,13 +147,11 @@ def chains_of_two(
     return ChainSearch(tuple(sorted(chains.found.values(), key=rank)), chains.unsearched)
 
 
-def _crumbs(one: Ranked, points: float, limit: Limit) -> bool:
-    """Whether so many points are too few, or little and known to change no margin by more than this."""
+def _harmless(one: Ranked, points: float, limit: Limit) -> bool:
+    """Whether so many points are little, and known to change no margin by more than this."""
     assert one.fit is not None
-    if CRUMBS <= points < LITTLE_POINTS:
-        change = seen(one.fit)
-        return change is not None and change.over(limit) <= 1
-    return points < CRUMBS
+    change = seen(one.fit) if points < LITTLE_POINTS else None
+    return change is not None and change.over(limit) <= 1
 
 
 def points_left(one: Ranked, reference: Reference) -> float:
@@ -164,6 +166,16 @@ def points_left(one: Ranked, reference: Reference) -> float:
 
     linear = left(None)
     return linear if linear >= LITTLE_POINTS else max(linear, left(reference.simple(fit)))
+
+
+def _best_elsewhere(able: Sequence[Ranked]) -> Ranked | None:
+    """What explains clearly more of the validation runs than the best of these, and is plausible: the other half of
+    what no single effect is."""
+    told = [one for one in able if one.validation_share is not None and not one.implausible]
+    best = max(told, key=lambda one: one.validation_share or 0.0, default=None)
+    if best is None or best is able[0]:
+        return None
+    return best if (best.validation_share or 0.0) > (able[0].validation_share or 0.0) + REMAINDER else None
 
 
 def price(composed: Structure, begin: Model) -> float:

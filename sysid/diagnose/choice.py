@@ -31,8 +31,16 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     single = _likeliest_in_practice(single, singles)
     if pair is None or pair.delta_bic >= single.delta_bic:
         return single
-    more = (pair.explained_share or 0.0) - (single.explained_share or 0.0)
-    return _likeliest_in_practice(pair, pairs) if more > REMAINDER else single
+    return _likeliest_in_practice(pair, pairs) if _more(pair, single) > REMAINDER else single
+
+
+def _more(pair: Ranked, single: Ranked) -> float:
+    """Share of what can be explained, by which a chain explains more, on the fitted or, chance taken off, on the
+    validation runs."""
+    here = (pair.explained_share or 0.0) - (single.explained_share or 0.0)
+    if pair.validation_share is None or single.validation_share is None:
+        return here
+    return max(here, pair.validation_share - single.validation_share - single.validation_slack)
 
 
 def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:

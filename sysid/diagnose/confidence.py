@@ -16,6 +16,10 @@ CONFIDENCE = (-1.2, 2.8, -5.0)
 """Logit of being right: constant, per unit of lead, per share left unexplained; set on flights with seeds below 100."""
 UNEXPLAINED_RIGHT, COMPLETE_RIGHT = 0.85, 0.98
 """How often these verdicts were right there, where nothing speaks against them."""
+NOTHING_SHOWN, DOUBTFUL = math.log(0.1), math.log(0.02)
+"""Logarithms of the chance of noise: down to the first all of 13 strangers with seeds below 4000 were rightly called
+complete, from the second on 4 of 8."""
+IN_DOUBT = 0.5
 VETO_RIGHT = 0.5
 """Of an effect that leaves noise, how likely a veto against it is right."""
 SURPRISE = 4.0
@@ -44,6 +48,13 @@ def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> t
 def of_named(ratio: float, short: float, among: Class) -> float:
     """That the effect named is right, or one of its class where that is short enough."""
     return _logistic(CONFIDENCE, ratio, short) * among.right
+
+
+def of_complete(chance: float) -> float:
+    """That nothing is missing that a flight like this could show, where `chance`, a logarithm, is that noise shows as
+    much: what is not quite enough to be told is doubt."""
+    told = (NOTHING_SHOWN - chance) / (NOTHING_SHOWN - DOUBTFUL)
+    return COMPLETE_RIGHT - (COMPLETE_RIGHT - IN_DOUBT) * min(1.0, max(0.0, told))
 
 
 def of_unexplained(winner: Ranked | None, chance: float, named: float) -> float:

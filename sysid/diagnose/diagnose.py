@@ -35,7 +35,7 @@ from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.term_search import Selection, search, select
-from sysid.diagnose.thinned import as_held, held
+from sysid.diagnose.thinned import as_held, held, telling
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
 from sysid.model.effect import Effect
@@ -69,6 +69,7 @@ def diagnose(
     )
     if loop_s is not None and validated_on is not None:
         validated_on = held(validated_on, loop_s).beside(parent.dataset)
+    validated_on = None if validated_on is None else telling(validated_on)
     asked_of = parent.asked_in(parent.metric)
     stepped = instrumental_step(asked_of, parent.metric)
     say("the structure as it is")
@@ -83,9 +84,12 @@ def diagnose(
         candidates = refit_serious(candidates, parent, effects, say)
     reference = _reference(parent, candidates, effects, validated_on)
     candidates = sorted((ranked(one, reference) for one in candidates), key=rank)
-    asked = chains and chance < SIGNIFICANT
-    chained = chains_of_two(candidates, reference, say, limit=limit) if asked else ChainSearch()
-    answer = verdict_on(candidates, chained.pairs, chance, reference)
+    answer, chained = verdict_on(candidates, (), chance, reference), ChainSearch()
+    if chains and chance < SIGNIFICANT:
+        answered = answer.verdict == "missing"
+        chained = chains_of_two(answer.candidates, reference, say, limit=limit, answered=answered)
+    if chained.pairs:
+        answer = verdict_on(candidates, chained.pairs, chance, reference)
     return replace(answer, unsearched=chained.unsearched, thinned=thinned)
 
 

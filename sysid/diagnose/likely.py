@@ -5,7 +5,8 @@ be (Laplace's approximation): what could have been anywhere and is needed in one
 are built of no entry exactly, so differences count the less, the more even the likeliest leaves.
 
 Entries that predict the same are one answer: a lag of the servos and one of the gyros, an overdamped second order and
-a lag. The class is the fewest answers that together are nearly certain.
+a lag; and so is one that contains another where what it has more does not pay, as a lag of its own on each axis. The
+class is the fewest answers that together are nearly certain.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.evidence import gain
+from sysid.model.effect import catalogue
 
 TEMPER = 1.5
 """Times that differences of chi squared are too large, where noise is as it seems;"""
@@ -82,7 +85,7 @@ def _families(winner: Ranked, rivals: Sequence[Ranked], weights: Mapping[tuple[s
     """Those that predict the same together, the winner's first; the simplest of each, then the likeliest, leads it."""
     families: list[list[Ranked]] = [[winner]]
     for one in sorted(rivals, key=lambda one: (one.added, -weights[one.effects])):
-        home = next((family for family in families if same(one, family[0], winner)), None)
+        home = next((family for family in families if _no_other(one, family, winner)), None)
         if home is None:
             families.append([one])
         else:
@@ -121,6 +124,28 @@ def _equivalents(families: Sequence[Sequence[Ranked]], named: set[str]) -> dict[
                 if other not in named:
                     found[name] = tuple(dict.fromkeys((*found.get(name, ()), other)))
     return found
+
+
+def _no_other(one: Ranked, family: Sequence[Ranked], winner: Ranked) -> bool:
+    """Whether it is no answer beside these: it predicts the same, or would by its equations were it fitted better, or
+    is one of them with more free than pays."""
+    head = family[0]
+    if same(one, head, winner):
+        return True
+    assert one.stepped is not None
+    assert head.stepped is not None
+    behind = gain(head.stepped, one.stepped)[0]
+    if behind < SAME and any(_related(one, other, "same_as") for other in family):
+        return True
+    return one.delta_bic >= head.delta_bic and any(_related(one, other, "contains") for other in family)
+
+
+def _related(one: Ranked, other: Ranked, how: Literal["same_as", "contains"]) -> bool:
+    """Whether, of effects that only one of them has, its own names the other's so."""
+    own, his = set(one.effects) - set(other.effects), set(other.effects) - set(one.effects)
+    known = catalogue()
+    named = {each for name in own if name in known for each in getattr(known[name], how)}
+    return bool(his) and his <= named
 
 
 def same(one: Ranked, other: Ranked, winner: Ranked) -> bool:

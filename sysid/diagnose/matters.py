@@ -102,9 +102,8 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
     `complete` then says that nothing that matters is left. What nothing explains and does not matter is nothing, where
     it is little; what is missing by name only where the limit was asked for (`asked`).
     """
-    sure = COMPLETE_RIGHT * (1 - left.unlikely)
     if answer.verdict == "complete":
-        return replace(answer, confidence=sure)
+        return replace(answer, confidence=answer.confidence * (1 - left.unlikely))
     change = winner_change(answer) if answer.verdict == "missing" else left.seen
     harmless = change is not None and change.over(left.limit) <= 1
     little = left.within_points <= LITTLE_POINTS and answer.verdict == "unexplained" and (harmless or change is None)
@@ -121,7 +120,7 @@ def judged(answer: Diagnosis, left: Remainder, *, asked: bool = False) -> Diagno
         explained_share=None,
         lead=None,
         sizes=(),
-        confidence=min(sure, WELL_KNOWN),
+        confidence=min(COMPLETE_RIGHT * (1 - left.unlikely), WELL_KNOWN),
     )
 
 

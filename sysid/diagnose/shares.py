@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.data.dataset import Dataset
+from sysid.data.stacks import Stack
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference, noise_shares, residual_shares
 from sysid.diagnose.evidence import Candidate, error_share
 from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.likely import misfit
 from sysid.diagnose.score import log_chance
 from sysid.diagnose.term_search import Selection
 from sysid.fit.noise import WINDOW_HZ, Division, divide
@@ -54,6 +56,8 @@ class Shares:
     validation: _Validation | None
     new_share: float
     """Of what past noise does not foretell, what is no noise: by the commands, or by the likeliest candidate."""
+    most_explained: float
+    """Chi squared, by any candidate."""
 
     @classmethod
     def of(cls, candidates: Sequence[Ranked], significant: bool, reference: Reference) -> Shares:
@@ -74,6 +78,7 @@ class Shares:
             terms=terms,
             validation=None if on is None else _Validation.of(parent, fits, on),
             new_share=_new_share(candidates, reference),
+            most_explained=max((one.chi_squared for one in fits), default=0.0),
         )
 
     def by_feedback(self, left: Division, chance: float) -> bool:
@@ -93,23 +98,30 @@ class Shares:
         share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
         if one.fit.error_share > E0 and one.fit.division.measured:
             # least squares took gusts of the loop for the parent's answers: powers do not tell what it left
-            share = _by_the_noise(one)
-        if self.validation is None:
+            share = self._by_the_noise(one)
+        if self.validation is None or one.validation_error is None:
             return replace(one, explained_share=share)
-        on = self.validation
-        return replace(one, explained_share=share, validation_share=on.share(one), validation_slack=on.slack)
+        there, slack = self.validation.share(one)
+        return replace(one, explained_share=share, validation_share=there, validation_slack=slack)
 
     def enough(self, one: Ranked) -> bool:
         """Whether it explains what can be explained; by the noise's own measure where that is little beside the
-        noise."""
+        noise, or where feedback lets commands explain gusts, too."""
         assert one.fit is not None
         share = one.explained_share or 0.0
-        if self.error_share - self.noise_share < LITTLE * self.noise_share:
-            share = max(share, _by_the_noise(one))
+        little = self.error_share - self.noise_share < LITTLE * self.noise_share
+        if little or not one.fit.division.measured:
+            share = max(share, self._by_the_noise(one))
         if one.validation_share is None:
             return share >= EXPLAINED
         there = min(1.0, one.validation_share + one.validation_slack)
         return share >= EXPLAINED and there >= VALIDATED
+
+    def _by_the_noise(self, one: Ranked) -> float:
+        """Of what can be explained, by chi squared: of what it leaves to the commands beyond chance, or another
+        explains."""
+        own = max(0.0, one.chi_squared)
+        return own / max(own + misfit(one, SLACK), self.most_explained, 1e-300)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +137,7 @@ class _Validation:
     """Of the noise's share from run to run, one standard deviation."""
     divisions: tuple[tuple[OutputError, Division], ...]
     """What each leaves there, divided: the parent, then the candidates."""
+    stacks: tuple[Stack, ...]
 
     @classmethod
     def of(cls, parent: Candidate, fits: Sequence[Ranked], on: Dataset) -> _Validation:
@@ -143,39 +156,50 @@ class _Validation:
         air = np.concatenate(level)  # (bins, k)
         scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
         nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
-        return cls(nrmse, before, min(noise, before), scatter, tuple(divisions))
+        return cls(nrmse, before, min(noise, before), scatter, tuple(divisions), on.stacks)
 
-    @property
-    def slack(self) -> float:
-        """How far off a share may be by the chance of the noise in these runs alone."""
-        return SLACK * self.scatter / max(self.before - self.noise, 1e-300)
-
-    def share(self, one: Ranked) -> float | None:
-        """Of what can be explained there; None where the runs cannot tell.
+    def share(self, one: Ranked) -> tuple[float | None, float]:
+        """Of what can be explained there, None where the runs cannot tell; and how far off that may be by the chance
+        of the noise in these runs alone.
 
         All of it, where the commands explain nothing of what is left: in gusts that is the sharper question.
         """
-        if self.slack > 1 or one.validation_error is None:
-            return None
+        assert one.validation_error is not None
         left = next(division for error, division in self.divisions if error is one.validation_error)
-        if left.measured and log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT:
-            return 1.0
+        if not left.measured:
+            return self._shown(one.validation_error, left)
+        slack = SLACK * self.scatter / max(self.before - self.noise, 1e-300)
+        if slack > 1:
+            return None, slack
+        if log_chance(left.chi_squared, left.degrees) >= SIGNIFICANT:
+            return 1.0, slack
         error = error_share(one.validation_error)
-        return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1))
+        return float(np.clip((self.before - error) / max(self.before - self.noise, 1e-300), -1, 1)), slack
+
+    def _shown(self, after: OutputError, left: Division) -> tuple[float | None, float]:
+        """The same in a loop whose excitation nobody logged: what can be explained there is not known, for commands
+        explain gusts. But of what a candidate changes, how much shows there is: all of it where it is right, and as
+        much is added where nothing of it is there."""
+        parent = self.divisions[0][0]
+        change = gusts = 0.0
+        runs = [(group, part) for group in self.stacks for part in group.slices]
+        for (group, part), here, there in zip(runs, parent.residuals, after.residuals, strict=True):
+            level = np.real(np.einsum("fkk->fk", left.at(group.frequency_hz[part])))
+            power = np.abs(group.scale[part] * (there - here)).T ** 2  # (bins, k)
+            change += float(np.sum(power / parent.measured_power))
+            gusts += float(np.sum(power * level / parent.measured_power**2))
+        if change <= 0:
+            return None, math.inf
+        slack = SLACK * math.sqrt(2 * gusts) / change
+        if slack > 1:
+            return None, slack
+        return float(np.clip((self.before - error_share(after)) / change, -1, 1)), slack
 
 
 def _new_share(candidates: Sequence[Ranked], reference: Reference) -> float:
     left = reference.parent.division
     explained = [left.chi_squared - left.degrees, *(one.chi_squared - one.added for one in candidates)]
     return max(0.0, *explained) / max(reference.stepped.residual.size, 1)
-
-
-def _by_the_noise(one: Ranked) -> float:
-    """Of what can be explained, by chi squared."""
-    assert one.fit is not None
-    left = one.fit.division
-    rest = max(0.0, left.chi_squared - left.degrees)
-    return max(0.0, one.chi_squared) / max(one.chi_squared + rest, 1e-300)
 
 
 def _shares(error: OutputError) -> FloatArray:

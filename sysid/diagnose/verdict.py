@@ -12,7 +12,7 @@ from sysid.data.dataset import Dataset
 from sysid.diagnose import choice
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
 from sysid.diagnose.chains import Unsearched
-from sysid.diagnose.confidence import COMPLETE_RIGHT, IN_A_LOOP_RIGHT, lead, of_named, of_unexplained
+from sysid.diagnose.confidence import IN_A_LOOP_RIGHT, lead, of_complete, of_named, of_unexplained
 from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, declared, near
 from sysid.diagnose.shares import Shares
@@ -171,7 +171,9 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
     parent, significant = reference.parent, chance < SIGNIFICANT
     shares = Shares.of([*singles, *pairs], significant, reference)
     singles, pairs = [shares.told(one) for one in singles], [shares.told(one) for one in pairs]
-    answer = _answer(singles, pairs, shares, reference, chance) if significant else _Answer(confidence=COMPLETE_RIGHT)
+    answer = (
+        _answer(singles, pairs, shares, reference, chance) if significant else _Answer(confidence=of_complete(chance))
+    )
     return Diagnosis(
         verdict=answer.verdict,
         reason="feedback" if answer.verdict == "unexplained" and shares.by_feedback(parent.division, chance) else None,

@@ -104,6 +104,7 @@ EFFECT = Effect(
             grid=(BUTTERWORTH,),
         ),
     ),
+    same_as=("servo_second_order",),
     stage=Stage.MEASUREMENT,
     order=2,
     equations=_equations(False, ()),

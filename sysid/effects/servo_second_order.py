@@ -47,6 +47,7 @@ EFFECT = Effect(
         title="second-order lag of the motors",
         source="a speed loop round a motor",
     ),
+    same_as=("gyro_filter",),
     stage=Stage.COMMAND,
     order=4,
     equations=equations,

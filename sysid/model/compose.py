@@ -103,12 +103,16 @@ def _declared(
 
 
 def _refuse_clashes(base: Base, effects: Sequence[Effect]) -> None:
-    """Raises EffectError for effects that stand in each other's way: a slot, a parameter's name or a state twice."""
+    """Raises EffectError for effects that stand in each other's way: a slot, a parameter's name or a state twice, one
+    that contains another."""
     slots = [one.slot for one in effects if one.slot is not None]
     if len(slots) != len(set(slots)):
         raise EffectError(f"two effects for the same slot: {', '.join(one.id for one in effects if one.slot)}")
-    taken = {one.name for one in base.parameters}
+    taken, ids = {one.name for one in base.parameters}, {one.id for one in effects}
     for one in effects:
+        inside = ids & set(one.contains)
+        if inside:
+            raise EffectError(f"{one.id} contains {', '.join(sorted(inside))}: name one of them")
         clash = taken & set(one.names)
         if clash:
             raise EffectError(f"{one.id}: the name {', '.join(sorted(clash))} is taken on {base.name}")

@@ -129,6 +129,11 @@ class Effect:
     """That can have it, as it is written here: on others it is not offered."""
     on_multirotor: Words | None = None
     """For people, where those of a helicopter are wrong there."""
+    contains: tuple[str, ...] = ()
+    """Entries that it is at certain values of its own: it stands beside none of them, and where it explains no more
+    than one it is no other answer."""
+    same_as: tuple[str, ...] = ()
+    """Entries whose equations do the same to all that is measured, on a linear vehicle whose commands pass alike."""
     absorbed_by: tuple[str, ...] = ()
     """Bases that contain it already, beside those that say so themselves."""
     replaces: tuple[str, ...] = ()

@@ -31,7 +31,7 @@ IDS = [
     "structural_mode", "input_coupling", "elevator", "angle_of_attack", "sideslip", "airspeed_scaling",
     "servo_lag", "servo_second_order", "transport_delay", "servo_rate_limit", "servo_saturation", "servo_deadband",
     "servo_backlash", "gyro_lag", "gyro_misalignment", "gyro_filter", "motor_lag", "swashplate_phase",
-    "stabiliser_bar", "lead_lag", "slipstream_wing", "governor",
+    "stabiliser_bar", "lead_lag", "slipstream_wing", "governor", "lag_per_axis",
 ]  # fmt: skip
 """What users, files and JSON name: it may grow and never shrinks. A new effect needs no line here: what it declares is
 held against what it does, as for these; these besides against what is known of them, below."""
@@ -46,7 +46,7 @@ COMMAND_ORDER = [
     {"servo_saturation"},
     {"transport_delay"},
     {"servo_deadband"},
-    {"servo_lag", "motor_lag", "servo_second_order", "servo_rate_limit"},
+    {"servo_lag", "motor_lag", "lag_per_axis", "servo_second_order", "servo_rate_limit"},
     {"servo_backlash"},
     {"swashplate_phase"},
     {"stabiliser_bar"},
@@ -131,7 +131,7 @@ def histories(structure: Structure, n: int = 40) -> dict[str, FloatArray]:
 
 
 def test_the_folder_is_the_catalogue_and_never_shrinks() -> None:
-    assert len(IDS) == len(set(IDS)) == 34
+    assert len(IDS) == len(set(IDS)) == 35
     assert sorted(catalogue()) == sorted(path.stem for path in FOLDER.glob("[a-z]*.py"))
     assert set(IDS) <= set(catalogue())
 
@@ -193,7 +193,8 @@ def test_the_order_is_that_of_physics() -> None:
     assert all(max(a) < min(b) for a, b in pairwise(orders))
     assert all(catalogue()[name].stage is Stage.COMMAND for names in COMMAND_ORDER for name in names)
     assert {name for name in IDS if catalogue()[name].stage is Stage.COMMAND} == set().union(*COMMAND_ORDER)
-    apart = {"flapping", "second_order_flapping", "servo_second_order", "motor_lag"}  # for a part that another has
+    # for a part that another has
+    apart = {"flapping", "second_order_flapping", "servo_second_order", "motor_lag", "lag_per_axis"}
     apart |= {"governor"} | ABSORBED_BY_BOTH  # where all is logged, and where the cyclic is free
     everything = [one for one in catalogue() if one not in apart]
     forward = compose("tpp", everything, EVERYTHING, CONSTANTS)

@@ -13,7 +13,9 @@ VISIBLE_POINTS = 2.0
 """NRMSE that an effect costs, from which on it must be found."""
 LARGEST_CLASS = 3
 RESEMBLES = 0.25
-"""Relative, of a value at which an entry is something that the catalogue does not have by itself."""
+"""Relative, of a value at which an entry is something that the catalogue does not have by itself;"""
+WITHIN = 2.0
+"""or so many of its standard errors, where a flight tells it no better."""
 TABLE_4 = {"L_b": 147.548, "M_a": 713.378, "tau_f": 0.091}
 MOTORS = ("L_lat", "M_lon")
 """What a quadrotor has in their place."""
@@ -137,9 +139,13 @@ class Flight:
     def _named_as_it_resembles(self) -> bool:
         """Not in the catalogue, but what an entry is at certain values, and found at those."""
         wanted = self.hidden[0].get("resembles", {}).get(self.said["effect"])
-        values = [one["parameters"] for one in self.said["candidates"] if one["effect"] == self.said["effect"]]
-        return bool(wanted and values) and all(
-            values[0].get(name) is not None and abs(values[0][name] / value - 1) < RESEMBLES
+        found = next((one for one in self.said["candidates"] if one["effect"] == self.said["effect"]), None)
+        if not wanted or found is None:
+            return False
+        values, errors = found["parameters"], found["standard_errors"]
+        return all(
+            values.get(name) is not None
+            and abs(values[name] - value) < max(RESEMBLES * abs(value), WITHIN * (errors.get(name) or 0.0))
             for name, value in wanted.items()
         )
 
@@ -158,9 +164,10 @@ class Flight:
     @property
     def both_found(self) -> bool:
         """Two hidden: named in the first answer's chain, or when asked again with it added."""
-        second = self.said.get("second") or {}
-        told = {self.said["effect"], *self.said["chain"], second.get("effect"), *second.get("chain", ())}
-        told |= set(self.said["indistinguishable"]) | set(second.get("indistinguishable", ()))
+        told: set[str] = set()
+        for said in (self.said, self.said.get("second") or {}):
+            named = {said.get("effect"), *said.get("chain", ()), *said.get("indistinguishable", ())} - {None}
+            told |= named.union(*(said.get("equivalent", {}).get(name, ()) for name in named))
         return all(answers & told for answers in self.answers)
 
     def sizes_off(self) -> list[float]:

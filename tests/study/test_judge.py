@@ -101,13 +101,39 @@ def test_entries_that_predict_the_same_are_one_answer() -> None:
 def test_what_an_entry_is_at_a_certain_value_may_be_named_by_it() -> None:
     also = {"resembles": {"quadratic_damping": {"exponent": 3.0}}}
 
-    def said(exponent: float | None) -> Flight:
-        values = [{"effect": "quadratic_damping", "parameters": {"L_pp": -1.0, "exponent": exponent}}]
+    def said(exponent: float | None, error: float = 0.1) -> Flight:
+        values = [
+            {
+                "effect": "quadratic_damping",
+                "parameters": {"L_pp": -1.0, "exponent": exponent},
+                "standard_errors": {"exponent": error},
+            }
+        ]
         return answered("beyond", "missing", "quadratic_damping", also=also, candidates=values)
 
     assert said(2.9).right
     assert not said(2.0).right
+    assert said(2.0, error=0.6).right  # as near as the flight tells it
+    assert not said(2.0, error=0.4).right
     assert not said(None).right
+
+
+def test_two_are_both_found_by_names_that_predict_the_same() -> None:
+    hidden: list[dict[str, Any]] = [
+        {"level": "catalogue", "answer": name, "accepts": []} for name in ("servo_lag", "angular_damping")
+    ]
+    first = {"effect": "gyro_lag", "chain": ["gyro_lag", "angular_damping"], "indistinguishable": []}
+    assert Flight({"hidden": hidden, **first, "equivalent": {"gyro_lag": ["servo_lag"]}}).both_found
+    assert not Flight({"hidden": hidden, **first, "equivalent": {"angular_damping": ["hub_gyroscopics"]}}).both_found
+    second = {"effect": "angular_damping", "chain": ["angular_damping"], "indistinguishable": []}
+    alone = {
+        "effect": "gyro_lag",
+        "chain": ["gyro_lag"],
+        "indistinguishable": [],
+        "equivalent": {"gyro_lag": ["servo_lag"]},
+    }
+    assert not Flight({"hidden": hidden, **alone}).both_found
+    assert Flight({"hidden": hidden, **alone, "second": second}).both_found
 
 
 def test_what_is_right_is_counted_by_how_well_the_flight_shows_it() -> None:

@@ -16,6 +16,7 @@ from gcs.analysis.diagnosis import (
     NoValidation,
     OneRun,
     Remark,
+    StepsLost,
     StoppedAsking,
 )
 from gcs.analysis.quantities import listed
@@ -70,6 +71,11 @@ def _text(remark: Remark) -> str:
             return f"{early_text(early)}. That explains what the model leaves, and no effect does it better"
         case LoopUntold(thinned):
             return f"{early_text(thinned)}. Effects were asked with commands held for as short as that"
+        case StepsLost(runs):
+            return (
+                f"not judged by {listed([Path(one).name for one in runs])}: the log is slower than the loop and does "
+                "not tell when their commands stepped. Log every loop, or validate by chirps"
+            )
     assert_never(remark)
 
 

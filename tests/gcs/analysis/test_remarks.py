@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from gcs.analysis.diagnosis import StepsLost
 from gcs.analysis.text.remarks import remark_text
 from sysid.diagnose.chains import BudgetSpent, LittleLeft
 
@@ -22,7 +23,12 @@ from sysid.diagnose.chains import BudgetSpent, LittleLeft
             BudgetSpent((("servo_lag", "servo_deadband"),), (), interrupted=True),
             "chains of two not tried, because the search was interrupted: servo_lag + servo_deadband",
         ),
+        (
+            StepsLost(("flight.BIN#5", "flight.BIN#6")),
+            "not judged by flight.BIN#5 and flight.BIN#6: the log is slower than the loop and does not tell when their "
+            "commands stepped. Log every loop, or validate by chirps",
+        ),
     ],
 )
-def test_what_was_not_searched_in_words(finding: LittleLeft | BudgetSpent, text: str) -> None:
+def test_what_was_not_asked_in_words(finding: LittleLeft | BudgetSpent | StepsLost, text: str) -> None:
     assert remark_text(finding) == text

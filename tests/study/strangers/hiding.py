@@ -270,6 +270,8 @@ class Foreign:
     most: float = 3.0
     resembles: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Entries that say the same at certain values of theirs."""
+    answer: str | None = None
+    """The entry that it is, of those that the catalogue got since; None while it has none."""
 
 
 def _cubic_hub(E: _Equations, vehicle: Vehicle, size: Sizes) -> None:
@@ -366,6 +368,7 @@ FOREIGN: Mapping[str, Foreign] = MappingProxyType(
                 )
             ),
             most=1.5,
+            answer="lag_per_axis",
         ),
         "fading_power": Foreign(
             bend=_fading, sizes=lambda vehicle, s, draws: {"share": 0.25 * s, "over_s": 0.0}, most=2.0
@@ -457,8 +460,8 @@ class Hidden:
         return [
             {
                 "id": name,
-                "level": "none" if self.absorbed else "beyond" if name in FOREIGN else "catalogue",
-                "answer": None if name in FOREIGN or self.absorbed else name,
+                "level": "none" if self.absorbed else "beyond" if answer is None else "catalogue",
+                "answer": None if self.absorbed else answer,
                 "accepts": [],
                 "resembles": {key: dict(value) for key, value in FOREIGN[name].resembles.items()}
                 if name in FOREIGN
@@ -467,6 +470,7 @@ class Hidden:
                 "expect": {},
             }
             for name, size in zip(self.names, self.sizes, strict=True)
+            for answer in (FOREIGN[name].answer if name in FOREIGN else name,)
         ] or [{"id": "none", "level": "none", "answer": None, "accepts": [], "sizes": {}, "expect": {}}]
 
 

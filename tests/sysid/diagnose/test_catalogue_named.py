@@ -33,6 +33,7 @@ NAMED = {
     "lead_lag": ("lead_lag", set[str]()),
     "slipstream_wing": ("slipstream_wing", set[str]()),
     "governor": ("governor", set[str]()),
+    "lag_per_axis": ("lag_per_axis", set[str]()),
 }
 """What flew -> its entry, and what no flight of these channels tells from it."""
 RIVALS = {
@@ -42,6 +43,7 @@ RIVALS = {
     "lead_lag": ("dynamic_inflow", "lead_lag", "structural_mode", "transport_delay"),
     "slipstream_wing": ("angle_of_attack", "angular_damping", "attitude_stiffness", "slipstream_wing"),
     "governor": ("angular_damping", "governor", "input_coupling"),
+    "lag_per_axis": (*LATE, "lag_per_axis", "slipstream_wing"),
 }
 COLLECTIVE = 0.2
 """Standard deviation of a collective that is stirred: the usual one shows no governor."""

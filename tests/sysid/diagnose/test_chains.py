@@ -10,9 +10,11 @@ from planted import PLANTED, fly_many
 from planted_fits import records
 
 from sysid.data.record import Record
-from sysid.diagnose import chains
+from sysid.diagnose import chains, shares
+from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.loop_change import MarginChange
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.compose import compose
@@ -55,6 +57,30 @@ def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monk
     left = max(found.noise_floor_percent[axis] - best.nrmse_percent[axis] for axis in ("p", "q"))
     assert found.unsearched.points == pytest.approx(left, abs=0.01)
     assert found.to_json()["unsearched_chains"] == {"reason": "little left", "points": found.unsearched.points}
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little_it_leaves(
+    flight: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(chains, "REMAINDER", 2.0)
+    monkeypatch.setattr(chains, "LITTLE_POINTS", 100.0)
+    monkeypatch.setattr(chains, "seen", lambda _: MarginChange(gain_db=0.0, phase_deg=0.0))
+    assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}
+    monkeypatch.setattr(shares, "EXPLAINED", 0.0)
+    assert asked(flight).pairs == ()
+
+
+def test_the_other_half_of_a_chain_is_what_explains_the_validation_runs() -> None:
+    def one(name: str, share: float | None, implausible: tuple[str, ...] = ()) -> Ranked:
+        return Ranked(effects=(name,), score=None, not_testable=None, validation_share=share, implausible=implausible)
+
+    best, limit = one("governor", 0.25), one("servo_rate_limit", 1.0)
+    assert chains._best_elsewhere([best, one("servo_lag", 0.1), limit]) is limit
+    assert chains._best_elsewhere([best, one("servo_lag", 0.27)]) is None
+    assert chains._best_elsewhere([best, one("servo_lag", None)]) is None
+    assert chains._best_elsewhere([best, one("servo_rate_limit", 1.0, implausible=("rate",))]) is None
 
 
 @EFFECTS

@@ -12,7 +12,7 @@ import pytest
 
 from sysid.diagnose import candidates, choice, likely
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked
-from sysid.diagnose.confidence import UNEXPLAINED_RIGHT, of_named, of_unexplained
+from sysid.diagnose.confidence import COMPLETE_RIGHT, UNEXPLAINED_RIGHT, of_complete, of_named, of_unexplained
 from sysid.diagnose.evidence import Candidate, Stepped
 from sysid.diagnose.likely import declared, near
 from sysid.model.effect import named_effect
@@ -68,6 +68,26 @@ def test_entries_that_predict_the_same_are_one() -> None:
     found = of(lag, [refitted("gyro_lag"), refitted("transport_delay", 4.0, 1), refitted("gyro_filter", 4.0, 1)])
     assert found.alike == ("transport_delay",)
     assert found.equivalent == {"servo_lag": ("gyro_lag",), "transport_delay": ("gyro_filter",)}
+
+
+def test_what_contains_an_entry_and_does_not_pay_for_what_it_has_more_is_no_other_answer() -> None:
+    lag, lags = refitted("gyro_lag"), {"added": 2}
+    found = of(lag, [refitted("servo_lag"), refitted("lag_per_axis", 3.0, 1, **lags)])
+    assert found.alike == ()
+    assert found.equivalent == {"gyro_lag": ("servo_lag", "lag_per_axis")}
+    assert of(lag, [refitted("lag_per_axis", 3.0, 1, **lags)]).alike == ("lag_per_axis",)  # of a gyro it contains none
+    paying = refitted("lag_per_axis", 0.0, 1, **lags)
+    assert of(paying, [refitted("servo_lag", 3.0, 2)]).alike == ("servo_lag",)
+    assert of(paying, [refitted("servo_lag", 3.0, 2)]).equivalent == {}
+
+
+def test_entries_of_the_same_equations_are_one_answer_where_fits_stopped_apart() -> None:
+    lag = refitted("servo_lag")
+    poles = refitted("servo_second_order")
+    near, far = refitted("gyro_filter", 6.0, 1), refitted("gyro_filter", 40.0, 1)
+    assert of(lag, [poles, near]).equivalent == {"servo_lag": ("servo_second_order", "gyro_filter")}
+    assert of(lag, [poles, far]).equivalent == {"servo_lag": ("servo_second_order",)}
+    assert of(lag, [near]).equivalent == {}
 
 
 def test_of_many_alike_only_the_one_named_counts() -> None:
@@ -166,3 +186,8 @@ class _Model(dict[str, float]):
     @property
     def values(self) -> np.ndarray:  # type: ignore[override]
         return self.values_by_place
+
+
+def test_what_is_nearly_told_makes_complete_doubtful() -> None:
+    sure, nearly, almost = (of_complete(chance) for chance in (-0.5, -3.0, SIGNIFICANT + 0.1))
+    assert sure == COMPLETE_RIGHT > nearly > almost == pytest.approx(0.5)

@@ -112,7 +112,13 @@ def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPa
     assert logged.verdict == "complete"
     # were more left than its past foretells, by a trace of what is new, or by much of it
     left = Shares(
-        error_share=0.1, noise_share=0.01, noise_floor_percent={}, terms=None, validation=None, new_share=0.01
+        error_share=0.1,
+        noise_share=0.01,
+        noise_floor_percent={},
+        terms=None,
+        validation=None,
+        new_share=0.01,
+        most_explained=0.0,
     )
     weak, plain, strong = (math.log(chance) for chance in (1e-7, 1e-20, 1e-60))
     assert left.by_feedback(found.division, plain)

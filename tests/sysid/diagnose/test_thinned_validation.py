@@ -1,0 +1,58 @@
+"""Validation runs of a thinned log judge only where its samples tell what the commands did."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted import fly_many
+from planted_fits import records
+
+from sysid.data.dataset import Dataset
+from sysid.data.record import Record
+from sysid.diagnose.thinned import telling
+
+BAND = (0.5, 10.0)
+LOOP_S = 0.002
+
+
+def every(tenth: Record, loop_s: float | None = LOOP_S) -> Record:
+    """One sample of ten: 50 Hz of a loop of 500."""
+    return replace(tenth, channels={name: one[::10] for name, one in tenth.channels.items()}, loop_dt_s=loop_s)
+
+
+@pytest.fixture(scope="module")
+def chirp() -> Record:
+    return records(fly_many(None, {}, seeds=[11], duration_s=8.0)[0])[0]
+
+
+@pytest.fixture(scope="module")
+def doublet(chirp: Record) -> Record:
+    """The same run, its command two steps."""
+    t = chirp.channels["t"]
+    steps = np.where((t > 3.003) & (t < 3.991), 0.1, 0.0) * np.where(t < 3.497, 1.0, -1.0)
+    return replace(
+        chirp,
+        id="doublet",
+        channels={**chirp.channels, "delta_x": np.asarray(steps), "delta_y": np.asarray(0.01 * steps)},
+    )
+
+
+def judging(*runs: Record) -> tuple[Record, ...] | None:
+    found = telling(Dataset(records=runs, band_hz=BAND))
+    return None if found is None else found.records
+
+
+def test_steps_between_the_samples_of_a_thinned_log_do_not_judge(chirp: Record, doublet: Record) -> None:
+    slow, steps = every(chirp), every(doublet)
+    assert judging(slow, steps) == (slow,)
+    assert judging(steps) is None
+
+
+def test_every_step_is_known_where_the_log_has_all_of_the_loop(chirp: Record, doublet: Record) -> None:
+    assert judging(chirp, doublet) == (chirp, doublet)
+    told = every(doublet, 10 * LOOP_S)  # of a loop as slow as the log
+    assert judging(told) == (told,)
+    assert judging(every(doublet, None)) is None  # no loop is likely to be
+    assert np.ptp(told.channels["delta_x"]) == pytest.approx(0.2)
