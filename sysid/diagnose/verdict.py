@@ -12,7 +12,7 @@ from sysid.data.dataset import Dataset
 from sysid.diagnose import choice
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
 from sysid.diagnose.chains import Unsearched
-from sysid.diagnose.confidence import IN_A_LOOP_RIGHT, lead, of_complete, of_named, of_unexplained
+from sysid.diagnose.confidence import IN_A_LOOP_RIGHT, NAMED_IN_A_LOOP, lead, of_complete, of_named, of_unexplained
 from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, declared, near
 from sysid.diagnose.shares import Shares
@@ -233,7 +233,7 @@ def _answer(
     among = declared(winner, _answers(peers, shares, enough))
     ratio, short = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, short, among)
-    if missing and confidence < IN_A_LOOP_RIGHT and shares.by_feedback(reference.parent.division, chance):
+    if missing and confidence < NAMED_IN_A_LOOP and shares.by_feedback(reference.parent.division, chance):
         missing = False  # a name by chance of what the loop made
     if not missing:
         confidence = _of_unexplained(winner, chance, confidence, reference)
