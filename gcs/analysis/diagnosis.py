@@ -204,9 +204,8 @@ def diagnose_fit(
             break
         say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
-    looped = _in_a_loop(answer) or _no_excitation(answer)
-    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records), *looped]
-    remarks += _not_judged(answer, judging.records)
+    remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records)]
+    remarks += [*(_in_a_loop(answer) or _no_excitation(answer)), *_not_judged(answer, judging.records)]
     remarks += [] if answer.unsearched is None else [answer.unsearched]
     if repeat and grown is not None:
         remarks.append(_stopped(answer, wild))

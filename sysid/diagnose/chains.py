@@ -130,20 +130,8 @@ def chains_of_two(
     chains = _Chains(fitted, reference, say, budget)
     if not answered and (other := _best_elsewhere(able)) is not None:
         chains.fit(able[0], other)
-    waiting, done = _different(able), set[str]()
-    while waiting and len(done) < MOST_FIRSTS:
-        first = waiting.pop(0)
-        done.add(first.effect)
-        if not chains.begin_with(first):
-            if first is able[0] and not chains.found:
-                return ChainSearch()  # the best one alone leaves noise
-            continue
-        if not waiting and chains.found:
-            # each half of the best chain may have another partner that does better still
-            best = chains.best
-            waiting = [one for one in fitted if one.effect in best.effects and one.effect not in done]
-    if chains.found:
-        chains.exchange_halves()
+    if not chains.search(able, fitted):
+        return ChainSearch()  # the best one alone leaves noise
     return ChainSearch(tuple(sorted(chains.found.values(), key=rank)), chains.unsearched)
 
 
@@ -220,6 +208,25 @@ class _Chains:
     @property
     def best(self) -> Ranked:
         return min(self.found.values(), key=lambda one: one.delta_bic)
+
+    def search(self, able: Sequence[Ranked], fitted: Sequence[Ranked]) -> bool:
+        """Begin with the best of the able, then with the halves of the best chain; False where the very best alone
+        leaves noise."""
+        waiting, done = _different(able), set[str]()
+        while waiting and len(done) < MOST_FIRSTS:
+            first = waiting.pop(0)
+            done.add(first.effect)
+            if not self.begin_with(first):
+                if first is able[0] and not self.found:
+                    return False
+                continue
+            if not waiting and self.found:
+                # each half of the best chain may have another partner that does better still
+                best = self.best
+                waiting = [one for one in fitted if one.effect in best.effects and one.effect not in done]
+        if self.found:
+            self.exchange_halves()
+        return True
 
     def begin_with(self, first: Ranked) -> bool:
         """Fit the most promising second effects beside the first; False where the first alone leaves noise."""

@@ -124,7 +124,7 @@ class Shares:
         return own / max(own + misfit(one, SLACK), self.most_explained, 1e-300)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Validation:
     """Validation runs: what can be explained there, by the same measure as on the fitted runs."""
 
@@ -155,8 +155,14 @@ class _Validation:
         level = [np.real(np.einsum("fkk->fk", division.at(group.frequency_hz))) for group in on.stacks]
         air = np.concatenate(level)  # (bins, k)
         scatter = float(np.sqrt(np.sum(np.sum(air**2, axis=0) / least.measured_power**2)))
-        nrmse = dict(zip(outputs, map(float, error.nrmse_percent), strict=True))
-        return cls(nrmse, before, min(noise, before), scatter, tuple(divisions), on.stacks)
+        return cls(
+            nrmse_percent=dict(zip(outputs, map(float, error.nrmse_percent), strict=True)),
+            before=before,
+            noise=min(noise, before),
+            scatter=scatter,
+            divisions=tuple(divisions),
+            stacks=on.stacks,
+        )
 
     def share(self, one: Ranked) -> tuple[float | None, float]:
         """Of what can be explained there, None where the runs cannot tell; and how far off that may be by the chance
