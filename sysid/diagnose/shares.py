@@ -106,11 +106,12 @@ class Shares:
 
     def enough(self, one: Ranked) -> bool:
         """Whether it explains what can be explained; by the noise's own measure where that is little beside the
-        noise, or where feedback lets commands explain gusts, too."""
+        noise, or where feedback lets commands explain gusts, too (play, limits and dead bands follow gusts there)."""
         assert one.fit is not None
+        steady = all(effect.samples is None for effect in one.fit.model.structure.composed)
         share = one.explained_share or 0.0
         little = self.error_share - self.noise_share < LITTLE * self.noise_share
-        if little or not one.fit.division.measured:
+        if little or (steady and not one.fit.division.measured):
             share = max(share, self._by_the_noise(one))
         if one.validation_share is None:
             return share >= EXPLAINED
