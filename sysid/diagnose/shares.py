@@ -121,8 +121,9 @@ class Shares:
     def _by_the_noise(self, one: Ranked) -> float:
         """Of what can be explained, by chi squared: of what it leaves to the commands beyond chance, or another
         explains."""
-        own = max(0.0, one.chi_squared)
-        return own / max(own + misfit(one, SLACK), self.most_explained, 1e-300)
+        assert one.fit is not None
+        own, chance = max(0.0, one.chi_squared), SLACK if one.fit.division.measured else 0.0
+        return own / max(own + misfit(one, chance), self.most_explained, 1e-300)
 
 
 @dataclass(frozen=True, eq=False)
