@@ -8,7 +8,7 @@ itself is that of the commands as flown. Where no excitation is logged, what is 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -31,8 +31,6 @@ from sysid.model.structure import FloatArray, Model, Structure
 
 WORST_SETTLING = 1.01
 MOST_MOVES = 3
-DAMPED = 1e-2
-"""Of each parameter's own weight: what the runs hardly determine does not run away."""
 SHY = 0.9
 """Of the way to a bound, that a move may go."""
 LITTLE_MOVED = 0.5
@@ -105,27 +103,20 @@ class Candidate:
         loose = [self.model.structure.names.index(name) for name in here.free]
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
-            for step in _steps(J, e):
-                before, values = here.model.values, here.model.values.copy()
-                values[loose] += step
-                # a bound itself may have no response
-                values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
-                there = here._at(values)
-                if there is not None and np.sum(metric(_residual(there)) ** 2) < float(e @ e) - LITTLE_MOVED:
-                    here = there
-                    break
-            else:
+            before, values = here.model.values, here.model.values.copy()
+            values[loose] += np.linalg.lstsq(J @ J.T, J @ e, rcond=1e-10)[0] if loose else 0.0
+            # a bound itself may have no response
+            values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
+            try:
+                with np.errstate(all="ignore"):
+                    moved = replace(self.estimate, model=Model(here.model.structure, values))
+                    there = candidate(moved, self.held, here.dataset, self.added)
+            except np.linalg.LinAlgError:
                 break
+            if not np.sum(metric(_residual(there)) ** 2) < float(e @ e) - LITTLE_MOVED:
+                break
+            here = there
         return here
-
-    def _at(self, values: FloatArray) -> Candidate | None:
-        """With other values; None where they have no response."""
-        moved = replace(self.estimate, model=Model(self.model.structure, values))
-        try:
-            with np.errstate(all="ignore"):
-                return candidate(moved, self.held, self.dataset, self.added)
-        except np.linalg.LinAlgError:
-            return None
 
     @cached_property
     def told(self) -> tuple[Model, dict[str, float]]:
@@ -218,17 +209,6 @@ def imposed_answers(
             changed[rows] -= gusts.slopes
             Js.append(changed)
     return Ys, Js
-
-
-def _steps(J: FloatArray, e: FloatArray) -> Iterator[FloatArray]:
-    """Moves of parameters whose rows are J, to try one after the other. The first leaves out what is small by its unit
-    (a corner of a hundred hertz), which the second does not."""
-    if not len(J):
-        return
-    yield np.asarray(np.linalg.lstsq(J @ J.T, J @ e, rcond=1e-10)[0])
-    scale = np.maximum(np.linalg.norm(J, axis=1), 1e-300)
-    rows = J / scale[:, None]
-    yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), rows @ e) / scale)
 
 
 def _residual(one: Candidate) -> list[ComplexArray]:

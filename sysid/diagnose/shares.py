@@ -106,11 +106,12 @@ class Shares:
 
     def enough(self, one: Ranked) -> bool:
         """Whether it explains what can be explained; by the noise's own measure where that is little beside the
-        noise, or where feedback lets commands explain gusts, too."""
+        noise, or where feedback lets commands explain gusts, too (play, limits and dead bands follow gusts there)."""
         assert one.fit is not None
+        steady = all(effect.samples is None for effect in one.fit.model.structure.composed)
         share = one.explained_share or 0.0
         little = self.error_share - self.noise_share < LITTLE * self.noise_share
-        if little or not one.fit.division.measured:
+        if little or (steady and not one.fit.division.measured):
             share = max(share, self._by_the_noise(one))
         if one.validation_share is None:
             return share >= EXPLAINED
@@ -120,8 +121,9 @@ class Shares:
     def _by_the_noise(self, one: Ranked) -> float:
         """Of what can be explained, by chi squared: of what it leaves to the commands beyond chance, or another
         explains."""
-        own = max(0.0, one.chi_squared)
-        return own / max(own + misfit(one, SLACK), self.most_explained, 1e-300)
+        assert one.fit is not None
+        own, chance = max(0.0, one.chi_squared), SLACK if one.fit.division.measured else 0.0
+        return own / max(own + misfit(one, chance), self.most_explained, 1e-300)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
