@@ -28,8 +28,8 @@ IN_A_LOOP_RIGHT = 0.5
 """At most, where the model that was found is unstable, or where something unexplained is left and no excitation was
 logged: a loop made the data what they are."""
 NAMED_IN_A_LOOP = 0.55
-"""At least, to name what the loop alone could make: a clean flight in a stronger loop showed a name at 0.50, one of two in
-fourfold gusts of double loops at 0.67; right names began at 0.59."""
+"""At least, to name what the loop alone could make: a clean flight in a stronger loop showed a name at 0.50, one in
+fourfold gusts and a double loop at 0.67; right names began at 0.59."""
 
 
 def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> tuple[float, float]:
