@@ -327,9 +327,12 @@ def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | No
 
 
 def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
-    """The parent with the sizes of the score; None where it takes simulations, or they are not all known."""
+    """The parent with the sizes of the score; None where it takes simulations, or they are not all known, or one is
+    beyond what it may be: that size of a score says that there is none."""
     values = parent.model.by_name | ({} if one.score is None else dict(one.score.at))
     if not composed.linear or not set(composed.names) <= set(values):
+        return None
+    if any(not each.bounds[0] < values[each.name] < each.bounds[1] for each in composed.parameters):
         return None
     return Model(composed, composed.vector({name: values[name] for name in composed.names}))
 

@@ -218,14 +218,16 @@ def _residual(one: Candidate) -> list[ComplexArray]:
 
 def refit(composed: Structure, parent: Candidate, added: Sequence[str], near: Model | None = None) -> Candidate:
     """Fit a composition that grows from the parent, or goes on from `near`. Raises FitError where the runs do not
-    determine it."""
+    determine it, RelaxationError where its response does not settle."""
     fixed = {name: parent.model[name] for name in parent.held}
     open_to_all = structural(composed, fixed)
     if open_to_all is not None:
         raise FitError(open_to_all)
     begin = near or (parent.model if composed.base == parent.model.structure.base else None)
     found = estimate(composed, parent.dataset.viewed(composed.inputs), begin, fixed, parent.estimate.weights)
-    return candidate(found, parent.held, parent.dataset, added)
+    made = candidate(found, parent.held, parent.dataset, added)
+    _ = made.asked  # what does not settle on the bins of its metric is no candidate
+    return made
 
 
 @dataclass(frozen=True, eq=False)
