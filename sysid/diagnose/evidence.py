@@ -260,10 +260,27 @@ def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
     e = whitening(_residual(one))[0]
     imposed = whitening([Y[None] for Y in one.Y_imposed])[0]
     if len(J):
-        move = np.linalg.lstsq(Z @ J.T, Z @ e, rcond=1e-10)[0]
+        move = _within_bounds(Z @ J.T, Z @ e, one)
         if np.sum((e - move @ J) ** 2) < WORST_SETTLING * (e @ e):  # a jump has no slope to follow
             e, imposed = e - move @ J, imposed + move @ Z
     return Stepped(e, imposed, J, Z)
+
+
+def _within_bounds(curvature: FloatArray, gradient: FloatArray, one: Candidate) -> FloatArray:
+    """The step of the free parameters; who would go beyond a bound stays there, and the others go on without."""
+    by_name = {each.name: each.bounds for each in one.model.structure.parameters}
+    room = np.array([by_name[name] for name in one.free]) - np.array([[one.model[name]] for name in one.free])
+    loose = np.ones(len(room), bool)
+    move = np.zeros(len(room))
+    while loose.any():
+        left = gradient - curvature[:, ~loose] @ move[~loose]
+        move[loose] = np.linalg.lstsq(curvature[np.ix_(loose, loose)], left[loose], rcond=1e-10)[0]
+        beyond = loose & ((move < room[:, 0]) | (move > room[:, 1]))
+        if not beyond.any():
+            break
+        move[beyond] = np.clip(move[beyond], room[beyond, 0], room[beyond, 1])
+        loose &= ~beyond
+    return move
 
 
 def gain(better: Stepped, worse: Stepped) -> tuple[float, float]:
