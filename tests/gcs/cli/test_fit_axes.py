@@ -1,0 +1,99 @@
+"""`tippath fit --axes`: one axis by its own command, asked for or found excited alone; what was done is said."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from contract_schemas import FIT, FIT_ALONE
+from scipy.signal import cont2discrete, lfilter
+
+Tippath = Callable[..., tuple[int, str, str]]
+DT = 0.005
+
+
+@pytest.fixture(scope="module")
+def sweeps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """CSVs of a quadrotor: k/((s + 2)(0.05 s + 1)) on each axis, integrated by scipy; one swept, the other at rest."""
+    folder = tmp_path_factory.mktemp("sweeps")
+    rng = np.random.default_rng(31)
+    t = DT * np.arange(6000)
+    chirp = 0.06 * np.sin(2 * np.pi * (0.5 * t + 0.14 * t**2)) * (t < 29)
+    numerator, denominator, _ = cont2discrete(([200.0], np.polymul([0.05, 1.0], [1.0, 2.0])), DT, "zoh")
+    rate = lfilter(np.ravel(numerator), denominator, chirp)
+    found = {}
+    for axis in ("roll", "pitch"):
+        own, other = rate + 0.05 * rng.standard_normal(t.size), 0.05 * rng.standard_normal(t.size)
+        channels = [t, own, other, chirp, 0 * t] if axis == "roll" else [t, other, own, 0 * t, chirp]
+        found[axis] = folder / f"{axis}.csv"
+        lines = (",".join(f"{x:.8g}" for x in row) for row in zip(*channels, strict=True))
+        found[axis].write_text("\n".join(["t,p,q,delta_x,delta_y", *lines]) + "\n")
+    return found
+
+
+def test_a_single_sweep_is_a_fit_of_its_own(tippath: Tippath, sweeps: dict[str, Path]) -> None:
+    for axis, names in (("roll", ("L_p", "L_lat")), ("pitch", ("M_q", "M_lon"))):
+        status, out, err = tippath("fit", sweeps[axis], "--model", "multirotor", "--band", "0.5:9", "--json")
+        assert status == 0, err
+        assert f"only {axis} was excited: fitted alone" in err
+        assert "--axes roll,pitch asks for all" in err
+        document = json.loads(out)
+        jsonschema.validate(document, FIT_ALONE)
+        assert (document["structure"]["base"], document["structure"]["effects"]) == (axis, ["motor_lag"])
+        found = {name: one["value"] for name, one in document["parameters"].items()}
+        assert [found[name] for name in (*names, "tau_m")] == pytest.approx([-2.0, 200.0, 0.05], rel=0.05)
+
+
+def test_both_axes_are_fitted_where_both_were_swept_and_one_where_it_is_asked_for(
+    tippath: Tippath, sweeps: dict[str, Path]
+) -> None:
+    both = [*sweeps.values(), "--model", "multirotor", "--band", "0.5:9", "--json"]
+    status, out, err = tippath("fit", *both)
+    assert (status, "alone" in err) == (0, False)
+    document = json.loads(out)
+    jsonschema.validate(document, FIT)
+    assert document["parameters"]["tau_m"]["value"] == pytest.approx(0.05, rel=0.03)
+    status, out, _ = tippath("fit", *both, "--axes", "pitch")
+    assert (status, list(json.loads(out)["nrmse_percent"])) == (0, ["q"])
+    status, out, _ = tippath("fit", *both, "--axes", "pitch, roll")
+    assert (status, json.loads(out)["parameters"]) == (0, document["parameters"])
+
+
+def test_what_was_asked_for_is_not_replaced(tippath: Tippath, sweeps: dict[str, Path]) -> None:
+    status, _, err = tippath("fit", sweeps["roll"], "--model", "cd", "--axes", "roll,pitch", "--band", "0.5:9")
+    assert (status, "or fit roll alone: --axes roll" in err) == (1, True)
+    status, _, err = tippath("fit", sweeps["roll"], "--model", "cd", "--fix", "M_q=0", "--band", "0.5:9")
+    assert (status, "--fix M_q: there is no such parameter" in err) == (2, True)
+
+
+def test_axes_that_make_no_sense_are_refused_before_a_log_is_read(tippath: Tippath) -> None:
+    for model, axes, told in (
+        ("tpp", "roll", "TPP is fitted on roll,pitch, not on roll; --model cd can"),
+        ("pitch", "roll", "PITCH is fitted on pitch, not on roll"),
+        ("cd", "sideways", "CD is fitted on roll,pitch or roll or pitch"),
+        ("cd", "roll,", "CD is fitted on roll,pitch or roll or pitch, not on roll,"),
+    ):
+        status, out, err = tippath("fit", "nowhere.csv", "--model", model, "--axes", axes)
+        assert (status, out) == (2, "")
+        assert told in err
+
+
+def test_a_quadrotor_s_single_roll_sweep_is_fitted(tippath: Tippath, shared_data: Path) -> None:
+    status, out, err = tippath("fit", shared_data / "ardupilot" / "quad_roll_sweep.BIN", "--model", "cd")
+    assert status == 0
+    assert out.startswith("ROLL fitted to 1 run")
+    assert "only roll was excited" in err
+
+
+def test_runs_of_other_axes_are_left_out_and_named(tippath: Tippath, shared_data: Path) -> None:
+    log = shared_data / "ardupilot" / "quad_roll_pitch.BIN"
+    status, out, err = tippath("fit", log, "--model", "multirotor", "--axes", "pitch")
+    assert (status, out.startswith("PITCH + motor_lag fitted to 1 run")) == (0, True)
+    assert "left out, of an axis that PITCH is not of: quad_roll_pitch.BIN#1 (roll)" in err
+    status, _, err = tippath("fit", f"{log}#1", "--model", "pitch")
+    assert status == 1
+    assert "no run swept pitch, which PITCH is of: quad_roll_pitch.BIN#1 (roll)" in err
