@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from gcs.errors import TippathError
 from sysid.data.dataset import Dataset
-from sysid.data.record import Record
+from sysid.data.record import RATES, Record
 from sysid.fit.axes import excited_alone
-from sysid.model.base import Base
+from sysid.model.base import Base, bases, find_base
 from sysid.model.compose import compose
 
 
-def of_axes(records: Sequence[Record], base: Base) -> tuple[list[Record], list[str]]:
-    """Runs that swept an axis of this base, or none that is known; and a note on the others, if there are any.
+def of_axes(records: Sequence[Record], base: Base) -> list[Record]:
+    """Runs that swept an axis of this base, or none that is known; the first bears a note on others that there were.
 
     The elevator's count to pitch. Raises TippathError where there are only others.
     """
@@ -22,7 +23,22 @@ def of_axes(records: Sequence[Record], base: Base) -> tuple[list[Record], list[s
     others = [f"{record.id} ({record.axis})" for record in records if record.axis not in own]
     if records and not kept:
         raise TippathError(f"no run swept {' or '.join(base.axes)}, which {base.label} is of: {', '.join(others)}")
-    return kept, [f"left out, of an axis that {base.label} is not of: {', '.join(others)}"] if others else []
+    if others:
+        note = f"left out, of an axis that {base.label} is not of: {', '.join(others)}"
+        kept[0] = replace(kept[0], notes=(*kept[0].notes, note))
+    return kept
+
+
+def asked_of(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...], tuple[str, ...]]:
+    """Runs whose responses are measured where nobody says which, with commands and outputs, empty for the usual ones.
+
+    Roll's and pitch's; where all swept one axis beside these, that one's.
+    """
+    swept = {record.axis for record in records}
+    for base in bases().values():
+        if {*base.axes} == swept and len(swept) == 1 and not {*base.outputs} <= {*RATES}:
+            return [*records], base.commands, base.outputs
+    return of_axes(records, find_base("cd")), (), ()
 
 
 def lone_axis(base: Base, fitted: Dataset) -> str | None:

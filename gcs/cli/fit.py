@@ -80,8 +80,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--axes",
         metavar="AXIS,...",
-        help="which axes to fit, each by its own command: roll, pitch, or roll,pitch together (default: all that the "
-        "model has; where one alone was excited, that one)",
+        help="which axes to fit, each by its own command: roll, pitch, yaw (channels r, delta_r), heave (az, delta_c), "
+        "or roll,pitch together (default: all that the model has; where one alone was excited, that one)",
     )
     add_effects_option(
         parser,
@@ -140,9 +140,8 @@ def run(args: argparse.Namespace) -> int:
     base = parse_base(args.model)
     part, effects = parse_axes(base, args.axes, words, held)
     records, validation = runs_to_fit(args, profile, window, (asked or USUAL).hz[1])
-    records, others = of_axes(records, part)
-    validation, also = of_axes(validation, part)
-    print_notes([*note_lines([*records, *validation]), *others, *also])
+    records, validation = of_axes(records, part), of_axes(validation, part)
+    print_notes(note_lines([*records, *validation]))
     band = asked or chosen_band(records)
     fitted = prepared(records, band.hz)
     if args.axes is None and (axis := lone_axis(base, fitted)) is not None:

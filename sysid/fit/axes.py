@@ -123,7 +123,7 @@ def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
             raise FitError(
                 f"{axis} axis not identifiable: the effect of {name} is known only to "
                 f"{100 * best:.0f} % of itself; fly a {axis} chirp, longer or with more amplitude"
-                f"{_or_alone(structure, name)}"
+                f"{'' if structure.composed else _or_alone(structure, name)}"
             )
 
 

@@ -121,11 +121,13 @@ def on_axes(base: Base, axes: Collection[str]) -> tuple[Base, tuple[str, ...]]:
         return base, ()
     parts = [(find_base(name), tuple(effects)) for name, *effects in base.alone]
     for part, effects in parts:
-        if set(axes) == set(part.axes):
+        if set(axes) in ({part.name}, set(part.axes)):
             return part, effects
-    able = " or ".join([",".join(base.axes), *(",".join(part.axes) for part, _ in parts)])
+    able = " or ".join([",".join(base.axes), *(part.name for part, _ in parts)])
     others = [
-        one.name for one in bases().values() if any(set(axes) == set(find_base(name[0]).axes) for name in one.alone)
+        one.name
+        for one in bases().values()
+        if any({*axes} in ({name}, {*find_base(name).axes}) for name, *_ in one.alone)
     ]
     hint = f"; --model {others[0]} can" if others else ""
     raise BaseError(f"{base.label} is fitted on {able}, not on {','.join(axes)}{hint}")

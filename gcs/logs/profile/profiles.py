@@ -33,7 +33,7 @@ from sysid.data.record import CHANNELS
 
 Kind = Literal["dataflash", "ulog", "tlog", "csv", "blackbox", "crazyflie", "paparazzi", "mat", "mcap", "parquet"]
 Maneuver = Literal["chirp", "doublet", "quiet", "unknown"]
-Axis = Literal["roll", "pitch", "elevator"]
+Axis = Literal["roll", "pitch", "elevator", "yaw", "thrust"]
 
 ALONG: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"x": ("p", "phi", "ax", "u"), "y": ("q", "theta", "ay", "v"), "z": ("r", "az", "w")}

@@ -24,6 +24,14 @@ def equations(s: Signals) -> Mapping[str, Any]:
     }
 
 
+TAU_M = Parameter(
+    "tau_m",
+    "s",
+    "time constant of the motors with their propellers",
+    plausible=(0.0, 0.15),  # as `motor_lag`
+    bounds=(1e-4, 1.0),
+    typical=0.05,
+)
 BASE = Base(
     name="multirotor",
     title="Axes behind Motors",
@@ -34,19 +42,13 @@ BASE = Base(
         Parameter("M_q", "1/s", "pitch damping"),
         Parameter("L_lat", "1/s^2", "roll acceleration per roll command"),
         Parameter("M_lon", "1/s^2", "pitch acceleration per pitch command"),
-        Parameter(
-            "tau_m",
-            "s",
-            "time constant of the motors with their propellers",
-            plausible=(0.0, 0.15),  # as `motor_lag`
-            bounds=(1e-4, 1.0),
-            typical=0.05,
-        ),
+        TAU_M,
     ),
     equations=equations,
     uncoupled=(-5.0, -5.0, 0.0, 0.0, 0.05),
     contains=("motor_lag",),
+    absorbs=("angular_damping",),
     airframes=(Airframe.MULTIROTOR,),
-    alone=(("roll", "motor_lag"), ("pitch", "motor_lag")),
+    alone=(("roll", "motor_lag"), ("pitch", "motor_lag"), ("multirotor_yaw",), ("heave",)),
     watched=("L_p", "M_q", "L_lat", "M_lon", "tau_m"),
 )

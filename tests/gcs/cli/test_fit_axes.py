@@ -74,8 +74,8 @@ def test_axes_that_make_no_sense_are_refused_before_a_log_is_read(tippath: Tippa
     for model, axes, told in (
         ("tpp", "roll", "TPP is fitted on roll,pitch, not on roll; --model cd can"),
         ("pitch", "roll", "PITCH is fitted on pitch, not on roll"),
-        ("cd", "sideways", "CD is fitted on roll,pitch or roll or pitch"),
-        ("cd", "roll,", "CD is fitted on roll,pitch or roll or pitch, not on roll,"),
+        ("cd", "sideways", "CD is fitted on roll,pitch or roll or pitch or yaw or heave, not on sideways"),
+        ("cd", "roll,", "not on roll,"),
     ):
         status, out, err = tippath("fit", "nowhere.csv", "--model", model, "--axes", axes)
         assert (status, out) == (2, "")
@@ -97,3 +97,36 @@ def test_runs_of_other_axes_are_left_out_and_named(tippath: Tippath, shared_data
     status, _, err = tippath("fit", f"{log}#1", "--model", "pitch")
     assert status == 1
     assert "no run swept pitch, which PITCH is of: quad_roll_pitch.BIN#1 (roll)" in err
+
+
+def test_a_yaw_sweep_is_fitted_by_its_own_command_and_its_delay_named(
+    tippath: Tippath, shared_data: Path, tmp_path: Path
+) -> None:
+    log, fit = shared_data / "ardupilot" / "heli_axis12_yaw_mixer.BIN", tmp_path / "yaw.json"
+    status, out, err = tippath("fit", log, "--model", "cd", "--axes", "yaw", "--json", "-o", fit)
+    assert status == 0, err
+    document = json.loads(out)
+    jsonschema.validate(document, FIT_ALONE)
+    assert (document["structure"]["base"], document["instrument"]) == ("yaw", "excitation logged")
+    status, out, _ = tippath("diagnose", fit, "--json")
+    found = json.loads(out)
+    assert (status, found["verdict"], found["effect"]) == (0, "missing", "transport_delay")
+    delay = next(one for one in found["candidates"] if one["effect"] == "transport_delay")
+    assert delay["nrmse_percent"]["r"] > 95
+    assert delay["parameters"]["T_d"] == pytest.approx(0.054, abs=0.004)
+    for words in (("compare", fit), ("report", fit, "-o", tmp_path / "yaw.html")):
+        status, _, err = tippath(*words)
+        assert status == 0, err
+
+
+def test_yaw_is_left_out_of_roll_and_pitch_and_measured_by_itself(tippath: Tippath, shared_data: Path) -> None:
+    yaw, roll, pitch = (
+        shared_data / "ardupilot" / f"heli_{name}.BIN" for name in ("axis12_yaw_mixer", "roll_sweep", "pitch_sweep")
+    )
+    told = "left out, of an axis that CD is not of: heli_axis12_yaw_mixer.BIN#8 (yaw)"
+    status, _, err = tippath("response", roll, pitch, yaw)
+    assert (status, told in err) == (0, True)
+    status, out, _ = tippath("response", yaw)
+    assert (status, "r per delta_r" in out, "p per delta_x" in out) == (0, True, False)
+    status, _, err = tippath("fit", roll, pitch, yaw, "--model", "cd")
+    assert (status, told in err) == (0, True)
