@@ -28,12 +28,14 @@ def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> 
     if bins < 2 * count:
         raise FitError(f"only {bins} frequencies in the band: too little data for {count} parameters")
     m = len(structure.commands)
-    for name, rms in zip(structure.commands, rms_of_commands(spectra, m), strict=True):
+    moved = dict(zip(structure.commands, rms_of_commands(spectra, m), strict=True))
+    for name, rms in moved.items():
         axis = AXIS_OF.get(name, name)
         if rms < LEAST_COMMAND:
+            way_out = _or_alone(structure, name) if max(moved.values()) >= LEAST_COMMAND else ""
             raise FitError(
                 f"{axis} axis not identifiable: {name} hardly moves ({rms:.1e} rms of full command); "
-                f"fly a {axis} chirp and add its run{_or_alone(structure, name)}"
+                f"fly a {axis} chirp and add its run{way_out}"
             )
     for row, name in enumerate(structure.outputs):
         if not any(np.any(one.Y[row]) for one in spectra):

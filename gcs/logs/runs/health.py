@@ -27,7 +27,7 @@ from sysid.data.record import CHANNELS, RATES, Record
 F_HIGH_HZ = DEFAULT_BAND_HZ[1]
 SHORTEST_PIECE_S = MINIMUM_SEGMENT_S
 SHORTEST_RUN_S = 5.0
-BESIDE = ("yaw", "thrust")
+BESIDE = frozenset({"yaw", "thrust"})
 """Axes that are fitted by themselves: roll and pitch may rest while they are swept."""
 RATE_RMS = 0.01  # rad/s: less is gyro noise on the bench
 COMMAND_LIMIT = 1.05
@@ -308,7 +308,7 @@ def _gyros(run: _Measured) -> Iterator[_Finding]:
 
 def _still_commands(run: _Measured) -> Iterator[_Finding]:
     channels = run.record.channels
-    if run.record.axis in BESIDE:
+    if run.record.axis in BESIDE or any(run.excitation[axis][0] >= COMMAND_RMS for axis in BESIDE & {*run.excitation}):
         return
     still = [name for name in ("delta_x", "delta_y") if np.ptp(channels[name]) == 0]
     if len(still) == 2 and run.record.maneuver != "quiet":

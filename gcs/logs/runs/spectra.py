@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs.logs.formats.tables import FloatArray
 from sysid.data.coherence import coherence
-from sysid.data.record import RATES, Record
+from sysid.data.record import CYCLIC, RATES, Record
 
 F_LOW_HZ = 0.3  # below it trim and wind, not the maneuver
 COMMAND_RMS = 0.002  # of full command: less is a trim change
@@ -65,16 +65,23 @@ class Spectra:
 def strength(record: Record, f_high_hz: float) -> dict[str, tuple[float, float]]:
     """Axis -> root mean square between 0.3 Hz and f_high of command (1) and rate (rad/s).
 
-    Of axes beside roll and pitch where they were swept; thrust is answered by a specific force, m/s^2.
+    Of axes beside roll and pitch where they were swept, and where nobody says what was while both rest; thrust is
+    answered by a specific force, m/s^2.
     """
+    beside = {record.axis} if record.axis is not None or not both_rest(record) else set(ANSWERS) - {"elevator"}
     return {
         axis: (
             _band_rms(record.t, record.channels[command], f_high_hz),
             _band_rms(record.t, record.channels[ANSWERS[axis]], f_high_hz),
         )
         for axis, command in COMMANDS
-        if axis in ("roll", "pitch") or (record.axis == axis and {command, ANSWERS[axis]} <= set(record.channels))
+        if axis in ("roll", "pitch") or (axis in beside and {command, ANSWERS[axis]} <= set(record.channels))
     }
+
+
+def both_rest(record: Record) -> bool:
+    """Whether neither the roll nor the pitch command ever changes."""
+    return not any(np.ptp(record.channels[name]) for name in CYCLIC)
 
 
 def spectra(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -14,6 +16,12 @@ from scipy.signal import cont2discrete, lfilter
 
 Tippath = Callable[..., tuple[int, str, str]]
 DT = 0.005
+
+
+def write_csv(path: Path, names: str, channels: Sequence[Any]) -> Path:
+    lines = (",".join(f"{x:.8g}" for x in row) for row in zip(*channels, strict=True))
+    path.write_text("\n".join([names, *lines]) + "\n")
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -29,9 +37,7 @@ def sweeps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for axis in ("roll", "pitch"):
         own, other = rate + 0.05 * rng.standard_normal(t.size), 0.05 * rng.standard_normal(t.size)
         channels = [t, own, other, chirp, 0 * t] if axis == "roll" else [t, other, own, 0 * t, chirp]
-        found[axis] = folder / f"{axis}.csv"
-        lines = (",".join(f"{x:.8g}" for x in row) for row in zip(*channels, strict=True))
-        found[axis].write_text("\n".join(["t,p,q,delta_x,delta_y", *lines]) + "\n")
+        found[axis] = write_csv(folder / f"{axis}.csv", "t,p,q,delta_x,delta_y", channels)
     return found
 
 
@@ -99,6 +105,36 @@ def test_runs_of_other_axes_are_left_out_and_named(tippath: Tippath, shared_data
     assert "no run swept pitch, which PITCH is of: quad_roll_pitch.BIN#1 (roll)" in err
 
 
+@pytest.mark.parametrize(
+    ("axis", "answer", "command", "plant", "known"),
+    [
+        ("yaw", "r", "delta_r", ([50.0], [1.0, 3.0]), {"N_r": -3.0, "N_ped": 50.0}),
+        ("heave", "az", "delta_c", ([-60.0, 0.0], [0.08, 1.0, 1.1]), {"Z_w": -1.1, "Z_col": -60.0, "tau_T": 0.08}),
+    ],
+)
+def test_a_csv_in_which_roll_and_pitch_rest_is_a_run_of_what_moves(
+    axis: str, answer: str, command: str, plant: Any, known: dict[str, float], tippath: Tippath, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(7)
+    t = DT * np.arange(8000)
+    chirp = 0.1 * np.sin(2 * np.pi * (0.3 * t + 0.12 * t**2)) * (t < 38)
+    numerator, denominator, _ = cont2discrete(plant, DT, "zoh")
+    motion = lfilter(np.ravel(numerator), denominator, chirp)
+    noise = 0.01 * np.std(motion) * rng.standard_normal((3, t.size))
+    path = write_csv(
+        tmp_path / "x.csv",
+        f"t,p,q,delta_x,delta_y,{answer},{command}",
+        [t, noise[0], noise[1], 0 * t, 0 * t, motion + noise[2] - (9.8 if axis == "heave" else 0), chirp],
+    )
+    status, out, err = tippath("fit", path, "--model", "cd", "--axes", axis, "--band", "0.4:9", "--json")
+    assert status == 0, err
+    document = json.loads(out)
+    jsonschema.validate(document, FIT_ALONE)
+    assert {name: document["parameters"][name]["value"] for name in known} == pytest.approx(known, rel=0.05)
+    status, _, err = tippath("fit", path, "--model", "cd")
+    assert (status, "not identifiable" in err, "--axes" in err) == (1, True, False)
+
+
 def test_a_yaw_sweep_is_fitted_by_its_own_command_and_its_delay_named(
     tippath: Tippath, shared_data: Path, tmp_path: Path
 ) -> None:
@@ -114,6 +150,7 @@ def test_a_yaw_sweep_is_fitted_by_its_own_command_and_its_delay_named(
     delay = next(one for one in found["candidates"] if one["effect"] == "transport_delay")
     assert delay["nrmse_percent"]["r"] > 95
     assert delay["parameters"]["T_d"] == pytest.approx(0.054, abs=0.004)
+    assert re.search("not asked: [0-9]+ effects of more than yaw", tippath("diagnose", fit)[1])
     for words in (("compare", fit), ("report", fit, "-o", tmp_path / "yaw.html")):
         status, _, err = tippath(*words)
         assert status == 0, err
