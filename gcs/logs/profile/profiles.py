@@ -82,7 +82,7 @@ class Settings(Strict, frozen=True):
     axis: str | None = None
     """The number of the excited axis: a place, from 0, in `axes`."""
     axes: tuple[Axis | Literal["other"], ...] = ("roll", "pitch")
-    """`other` is one that is excited but not identified: yaw, thrust."""
+    """`other` is one that is excited but not identified."""
     f_start_hz: str | None = None
     f_stop_hz: str | None = None
     amplitude: str | None = None
