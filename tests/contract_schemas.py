@@ -29,10 +29,10 @@ MAYBE_NRMSE = {"anyOf": [NRMSE, {"type": "null"}]}
 FIT = exactly(
     {
         "format": {"const": "tippath.fit/1"},
-        "structure": exactly({"base": {"enum": ["cd", "tpp"]}, "effects": listed(TEXT)}),
+        "structure": exactly({"base": {"enum": ["cd", "tpp", "multirotor"]}, "effects": listed(TEXT)}),
         "parameters": {
             "type": "object",
-            "minProperties": 8,
+            "minProperties": 5,
             "additionalProperties": exactly(
                 {
                     "value": NUMBER,
@@ -79,6 +79,19 @@ FIT = exactly(
         "version": TEXT,
     }
 )
+
+OF_OUTPUTS = {"type": "object", "minProperties": 1, "additionalProperties": MAYBE}
+FIT_ALONE = exactly(
+    {
+        **FIT["properties"],
+        "structure": exactly({"base": {"enum": ["roll", "pitch", "yaw", "heave"]}, "effects": listed(TEXT)}),
+        "parameters": {**FIT["properties"]["parameters"], "minProperties": 2},
+        "nrmse_percent": OF_OUTPUTS,
+        "validation_nrmse_percent": {"anyOf": [OF_OUTPUTS, {"type": "null"}]},
+        "lineage": listed(exactly({"effects": listed(TEXT), "nrmse_percent": OF_OUTPUTS})),
+    }
+)
+"""Of one axis alone, which has other outputs than p and q."""
 
 RESPONSE = exactly(
     {

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from gcs.analysis.axes import of_axes
 from gcs.analysis.fits import on_airframe, runs_of, told_loop_rate
 from gcs.errors import TippathError
 from gcs.logs import AnyWindow, FromStart, Run, fitted_beside, ingest, resolve_runs
@@ -32,7 +33,7 @@ def flown(
     if runs:
         own = None if fit.profile is None else Path(fit.profile)
         found = resolve_runs(runs, profile or own, window, f_high_hz=fit.band_hz[1], loop_rate_hz=told_loop_rate(fit))
-        return split(found)
+        return split(of_axes(found, fit.model.structure.base_))
     if profile is not None:
         fit = replace(fit, profile=str(profile))
     cut = window if isinstance(window, FromStart) else None
@@ -99,7 +100,7 @@ def flown_with_validation(
         judging = []
     else:
         judging = runs_of(fit, fit.validation)
-    judging = [record for record in judging if record.maneuver != "quiet"]
+    judging = [record for record in of_axes(judging, fit.model.structure.base_) if record.maneuver != "quiet"]
     fitted = fitted_beside(records, judging)
     if not fitted:
         raise TippathError(

@@ -21,7 +21,7 @@ from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.preprocess import RESPONSE
-from sysid.data.record import Record
+from sysid.data.record import RATES, Record
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft
 from sysid.diagnose.clocks import clocks
@@ -342,10 +342,12 @@ def of_responses(answer: Diagnosis) -> bool:
 def _next(found: Diagnosis) -> NextManeuver | None:
     """Between the winner and what the data cannot tell from it, or the best two; for an unknown, linear or not.
 
-    None for measured responses: nothing tells how large a command flew them.
+    None for measured responses: nothing tells how large a command flew them; and of yaw and thrust, which no maneuver
+    that is imagined here sweeps.
     """
     winner = found.winner
-    if found.verdict == "complete" or of_responses(found):
+    swept = set(found.parent.model.structure.outputs) & set(RATES)
+    if found.verdict == "complete" or of_responses(found) or not swept:
         return None
     if winner is None or winner.fit is None or (found.verdict == "unexplained" and not found.stands_in):
         return linear_or_not(found.parent, found.division)

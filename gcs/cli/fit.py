@@ -77,6 +77,12 @@ def add_parser(subparsers: Any) -> None:
         metavar="BASE",
         help=f"the structure to fit: {', '.join(NAMES)}, or the path of a base of your own (its code runs)",
     )
+    parser.add_argument(
+        "--axes",
+        metavar="AXIS,...",
+        help="which axes to fit, each by its own command: roll, pitch, yaw (channels r, delta_r), heave (az, delta_c), "
+        "or roll,pitch together (default: all that the model has; where one alone was excited, that one)",
+    )
     add_effects_option(
         parser,
         "physical effects to add, in this order: ids of `tippath effects`, or paths of your own files (their code "
@@ -111,6 +117,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
+    from gcs.analysis.axes import alone_words, lone_axis, of_axes
     from gcs.analysis.band import chosen_band
     from gcs.analysis.fits import assess, load_vehicle
     from gcs.analysis.notes import note_lines
@@ -131,13 +138,17 @@ def run(args: argparse.Namespace) -> int:
     words = parse_words(args.effects)
     held = parse_fixed(args.fix, args.fix_from, [word for word in (args.model, *words) if word.endswith(".py")])
     base = parse_base(args.model)
-    effects = parse_effects(base, words, held)
+    part, effects = parse_axes(base, args.axes, words, held)
     records, validation = runs_to_fit(args, profile, window, (asked or USUAL).hz[1])
+    records, validation = of_axes(records, part), of_axes(validation, part)
     print_notes(note_lines([*records, *validation]))
     band = asked or chosen_band(records)
     fitted = prepared(records, band.hz)
+    if args.axes is None and (axis := lone_axis(base, fitted)) is not None:
+        print_notes([alone_words(base, axis)])
+        part, effects = parse_axes(base, axis, words, held)
     fit = identify(
-        compose(base),
+        compose(part),
         fitted,
         validation,
         band.hz,
@@ -211,6 +222,23 @@ def parse_base(word: str) -> Base:
         if word.endswith(".py"):
             raise
         raise UsageError(f"--model {word}: {error}") from error
+
+
+def parse_axes(
+    base: Base, word: str | None, effects: Sequence[str], held: Mapping[str, float]
+) -> tuple[Base, list[Effect]]:
+    """A base on the axes that are named, all its own where none are, with effects as `parse_effects` has them.
+
+    Raises UsageError for axes that the base has not, and as `parse_effects`.
+    """
+    from gcs.errors import UsageError
+    from sysid.model.base import BaseError, on_axes
+
+    try:
+        part, contained = on_axes(base, base.axes if word is None else [axis.strip() for axis in word.split(",")])
+    except BaseError as error:
+        raise UsageError(f"--axes {word}: {error}") from error
+    return part, parse_effects(part, [*contained, *effects], held)
 
 
 def parse_effects(base: str | Base, words: Sequence[str], held: Mapping[str, float]) -> list[Effect]:

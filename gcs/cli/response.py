@@ -65,6 +65,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from gcs.analysis.axes import asked_of
     from gcs.analysis.band import chosen_band
     from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.pictures import picture_kind, write_picture
@@ -93,6 +94,8 @@ def run(args: argparse.Namespace) -> int:
     records = [record for record in read if record.maneuver != "quiet"]
     if not records:
         raise TippathError("quiet hover shows no response: name a sweep")
+    if inputs == outputs == ():
+        records, inputs, outputs = asked_of(records)
     print_notes(note_lines(records))
     found = flown_responses(records, asked or chosen_band(records).hz, inputs, outputs or RATES)
     doubts = doubted(records)

@@ -19,6 +19,7 @@ from gcs.desk.state import Base, Choice, RunRow
 from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
 from gcs.logs import Run
+from gcs.logs.runs.health import BESIDE
 from gcs.logs.runs.verdicts import SAME_S, named_all_the_same
 from gcs.logs.words import printable
 from sysid.data.record import Record
@@ -86,7 +87,7 @@ def default_choices(runs: Sequence[Run]) -> list[Choice]:
     kinds = Counter(run.rate_source for run in usable if run.maneuver != "quiet")
     kind = kinds.most_common(1)[0][0] if kinds else None
     usable = [run for run in usable if run.maneuver == "quiet" or run.rate_source == kind]
-    chirps = [run for run in usable if run.maneuver == "chirp"]
+    chirps = [run for run in usable if run.maneuver == "chirp" and run.axis not in BESIDE]
     main = {axis: _main_size([run for run in chirps if run.axis == axis]) for axis in {run.axis for run in chirps}}
     return [_default(run, main) if any(run is one for one in usable) else Choice.OUT for run in runs]
 
@@ -95,6 +96,8 @@ def _default(run: Run, main: Mapping[str | None, float | None]) -> Choice:
     """What a usable run is used for; `main` are the sizes of the chirps to be fitted, by axis, if there are any."""
     if run.maneuver == "quiet":
         return Choice.NOISE
+    if run.axis in BESIDE:
+        return Choice.OUT
     if not main:
         return Choice.FIT
     if run.maneuver == "chirp":

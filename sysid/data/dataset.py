@@ -14,8 +14,8 @@ import numpy as np
 from sysid.data.airframe import Airframe, agreed
 from sysid.data.gyro_settings import told_filters
 from sysid.data.instrument import FOLLOWING, Causes, caused_by, causes, instruments
-from sysid.data.preprocess import EXCITATIONS, ComplexArray, Piece, Spectrum, pieces
-from sysid.data.record import COMMANDS, CYCLIC, RATES, Record
+from sysid.data.preprocess import EXCITATIONS, ComplexArray, Piece, Spectrum, excitation_of, pieces
+from sysid.data.record import COMMANDS, CYCLIC, RATES, Record, axis_of
 from sysid.data.stacks import Stack, stack
 from sysid.errors import FitError
 
@@ -151,10 +151,17 @@ class Dataset:
     @cached_property
     def whole(self) -> Bins:
         """The bins with every input that any model may read."""
-        always = ("delta_x", "delta_y", "t")  # time is what a drift is written in
-        return self.viewed(
-            tuple(name for name in (*COMMANDS, *CHANNELS_READ, "t") if name in self._moving or name in always)
-        )
+        always = (*self._own_commands, "t")  # time is what a drift is written in
+        read = [name for name in (*COMMANDS, *CHANNELS_READ, "t") if name not in self.outputs]
+        return self.viewed(tuple(name for name in read if name in self._moving or name in always))
+
+    @property
+    def _own_commands(self) -> tuple[str, ...]:
+        """Of the axes of the outputs; roll and pitch, which are flown together, have each other's."""
+        if set(RATES) & set(self.outputs):
+            return CYCLIC
+        axes = {axis_of(name) for name in self.outputs}
+        return tuple(name for name in COMMANDS if axis_of(name) in axes)
 
     @property
     def spectra(self) -> tuple[Spectrum, ...]:
@@ -167,9 +174,10 @@ class Dataset:
     @cached_property
     def causes(self) -> Causes:
         """What the excitation caused in each command that it can have caused."""
-        inputs = self.spectra[0].inputs
+        own, inputs = self._own_commands, self.spectra[0].inputs
+        excited = COMMANDS if own == CYCLIC else ()
         return self.whole.causes(
-            tuple(name for name in inputs if name in CYCLIC or f"excitation_{name[-1]}" in self.common)
+            tuple(name for name in inputs if name in own or (name in excited and excitation_of(name) in self.common))
         )
 
     @property

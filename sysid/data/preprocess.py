@@ -24,7 +24,7 @@ OFF_CLOCK = 0.1  # of a sample
 EVERY_LOOP = 0.8
 """Of a sample: a loop that takes longer was logged whole, but for a few samples."""
 DEFAULT_BAND_HZ = (0.0, 15.0)
-EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
+EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e", "excitation_c", "excitation_r")
 RESPONSE = "response"
 """The maneuver of a record that was made of a measured frequency response (`sysid.data.of_response`)."""
 

@@ -36,6 +36,8 @@ CHANNELS: Mapping[str, str] = MappingProxyType(
         "excitation_x": "-1..1",
         "excitation_y": "-1..1",
         "excitation_e": "-1..1",
+        "excitation_c": "-1..1",
+        "excitation_r": "-1..1",
         "omega": "rad/s",
         "airspeed": "m/s",
         "alpha": "rad",
@@ -73,7 +75,7 @@ class Record:
     maneuver: str = "unknown"
     """`chirp`, `doublet`, `quiet` or `unknown`."""
     axis: str | None = None
-    """`roll`, `pitch`, `elevator`, or None where it is not known."""
+    """`roll`, `pitch`, `elevator`, `yaw`, `thrust`, or None where it is not known."""
     rate_source: str = "csv"
     """The kind of message p and q come from (`SIDD`, `RATE`, `csv`): fits never mix them."""
     path: str = ""
@@ -236,9 +238,12 @@ AXIS_OF = {
     "delta_x": "roll",
     "delta_y": "pitch",
     "delta_e": "elevator",
+    "delta_c": "thrust",
+    "delta_r": "yaw",
     "p": "roll",
     "q": "pitch",
     "r": "yaw",
+    "az": "thrust",
     "a": "longitudinal flapping",
     "b": "lateral flapping",
     "phi": "roll angle",

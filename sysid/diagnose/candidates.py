@@ -22,7 +22,7 @@ from sysid.fit.output_error import OutputError
 from sysid.fit.result import finite
 from sysid.fit.whitening import Whitening
 from sysid.model.airframe import not_offered
-from sysid.model.compose import adapted, compose, not_testable
+from sysid.model.compose import acts_on, adapted, compose, not_testable
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
 from sysid.model.parameter import SURELY
 from sysid.model.predict import respond
@@ -77,7 +77,7 @@ class Ranked:
     not_testable: str | None
     """Why it was not asked, or not answered; None where it was."""
     not_offered: bool = False
-    """Whether that is because the airframe cannot have it."""
+    """Whether that is because the airframe cannot have it, or because it is of more than the one axis of the base."""
     fit: Candidate | None = None
     stepped: Stepped | None = None
     chi_squared: float = 0.0
@@ -197,7 +197,8 @@ def score_effects(
             continue
         reason = _reason(effect, parent)
         if reason is not None:
-            found.append(Ranked(effects=(name,), score=None, not_testable=reason))
+            beyond = len(structure.base_.axes) == 1 and effect.path is None and not acts_on(effect, structure.base_)
+            found.append(Ranked(effects=(name,), score=None, not_testable=reason, not_offered=beyond))
             continue
         try:
             composed = composed_with(structure, effect, on)

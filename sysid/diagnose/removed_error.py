@@ -36,7 +36,7 @@ from sysid.fit.noise import divide
 from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model
 
-DIRECT = dict(zip(RATES, CYCLIC, strict=True))
+DIRECT = dict(zip((*RATES, "r", "az"), (*CYCLIC, "delta_r", "delta_c"), strict=True))
 STRAIGHT = 0.9
 """Share of a phase's square that a line through zero explains, from which on it falls in proportion to frequency."""
 LEAST_PHASE_DEG = 8.0
@@ -166,7 +166,7 @@ class RemovedError:
             frequency.append(one.frequency_hz)
             power.append((2 / one.samples) * (np.abs(e) ** 2 - np.abs(rest) ** 2))
             waves.append(one.in_time(e - rest) / size[:, None])
-            sizes = {name: float(np.std(one.segment.channels[name])) for name in ("delta_x", "delta_y")}
+            sizes = {name: float(np.std(one.segment.channels[name])) for name in parent.model.structure.base_.commands}
             command = max(sizes, key=lambda name: sizes[name])
             runs.append((command, sizes[command], float(np.std(waves[-1])) / max(sizes[command], 1e-12)))
         together = np.concatenate(power, axis=1)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.data.airframe import Airframe
 from sysid.data.preprocess import Spectrum
-from sysid.data.record import AXIS_OF, CYCLIC, RATES
+from sysid.data.record import AXIS_OF, CYCLIC, RATES, axis_of
 from sysid.errors import FitError
 from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Model, Structure, stepped
 
@@ -15,6 +16,8 @@ LEAST_COMMAND = 2e-4  # rms of full command in the band: one step of a 12-bit se
 LEAST_INDEPENDENT_SHARE = 0.002
 LARGEST_RELATIVE_ERROR = 0.25
 SHARE_BAND_HZ = 0.5
+OWN_POWER = 0.9
+"""Of all rates in the rate of the one axis that was excited, at least: with more in the others they are coupled."""
 LEAST_SHARE = 1e-9  # below which a command counts as following the others
 
 
@@ -25,14 +28,14 @@ def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> 
     if bins < 2 * count:
         raise FitError(f"only {bins} frequencies in the band: too little data for {count} parameters")
     m = len(structure.commands)
-    energy = sum(2 / one.samples * np.einsum("ij,ij->i", one.U[:m].conj(), one.U[:m]).real for one in spectra)
-    rms_of_commands = np.sqrt(energy / sum(one.samples for one in spectra))
-    for name, rms in zip(structure.commands, rms_of_commands, strict=True):
+    moved = dict(zip(structure.commands, rms_of_commands(spectra, m), strict=True))
+    for name, rms in moved.items():
         axis = AXIS_OF.get(name, name)
         if rms < LEAST_COMMAND:
+            way_out = _or_alone(structure, name) if max(moved.values()) >= LEAST_COMMAND else ""
             raise FitError(
                 f"{axis} axis not identifiable: {name} hardly moves ({rms:.1e} rms of full command); "
-                f"fly a {axis} chirp and add its run"
+                f"fly a {axis} chirp and add its run{way_out}"
             )
     for row, name in enumerate(structure.outputs):
         if not any(np.any(one.Y[row]) for one in spectra):
@@ -48,7 +51,44 @@ def refuse_still_channels(structure: Structure, spectra: Sequence[Spectrum]) -> 
             raise FitError(
                 f"{axis} axis not identifiable: {name} only follows the other command "
                 f"({100 * share:.2g} % of its power is its own); fit it together with a {axis} chirp"
+                f"{_or_alone(structure, name)}"
             )
+
+
+def _or_alone(structure: Structure, unknown: str) -> str:
+    """That the other axis can be fitted alone, where there is one."""
+    others = [axis_of(name) for name in structure.base_.commands if name != unknown]
+    able = [axis for axis in others if any(name[0] == axis for name in structure.base_.alone)]
+    return f", or fit {able[0]} alone: --axes {able[0]}" if len(others) == 1 and able else ""
+
+
+def rms_of_commands(spectra: Sequence[Spectrum], commands: int) -> FloatArray:
+    """Root mean square of each command in the band, (commands,), of full command."""
+    energy = sum(
+        2 / one.samples * np.einsum("ij,ij->i", one.U[:commands].conj(), one.U[:commands]).real for one in spectra
+    )
+    return np.asarray(np.sqrt(energy / sum(one.samples for one in spectra)))
+
+
+def excited_alone(structure: Structure, spectra: Sequence[Spectrum]) -> str | None:
+    """The one axis of a bare base that was excited, where what the others did is not its answer; else None.
+
+    On a multirotor, whose axes hardly couple, the one that was swept; on others the one whose command moves.
+    """
+    if not structure.base_.alone or not spectra:
+        return None
+    records = [one.segment.record for one in spectra]
+    told = {record.axis for record in records}
+    moves = rms_of_commands(spectra, len(structure.commands)) >= LEAST_COMMAND
+    moving = {axis for axis, moved in zip(structure.base_.axes, moves, strict=True) if moved}
+    by_motors = all(record.airframe is Airframe.MULTIROTOR for record in records)
+    excited = told if by_motors and None not in told else moving
+    if len(excited) != 1 or not excited <= moving:
+        return None
+    (axis,) = excited
+    power = np.sum([np.sum(np.abs(one.Y) ** 2, axis=1) / one.samples for one in spectra], axis=0)
+    own = sum(one for name, one in zip(structure.outputs, power, strict=True) if axis_of(name) == axis)
+    return axis if own >= OWN_POWER * np.sum(power) else None
 
 
 def independent_share(spectra: Sequence[Spectrum], commands: int = len(CYCLIC)) -> FloatArray:
@@ -85,6 +125,7 @@ def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
             raise FitError(
                 f"{axis} axis not identifiable: the effect of {name} is known only to "
                 f"{100 * best:.0f} % of itself; fly a {axis} chirp, longer or with more amplitude"
+                f"{'' if structure.composed else _or_alone(structure, name)}"
             )
 
 

@@ -235,7 +235,9 @@ def refuse_unmeasured_responses(structure: Structure, records: Sequence[Record])
         lacking = [name for name in structure.outputs if not np.any(record.channels[name])]
         if lacking:
             alone = [
-                base.name for base in bases().values() if all(np.any(record.channels[name]) for name in base.outputs)
+                base.name
+                for base in bases().values()
+                if all(np.any(record.channels.get(name, 0.0)) for name in base.outputs)
             ]
             able = f"--model {alone[0]} fits what it holds" if alone else "no base is measured by what it holds"
             raise FitError(f"{record.id}: the response of {', '.join(lacking)} is not in it; {able}")
@@ -275,7 +277,8 @@ def _missing_sweeps(records: Sequence[Record], structure: Structure) -> list[str
     swept = {record.axis for record in records}
     if None in swept or any(record.maneuver == "unknown" for record in records):
         return []
-    missing = [AXIS_OF[name] for name in structure.commands if name in AXIS_OF and AXIS_OF[name] not in swept]
+    own = (*structure.base_.commands, "delta_e")  # others that an effect reads need no sweep
+    missing = [AXIS_OF[name] for name in structure.commands if name in own and AXIS_OF.get(name, name) not in swept]
     return [
         f"no {axis} maneuver among the runs: what the {axis} command does is known only from the controller's "
         "reactions; add a run that sweeps it"

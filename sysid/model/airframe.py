@@ -19,8 +19,11 @@ def misfits(structure: Structure, airframe: Airframe | None) -> list[str]:
     said = []
     base = structure.base_
     if airframe not in base.airframes:
+        better = "multirotor" if airframe is Airframe.MULTIROTOR else "cd"
         part = base.title.lower().replace("-", " ")
-        said.append(f"a {airframe} has no {part}: what {base.label} tells of it is of something else; fit --model cd")
+        said.append(
+            f"a {airframe} has no {part}: what {base.label} tells of it is of something else; fit --model {better}"
+        )
     said += [
         f"a {airframe} cannot have {one.id} ({one.title}): what it explains here is something else"
         for one in structure.composed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cache
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid.data.airframe import ANY, Airframe
-from sysid.data.record import CHANNELS, CYCLIC, RATES
+from sysid.data.record import CHANNELS, CYCLIC, RATES, axis_of
 from sysid.model.bases import NAMES
 from sysid.model.declaration import declared_in
 from sysid.model.effect import EffectError, Signals
@@ -53,6 +53,8 @@ class Base:
     reduces_to: str | None = None
     """The base that it becomes when the states it has beyond that one's have settled; that one with an effect that this
     one contains is this one."""
+    alone: tuple[tuple[str, ...], ...] = ()
+    """What it is where one axis alone is fitted: a base and the effects that this one contains."""
     watched: tuple[str, ...] = ()
     """Parameters by which engineers know a vehicle: what hidden effects would do to them is told."""
     rank: int = 9
@@ -74,6 +76,11 @@ class Base:
     def word(self) -> str:
         """What names it: its name, or the path of a user's file."""
         return self.path or self.name
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Of its commands, in words."""
+        return tuple(axis_of(name) for name in self.commands)
 
     @property
     def label(self) -> str:
@@ -103,6 +110,27 @@ def find_base(word: str) -> Base:
     close = get_close_matches(word.lower(), known, 1)
     hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}, and files of your own (.py)"
     raise BaseError(f"no base {word!r}; {hint}")
+
+
+def on_axes(base: Base, axes: Collection[str]) -> tuple[Base, tuple[str, ...]]:
+    """What a base is on these axes alone, and the effects to compose onto that.
+
+    Raises BaseError where it has no such part.
+    """
+    if set(axes) == set(base.axes):
+        return base, ()
+    parts = [(find_base(name), tuple(effects)) for name, *effects in base.alone]
+    for part, effects in parts:
+        if set(axes) in ({part.name}, set(part.axes)):
+            return part, effects
+    able = " or ".join([",".join(base.axes), *(part.name for part, _ in parts)])
+    others = [
+        one.name
+        for one in bases().values()
+        if any({*axes} in ({name}, {*find_base(name).axes}) for name, *_ in one.alone)
+    ]
+    hint = f"; --model {others[0]} can" if others else ""
+    raise BaseError(f"{base.label} is fitted on {able}, not on {','.join(axes)}{hint}")
 
 
 def load_base(path: Path) -> Base:

@@ -120,7 +120,7 @@ def test_an_unknown_word_is_answered_with_what_there_is() -> None:
     with pytest.raises(BaseError, match="did you mean tpp"):
         find_base("ttp")
     with pytest.raises(BaseError, match=r"there are cd, tpp.*files of your own"):
-        find_base("multirotor")
+        find_base("blimp")
     with pytest.raises(BaseError, match="cannot be read"):
         find_base("nowhere.py")
 

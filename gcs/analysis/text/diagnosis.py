@@ -22,6 +22,7 @@ from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.analysis.text.remarks import remark_sentence
 from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
 from sysid.control.regulator import designs_on
+from sysid.data.airframe import Airframe
 from sysid.diagnose.verdict import Diagnosis
 
 SHOWN = 6
@@ -135,10 +136,13 @@ def _untestable(last: Diagnosis, full: bool) -> list[Line]:
 
 
 def _not_offered(last: Diagnosis) -> list[Line]:
-    """How much of the catalogue this airframe cannot have: what that is would only fill the page."""
+    """How much of the catalogue this airframe or this axis cannot have: what that is would only fill the page."""
     count = sum(one.not_offered for one in last.candidates)
     effects = "1 effect" if count == 1 else f"{count} effects"
-    return [f" not asked: {effects} that a {last.airframe} cannot have; --json names them"] if count else []
+    axes = last.parent.model.structure.base_.axes
+    why = [f"that a {last.airframe} cannot have"] if last.airframe is Airframe.MULTIROTOR else []
+    why += [f"of more than {axes[0]}"] if len(axes) == 1 else []
+    return [Sentence(f"not asked: {effects} {' or '.join(why)}; --json names them", " ", "   ")] if count else []
 
 
 def _remarks(found: FitDiagnosis) -> list[Line]:

@@ -33,7 +33,7 @@ from sysid.data.record import CHANNELS
 
 Kind = Literal["dataflash", "ulog", "tlog", "csv", "blackbox", "crazyflie", "paparazzi", "mat", "mcap", "parquet"]
 Maneuver = Literal["chirp", "doublet", "quiet", "unknown"]
-Axis = Literal["roll", "pitch", "elevator"]
+Axis = Literal["roll", "pitch", "elevator", "yaw", "thrust"]
 
 ALONG: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"x": ("p", "phi", "ax", "u"), "y": ("q", "theta", "ay", "v"), "z": ("r", "az", "w")}
@@ -82,7 +82,7 @@ class Settings(Strict, frozen=True):
     axis: str | None = None
     """The number of the excited axis: a place, from 0, in `axes`."""
     axes: tuple[Axis | Literal["other"], ...] = ("roll", "pitch")
-    """`other` is one that is excited but not identified: yaw, thrust."""
+    """`other` is one that is excited but not identified."""
     f_start_hz: str | None = None
     f_stop_hz: str | None = None
     amplitude: str | None = None

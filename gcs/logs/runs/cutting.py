@@ -29,6 +29,8 @@ from sysid.data.record import Record, RecordError
 
 KEEP_BEFORE_S = 0.5
 KEEP_AFTER_S = 1.0
+BESIDE = ("excitation_c", "excitation_r")
+"""Of axes that are fitted by themselves: a run in which they rest, of roll or pitch, has none."""
 FEW = 5
 CUT_SHORT_S = 0.1  # a sweep that ends so much before its time did not reach its last frequency
 
@@ -140,6 +142,7 @@ class Cutting:
         notes = [*span.notes, *self.profile.notes, *mapped.notes]
         if span.maneuver in ("chirp", "doublet") and not _excitation_known(channels, span):
             channels = {name: values for name, values in channels.items() if not name.startswith("excitation_")}
+        channels = {name: values for name, values in channels.items() if name not in BESIDE or np.any(values)}
         if mapped.rows_dropped:
             samples = "1 sample" if mapped.rows_dropped == 1 else f"{mapped.rows_dropped} samples"
             notes.append(f"{samples} left out: a channel had no value there, or an impossible one")

@@ -19,7 +19,7 @@ from gcs.logs.profile.by_values import LIKELY_HZ, TIMES
 from gcs.logs.profile.mapping import FASTEST_RAD_S
 from gcs.logs.runs.clipped import clipped_words, times_clipped
 from gcs.logs.runs.latency import Latency
-from gcs.logs.runs.spectra import COMMAND_RMS, Coherent, Spectra, spectra, strength
+from gcs.logs.runs.spectra import ANSWERS, COMMAND_RMS, COMMANDS, Coherent, Spectra, spectra, strength
 from gcs.vehicle.sweeps import ANY
 from sysid.data.preprocess import DEFAULT_BAND_HZ, MINIMUM_SEGMENT_S, gap_places, rate_hz
 from sysid.data.record import CHANNELS, RATES, Record
@@ -27,6 +27,8 @@ from sysid.data.record import CHANNELS, RATES, Record
 F_HIGH_HZ = DEFAULT_BAND_HZ[1]
 SHORTEST_PIECE_S = MINIMUM_SEGMENT_S
 SHORTEST_RUN_S = 5.0
+BESIDE = frozenset({"yaw", "thrust"})
+"""Axes that are fitted by themselves: roll and pitch may rest while they are swept."""
 RATE_RMS = 0.01  # rad/s: less is gyro noise on the bench
 COMMAND_LIMIT = 1.05
 BEYOND_REASON = 0.1
@@ -306,6 +308,8 @@ def _gyros(run: _Measured) -> Iterator[_Finding]:
 
 def _still_commands(run: _Measured) -> Iterator[_Finding]:
     channels = run.record.channels
+    if run.record.axis in BESIDE or any(run.excitation[axis][0] >= COMMAND_RMS for axis in BESIDE & {*run.excitation}):
+        return
     still = [name for name in ("delta_x", "delta_y") if np.ptp(channels[name]) == 0]
     if len(still) == 2 and run.record.maneuver != "quiet":
         yield _Finding(
@@ -341,14 +345,20 @@ def _excitation(run: _Measured) -> Iterator[_Finding]:
     # With another unit of time the band from 0.3 Hz to f_high is not where it seems.
     if run.record.maneuver == "quiet" or run.mistaken_time is not None:
         return
-    if run.record.axis not in (None, "roll", "pitch", "elevator"):
-        return  # yaw or thrust was excited, and that is said
-    if not any(command >= COMMAND_RMS and rate >= RATE_RMS for command, rate in run.excitation.values()):
+    axis, excitation, sweep = run.record.axis, run.excitation, run.sweep
+    if axis in BESIDE:
+        command = next(name for each, name in COMMANDS if each == axis)
+        lacking = [name for name in (command, ANSWERS[axis]) if name not in run.record.channels]
+        if lacking:
+            yield _Finding(f"{axis} was swept, but {' and '.join(lacking)} is not logged: nothing shows how it answers")
+            return
+        excitation, sweep = {axis: excitation[axis]}, "sweep it with more amplitude"
+    if not any(command >= COMMAND_RMS and rate >= RATE_RMS for command, rate in excitation.values()):
         axes = "; ".join(
             f"{axis} command {command:.2g} of full and rate {rate:.2g} rad/s rms"
-            for axis, (command, rate) in run.excitation.items()
+            for axis, (command, rate) in excitation.items()
         )
-        yield _Finding(f"no excitation: {axes}; {run.sweep}")
+        yield _Finding(f"no excitation: {axes}; {sweep}")
 
 
 def _irregular_samples(run: _Measured) -> Iterator[_Finding]:

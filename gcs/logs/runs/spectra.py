@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gcs.logs.formats.tables import FloatArray
 from sysid.data.coherence import coherence
-from sysid.data.record import Record
+from sysid.data.record import CYCLIC, RATES, Record
 
 F_LOW_HZ = 0.3  # below it trim and wind, not the maneuver
 COMMAND_RMS = 0.002  # of full command: less is a trim change
@@ -28,7 +28,15 @@ SEGMENT_S = 4.0
 FEWEST_SEGMENTS = 4
 SHORTEST_SEGMENT_S = 1.0
 """Fewer and shorter ones make the coherence of noise large."""
-COMMANDS = (("roll", "delta_x"), ("pitch", "delta_y"), ("elevator", "delta_e"))
+COMMANDS = (
+    ("roll", "delta_x"),
+    ("pitch", "delta_y"),
+    ("elevator", "delta_e"),
+    ("yaw", "delta_r"),
+    ("thrust", "delta_c"),
+)
+ANSWERS = {"roll": "p", "pitch": "q", "elevator": "q", "yaw": "r", "thrust": "az"}
+"""What shows best that an axis was excited."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +63,25 @@ class Spectra:
 
 
 def strength(record: Record, f_high_hz: float) -> dict[str, tuple[float, float]]:
-    """Axis -> root mean square between 0.3 Hz and f_high of command (1) and rate (rad/s)."""
-    rates = {"roll": "p", "pitch": "q", "elevator": "q"}
+    """Axis -> root mean square between 0.3 Hz and f_high of command (1) and rate (rad/s).
+
+    Of axes beside roll and pitch where they were swept, and where nobody says what was while both rest; thrust is
+    answered by a specific force, m/s^2.
+    """
+    beside = {record.axis} if record.axis is not None or not both_rest(record) else set(ANSWERS) - {"elevator"}
     return {
         axis: (
             _band_rms(record.t, record.channels[command], f_high_hz),
-            _band_rms(record.t, record.channels[rates[axis]], f_high_hz),
+            _band_rms(record.t, record.channels[ANSWERS[axis]], f_high_hz),
         )
         for axis, command in COMMANDS
-        if axis != "elevator" or (record.axis == axis and command in record.channels)
+        if axis in ("roll", "pitch") or (axis in beside and {command, ANSWERS[axis]} <= set(record.channels))
     }
+
+
+def both_rest(record: Record) -> bool:
+    """Whether neither the roll nor the pitch command ever changes."""
+    return not any(np.ptp(record.channels[name]) for name in CYCLIC)
 
 
 def spectra(
@@ -145,14 +162,15 @@ def _put_in(record: Record, axis: str, command: str, grid: _Grid) -> FloatArray 
 
 
 def _follows(record: Record, axis: str, put_in: FloatArray, grid: _Grid) -> tuple[tuple[float, float], Coherent]:
-    """Where the input of an axis has power, and where the better of the two rates follows it."""
+    """Where the input of an axis has power, and where the better of the two rates, or its own answer, follows it."""
     n = grid.n
     hz = np.fft.rfftfreq(n, 1 / grid.rate_hz)
     inside = (hz >= F_LOW_HZ) & (hz <= grid.f_high_hz)
     power = np.where(inside, _power(put_in, n), 0.0)
     strong = power >= POWER_SHARE * power.max()
     band = (float(hz[strong][0]), float(hz[strong][-1]))
-    best = np.maximum(coherence(put_in, grid.values("p"), n), coherence(put_in, grid.values("q"), n))
+    answers = RATES if ANSWERS[axis] in RATES else (ANSWERS[axis],)
+    best = np.max([coherence(put_in, grid.values(name), n) for name in answers], axis=0)
     if record.axis == axis and record.swept_band_hz is not None:
         low, high = record.swept_band_hz
         strong = inside & (hz >= low - hz[1] / 2) & (hz <= high + hz[1] / 2)

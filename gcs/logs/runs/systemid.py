@@ -22,11 +22,12 @@ from sysid.data.chirp import Chirp
 LEAD_S = 1.0  # of nothing before the maneuver
 START_WITHIN_S = 0.06
 """What the time of the entry, and a loop of another length than it counts, may be off."""
-AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"}
+AXES = {7: "roll", 10: "roll", 8: "pitch", 11: "pitch", 20: "elevator"} | {
+    **dict.fromkeys((3, 6, 9, 12), "yaw"),
+    13: "thrust",
+}
 """SID_AXIS of ArduPilot; 20, the elevator, is the bundled vehicle's own."""
-OTHER_AXES = {3: "yaw", 6: "yaw", 9: "yaw", 12: "yaw", 13: "thrust"}
-"""What no fit here takes."""
-RATE_AXES = (7, 8)  # the excitation is added to the rate command: it is no part of the cyclic command
+RATE_AXES = (3, 6, 7, 8, 9)  # the excitation is added to what the rate loop is to follow: it is no part of the command
 MAGNITUDE_CHANGED = 3.0
 """Times the magnitude that was set: Tischler's noise adds to the chirp, but not as much."""
 FEWEST_BEYOND = 10
@@ -175,11 +176,8 @@ class _Flown:
                 "SIDS, the settings at the start, is missing from the log: axis and band worked out from the data"
             )
         axis = self._axis(maneuver)
-        reasons = maneuver.reasons
-        if entry.axis in OTHER_AXES and axis is not None:
-            reasons = (*reasons, other_axis(entry.axis))
-        elif entry.axis is not None and entry.axis not in AXES and axis is None and maneuver.kind != "quiet":
-            notes.append(f"SID_AXIS {entry.axis} excites neither roll nor pitch nor the elevator")
+        if entry.axis is not None and entry.axis not in AXES and axis is None and maneuver.kind != "quiet":
+            notes.append(other_axis(entry.axis))
         return Span(
             start_s=maneuver.start_s,
             stop_s=max(maneuver.start_s, maneuver.stop_s),
@@ -191,7 +189,7 @@ class _Flown:
             chirp_noise=maneuver.noise,
             planned_s=entry.duration_s,
             excites_command=entry.axis not in RATE_AXES,
-            reasons=reasons,
+            reasons=maneuver.reasons,
             explained=maneuver.explained,
             notes=tuple(notes),
             entered_s=entry.t,
@@ -300,16 +298,13 @@ class _Flown:
     def _axis(self, maneuver: _Maneuver) -> str | None:
         if maneuver.kind == "quiet":
             return None
-        named = None if self.entry.axis is None else (AXES | OTHER_AXES).get(self.entry.axis)
+        named = None if self.entry.axis is None else AXES.get(self.entry.axis)
         return _excited_axis(self.log, maneuver.start_s, maneuver.stop_s) if named is None else named
 
 
 def other_axis(number: int) -> str:
-    """Why no fit takes a sweep of that SID_AXIS, one of `OTHER_AXES`."""
-    return (
-        f"SID_AXIS {number} excites {OTHER_AXES[number]}, neither roll nor pitch, and no fit here takes it: "
-        "for roll fly SID_AXIS 10 or 7, for pitch 11 or 8"
-    )
+    """That a sweep of that SID_AXIS, none of `AXES`, is of no axis that is fitted."""
+    return f"SID_AXIS {number} excites neither roll nor pitch nor yaw, nor thrust or the elevator"
 
 
 def _law(log: DataFlashTables, row: int) -> tuple[str, float, float | None]:

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 from gcs.logs.formats.tables import Log
 from gcs.logs.runs.span import Span
-from gcs.logs.runs.systemid import AXES, LEAD_S, OTHER_AXES, RATE_AXES, other_axis
+from gcs.logs.runs.systemid import AXES, LEAD_S, RATE_AXES, other_axis
 from gcs.vehicle.autopilots import SAYS, SYSTEMID
 
 SAME_S = 2.0
@@ -76,7 +76,6 @@ def _refined(told: _Told, shown: Span, prompt: bool) -> Span:
         last_s=max(stop, told.stop_s),
         axis=axis,
         excites_command=told.number not in RATE_AXES,
-        reasons=(*shown.reasons, *_reasons(told)),
         notes=(*shown.notes, *_notes(told)),
         entered_s=told.t,
     )
@@ -93,7 +92,6 @@ def _alone(told: _Told) -> Span:
         maneuver=told.maneuver,
         axis=told.axis,
         excites_command=told.number not in RATE_AXES,
-        reasons=_reasons(told),
         notes=(note, *_notes(told)),
         entered_s=told.t,
     )
@@ -101,13 +99,9 @@ def _alone(told: _Told) -> Span:
 
 def _notes(told: _Told) -> list[str]:
     notes = [f"the vehicle ended it: {told.ended}"] if told.ended else []
-    if told.number is not None and told.number not in AXES | OTHER_AXES:
-        notes.append(f"SID_AXIS {told.number} excites neither roll nor pitch nor the elevator")
+    if told.number is not None and told.number not in AXES:
+        notes.append(other_axis(told.number))
     return notes
-
-
-def _reasons(told: _Told) -> tuple[str, ...]:
-    return (other_axis(told.number),) if told.number is not None and told.number in OTHER_AXES else ()
 
 
 def _all(log: Log) -> list[_Told]:
@@ -171,7 +165,7 @@ def _started(t: float, text: str) -> _Told:
         t=t,
         stop_s=math.inf,
         lead_s=LEAD_S if ardupilot else 0.0,
-        axis=named if number is None else (AXES | OTHER_AXES).get(int(number[1])),
+        axis=named if number is None else AXES.get(int(number[1])),
         number=None if number is None else int(number[1]),
         maneuver="doublet" if re.search("doublet|3211", text, re.I) else "chirp",
     )

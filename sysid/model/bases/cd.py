@@ -44,6 +44,7 @@ BASE = Base(
     ),
     equations=equations,
     uncoupled=(-5.0, 0, 0, -5.0, 0, 0, 0, 0),
+    alone=(("roll",), ("pitch",), ("yaw",), ("heave",)),
     watched=("L_p", "M_q", "L_lat", "M_lon"),
     form=Form(
         order=1,

@@ -138,7 +138,7 @@ def test_a_multirotor_fitted_as_what_it_is_not_is_warned_of(flights: dict[str, l
     assert status == 0
     document = json.loads(out)
     assert document["warnings"][:2] == [
-        "a multirotor has no tip path plane: what TPP tells of it is of something else; fit --model cd",
+        "a multirotor has no tip path plane: what TPP tells of it is of something else; fit --model multirotor",
         "a multirotor cannot have servo_backlash (play in the linkages): what it explains here is something else",
     ]
     assert {one["airframe"] for one in document["records"]} == {"multirotor"}

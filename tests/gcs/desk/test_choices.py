@@ -75,6 +75,11 @@ def test_what_cannot_be_used_with_the_others_is_left_out() -> None:
     assert [record_of(one) is not None for one in runs] == [True, True, False, True, True]
 
 
+def test_yaw_and_thrust_are_left_to_fits_of_their_own() -> None:
+    runs = [run(1, "chirp", "roll"), run(2, "chirp", "yaw"), run(3, "chirp", "pitch"), run(4, "doublet", "thrust")]
+    assert default_choices(runs) == [FIT, OUT, FIT, OUT]
+
+
 def test_the_base_follows_what_was_swept() -> None:
     assert default_base([run(1, "chirp", "roll"), run(2, "doublet", "elevator")]) == Base("tpp")
     assert default_base([run(1, "chirp", "elevator")]) == FORWARD

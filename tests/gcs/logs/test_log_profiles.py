@@ -133,7 +133,7 @@ def test_powers_and_divisions_without_a_value_are_not_finite_and_do_not_hang() -
         ("nmae = 'x'", "did you mean name"),
         ("[channels.p]\nsource='a'\n[log]\nkind='xls'", "dataflash"),
         ("[channels.p]\nsource='a'\n[[runs]]\nstart_s=3\nstop_s=1", "before"),
-        ("[channels.p]\nsource='a'\n[[runs]]\naxis='yaw'", "axis is one of"),
+        ("[channels.p]\nsource='a'\n[[runs]]\naxis='sideways'", "axis is one of"),
         ("[channels.p]\nsource='a'\n[time]\nsource=1", r"\[time\]: source is text in quotes, not 1"),
         ("[channels.p]\nsource='a'\n[axes]\ny='lfet'", "y is one of right, left, not 'lfet'; did you mean left"),
         ("[channels.p]\nsource='a'\n[axes]\nw='left'", "unknown key 'w'; there are: x, y, z"),
@@ -333,7 +333,8 @@ def test_the_settings_in_a_log_cut_it_into_its_runs(saved: Saved) -> None:
     assert found.sources[0].profile.name == "paparazzi_chirp"
     assert (roll.maneuver, roll.axis, roll.swept_band_hz) == ("chirp", "roll", (0.5, 10.0))
     assert (pitch.maneuver, pitch.axis, pitch.swept_band_hz) == ("chirp", "pitch", (0.5, 8.0))
-    assert (yaw.maneuver, yaw.axis, yaw.usable) == ("unknown", None, False)
+    assert (yaw.maneuver, yaw.axis, yaw.usable) == ("chirp", "yaw", False)
+    assert any("no excitation: yaw command 0 of full" in reason for reason in yaw.reasons)
     assert (roll.start_s, roll.duration_s) == (pytest.approx(2), pytest.approx(20, abs=0.01))
     assert roll.usable, roll.reasons
     assert pitch.usable, pitch.reasons
@@ -367,7 +368,7 @@ def test_two_boots_with_settings_do_not_mix_their_clocks(saved: Saved) -> None:
     first, second = paparazzi(6), paparazzi(12)
     columns = {name: np.concatenate([first[name], second[name]]) for name in first}
     found = ingest([saved(csv_of(columns), "sd.csv")])
-    assert {run.axis for run in found.runs} <= {"roll", "pitch", None}
+    assert {run.axis for run in found.runs} <= {"roll", "pitch", "yaw", None}
     assert any("boots" in note for note in (*found.sources[0].notes, *found.sources[0].hints))
 
 

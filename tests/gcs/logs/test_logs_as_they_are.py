@@ -210,12 +210,21 @@ def test_a_file_without_any_of_its_maneuvers_says_so(saved: Saved, flown: Callab
     assert "2 maneuvers of this boot lie outside the samples of this file" in text(found)
 
 
-def test_a_yaw_sweep_is_called_yaw(shared_data: Path) -> None:
+def test_a_yaw_sweep_is_a_run_of_yaw(shared_data: Path) -> None:
     (run,) = ingest([shared_data / "ardupilot" / "heli_axis12_yaw_mixer.BIN"]).runs
     assert (run.id, run.maneuver, run.axis) == ("heli_axis12_yaw_mixer.BIN#8", "chirp", "yaw")
-    (reason,) = run.reasons
-    assert "SID_AXIS 12 excites yaw, neither roll nor pitch" in reason
-    assert "10 or 7" in reason
+    assert run.usable
+    assert run.health is not None
+    assert run.health.coherent["yaw"].share > 0.8
+    assert run.record is not None
+    assert np.any(run.record.channels["excitation_r"])
+
+
+def test_a_sweep_of_roll_has_no_excitation_of_yaw_and_thrust(shared_data: Path) -> None:
+    (run,) = ingest([shared_data / "ardupilot" / "heli_roll_sweep.BIN"]).runs
+    assert run.record is not None
+    excitations = {name for name in run.record.channels if name.startswith("excitation")}
+    assert excitations == {"excitation_x", "excitation_y"}
 
 
 @pytest.mark.parametrize(("axis", "name"), [(9, "yaw"), (13, "thrust")])
@@ -224,7 +233,9 @@ def test_other_axes_are_named_for_what_they_are(
 ) -> None:
     (run,) = ingest([saved(flown([{"axis": axis}], own_messages=False))]).runs
     assert (run.maneuver, run.axis, run.usable) == ("chirp", name, False)
-    assert f"SID_AXIS {axis} excites {name}" in run.reasons[0]
+    assert run.reasons == (
+        f"no excitation: {name} command 0 of full and rate 0 rad/s rms; sweep it with more amplitude",
+    )
 
 
 def louder(flight: bytes, from_us: int, factor: float) -> bytes:

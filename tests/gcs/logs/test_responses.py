@@ -196,7 +196,9 @@ def test_a_response_has_no_seconds_and_no_other_axis(saved: Saved, capsys: pytes
     with pytest.raises(TippathError, match="has no seconds to cut"):
         ingest([path], profile, (1.0, 2.0))
     asked = ["fit", str(path), "--profile", str(profile)]
-    assert main([*asked, "--model", "cd"]) == 1
+    assert main([*asked, "--model", "cd"]) == 0
+    assert "only pitch was excited: fitted alone" in capsys.readouterr().err
+    assert main([*asked, "--model", "tpp"]) == 1
     assert "the response of p is not in it; --model pitch fits what it holds" in capsys.readouterr().err
     assert main([*asked, "--model", "pitch", "--with", "servo_backlash"]) == 1
     assert "a measured frequency response is linear" in capsys.readouterr().err

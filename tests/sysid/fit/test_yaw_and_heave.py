@@ -1,0 +1,85 @@
+"""Yaw and heave, each by its own command, judged on motions that scipy integrated, not the code that fits them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+import sysid
+from sysid.data.airframe import Airframe
+from sysid.data.record import FloatArray, Record
+from sysid.errors import FitError
+from sysid.model.base import find_base, on_axes
+
+DT = 0.004
+BAND_HZ = (0.3, 10.0)
+T: FloatArray = DT * np.arange(10000, dtype=np.float64)
+CHIRP: FloatArray = 0.1 * np.sin(2 * np.pi * (0.3 * T + 0.12 * T**2)) * (T < 39)
+
+
+def flown(
+    command: str, output: str, numerator: list[float], denominator: list[float], *, seed: int, late: int = 0
+) -> Record:
+    """An output that answers a command, held over each sample and `late` of them late; roll and pitch rest."""
+    num, den, _ = cont2discrete((numerator, denominator), DT, "zoh")
+    acting = np.concatenate([np.zeros(late), CHIRP[: T.size - late]])
+    answer = lfilter(np.ravel(num), den, acting)
+    rng = np.random.default_rng(seed)
+    channels: dict[str, FloatArray] = {"t": T, command: CHIRP, "delta_x": 0 * T, "delta_y": 0 * T}
+    channels |= {name: 0.01 * rng.standard_normal(T.size) for name in ("p", "q")}
+    channels[output] = answer + 0.03 * np.std(answer) * rng.standard_normal(T.size)
+    axis = {"delta_r": "yaw", "delta_c": "thrust"}[command]
+    return Record(axis, channels, maneuver="chirp", axis=axis)
+
+
+def test_yaw_of_first_order_is_found() -> None:
+    run = flown("delta_r", "r", [50.0], [1.0, 3.0], seed=1)
+    fit = sysid.fit_model([run], "yaw", band_hz=BAND_HZ)
+    assert [fit.model[name] for name in ("N_r", "N_ped")] == pytest.approx([-3.0, 50.0], rel=0.02)
+    assert list(fit.nrmse_percent) == ["r"]
+
+
+def test_the_delay_of_a_late_tail_is_found() -> None:
+    run = flown("delta_r", "r", [50.0], [1.0, 3.0], seed=2, late=12)
+    fit = sysid.fit_model([run], "yaw", band_hz=BAND_HZ)
+    found = sysid.diagnose_fit(fit, [run])
+    assert (found.verdict, found.effect) == ("missing", "transport_delay")
+    assert found.winner is not None
+    assert found.winner.fit is not None
+    assert found.winner.fit.model["T_d"] == pytest.approx(0.048, abs=0.002)
+
+
+def test_rotors_that_react_lead_and_motors_lag() -> None:
+    """k (0.25 s + 1)/((s + 0.8)(0.06 s + 1)), a lead that is longer than the lag."""
+    base, contained = on_axes(find_base("multirotor"), ["yaw"])
+    assert (base.name, contained) == ("multirotor_yaw", ())
+    run = flown("delta_r", "r", [20.0 * 0.25, 20.0], np.polymul([1.0, 0.8], [0.06, 1.0]).tolist(), seed=3)
+    fit = sysid.fit_model([run], base.name, band_hz=BAND_HZ)
+    found = [fit.model[name] for name in ("N_r", "N_ped", "T_r", "tau_m")]
+    assert found == pytest.approx([-0.8, 20.0, 0.25, 0.06], rel=0.08)
+    without = sysid.fit_model([run], base.name, band_hz=BAND_HZ, fixed={"T_r": 0.0})
+    assert without.nrmse_percent["r"] < fit.nrmse_percent["r"] - 10
+
+
+def test_heave_shows_damping_and_the_lag_of_thrust() -> None:
+    """az = (Z_w w + Z_col delta - az)/tau_T, w' = az: az/delta = Z_col s/(tau_T s^2 + s - Z_w)."""
+    run = flown("delta_c", "az", [-60.0, 0.0], [0.08, 1.0, 1.1], seed=4)
+    base, contained = on_axes(find_base("cd"), ["heave"])
+    assert (base.name, contained) == ("heave", ())
+    assert on_axes(find_base("multirotor"), ["thrust"]) == (base, ())
+    fit = sysid.fit_model([run], "heave", band_hz=BAND_HZ)
+    assert [fit.model[name] for name in ("Z_w", "Z_col", "tau_T")] == pytest.approx([-1.1, -60.0, 0.08], rel=0.05)
+
+
+def test_what_yaw_and_heave_need_is_named_where_it_is_not_logged() -> None:
+    run = flown("delta_r", "r", [50.0], [1.0, 3.0], seed=5)
+    with pytest.raises(FitError, match="az, delta_c is not logged, which HEAVE"):
+        sysid.fit_model([run], "heave", band_hz=BAND_HZ)
+
+
+def test_a_helicopter_is_told_that_it_has_no_motors_to_lag() -> None:
+    run = flown("delta_r", "r", [50.0], [1.0, 3.0], seed=6)
+    helicopter = Record("run", run.channels, maneuver="chirp", axis="yaw", airframe=Airframe.HELICOPTER)
+    fit = sysid.fit_model([helicopter], "multirotor_yaw", band_hz=BAND_HZ)
+    assert any("a helicopter has no yaw behind motors" in warning for warning in fit.warnings)
