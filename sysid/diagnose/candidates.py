@@ -340,7 +340,9 @@ def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model 
 
 def _explained(fit: Candidate, parent: Candidate, metric: Whitening) -> float:
     """Chi squared by which a fit is likelier than the parent."""
-    return gain(*(instrumental_step(one.asked_in(metric), metric) for one in (fit, parent)))[0]
+    known = metric is parent.metric
+    before = parent.stepped if known else instrumental_step(parent.asked_in(metric), metric)
+    return gain(instrumental_step(fit.asked_in(metric), metric), before)[0]
 
 
 def ranked(one: Ranked, reference: Reference) -> Ranked:

@@ -55,7 +55,7 @@ def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
         for one in others
         if one.stepped is not None and _stands_beside(one, winner, *gain(stepped, one.stepped), near)
     ]
-    best = min(alike, key=_unusual, default=winner)
+    best = min(alike, key=_unusual) if len(alike) > 1 else winner  # what is usual takes numbers told, which are dear
     fuller = [one for one in others if _explains_instead(one, best, near)] if not _explains(best) else []
     best = min(fuller, key=lambda one: one.delta_bic, default=best)
     if not best.outside:

@@ -70,8 +70,7 @@ def diagnose(
     if loop_s is not None and validated_on is not None:
         validated_on = held(validated_on, loop_s).beside(parent.dataset)
     validated_on = None if validated_on is None else telling(validated_on)
-    asked_of = parent.asked_in(parent.metric)
-    stepped = instrumental_step(asked_of, parent.metric)
+    asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
     say("the structure as it is")
 
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)

@@ -55,6 +55,7 @@ class Candidate:
     J: list[ComplexArray]
     """Sensitivities of Y to the free parameters, for every stack (free, k, bins)."""
     J_imposed: list[ComplexArray]
+    _asked_in: dict[Whitening, Candidate] = field(default_factory=dict, init=False)
 
     @property
     def model(self) -> Model:
@@ -77,14 +78,15 @@ class Candidate:
         Whether they explain any is asked in its metric, of what one step leaves there: where noise is weak, numbers by
         constant weights are off by more than it, and that is no error of the structure.
         """
-        new, commands = self.metric, self._divided.commands
-        stepped = instrumental_step(self.asked_in(new), new)
+        return replace(self._divided, asked=self._surprise)
+
+    def _surprise(self) -> tuple[float, int]:
+        """What the commands explain of it in its metric: chi squared, and its degrees of freedom."""
+        new, commands, stepped = self.metric, self._divided.commands, self.stepped
         if isinstance(new, Innovations):
-            chi_squared, degrees = new.surprise(stepped.residual, stepped.J, commands)
-        else:
-            chi_squared, degrees = surprise(new.bins(stepped.residual), new.stacks, self.dataset.causes)
-            degrees = max(1, degrees - len(stepped.J))
-        return replace(self._divided, chi_squared=chi_squared, degrees=degrees)
+            return new.surprise(stepped.residual, stepped.J, commands)
+        chi_squared, degrees = surprise(new.bins(stepped.residual), new.stacks, self.dataset.causes)
+        return chi_squared, max(1, degrees - len(stepped.J))
 
     @cached_property
     def asked(self) -> Candidate:
@@ -95,7 +97,12 @@ class Candidate:
 
     def asked_in(self, metric: Whitening) -> Candidate:
         """`asked`, where innovations are asked moved to where it predicts best: feedback biases what commands alone
-        are fitted to."""
+        are fitted to. Worked out once for each metric."""
+        if metric not in self._asked_in:
+            self._asked_in[metric] = self._moved_in(metric)
+        return self._asked_in[metric]
+
+    def _moved_in(self, metric: Whitening) -> Candidate:
         here = self.asked
         if not isinstance(metric, Innovations) or not self.model.structure.linear:
             return here
@@ -136,6 +143,11 @@ class Candidate:
         if self.dataset.in_a_loop:
             return innovations(self.model, self.dataset.wider, self.asked.free)
         return noise_whitening(self.model, self.dataset.stacks, self._divided)
+
+    @cached_property
+    def stepped(self) -> Stepped:
+        """In its own metric."""
+        return instrumental_step(self.asked_in(self.metric), self.metric)
 
     @property
     def error_share(self) -> float:

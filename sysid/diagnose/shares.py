@@ -111,12 +111,12 @@ class Shares:
         steady = all(effect.samples is None for effect in one.fit.model.structure.composed)
         share = one.explained_share or 0.0
         little = self.error_share - self.noise_share < LITTLE * self.noise_share
-        if little or (steady and not one.fit.division.measured):
-            share = max(share, self._by_the_noise(one))
-        if one.validation_share is None:
+        if one.validation_share is not None and min(1.0, one.validation_share + one.validation_slack) < VALIDATED:
+            return False
+        if share >= EXPLAINED or not (little or (steady and not one.fit.division.measured)):
             return share >= EXPLAINED
-        there = min(1.0, one.validation_share + one.validation_slack)
-        return share >= EXPLAINED and there >= VALIDATED
+        # what it leaves is dear to measure, and only makes the share less
+        return self._of_most(one) >= EXPLAINED and self._by_the_noise(one) >= EXPLAINED
 
     def _by_the_noise(self, one: Ranked) -> float:
         """Of what can be explained, by chi squared: of what it leaves to the commands beyond chance, or another
@@ -124,6 +124,10 @@ class Shares:
         assert one.fit is not None
         own, chance = max(0.0, one.chi_squared), SLACK if one.fit.division.measured else 0.0
         return own / max(own + misfit(one, chance), self.most_explained, 1e-300)
+
+    def _of_most(self, one: Ranked) -> float:
+        """By chi squared, of what the candidate explains that explains most."""
+        return max(0.0, one.chi_squared) / max(self.most_explained, 1e-300)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,8 +10,9 @@ here; where no excitation is logged the commands stand for themselves, and what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -57,11 +58,24 @@ class Division:
     commands: tuple[str, ...]
     references: tuple[str, ...]
     """For each command the channel that gusts do not reach, or the command itself where none is logged."""
-    chi_squared: float
-    """Of all windows together against the noise spectrum: whether anything is explained at all."""
-    degrees: int
     level: ComplexArray
     """(w, k, k), the noise's spectral matrix in each window, scaled as a stack's residual is."""
+    asked: Callable[[], tuple[float, int]]
+    """For chi squared and its degrees of freedom: a question that takes longer than all else, and is often not put."""
+
+    @cached_property
+    def _surprise(self) -> tuple[float, int]:
+        return self.asked()
+
+    @property
+    def chi_squared(self) -> float:
+        """Of all windows together against the noise spectrum: whether anything is explained at all."""
+        return self._surprise[0]
+
+    @property
+    def degrees(self) -> int:
+        """Of freedom, of that."""
+        return self._surprise[1]
 
     def at(self, frequency_hz: FloatArray) -> ComplexArray:
         """The noise's spectral matrix at these frequencies, (f, k, k), scaled as a stack's residual is."""
@@ -100,7 +114,6 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
     S = around / freedom[:, None, None]
     own = np.real(np.einsum("wkk->wk", S))
     tiny = LEAST_LEVEL * np.max(own, initial=1e-300)
-    chi_squared, degrees = asked.surprise(tiny)
     unknown = explained.unknown
     return Division(
         edges_hz=asked.edges_hz,
@@ -109,9 +122,8 @@ def divide(error: OutputError, stacks: Sequence[Stack], by: Causes, window_hz: f
         by_command=explained.by_command - np.minimum(2, unknown)[:, None, None] * own[:, :, None],
         commands=by.commands,
         references=by.references,
-        chi_squared=chi_squared,
-        degrees=degrees,
         level=S + tiny * np.eye(S.shape[1]),
+        asked=lambda: asked.surprise(tiny),
     )
 
 

@@ -26,6 +26,10 @@ DIFFERENCE_RELAXED = 0.03
 """Of the last change of a response, and of a difference of responses; what is left is a fraction of it."""
 NEARER = 2
 """Relaxations in which the linear part is fitted to the motion."""
+STEADY = 0.1
+"""Change of a response, below which the next relaxation begins where the last ones point to;"""
+POINTING = 5
+"""so many of them, beside the last."""
 TOGETHER = 3
 """Parameters side by side: more would cost memory and save no time."""
 KEPT = 8
@@ -215,6 +219,7 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
     X = _through(transfer, driven[None])[0]
     unseen = ~np.any(transfer[rows], axis=(0, 2))  # states that only schedule others: no rate tells where they began
     outputs, last = X[rows], np.inf
+    before: list[tuple[ComplexArray, ComplexArray]] = []
     for count in range(RELAXATIONS):
         # the free motion from the run's end states, as the measured rates show it
         E = transfer[rows][:, :, inside].transpose(1, 0, 2)
@@ -233,13 +238,25 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
         if not np.isfinite(change) or change > 1e3:
             raise RelaxationError("the response grows without limit")
         outputs = run.transform(y[0]) + C @ (new - X - free)
+        before = [*before[-POINTING:], (X, new)] if count >= NEARER and change < STEADY else []
         X = new
         if change < RELAXED:
             break
         if change > 2 * last and change > 0.1:
             raise RelaxationError("the response does not settle")
         last = min(last, change)
+        if len(before) > 1:
+            X = _pointed_to(before)
     return _Settled(Y=outputs[:, inside], E=E, X=X, free=free, A=A, B=B, transfer=transfer)
+
+
+def _pointed_to(before: Sequence[tuple[ComplexArray, ComplexArray]]) -> ComplexArray:
+    """Where a response settles by its last relaxations, each from where to where, were these linear (Anderson 1965)."""
+    (here, there), others = before[-1], before[:-1]
+    left = there - here
+    apart = np.stack([left - (to - begin) for begin, to in others]).reshape(len(others), -1).view(float)
+    shares = np.linalg.lstsq(apart @ apart.T, apart @ left.reshape(-1).view(float), rcond=1e-10)[0]
+    return np.asarray(there - np.tensordot(shares, np.stack([there - to for _, to in others]), 1))
 
 
 def _explaining(E: FloatArray, rest: FloatArray) -> FloatArray:

@@ -74,8 +74,8 @@ def test_runs_that_do_not_determine_a_size_say_nothing() -> None:
         for one in flight
     ]
     other = dataset(gentle, DEFAULT_BAND_HZ, found.parent.dataset)
-    assert sizes(found.winner.fit, ["servo_saturation"], other) == ()
-    (same,) = sizes(found.winner.fit, ["servo_saturation"], found.parent.dataset)
+    assert sizes(found.winner.fit, ("servo_saturation",), other) == ()
+    (same,) = sizes(found.winner.fit, ("servo_saturation",), found.parent.dataset)
     assert same.elsewhere == pytest.approx(same.fitted, rel=0.02)
 
 
