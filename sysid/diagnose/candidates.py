@@ -313,11 +313,17 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     fit, failure = _refit(composed, parent, one, None)
     begin = _where_scored(one, composed, parent)
     if begin is not None and one.score is not None and one.score.log_p_there < WORTH_THE_TIME:
-        explained = 0.0 if fit is None else _explained(fit, parent, parent.metric)
+        explained = 0.0 if fit is None or _astray(fit, parent) else _explained(fit, parent, parent.metric)
         again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
         if again is not None and _explained(again, parent, parent.metric) > explained:
             fit = again
     return replace(one, fit=fit) if fit is not None else replace(one, not_testable=failure)
+
+
+def _astray(fit: Candidate, parent: Candidate) -> bool:
+    """Whether a refit ended where it leaves more than the parent, whatever a step from there promises; where feedback
+    makes no powers."""
+    return parent.division.measured and fit.error_share > parent.error_share
 
 
 def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | None) -> tuple[Candidate | None, str]:

@@ -8,7 +8,7 @@ itself is that of the commands as flown. Where no excitation is logged, what is 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -31,6 +31,8 @@ from sysid.model.structure import FloatArray, Model, Structure
 
 WORST_SETTLING = 1.01
 MOST_MOVES = 3
+DAMPED = 1e-2
+"""Of each parameter's own weight: what the runs hardly determine does not run away."""
 SHY = 0.9
 """Of the way to a bound, that a move may go."""
 LITTLE_MOVED = 0.5
@@ -110,20 +112,27 @@ class Candidate:
         loose = [self.model.structure.names.index(name) for name in here.free]
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
-            before, values = here.model.values, here.model.values.copy()
-            values[loose] += np.linalg.lstsq(J @ J.T, J @ e, rcond=1e-10)[0] if loose else 0.0
-            # a bound itself may have no response
-            values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
-            try:
-                with np.errstate(all="ignore"):
-                    moved = replace(self.estimate, model=Model(here.model.structure, values))
-                    there = candidate(moved, self.held, here.dataset, self.added)
-            except np.linalg.LinAlgError:
+            for step in _steps(J, e):
+                before, values = here.model.values, here.model.values.copy()
+                values[loose] += step
+                # a bound itself may have no response
+                values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
+                there = here._at(values)
+                if there is not None and np.sum(metric(_residual(there)) ** 2) < float(e @ e) - LITTLE_MOVED:
+                    here = there
+                    break
+            else:
                 break
-            if not np.sum(metric(_residual(there)) ** 2) < float(e @ e) - LITTLE_MOVED:
-                break
-            here = there
         return here
+
+    def _at(self, values: FloatArray) -> Candidate | None:
+        """With other values; None where they have no response."""
+        moved = replace(self.estimate, model=Model(self.model.structure, values))
+        try:
+            with np.errstate(all="ignore"):
+                return candidate(moved, self.held, self.dataset, self.added)
+        except np.linalg.LinAlgError:
+            return None
 
     @cached_property
     def told(self) -> tuple[Model, dict[str, float]]:
@@ -223,6 +232,17 @@ def imposed_answers(
     return Ys, Js
 
 
+def _steps(J: FloatArray, e: FloatArray) -> Iterator[FloatArray]:
+    """Moves of parameters whose rows are J, to try one after the other: the second where what the runs hardly
+    determine runs away with the first."""
+    if not len(J):
+        return
+    yield np.asarray(np.linalg.lstsq(J @ J.T, J @ e, rcond=1e-10)[0])
+    scale = np.maximum(np.linalg.norm(J, axis=1), 1e-300)
+    rows = J / scale[:, None]
+    yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), rows @ e) / scale)
+
+
 def _residual(one: Candidate) -> list[ComplexArray]:
     """For every stack (1, k, bins)."""
     return [(group.Y - Y)[None] for group, Y in zip(one.dataset.stacks, one.Y, strict=True)]
@@ -267,31 +287,32 @@ class Stepped:
 
 
 def instrumental_step(one: Candidate, whitening: Whitening) -> Stepped:
-    """One Gauss-Newton step of the free parameters, the instruments standing for the sensitivities on one side."""
+    """One Gauss-Newton step of the free parameters, the instruments standing for the sensitivities on one side; none
+    goes beyond its bounds, where a lag would be a lead."""
     J, Z = whitening(one.J), whitening(one.J_imposed)
     e = whitening(_residual(one))[0]
     imposed = whitening([Y[None] for Y in one.Y_imposed])[0]
     if len(J):
-        move = _within_bounds(Z @ J.T, Z @ e, one)
+        move = _within_bounds(one, Z @ J.T, Z @ e)
         if np.sum((e - move @ J) ** 2) < WORST_SETTLING * (e @ e):  # a jump has no slope to follow
             e, imposed = e - move @ J, imposed + move @ Z
     return Stepped(e, imposed, J, Z)
 
 
-def _within_bounds(curvature: FloatArray, gradient: FloatArray, one: Candidate) -> FloatArray:
-    """The step of the free parameters; who would go beyond a bound stays there, and the others go on without."""
-    by_name = {each.name: each.bounds for each in one.model.structure.parameters}
-    room = np.array([by_name[name] for name in one.free]) - np.array([[one.model[name]] for name in one.free])
-    loose = np.ones(len(room), bool)
-    move = np.zeros(len(room))
-    while loose.any():
-        left = gradient - curvature[:, ~loose] @ move[~loose]
-        move[loose] = np.linalg.lstsq(curvature[np.ix_(loose, loose)], left[loose], rcond=1e-10)[0]
-        beyond = loose & ((move < room[:, 0]) | (move > room[:, 1]))
-        if not beyond.any():
+def _within_bounds(one: Candidate, H: FloatArray, g: FloatArray) -> FloatArray:
+    """The step H move = g of the free parameters; what would pass its bounds goes there, and the rest follows."""
+    bounds = {parameter.name: parameter.bounds for parameter in one.model.structure.parameters}
+    low, high = np.array([bounds[name] for name in one.free]).T
+    here = np.array([one.model[name] for name in one.free])
+    move, held = np.zeros(len(here)), np.zeros(len(here), dtype=bool)
+    while not np.all(held):
+        rest = ~held
+        move[rest] = np.linalg.lstsq(H[np.ix_(rest, rest)], (g - H @ np.where(held, move, 0))[rest], rcond=1e-10)[0]
+        beyond = rest & ((here + move < low) | (here + move > high))
+        if not np.any(beyond):
             break
-        move[beyond] = np.clip(move[beyond], room[beyond, 0], room[beyond, 1])
-        loose &= ~beyond
+        held |= beyond
+        move = np.clip(here + move, low, high) - here
     return move
 
 

@@ -63,7 +63,7 @@ class Class:
 def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     """The class of a winner among candidates of as many effects."""
     rivals = [one for one in candidates if one.stepped is not None and not one.implausible and one is not winner]
-    weights = {one.effects: weight(one, winner) for one in (winner, *rivals)}
+    weights = {one.effects: _beside(one, winner) for one in (winner, *rivals)}
     families = _families(winner, rivals, weights)
     top = max(weights.values())
     masses = [sum(math.exp(weights[one.effects] - top) for one in family) for family in families]
@@ -163,6 +163,12 @@ def weight(one: Ranked, winner: Ranked) -> float:
     temper = max(TEMPER, misfit(winner, CHANCE) / MISFIT_TOLD)
     behind = 0.0 if one is winner else gain(winner.stepped, one.stepped)[0]
     return -0.5 * behind / temper + promised(one, temper)
+
+
+def _beside(one: Ranked, winner: Ranked) -> float:
+    """Its weight; what has doubtful values may only resemble, and is at best as likely as a winner that has none."""
+    own = weight(one, winner)
+    return min(own, weight(winner, winner)) if one.outside and not winner.outside else own
 
 
 def promised(one: Ranked, temper: float = 1.0) -> float:

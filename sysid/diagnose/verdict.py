@@ -15,7 +15,7 @@ from sysid.diagnose.chains import Unsearched
 from sysid.diagnose.confidence import IN_A_LOOP_RIGHT, NAMED_IN_A_LOOP, lead, of_complete, of_named, of_unexplained
 from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, declared, near
-from sysid.diagnose.shares import Shares
+from sysid.diagnose.shares import A_LOOP_MAKES, Shares
 from sysid.diagnose.size_check import Size, sizes
 from sysid.diagnose.term_search import Selection, select
 from sysid.fit.check_kinds import CommandsThinned
@@ -172,7 +172,9 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
     shares = Shares.of([*singles, *pairs], significant, reference)
     singles, pairs = [shares.told(one) for one in singles], [shares.told(one) for one in pairs]
     answer = (
-        _answer(singles, pairs, shares, reference, chance) if significant else _Answer(confidence=of_complete(chance))
+        _answer(singles, pairs, shares, reference, chance)
+        if significant
+        else _Answer(confidence=of_complete(chance, parent.division.measured))
     )
     return Diagnosis(
         verdict=answer.verdict,
@@ -233,7 +235,8 @@ def _answer(
     among = declared(winner, _answers(peers, shares, enough))
     ratio, short = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, short, among)
-    if missing and confidence < NAMED_IN_A_LOOP and shares.by_feedback(reference.parent.division, chance):
+    doubtful = confidence < NAMED_IN_A_LOOP or (bool(winner.outside) and chance > A_LOOP_MAKES)
+    if missing and doubtful and shares.by_feedback(reference.parent.division, chance):
         missing = False  # a name by chance of what the loop made
     if not missing:
         confidence = _of_unexplained(winner, chance, confidence, reference)

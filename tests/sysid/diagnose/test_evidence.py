@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import planted
 import pytest
@@ -9,6 +12,7 @@ from planted import PLANTED, Run, fly_many
 from planted_fits import records
 
 from sysid.data.dataset import dataset
+from sysid.diagnose import evidence
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, gain, instrumental_step, refit
 from sysid.diagnose.score import score
 from sysid.fit.estimate import estimate
@@ -110,3 +114,28 @@ def test_surrogate_gusts_have_the_spectrum_of_those_flown_and_other_phases() -> 
         ours, theirs = surrogate.U - imposed.U, flown.U - imposed.U
         assert np.abs(ours) == pytest.approx(np.abs(theirs), rel=1e-9, abs=1e-12)
         assert abs(np.vdot(ours, theirs)) < 0.3 * np.vdot(theirs, theirs).real
+
+
+def test_what_runs_away_with_the_whole_step_moves_by_the_damped_one() -> None:
+    J = np.array([[1.0, 0.0], [1.0, 1e-4]])
+    first, second = evidence._steps(J, np.array([1.0, 0.1]))
+    assert first == pytest.approx([-999.0, 1000.0], rel=1e-3)
+    assert second == pytest.approx([0.5, 0.5], rel=0.02)
+    assert list(evidence._steps(J[:0], np.zeros(2))) == []
+
+
+def test_a_step_ends_at_a_bound_and_the_rest_follows() -> None:
+    """Two that stand for each other: where a lag would have to be a lead, a gain takes what it can."""
+
+    class Values(dict[str, float]):
+        """Of a model."""
+
+        structure: object
+
+    parameters = [SimpleNamespace(name="gain", bounds=(-10.0, 10.0)), SimpleNamespace(name="tau", bounds=(0.0, 1.0))]
+    model = Values(gain=0.0, tau=0.1)
+    model.structure = SimpleNamespace(parameters=parameters)
+    one = cast(Candidate, SimpleNamespace(model=model, free=("gain", "tau")))
+    H, move = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, -0.5])
+    assert evidence._within_bounds(one, H, H @ move) == pytest.approx([(H @ move)[0] / 2 + 0.1 / 2, -0.1])
+    assert evidence._within_bounds(one, H, H @ -move) == pytest.approx(-move)

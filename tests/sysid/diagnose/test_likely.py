@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -114,6 +115,16 @@ def test_an_implausible_rival_is_in_no_class() -> None:
     assert of(lag, [refitted("transport_delay", 1.0, 1, implausible=("T_d",))]).alike == ()
 
 
+def test_a_likelier_rival_of_doubtful_values_hides_no_other() -> None:
+    lag, other = refitted("gyro_lag", 30.0), refitted("gyro_filter", 31.0, 2)
+    inflow = refitted("dynamic_inflow", 0.0, 1)
+    assert "gyro_filter" not in of(lag, [other, inflow]).alike
+    doubtful = replace(inflow, outside=("k_l",))
+    assert set(of(lag, [other, doubtful]).alike) == {"gyro_filter", "dynamic_inflow"}
+    # beside an answer of doubtful values it is one as any
+    assert "gyro_filter" not in of(replace(lag, outside=("tau_g",)), [other, doubtful]).alike
+
+
 def test_what_is_left_makes_differences_count_less(monkeypatch: pytest.MonkeyPatch) -> None:
     lag, delay = refitted("servo_lag"), refitted("transport_delay", 30.0, 1)
     assert of(lag, [delay]).alike == ()
@@ -159,6 +170,23 @@ def test_what_explains_all_is_named_before_what_is_likelier_by_a_hair() -> None:
     assert choice.winner([lag, far], []) is lag
 
 
+def test_powers_tell_play_from_a_dead_band() -> None:
+    acting = SimpleNamespace(samples=lambda *_: None, path=None, id="")
+
+    def on(name: str, shares: tuple[float, float], behind: float = 0.0, measured: bool = True) -> Ranked:
+        effect = SimpleNamespace(**{**vars(acting), "id": name})
+        structure = SimpleNamespace(composed=[effect])
+        fit = SimpleNamespace(model=SimpleNamespace(structure=structure), division=SimpleNamespace(measured=measured))
+        explained, validated = shares
+        return refitted(name, behind, int(behind > 0), fit=fit, explained_share=explained, validation_share=validated)
+
+    play, band = on("servo_backlash", (0.84, 0.64)), on("servo_deadband", (1.0, 0.95), 500.0)
+    assert choice.winner([play, band], []) is band
+    assert choice.winner([play, on("servo_deadband", (1.0, 0.7), 500.0)], []) is play, "not on validation runs"
+    loop = [on("servo_backlash", (0.84, 0.64), 0.0, False), on("servo_deadband", (1.0, 0.95), 500.0, False)]
+    assert choice.winner(loop, []) is loop[0], "feedback makes powers, too"
+
+
 def test_a_model_without_its_sizes_that_does_not_settle_ends_no_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
     def unsettled(*_: object) -> None:
         raise RelaxationError("the response does not settle")
@@ -189,5 +217,5 @@ class _Model(dict[str, float]):
 
 
 def test_what_is_nearly_told_makes_complete_doubtful() -> None:
-    sure, nearly, almost = (of_complete(chance) for chance in (-0.5, -3.0, SIGNIFICANT + 0.1))
-    assert sure == COMPLETE_RIGHT > nearly > almost == pytest.approx(0.5)
+    sure, nearly, almost = (of_complete(chance, True) for chance in (-0.5, -3.0, SIGNIFICANT + 0.1))
+    assert of_complete(-0.5, False) < sure == COMPLETE_RIGHT > nearly > almost == pytest.approx(0.5)
