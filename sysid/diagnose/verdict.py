@@ -235,9 +235,7 @@ def _answer(
     among = declared(winner, _answers(peers, shares, enough))
     ratio, short = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, short, among)
-    doubtful = confidence < NAMED_IN_A_LOOP or (bool(winner.outside) and chance > A_LOOP_MAKES)
-    if missing and doubtful and shares.by_feedback(reference.parent.division, chance):
-        missing = False  # a name by chance of what the loop made
+    missing = missing and not _made_by_the_loop(winner, confidence, shares, reference, chance)
     if not missing:
         confidence = _of_unexplained(winner, chance, confidence, reference)
     if not winner.fit.model.stable:
@@ -254,6 +252,12 @@ def _answer(
         lead=ratio if missing else None,
         sizes=compared,
     )
+
+
+def _made_by_the_loop(winner: Ranked, confidence: float, shares: Shares, reference: Reference, chance: float) -> bool:
+    """Whether a name is one by chance of what the loop alone could make."""
+    doubtful = confidence < NAMED_IN_A_LOOP or (bool(winner.outside) and chance > A_LOOP_MAKES)
+    return doubtful and shares.by_feedback(reference.parent.division, chance)
 
 
 def _of_unexplained(winner: Ranked | None, chance: float, named: float, reference: Reference) -> float:
