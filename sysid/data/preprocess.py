@@ -107,6 +107,17 @@ class Segment:
         made = np.asarray(rfft(rows, axis=1))
         return made if rows.shape[1] == self.samples else made * (self.samples / rows.shape[1])
 
+    def changed_bins(self, names: Sequence[str], acting: FloatArray) -> ComplexArray:
+        """Commands that act where these were logged, samples (names, n finer), to bins from zero on, (names, bins).
+
+        A log of every loop has them all. Of another its own bins are changed by as much as the samples between, which
+        nobody logged: what changes nothing predicts the same as if it were not there.
+        """
+        if self.finer == 1:
+            return self.bins(acting)
+        logged = self.bins(np.stack([self.channels[name] for name in names]))
+        return logged + self.bins(acting - self.as_held(names))[:, : logged.shape[1]]
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Spectrum:
@@ -132,7 +143,14 @@ class Spectrum:
 
     def transform(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n) of this segment, or `Segment.as_held`, to the same bins, (rows, bins)."""
-        return self.segment.bins(rows)[:, self.first : self.first + self.frequency_hz.size]
+        return self._inside(self.segment.bins(rows))
+
+    def changed(self, names: Sequence[str], acting: FloatArray) -> ComplexArray:
+        """`Segment.changed_bins` of commands, (names, bins)."""
+        return self._inside(self.segment.changed_bins(names, acting))
+
+    def _inside(self, made: ComplexArray) -> ComplexArray:
+        return made[:, self.first : self.first + self.frequency_hz.size]
 
     def in_time(self, bins: ComplexArray) -> FloatArray:
         """Bins (rows, bins) back to samples, (rows, n): nothing outside the band, no mean."""

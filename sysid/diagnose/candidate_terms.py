@@ -244,7 +244,8 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
     def on_grid(spectrum: ComplexArray) -> FloatArray:
         return np.asarray(irfft(spectrum, grid, axis=-1) * (grid / segment.samples))
 
-    U = segment.bins(in_time(probe.structure, front, segment, named))[:, : bins + 1] * hold
+    acting = in_time(probe.structure, front, segment, named)
+    U = segment.changed_bins(probe.structure.commands, acting)[:, : bins + 1] * hold
     U[:, 0] = 0
     for effect in rest.composed:
         if effect.response is not None:

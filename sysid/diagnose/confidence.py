@@ -23,8 +23,9 @@ NOTHING_SHOWN, DOUBTFUL = math.log(0.1), math.log(0.02)
 """Logarithms of the chance of noise: down to the first all of 13 strangers with seeds below 4000 were rightly called
 complete, from the second on 4 of 8."""
 IN_DOUBT = 0.5
-VETO_RIGHT = 0.5
-"""Of an effect that leaves noise, how likely a veto against it is right."""
+VETO_RIGHT = 0.7
+"""Of an effect that leaves noise, how likely a veto against it is right: 4 of 5 were, of training strangers from 3000
+to 5120."""
 SURPRISE = 4.0
 """Beyond what counts as significant, in powers of e, that makes an alarm so much surer than not."""
 IN_A_LOOP_RIGHT = 0.5

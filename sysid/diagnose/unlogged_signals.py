@@ -81,7 +81,7 @@ def _acting(model: Model, group: Stack) -> ComplexArray:
     front = [one for one in structure.composed if one.samples is not None or one.per_command]
     if front:
         for one, part in zip(group.spectra, group.slices, strict=True):
-            U[:commands, part] = one.transform(in_time(structure, front, one.segment, named))
+            U[:commands, part] = one.changed(structure.commands, in_time(structure, front, one.segment, named))
     for effect in structure.composed:
         if effect.response is not None:
             s = 2j * np.pi * group.frequency_hz

@@ -136,7 +136,8 @@ def _acting_bins(
     if at not in one.acting:
         if len(one.acting) >= KEPT:
             one.acting.pop(next(iter(one.acting)))
-        one.acting[at] = one.transform(in_time(structure, front, one.segment, named, known))
+        acting = in_time(structure, front, one.segment, named, known)
+        one.acting[at] = one.changed(structure.commands, acting)
     return one.acting[at]
 
 

@@ -150,7 +150,7 @@ class _Run:
 
     def commands(self, acting: FloatArray, named: Mapping[str, float]) -> ComplexArray:
         """Acting samples, as `in_time` gives them, to bins (commands, bins), without mean, behind every delay."""
-        U = self.one.segment.bins(acting)[:, : self.bins]
+        U = self.one.segment.changed_bins(self.structure.commands, acting)[:, : self.bins]
         U[:, 0] = 0
         for effect in self.delays:
             assert effect.response is not None

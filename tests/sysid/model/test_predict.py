@@ -59,6 +59,26 @@ def test_slow_sampling_goes_through_the_matrices(runs: list[Record]) -> None:
     assert not exact_enough(group)
 
 
+@pytest.mark.parametrize(
+    ("effect", "none"),
+    [
+        ("servo_saturation", {"limit": 100.0}),
+        ("servo_backlash", {"half_width": 0.0}),
+        ("quadratic_damping", {"L_pp": 0.0, "M_qq": 0.0, "exponent": 2.0}),
+    ],
+)
+def test_what_changes_nothing_predicts_the_same_in_a_log_of_every_tenth_loop(
+    runs: list[Record], effect: str, none: dict[str, float]
+) -> None:
+    slow = [replace(one, channels={name: row[::10] for name, row in one.channels.items()}) for one in runs]
+    (group,) = stack(spectra([replace(one, loop_dt_s=0.002) for one in slow], TPP.inputs, ("p", "q"))[0])
+    assert group.thinned_log
+    with_it = compose("tpp", [effect])
+    values = np.array([{**TABLE_4, **none}[name] for name in with_it.names])
+    found, plain = (respond(one, at, group, False).Y for one, at in ((with_it, values), (TPP, TRUTH)))
+    assert np.max(np.abs(found - plain)) < 1e-4 * np.max(np.abs(plain))
+
+
 def test_a_lag_before_play_acts_in_time(runs: list[Record]) -> None:
     """The servo's answer comes first, play takes its part of that: checked against a filter and a loop."""
     structure = compose("tpp", ["servo_backlash", "servo_lag"])
