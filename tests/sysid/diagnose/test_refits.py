@@ -8,7 +8,7 @@ from strangers.flights import Stranger, fly
 
 from sysid.data.band import swept_band
 from sysid.data.record import Record
-from sysid.diagnose import candidates
+from sysid.diagnose import candidates, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.choice import larger_first
 from sysid.diagnose.diagnose import diagnose
@@ -72,3 +72,17 @@ def test_of_two_the_larger_is_named_though_one_has_no_fit_of_its_own() -> None:
     alone = [scored("angular_damping", 10.0), scored("structural_mode", 400.0)]
     both = Ranked(effects=("angular_damping", "structural_mode"), score=None, not_testable=None)
     assert larger_first(both, alone) == ("structural_mode", "angular_damping")
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("speed_stability", "servo_lag")], indirect=True)
+def test_what_a_loop_could_make_is_not_named_at_doubtful_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clean flight without a logged excitation, whose gusts a slow effect explains at odd sizes."""
+    strange = fly(3052)
+    runs = records(strange)[: strange.plan.fitted]
+    found = asked(runs)
+    assert (found.verdict, found.reason, found.chain) == ("unexplained", "feedback", ("speed_stability",))
+    assert found.winner is not None
+    assert found.winner.outside
+    monkeypatch.setattr(verdict, "A_LOOP_MAKES", 0.0)
+    assert asked(runs).verdict == "missing"
