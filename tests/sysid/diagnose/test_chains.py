@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 from planted import PLANTED, fly_many
 from planted_fits import records
@@ -16,9 +14,7 @@ from sysid.diagnose import chains, shares
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
 from sysid.diagnose.diagnose import diagnose
-from sysid.diagnose.evidence import Stepped
 from sysid.diagnose.loop_change import MarginChange
-from sysid.diagnose.score import Score
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.compose import compose
@@ -85,26 +81,6 @@ def test_the_other_half_of_a_chain_is_what_explains_the_validation_runs() -> Non
     assert chains._best_elsewhere([best, one("servo_lag", 0.27)]) is None
     assert chains._best_elsewhere([best, one("servo_lag", None)]) is None
     assert chains._best_elsewhere([best, one("servo_rate_limit", 1.0, implausible=("rate",))]) is None
-
-
-@pytest.mark.parametrize(("shows", "again"), [(3.0, True), (50.0, False)])
-def test_beside_what_shows_nothing_beside_the_best_effect_that_is_not_fitted_again(shows: float, again: bool) -> None:
-    """A lag of the gyro answers as that of the servos, and a limit shows little beside either."""
-
-    def one(name: str, *imposed: float, score: float = 0.0) -> Ranked:
-        white = Stepped(np.zeros(2), np.array(imposed), np.zeros((0, 2)), np.zeros((0, 2)))
-        asked = Score(effect=name, chi_squared=score, degrees=1, tried=1, at={}, errors={})
-        chi_squared = float(white.imposed @ white.imposed)
-        return Ranked(effects=(name,), score=asked, not_testable=None, stepped=white, chi_squared=chi_squared)
-
-    best, alike = one("servo_lag", 10.0, 0.0), one("gyro_lag", 10.0, 1.0)
-    limit, other = one("servo_rate_limit", 3.0, 3.0), one("governor", 0.0, 9.0)
-    search = chains._Chains([best, alike, limit, other], SimpleNamespace(), lambda _: None, None)  # type: ignore[arg-type]
-    search.head, search.beside_head = best, {"servo_rate_limit": one("servo_rate_limit", 3.0, 3.0, score=shows)}
-    assert search.is_head_again(limit, alike) is again
-    assert not search.is_head_again(limit, other)
-    assert not search.is_head_again(limit, best)
-    assert not search.is_head_again(other, alike)
 
 
 @EFFECTS
