@@ -186,10 +186,6 @@ class _Chains:
         self.found: dict[tuple[str, ...], Ranked] = {}
         self.interrupted = False
         self.not_asked: list[str] = []
-        self.head: Ranked | None = None
-        """The best of all firsts;"""
-        self.beside_head: dict[str, Ranked] = {}
-        """and every effect as scored beside it."""
         self.not_fitted: dict[tuple[str, ...], tuple[str, str]] = {}
 
     @property
@@ -249,8 +245,6 @@ class _Chains:
         scores = [one.score for one in seconds if one.score is not None]
         if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
             return False
-        if self.head is None:
-            self.head, self.beside_head = first, {one.effect: one for one in seconds}
         asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
         chosen = self.without_twins(asked)[:SECONDS]
         for second in chosen:
@@ -279,22 +273,12 @@ class _Chains:
         plausible effect alone) explains more; where it is dear, that it promises as much as a chain is looked for."""
         if second.score is None:
             return True
-        if self.is_head_again(first, second):
-            return False
         if second.score.log_p > SIGNIFICANT:
             return False
         if second.score.chi_squared < REMAINDER * first.chi_squared and self.price_of(second, first) >= DEAR:
             return False
         best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
-
-    def is_head_again(self, first: Ranked, second: Ranked) -> bool:
-        """Whether the second answers as the best of all firsts does, beside which the first was not promising."""
-        head, beside = self.head, self.beside_head.get(first.effect)
-        alone = self.alone.get(second.effect)
-        if head is None or beside is None or alone is None or head.effect in (first.effect, second.effect):
-            return False
-        return not _apart(alone, head) and not self.promising(head, beside)
 
     def fit(self, first: Ranked, second: Ranked) -> None:
         """Fit the second beside the first; and the first beside the second, where the one is not plausible."""

@@ -133,6 +133,21 @@ def test_only_a_dead_band_jumps_with_its_parameter(runs: list[Record]) -> None:
         assert found == (["width"] if name == "servo_deadband" else []), name
 
 
+@pytest.mark.parametrize("width", [0.0, 0.004, 0.02, 0.5])
+def test_a_dead_band_follows_its_equation_sample_by_sample(width: float) -> None:
+    """However many samples in a row do not move the servo, and wherever they end."""
+    rng = np.random.default_rng(3)
+    for samples in (1, 2, 16, 17, 500):
+        commands = np.vstack([np.sin(np.arange(samples) / 40), np.cumsum(rng.normal(0, 0.003, samples))])
+        positions = commands.copy()
+        for i in range(1, samples):
+            stays = np.abs(commands[:, i] - positions[:, i - 1]) <= width
+            positions[:, i] = np.where(stays, positions[:, i - 1], commands[:, i])
+        acting = find("servo_deadband").samples
+        assert acting is not None
+        np.testing.assert_array_equal(acting(commands.copy(), 0.0025, {"width": width}), positions)
+
+
 @pytest.mark.parametrize("effects", [["quadratic_damping"], ["servo_backlash"]])
 def test_inputs_in_place_of_the_logged_ones_drive_nonlinear_effects(runs: list[Record], effects: list[str]) -> None:
     """Given what was logged they answer as to the log; given nothing, only what does not depend on inputs is left."""
