@@ -19,6 +19,7 @@ class Left:
 
     error_share: float
     metric: None = None
+    stepped: None = None
 
     def asked_in(self, _: object) -> Left:
         return self
