@@ -138,11 +138,13 @@ def _untestable(last: Diagnosis, full: bool) -> list[Line]:
 def _not_offered(last: Diagnosis) -> list[Line]:
     """How much of the catalogue this airframe or this axis cannot have: what that is would only fill the page."""
     count = sum(one.not_offered for one in last.candidates)
+    if not count:
+        return []
     effects = "1 effect" if count == 1 else f"{count} effects"
     axes = last.parent.model.structure.base_.axes
     why = [f"that a {last.airframe} cannot have"] if last.airframe is Airframe.MULTIROTOR else []
     why += [f"of more than {axes[0]}"] if len(axes) == 1 else []
-    return [Sentence(f"not asked: {effects} {' or '.join(why)}; --json names them", " ", "   ")] if count else []
+    return [Sentence(f"not asked: {effects} {' or '.join(why)}; --json names them", " ", "   ")]
 
 
 def _remarks(found: FitDiagnosis) -> list[Line]:
