@@ -119,9 +119,13 @@ class Ranked:
         """Its parameters in the refit; all of the model, where it is another base."""
         if self.fit is None:
             return ()
-        structure = self.fit.model.structure
-        own = [one for one in structure.composed if (one.path or one.id) in self.effects]
-        return tuple(name for one in own for name in one.names) or structure.names
+        return tuple(name for one in self.own for name in one.names) or self.fit.model.structure.names
+
+    @property
+    def own(self) -> tuple[Effect, ...]:
+        """What it adds to the parent, as composed in the refit; nothing where there is none."""
+        composed = () if self.fit is None else self.fit.model.structure.composed
+        return tuple(one for one in composed if (one.path or one.id) in self.effects)
 
     @property
     def standard_errors(self) -> dict[str, float]:

@@ -93,8 +93,7 @@ def _shows_plainly_more(one: Ranked, winner: Ranked) -> bool:
 def _measured_by_samples(one: Ranked) -> bool:
     """Whether it acts on samples, on runs whose excitation is logged."""
     assert one.fit is not None
-    own = (effect for effect in one.fit.model.structure.composed if (effect.path or effect.id) in one.effects)
-    return one.fit.division.measured and any(effect.samples is not None for effect in own)
+    return one.fit.division.measured and any(effect.samples is not None for effect in one.own)
 
 
 def _explains_as_much(one: Ranked, winner: Ranked) -> bool:

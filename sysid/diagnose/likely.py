@@ -178,13 +178,7 @@ def promised(one: Ranked, temper: float = 1.0) -> float:
     """
     assert one.fit is not None
     model = one.fit.model
-    own = [
-        name
-        for effect in model.structure.composed
-        if (effect.path or effect.id) in one.effects
-        for name in effect.names
-        if name in one.fit.free
-    ]
+    own = [name for effect in one.own for name in effect.names if name in one.fit.free]
     places = [model.structure.names.index(name) for name in own]
     spread = one.fit.estimate.covariance[np.ix_(places, places)]
     widths = np.array([SPREAD * max(abs(model[name]), 1e-12) for name in own])

@@ -94,7 +94,9 @@ def _folded(run: Spectrum) -> bool:
     inside = (f >= run.frequency_hz[0]) & (f <= run.frequency_hz[-1])
     near = f > NEAR_THE_END * f[-1]
     for one in moving:
+        if np.mean(one**2) < AS_MUCH * most:
+            continue
         power = np.abs(np.fft.rfft(one * window)) ** 2
-        if np.mean(one**2) >= AS_MUCH * most and np.mean(power[near]) > FOLDED * np.mean(power[inside]):
+        if np.mean(power[near]) > FOLDED * np.mean(power[inside]):
             return True
     return False

@@ -6,14 +6,14 @@ equal length beside it, in its own struct or one around it, that is called as th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.logs.formats.tables import FloatArray, Series, increasing
+from gcs.logs.formats.tables import FloatArray, SavedTable, Series, increasing
 
 TIMES = ("t", "time", "tout", "timestamp", "time_s")
 """Names of a time vector, in lower case, where the profile names none."""
@@ -22,7 +22,7 @@ FEWEST = 2  # samples of a channel
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ArrayLog:
+class ArrayLog(SavedTable):
     """One boot; a `gcs.logs.formats.tables.Log`."""
 
     path: str
@@ -75,15 +75,6 @@ class ArrayLog:
         clocks = {clock for key in self.columns if (clock := self.clock_of(key)) is not None}
         spans = (self._increasing(clock)[0] for clock in clocks)
         return max((float(t[-1] - t[0]) for t in spans if t.size), default=0.0)
-
-    def texts(self) -> Sequence[tuple[float, str]]:
-        return ()
-
-    def modes(self) -> Sequence[tuple[float, int]]:
-        return ()
-
-    def armed(self) -> Sequence[tuple[float, bool]]:
-        return ()
 
     def _increasing(self, clock: str) -> tuple[FloatArray, NDArray[np.intp]]:
         """Times in s that increase, and which samples they are of, (n,) each."""

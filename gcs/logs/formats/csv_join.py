@@ -14,7 +14,7 @@ from pathlib import Path
 
 from gcs.errors import TippathError
 from gcs.logs.formats.csv_table import CsvTable
-from gcs.logs.formats.tables import Series
+from gcs.logs.formats.tables import SavedTable, Series
 
 
 def labels(paths: Sequence[Path]) -> list[str]:
@@ -29,7 +29,7 @@ def labels(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-class JoinedCsv:
+class JoinedCsv(SavedTable):
     """One boot, of which each file tells a part; a `gcs.logs.formats.tables.Log`."""
 
     kind = "csv"
@@ -84,12 +84,3 @@ class JoinedCsv:
     def sampled_s(self) -> float:
         spans = [table.span_s for table in self._tables.values()]
         return min(stop for _, stop in spans) - max(start for start, _ in spans)
-
-    def texts(self) -> Sequence[tuple[float, str]]:
-        return ()
-
-    def modes(self) -> Sequence[tuple[float, int]]:
-        return ()
-
-    def armed(self) -> Sequence[tuple[float, bool]]:
-        return ()

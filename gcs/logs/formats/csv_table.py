@@ -16,14 +16,14 @@ from gcs.errors import TippathError
 from gcs.logs.formats.csv import CsvFile
 from gcs.logs.formats.csv_damage import SPARSE, IntArray, Rows, allowed, count_of, listed
 from gcs.logs.formats.damage import Damage
-from gcs.logs.formats.tables import FloatArray, Series, increasing
+from gcs.logs.formats.tables import FloatArray, SavedTable, Series, increasing
 
 BACK = 25  # rows that must stay behind the clock's earlier value to be another boot
 SHORTEST_BOOT = 10  # rows
 NAMED = 8  # columns in a message
 
 
-class CsvTable:
+class CsvTable(SavedTable):
     """One boot of a CSV log; keys are column names, and columns without empty cells share the time column's clock."""
 
     kind = "csv"
@@ -65,15 +65,6 @@ class CsvTable:
     @property
     def sampled_s(self) -> float:
         return self.span_s[1] - self.span_s[0]
-
-    def texts(self) -> Sequence[tuple[float, str]]:
-        return ()
-
-    def modes(self) -> Sequence[tuple[float, int]]:
-        return ()
-
-    def armed(self) -> Sequence[tuple[float, bool]]:
-        return ()
 
     def _column(self, key: str) -> FloatArray:
         if key not in self._columns:

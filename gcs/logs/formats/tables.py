@@ -84,6 +84,19 @@ class Log(Protocol):
         """When it was armed (True) and disarmed; the first may be the state at the start. Empty where not logged."""
 
 
+class SavedTable:
+    """What the kinds in `TABLES` have in common: nothing but series."""
+
+    def texts(self) -> Sequence[tuple[float, str]]:
+        return ()
+
+    def modes(self) -> Sequence[tuple[float, int]]:
+        return ()
+
+    def armed(self) -> Sequence[tuple[float, bool]]:
+        return ()
+
+
 NEARBY = 64  # spacings that tell the rate of a place in a log
 LATE = 3  # spacings like those nearby
 

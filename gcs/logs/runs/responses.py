@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gcs.logs.runs.run import Run
+from gcs.logs.runs.run import Run, unread
 from sysid.data.of_response import Response, record_of
 from sysid.data.record import Record, RecordError
 
@@ -18,7 +18,7 @@ def runs_of(responses: Sequence[Response], name: str, path: str, sha256: str) ->
         try:
             runs.append(of_response(record_of(own, id, path, sha256)))
         except RecordError as error:
-            runs.append(_without(id, path, str(error)))
+            runs.append(unread(id, path, "response", str(error)))
     return tuple(runs)
 
 
@@ -39,20 +39,4 @@ def of_response(record: Record) -> Run:
         notes=record.notes,
         rate_source=record.rate_source,
         swept_band_hz=record.swept_band_hz,
-    )
-
-
-def _without(id: str, path: str, reason: str) -> Run:
-    return Run(
-        record=None,
-        id=id,
-        path=path,
-        maneuver="response",
-        axis=None,
-        start_s=0.0,
-        duration_s=0.0,
-        rate_hz=None,
-        gaps=(),
-        usable=False,
-        reasons=(reason,),
     )

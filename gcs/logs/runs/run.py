@@ -87,3 +87,20 @@ class Run:
         if self.usable or self.health is None or self.reasons != self.health.reasons:
             return None
         return self.health.usable_to_hz
+
+
+def unread(id: str, path: str, maneuver: str, reason: str) -> Run:
+    """A run of which nothing was read, and why."""
+    return Run(
+        record=None,
+        id=id,
+        path=path,
+        maneuver=maneuver,
+        axis=None,
+        start_s=0.0,
+        duration_s=0.0,
+        rate_hz=None,
+        gaps=(),
+        usable=False,
+        reasons=(reason,),
+    )

@@ -21,7 +21,7 @@ from gcs.logs.profile.profiles import Cut, Profile
 from gcs.logs.runs import excited, systemid, told
 from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S
-from gcs.logs.runs.run import AnyWindow, FromStart, Run
+from gcs.logs.runs.run import AnyWindow, FromStart, Run, unread
 from gcs.logs.runs.settings import with_laws
 from gcs.logs.runs.span import Known, Span
 from gcs.vehicle.autopilots import SYSTEMID
@@ -242,16 +242,4 @@ def _ends(window: AnyWindow | None) -> tuple[float, float]:
 def _empty(log: DataFlashTables, id: str) -> Run:
     when = f"{log.sampled_s:.2f} s after its first sample" if log.sampled_s else "before any samples"
     reason = f"the log ends {when}: fetch it from the vehicle again, whole"
-    return Run(
-        record=None,
-        id=id,
-        path=log.path,
-        maneuver="unknown",
-        axis=None,
-        start_s=0.0,
-        duration_s=0.0,
-        rate_hz=None,
-        gaps=(),
-        usable=False,
-        reasons=(reason,),
-    )
+    return unread(id, log.path, "unknown", reason)
