@@ -7,6 +7,7 @@ long is a line with its reason. `judge` counts them, of any number of files.
     python tests/study/blind.py FILE.jsonl --first 1000000 --count 300      # one in three the simulated vehicle's
     python tests/study/blind.py FILE.jsonl --first 1000 --count 300 --budget 60     # as many as begin in an hour
     python tests/study/blind.py FILE2.jsonl --first 1000 --count 300 --part 2/2     # the second half, beside the first
+    python tests/study/blind.py FILE.jsonl --first 1000000 --quotas         # strange vehicles, so many of each kind
     python tests/study/blind.py FILE.jsonl --first 1000000 --roc 50         # each of ROC on so many strange vehicles
     python tests/study/blind.py FILE.jsonl --first 0 --seeds 3 [--only NAME,...] [--plant hover-ideal|forward]
 """
@@ -21,7 +22,7 @@ import random
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -59,6 +60,17 @@ PAIRS = (
 )
 """Two at once, in hover."""
 FORWARD_BASE = ("angular_damping", "elevator")
+QUOTAS: Mapping[tuple[str, bool], int] = {
+    ("none", True): 600,
+    ("none", False): 600,
+    ("catalogue", True): 370,
+    ("catalogue", False): 150,
+    ("beyond", True): 160,
+    ("beyond", False): 60,
+    ("two", True): 50,
+    ("two", False): 20,
+}
+"""(what is hidden, whether the excitation is logged): flights. One in six of the catalogue is too small to be seen."""
 SHOWN = 8
 LONGEST_S = 900.0
 """Of wall-clock, for a flight and its diagnosis."""
@@ -227,6 +239,32 @@ def _simulated(seed: int) -> Case:
     return Case(plant, (source.choice([name for name in names(plant) if name != "none"]),), seed, scale, gusts)
 
 
+def to_quotas(
+    first: int, quotas: Mapping[tuple[str, bool], int], kind_of: Callable[[int], tuple[str, bool]]
+) -> Iterator[Case]:
+    """The first seeds of each kind, and whoever stops early has about the same share of every one.
+
+    `kind_of`: what a seed hides and whether it logs its excitation.
+    """
+    seeds: dict[tuple[str, bool], list[int]] = {kind: [] for kind in quotas}
+    seed = first
+    while any(len(seeds[kind]) < count for kind, count in quotas.items()):
+        kind = kind_of(seed)
+        if len(seeds.get(kind, ())) < quotas.get(kind, 0):
+            seeds[kind].append(seed)
+        seed += 1
+    places = ((number / quotas[kind], seed) for kind, some in seeds.items() for number, seed in enumerate(some))
+    return (Case(STRANGER, (), seed) for _, seed in sorted(places))
+
+
+def kind_of_stranger(seed: int) -> tuple[str, bool]:
+    """What it hides, and whether it logs its excitation."""
+    from strangers.flights import planned
+
+    plan = planned(seed)
+    return plan.kind, plan.excitation_logged
+
+
 def of_sizes(first: int, count: int, names: Sequence[str]) -> Iterator[Case]:
     """Each of these on so many strange vehicles, and as many with what their seeds say, clean ones among them."""
     for seed in range(first, first + count):
@@ -269,7 +307,9 @@ def done_already(file: Path) -> set[str]:
 
 def asked_for(args: argparse.Namespace) -> Iterator[Case]:
     only = [name for name in args.only.split(",") if name]
-    if args.roc:
+    if args.quotas:
+        every = to_quotas(args.first, QUOTAS, kind_of_stranger)
+    elif args.roc:
         every = of_sizes(args.first, args.roc, only or ROC)
     elif args.count is not None:
         every = mixed(args.first, args.count)
@@ -293,6 +333,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, help="cases, one for each seed: strange vehicles and the simulated one")
     parser.add_argument("--strangers", action="store_true", help="of those the strange vehicles alone")
     parser.add_argument("--longest", type=float, help="strange vehicles alone, with chirps of so many seconds at most")
+    parser.add_argument("--quotas", action="store_true", help="strange vehicles, as many of each kind as are judged")
     parser.add_argument("--roc", type=int, default=0, help="flights of each size study")
     parser.add_argument("--seeds", type=int, default=1, help="of every name of the simulated vehicle, once each")
     parser.add_argument("--clean", type=int, default=0)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import blind
 import pytest
-from blind import ONE_IN, ROC, STRANGER, Case, done_already, mixed, of_sizes, part, run
+from blind import ONE_IN, ROC, STRANGER, Case, done_already, mixed, of_sizes, part, run, to_quotas
 from workers import worked_off
 
 
@@ -28,6 +28,15 @@ def test_sizes_are_asked_for_beside_flights_that_hide_nothing() -> None:
     cases = list(of_sizes(0, 3, ROC))
     assert len(cases) == 3 * (len(ROC) + 1)
     assert sum(case.names == () for case in cases) == 3
+
+
+def test_quotas_take_the_first_seeds_of_each_kind_and_spread_them() -> None:
+    quotas = {("none", True): 10, ("two", False): 5}
+    kinds = [("none", True), ("two", False), ("beyond", True)]
+    cases = list(to_quotas(30, quotas, lambda seed: kinds[seed % 3]))
+    assert sorted(case.seed for case in cases if case.seed % 3 == 0) == list(range(30, 60, 3))
+    assert sorted(case.seed for case in cases if case.seed % 3 == 1) == list(range(31, 46, 3))
+    assert [sum(case.seed % 3 == 1 for case in cases[:n]) for n in (3, 6, 9, 15)] == [1, 2, 3, 5]
 
 
 def test_what_a_file_holds_is_not_flown_again(tmp_path: Path) -> None:
