@@ -30,6 +30,7 @@ from sitl.plants import PLANTS
 from sitl.plants.conditions import CONDITIONS
 from sitl.protocol.links import Link, LinkError, UdpLink, open_link
 from sitl.protocol.server import Server
+from sitl.protocol.signatures import Signatures, read_key
 
 DEFAULT_LINK = "udpout:127.0.0.1:14550"
 
@@ -81,6 +82,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="RATE",
         help="bytes a second that fetching them takes of the link (%(default)s)",
     )
+    parser.add_argument("--key", type=Path, metavar="FILE", help="sign all, and obey only what is signed with this key")
     fault_words.add_options(parser)
     return parser
 
@@ -164,11 +166,18 @@ def _air(arguments: argparse.Namespace, sweep_s: Callable[[], float]) -> tuple[L
     return link, faults
 
 
-def _server(vehicle: Vehicle, air: tuple[Link, Faults] | None) -> Server | None:
+def _server(vehicle: Vehicle, air: tuple[Link, Faults] | None, signatures: Signatures | None) -> Server | None:
     if air is None:
         return None
     link, faults = air
-    return Server(vehicle, FaultyLink(link, faults, lambda: vehicle.elapsed_s), faults.on_board)
+    return Server(vehicle, FaultyLink(link, faults, lambda: vehicle.elapsed_s), faults.on_board, signatures)
+
+
+def _signatures(path: Path | None) -> Signatures | None:
+    try:
+        return None if path is None else Signatures(read_key(path))
+    except (OSError, ValueError) as error:
+        raise _Refused(f"--key {path}: no key ({getattr(error, 'strerror', None) or error})", 2) from error
 
 
 def _seal(hidden: Hidden, arguments: argparse.Namespace) -> dict[str, str]:
@@ -229,11 +238,13 @@ def _ready(arguments: argparse.Namespace, server: Server | None, sealed: dict[st
     )
 
 
-def _obey_pilot(lines: PilotLines, vehicle: Vehicle, end: _End) -> None:
+def _obey_pilot(lines: PilotLines, vehicle: Vehicle, end: _End, signatures: Signatures | None) -> None:
     for line in lines.take():
         if line.lower() == "quit":
             end()
             _say("ok")
+        elif line.lower() == "refused" and signatures is not None:
+            _say(signatures.told())
         else:
             _say(obey(vehicle, line))
 
@@ -261,8 +272,9 @@ def _made(
 
 def _fly(arguments: argparse.Namespace) -> None:
     clock = _clock(arguments.speed)
+    signatures = _signatures(arguments.key)
     vehicle, air, sealed = _made(arguments)
-    server = _server(vehicle, air)
+    server = _server(vehicle, air, signatures)
     end = _End()
     _obey_signals(end)
     pilot = None
@@ -273,7 +285,7 @@ def _fly(arguments: argparse.Namespace) -> None:
 
     def between() -> None:
         if pilot is not None:
-            _obey_pilot(pilot, vehicle, end)
+            _obey_pilot(pilot, vehicle, end, signatures)
         if server is not None:
             server.poll()
 

@@ -19,6 +19,8 @@ import gcs.flight.connection
 from gcs.cli import main
 from gcs.flight.fetching import fetch as fetching
 from gcs.flight.session import Session
+from gcs.link.key_file import KeptStamps, read_key
+from gcs.link.signing import Signing
 from gcs.link.transport import Frame, FrameFinder
 from sitl.autopilot.storage import LogStorage
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
@@ -26,6 +28,7 @@ from sitl.faults.air import Bandwidth, Faults, FaultyLink
 from sitl.pilot import obey
 from sitl.protocol.links import Address
 from sitl.protocol.server import Server
+from sitl.protocol.signatures import Signatures
 
 BYTES_S = 5760.0
 """57,600 baud."""
@@ -42,7 +45,7 @@ class Wire:
         """What another station sends, over a radio of its own; what it hears is nobody's matter."""
         self._up: list[bytes] = []
         self._down: list[bytes] = []
-        self._finder = FrameFinder()
+        self.finder = FrameFinder()
         self.at_ground = self.Ground(self)
 
     class Ground:
@@ -57,11 +60,11 @@ class Wire:
 
         @property
         def counts(self) -> tuple[int, int]:
-            return self._wire._finder.frames, self._wire._finder.bad_bytes
+            return self._wire.finder.frames, self._wire.finder.bad_bytes
 
         def receive(self, timeout_s: float) -> list[Frame]:
             down, self._wire._down = self._wire._down, []
-            return self._wire._finder.feed(b"".join(down))
+            return self._wire.finder.feed(b"".join(down))
 
         def send(self, data: bytes) -> None:
             self._wire._up.append(data)
@@ -101,7 +104,9 @@ class SlowFlight:
         bytes_s: float = BYTES_S,
         on_ground: bool = True,
         settings: dict[str, float] | None = None,
+        key: bytes | None = None,
     ) -> None:
+        """With `key` the vehicle obeys only what is signed with it."""
         card.mkdir()
         self.vehicle: Vehicle = make_vehicle(
             plant, 5, directory=card, on_ground=on_ground, like=like, parameters=settings
@@ -109,7 +114,9 @@ class SlowFlight:
         self.vehicle.storage = LogStorage(card)
         self.wire = Wire(f"/dev/ttyUSB0,{10 * bytes_s:.0f}")
         faults = Faults(up=(Bandwidth(bytes_s),), down=(Bandwidth(bytes_s),))
-        self._server = Server(self.vehicle, FaultyLink(self.wire, faults, lambda: self.vehicle.elapsed_s))
+        self.signatures = None if key is None else Signatures(key, self._wall_clock)
+        air = FaultyLink(self.wire, faults, lambda: self.vehicle.elapsed_s)
+        self._server = Server(self.vehicle, air, signatures=self.signatures)
         self._steps = round(TURN_S / self.vehicle.dt)
         self._turns: list[Callable[[], None]] = []
         self._beat: Callable[[], None] = lambda: None
@@ -123,10 +130,24 @@ class SlowFlight:
         monkeypatch.setattr(fetching, "Fetching", in_fake_time)
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: "fly\n"))
 
-    def _open(self, link: str, *, primary: bool = False) -> Session:
-        session = Session(self.wire.at_ground, primary=primary, pace=self, wall_clock=lambda: 1.7e9 + self.now())
+    def _open(self, link: str, *, primary: bool = False, key: Path | None = None, system: int | None = None) -> Session:
+        signing = None
+        if key is not None:
+            signing = Signing(read_key(key).secret, KeptStamps(key), wall_clock=self._wall_clock)
+        self.wire.finder = FrameFinder(signing)
+        session = Session(
+            self.wire.at_ground,
+            primary=primary,
+            signing=signing,
+            system=system,
+            pace=self,
+            wall_clock=self._wall_clock,
+        )
         session.wait_for_vehicle(5.0)
         return session
+
+    def _wall_clock(self) -> float:
+        return 1.7e9 + self.now()
 
     def now(self) -> float:
         return 1000.0 + self.vehicle.elapsed_s

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from gcs.cli.push import add_link_options
+from gcs.cli.push import add_link_options, station
 
 MODES = {"stabilize": 0, "acro": 1, "althold": 2, "loiter": 5}
 
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.flight.session import Session
     from gcs.logs.words import printable
 
-    with Session.open(args.connect, primary=args.primary) as session:
+    with Session.open(args.connect, **station(args)) as session:
         result = abort(session, MODES[args.mode])
     if args.json:
         about = {name: getattr(result, name) for name in result.__slots__}

@@ -9,7 +9,7 @@ from typing import Any
 
 from gcs.cli import EXIT_DONE, EXIT_NO
 from gcs.cli.options import print_json, refuse_existing, write_text
-from gcs.cli.push import add_link_options, add_vehicle_option
+from gcs.cli.push import add_link_options, add_vehicle_option, station
 
 _HELP = """\
 Reads, and says of each as it is, what to set, and why: where the vehicle's log goes, how often it is written and how
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     card = single_card(chirp) if args.card is None else load_card(args.card)
     profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
     stream = None if args.log is None else args.log == "stream"
-    with Session.open(args.connect, primary=args.primary) as session:
+    with Session.open(args.connect, **station(args)) as session:
         print(" asking the vehicle", file=sys.stderr)
         found = look(session, WallClock(), card, link=args.connect, profiles=profiles, stream=stream)
     if args.output is not None:

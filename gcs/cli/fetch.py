@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from gcs.cli.options import print_json
-from gcs.cli.push import add_link_options
+from gcs.cli.push import add_link_options, station
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _run(args: argparse.Namespace) -> int:
 
     flight = None if args.list else _flight(args)
     lines = ProgressLines()
-    with Session.open(args.connect, primary=args.primary) as session:
+    with Session.open(args.connect, **station(args)) as session:
         require_disarmed(session)
         lines.say("asking the vehicle for its logs")
         logs = list_logs(session)

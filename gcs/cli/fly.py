@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs.cli.push import add_vehicle_option
+from gcs.cli.push import add_vehicle_option, add_voice_options
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def _add_flight(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="be the station whose heartbeat holds the vehicle's ground failsafe (system id 255); with --sim always",
     )
+    add_voice_options(parser)
     parser.add_argument(
         "--probe",
         action=argparse.BooleanOptionalAction,
@@ -147,6 +148,8 @@ def run(args: argparse.Namespace) -> int:
             card=_asked(args),
             profile=args.vehicle_profile,
             probe=args.probe,
+            key=args.key,
+            system=args.system,
         )
         ends.callback(_close, worker)
         app = TippathApp(
@@ -176,11 +179,16 @@ def _require_words(args: argparse.Namespace) -> None:
     if args.sim is None and (args.seed is not None or args.on_ground):
         raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
     from gcs.cards.maneuver import load_card
+    from gcs.link.key_file import read_key
     from gcs.link.transport import parse_link
     from gcs.vehicle.profile import load_profile
 
     if args.connect is not None:
         parse_link(args.connect)
+    if args.sim is not None and (args.key is not None or args.system is not None):
+        raise UsageError("--key and --system are for a vehicle of your own; --sim starts one that needs neither")
+    if args.key is not None:
+        read_key(args.key)
     if args.card is not None:
         load_card(args.card)
     if args.vehicle_profile is not None:
@@ -246,6 +254,8 @@ def _again(args: argparse.Namespace) -> list[str]:
         ("-o", args.output),
         ("--card", args.card),
         ("--vehicle-profile", args.vehicle_profile),
+        ("--key", args.key),
+        ("--system", args.system),
         ("--seed", args.seed),
         ("--plot", args.plot),
         ("--theme", args.theme),

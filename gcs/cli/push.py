@@ -38,7 +38,32 @@ def add_link_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="be the station whose heartbeat holds the vehicle's ground failsafe (system id 255)",
     )
+    add_voice_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
+
+
+def add_voice_options(parser: argparse.ArgumentParser) -> None:
+    """Whom to believe on a link."""
+    parser.add_argument(
+        "--key",
+        type=Path,
+        metavar="FILE",
+        help="sign with this key and believe only what is signed with it (`tippath key new` makes one)",
+    )
+    parser.add_argument(
+        "--system", type=_system, metavar="N", help="the vehicle's system id, where several speak on one link"
+    )
+
+
+def _system(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 255):
+        raise argparse.ArgumentTypeError(f"{text}: a system id is 1 to 255")
+    return int(text)
+
+
+def station(args: argparse.Namespace) -> dict[str, Any]:
+    """How this station takes part in a link, as `Session.open` takes it."""
+    return {"primary": args.primary, "key": args.key, "system": args.system}
 
 
 def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.flight.session import Session
 
     gains = load_gains(args.gains)
-    with Session.open(args.connect, primary=args.primary) as session:
+    with Session.open(args.connect, **station(args)) as session:
         result = push(session, gains, on_progress=lambda step: print(f" {step}", file=sys.stderr))
     if args.json:
         print(json.dumps(result.to_json(), indent=2, allow_nan=False))

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from gcs.cli.push import add_link_options
+from gcs.cli.push import add_link_options, station
 
 
 def add_parser(subparsers: Any) -> None:
@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.flight.gains import checksum, revert  # here, because --help should not wait for MAVLink
     from gcs.flight.session import Session
 
-    with Session.open(args.connect, primary=args.primary) as session:
+    with Session.open(args.connect, **station(args)) as session:
         result = revert(session)
     if args.json:
         print(json.dumps(result.to_json(), indent=2, allow_nan=False))

@@ -100,6 +100,7 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--on-ground", action="store_true", help="start disarmed, waiting for takeoff")
     _add_log_ways(parser)
+    _add_key(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     _add_faults(parser)
     parser.set_defaults(run=run)
@@ -112,6 +113,15 @@ def _add_log_ways(parser: argparse.ArgumentParser) -> None:
         help="how `tippath fetch` may have its logs: LOG_REQUEST_DATA, MAVFTP (default both)",
     )
     parser.add_argument("--log-rate", metavar="RATE", help="bytes a second that it sends of them (default 250000)")
+
+
+def _add_key(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--key",
+        type=Path,
+        metavar="FILE",
+        help="sign all that it says, and obey only what is signed with this key; the line `refused` counts the rest",
+    )
 
 
 def _add_faults(parser: argparse.ArgumentParser) -> None:
@@ -139,7 +149,7 @@ def run(args: argparse.Namespace) -> int:
         seed = 1 if args.hidden is None else secrets.randbelow(10_000)
     command = [sys.executable, "-m", "sitl", "--listen", args.listen]
     command += ["--seed", str(seed), "-o", str(directory), *_faults(args)]
-    for option in ("plant", "like", "hidden", "condition", "logs_by", "log_rate"):
+    for option in ("plant", "like", "hidden", "condition", "logs_by", "log_rate", "key"):
         given = getattr(args, option)
         command += [] if given is None else [f"--{option.replace('_', '-')}={given}"]
     command += ["--on-ground"] if args.on_ground else []

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
 from gcs.cli.options import print_json
-from gcs.cli.push import add_link_options, add_vehicle_option
+from gcs.cli.push import add_link_options, add_vehicle_option, station
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def run(args: argparse.Namespace) -> int:
     def consent(left_out: Sequence[str]) -> bool:
         return args.leave_out or typed_leaving_out(left_out)
 
-    with interrupts() as wishes, Session.open(args.connect, primary=args.primary) as session:
+    with interrupts() as wishes, Session.open(args.connect, **station(args)) as session:
         stream = args.log == "stream"
         if args.wait and not waited(session, args.connect, profiles, lambda: wishes() is not None, stream=stream):
             return EXIT_INTERRUPTED

@@ -241,10 +241,19 @@ def _of_link(snapshot: VehicleSnapshot) -> tuple[Item, ...]:
     standing = Standing.FINE if check.ok else Standing.MUST
     words = "orders arrive in time" if check.ok else check.words.removeprefix(f"{late}: ")
     found = [Item(name="lag", standing=standing, value="no answer" if silent else late, words=words)]
+    if snapshot.signs:
+        words = "it signs what it says, and obeys only who has its key: --key FILE"
+        found.append(Item(name="signing", standing=Standing.MUST, value="no key here", words=words))
+    elif snapshot.signed:
+        found.append(Item(name="signing", standing=Standing.FINE, value="signed", words=_refused(snapshot)))
     if snapshot.other_stations:
         count = f"{snapshot.other_stations} other"
         found.append(Item(name="stations", standing=Standing.FINE, value=count, words="ground stations on this link"))
     return tuple(found)
+
+
+def _refused(snapshot: VehicleSnapshot) -> str:
+    return "not believed: " + ", ".join(f"{n} {why}" for why, n in snapshot.refused) if snapshot.refused else ""
 
 
 def _of_vehicle(snapshot: VehicleSnapshot, profile: VehicleProfile | None) -> tuple[Item, ...]:

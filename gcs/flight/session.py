@@ -27,20 +27,15 @@ from gcs.flight.card_recording import CardRecording
 from gcs.flight.connection import LogWay, silence
 from gcs.flight.live import LiveLog, LiveWindow
 from gcs.flight.log_health import LogHealth
+from gcs.flight.neighbours import Neighbours
 from gcs.flight.pace import BEAT_S, Pace, RealTime
 from gcs.flight.recorder import Recorder, RecordingSummary
 from gcs.flight.recording import Recording
 from gcs.flight.telemetry import TelemetryRequests
+from gcs.flight.voice import Voice
 from gcs.link.clock import LOST_AFTER_S, LinkClock
 from gcs.link.decode import TextAssembly, decode
-from gcs.link.encode import (
-    STATION_COMPONENT,
-    STOP_BLOCKS,
-    BlockStatus,
-    Encoder,
-    Send,
-    StationHeartbeat,
-)
+from gcs.link.encode import STATION_COMPONENT, Send, StationHeartbeat
 from gcs.link.events import (
     AutopilotVersion,
     CommandAck,
@@ -49,9 +44,11 @@ from gcs.link.events import (
     Heartbeat,
     LogBlock,
     LogReceipt,
+    RadioStatus,
     StatusText,
     StatusTextPart,
 )
+from gcs.link.key_file import signing_with
 from gcs.link.log_answer import AnsweredRate, LogAnswer, LogClient
 from gcs.link.procedures import (
     Failed,
@@ -60,6 +57,7 @@ from gcs.link.procedures import (
     ProcedureError,
     RequestAutopilotVersion,
 )
+from gcs.link.signing import Signing
 from gcs.link.transport import Frame, Transport, carries, open_transport
 from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
@@ -68,8 +66,6 @@ T = TypeVar("T")
 STATION_SYSTEM = 254
 RECEIVE_S = 0.01
 """How long the engine waits for bytes before it looks at what is due."""
-OTHERS_FOR_S = 10.0
-"""How long a second station or vehicle counts as being there after it was heard."""
 KEPT_TEXTS = 1000
 STOP_WITHIN_S = 15.0
 """The longest that the end of a recording may take: the sender drops a stream after 10 s."""
@@ -86,6 +82,8 @@ class Session:
         transport: Transport,
         *,
         primary: bool = False,
+        signing: Signing | None = None,
+        system: int | None = None,
         pace: Pace | None = None,
         wall_clock: Callable[[], float] = time.time,
     ) -> None:
@@ -95,8 +93,9 @@ class Session:
         self._pace = pace or RealTime()
         self._clock = self._pace.now
         self._wall_clock = wall_clock
-        self._encoder = Encoder(self.station)
-        self._send_lock = threading.Lock()
+        self._signing = signing
+        self._wanted = system
+        self._voice = Voice(self.station, transport, signing)
         self._lock = threading.RLock()
         """Guards all below but the snapshot, which is replaced whole."""
         self._snapshot: VehicleSnapshot | None = None
@@ -109,8 +108,7 @@ class Session:
         self._link_clock = LinkClock()
         self._assembly = TextAssembly()
         self._texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
-        self._others: dict[tuple[bool, int, int], float] = {}
-        self._sent: deque[bytes] = deque(maxlen=10_000)
+        self._neighbours = Neighbours()
         self._recording: Recording | CardRecording | None = None
         self._answer: LogAnswer | None = None
         """Of the vehicle's log, while it is not recorded."""
@@ -125,14 +123,19 @@ class Session:
         link: str,
         *,
         primary: bool = False,
+        key: Path | None = None,
+        system: int | None = None,
         recorder: Recorder | None = None,
         connect_timeout_s: float = 5.0,
     ) -> Session:
         """Open a LINK and wait for a vehicle; with a recorder, record from the start.
 
-        Raises LinkError where the link makes no sense or cannot be opened, or no vehicle is heard.
+        With the file of a `key` all is signed, and nothing else believed; with `system` only the vehicle of that id is
+        listened to. Raises LinkError where the link makes no sense or cannot be opened, or no vehicle is heard,
+        UsageError where the key is none.
         """
-        session = cls(open_transport(link), primary=primary)
+        signing = None if key is None else signing_with(key)
+        session = cls(open_transport(link, signing, system), primary=primary, signing=signing, system=system)
         try:
             session.wait_for_vehicle(connect_timeout_s)
             if recorder is not None:
@@ -145,7 +148,7 @@ class Session:
     def wait_for_vehicle(self, timeout_s: float) -> None:
         """Wait for the first heartbeat of an autopilot and ask what it is. Raises LinkError where none comes."""
         if not self._pace.wait(self._found, timeout_s):
-            raise LinkError(silence(self._transport, timeout_s))
+            raise LinkError(silence(self._transport, timeout_s, self._signing, self._wanted))
         # A vehicle that does not tell its version can still be flown.
         with contextlib.suppress(ProcedureError):
             self.call(RequestAutopilotVersion(3))
@@ -273,7 +276,7 @@ class Session:
     def _record(self, recorder: Recorder, log: LogWay = "stream") -> None:
         with self._lock:
             self._refuse_second()
-            self._sent.clear()
+            self._voice.forget()
             if log == "card":
                 told = (self._clock, self._link_clock, self._telemetry, carries(self.link))
                 self._recording = CardRecording(recorder, *told)
@@ -372,9 +375,11 @@ class Session:
         event = decode(frame.message)
         snapshot = self._snapshot
         if isinstance(event, Heartbeat):
-            self._note_others(event, now)
-            if snapshot is None and event.from_autopilot:
-                snapshot = self._pin(event, now)
+            self._neighbours.note(event, None if snapshot is None else snapshot.system, now)
+            if snapshot is None and event.from_autopilot and self._wanted in (None, event.system):
+                snapshot = self._pin(event, frame, now)
+        if isinstance(event, RadioStatus):
+            self._neighbours.note_radio(event, now)
         if isinstance(event, LogReceipt):  # another station's
             self._answered(event, now)
             return
@@ -389,23 +394,18 @@ class Session:
         elif event is not None:
             self._on_event(event, now)
 
-    def _pin(self, event: Heartbeat, now: float) -> VehicleSnapshot:
-        self._encoder.target = (event.system, event.component)
-        self._snapshot = VehicleSnapshot(system=event.system, component=event.component)
+    def _pin(self, event: Heartbeat, frame: Frame, now: float) -> VehicleSnapshot:
+        self._voice.address(event.system, event.component)
+        signed = self._signing is not None
+        self._snapshot = VehicleSnapshot(
+            system=event.system, component=event.component, signed=signed, signs=not signed and frame.signed
+        )
         self._telemetry.begin(now)
         return self._snapshot
 
-    def _note_others(self, event: Heartbeat, now: float) -> None:
-        known = self._snapshot
-        ours = known is not None and event.system == known.system
-        if event.from_station or (event.from_autopilot and not ours and known is not None):
-            self._others[(event.from_station, event.system, event.component)] = now
-
     def _on_event(self, event: Event, now: float) -> None:
         assert self._snapshot is not None
-        if isinstance(event, CommandAck | FtpReply) and event.target_system not in (0, self.station):
-            return
-        if isinstance(event, CommandAck | FtpReply) and event.target_component not in (0, STATION_COMPONENT):
+        if isinstance(event, CommandAck | FtpReply) and not self._is_ours(event):
             return
         own = event.component == self._snapshot.component
         if own:
@@ -425,6 +425,10 @@ class Session:
         if own:
             for call in list(self._calls):
                 self._step(call, lambda procedure: procedure.on_event(event, now))
+
+    def _is_ours(self, event: CommandAck | FtpReply) -> bool:
+        to = (event.target_system, event.target_component)
+        return to[0] in (0, self.station) and to[1] in (0, STATION_COMPONENT)
 
     def _answered(self, event: Event, now: float) -> None:
         for client in (self._answer, None if self._recording is None else self._recording.blocks):
@@ -469,12 +473,12 @@ class Session:
         self._refresh(now)
 
     def _refresh(self, now: float) -> None:
-        for key in [key for key, heard in self._others.items() if now - heard > OTHERS_FOR_S]:
-            del self._others[key]
         frames, bad_bytes = self._transport.counts
+        if self._signing is not None:
+            self._signing.keep()
+            self._update(refused=self._signing.refusals())
         self._update(
-            other_stations=sum(station for station, _, _ in self._others),
-            other_vehicles=len({system for station, system, _ in self._others if not station}),
+            **self._neighbours.seen(now),
             strangers=self._transport.strangers,
             frames=frames,
             bad_bytes=bad_bytes,
@@ -487,14 +491,10 @@ class Session:
             self._snapshot = replace(self._snapshot, **changes)
 
     def _say(self, sends: Iterable[Send]) -> None:
-        for send in sends:
-            with self._send_lock:
-                raw = self._encoder.encode(send)
-                self._transport.send(raw)
-            if not isinstance(send, BlockStatus) or send.number >= STOP_BLOCKS:
-                self._sent.append(raw)
+        self._voice.say(sends)
 
     def _log_sent(self) -> None:
         """What was said by either thread goes into the telemetry log from the engine's only."""
-        while self._recording is not None and self._sent:
-            self._recording.recorder.frame(self._sent.popleft())
+        if self._recording is not None:
+            for raw in self._voice.said():
+                self._recording.recorder.frame(raw)

@@ -82,9 +82,13 @@ def ask(session: Asking, clock: Clock, name: str, most_silences: int = SILENCES)
             silences += clock.now() - session.snapshot().answer_age_s > began
         if silences >= most_silences:
             return None
+    why = (
+        "it signs what it says, so it accepts signed messages only: give its key with --key"
+        if session.snapshot().signs
+        else "a link that carries one way only, or a vehicle that accepts signed messages only"
+    )
     raise NoAnswerError(
-        f"the vehicle is heard, but answers nothing (asked {MOST_QUESTIONS} times for {name}): a link that carries one "
-        "way only, or a vehicle that accepts signed messages only; nothing was flown"
+        f"the vehicle is heard, but answers nothing (asked {MOST_QUESTIONS} times for {name}): {why}; nothing was flown"
     )
 
 

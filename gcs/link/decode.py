@@ -29,12 +29,14 @@ from gcs.link.events import (
     LogReceipt,
     ParamError,
     ParamValue,
+    RadioStatus,
     RotorSpeed,
     StatusText,
     StatusTextPart,
     SystemTime,
     TimeReply,
 )
+from gcs.link.signing import RADIO_STATUS
 
 BLOCK_SIZE = 200
 TEXT_SIZE = 50
@@ -211,6 +213,19 @@ def _rpm(m: Any, system: int, component: int) -> Event:
     return RotorSpeed(system, component, m.rpm1 * (2.0 * math.pi / 60.0))
 
 
+def _radio_status(m: Any, system: int, component: int) -> Event:
+    return RadioStatus(
+        system,
+        component,
+        here=m.rssi,
+        there=m.remrssi,
+        noise_here=m.noise,
+        noise_there=m.remnoise,
+        room=m.txbuf,
+        errors=m.rxerrors,
+    )
+
+
 def _sys_status(m: Any, system: int, component: int) -> Event:
     return Battery(
         system,
@@ -255,6 +270,7 @@ _READERS: dict[int, Callable[[Any, int, int], Event | None]] = {
     30: _attitude,
     32: _local_position,
     77: _command_ack,
+    RADIO_STATUS: _radio_status,
     110: _ftp,
     111: _timesync,
     118: _log_entry,

@@ -12,6 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.link.decode import FTP_DATA, FTP_HEADER
+from gcs.link.signing import Signing
 
 START_BLOCKS = 2147483646
 STOP_BLOCKS = 2147483645
@@ -132,15 +133,21 @@ Send = (
 class Encoder:
     """Frames of one station to one vehicle; counts their sequence numbers.
 
-    `target` is (system, component), (0, 0) while the vehicle is not known. Not for several threads at once.
+    `target` is (system, component), (0, 0) while the vehicle is not known. With `signing` each is signed. Not for
+    several threads at once.
     """
 
-    def __init__(self, system: int, component: int = STATION_COMPONENT) -> None:
+    def __init__(self, system: int, component: int = STATION_COMPONENT, signing: Signing | None = None) -> None:
         self.target = (0, 0)
         self._mav: Any = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._signing = signing
+        if signing is not None:
+            signing.equip(self._mav)
 
     def encode(self, send: Send) -> bytes:
         """One frame. Raises ValueError for what MAVLink cannot carry, such as a name of 17 letters."""
+        if self._signing is not None:
+            self._signing.stamp(self._mav)
         frame: bytes = self._frame(send)
         self._mav.seq = (self._mav.seq + 1) % 256
         return frame

@@ -251,6 +251,21 @@ class RotorSpeed(Event):
     """rad/s."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RadioStatus(Event):
+    """A telemetry radio's own word, in its own units (SiK: 1.9 a dB). It has no key, so nothing follows from it."""
+
+    here: int
+    """Signal strength at this end; 255 is not known, as in all of these but the errors."""
+    there: int
+    noise_here: int
+    noise_there: int
+    room: int
+    """% of its buffer that is free."""
+    errors: int
+    """Packets damaged on the air so far."""
+
+
 @dataclass(frozen=True, slots=True)
 class Battery(Event):
     voltage_v: float | None

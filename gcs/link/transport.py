@@ -24,6 +24,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.errors import LinkError, UsageError
 from gcs.link.decode import decode
 from gcs.link.events import Heartbeat
+from gcs.link.signing import SIGNED, Signing
 
 RECEIVE_BUFFER = 4 * 1024 * 1024
 """The default UDP buffer holds 256 small packets, a quarter of a second of a fast log."""
@@ -50,6 +51,11 @@ class Frame(NamedTuple):
     raw: bytes
     message: Any
     """pymavlink's message; `decode.decode` makes an event of it."""
+
+    @property
+    def signed(self) -> bool:
+        """Whether it carries a signature, right or not."""
+        return self.raw[0] == 0xFD and bool(self.raw[2] & SIGNED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +101,11 @@ def carries(link: str) -> float | None:
 class FrameFinder:
     """Finds whole MAVLink frames, versions 1 and 2, in a stream of bytes that may be damaged."""
 
-    def __init__(self) -> None:
+    def __init__(self, signing: Signing | None = None) -> None:
+        """With `signing` only frames that it believes are given."""
         self._buffer = bytearray()
         self._mav: Any = dialect.MAVLink(None)
+        self._signing = signing
         self.frames = 0
         self.bad_bytes = 0
 
@@ -120,8 +128,9 @@ class FrameFinder:
                 at += 1
                 self.bad_bytes += 1
                 continue
-            if message.get_msgId() >= 0:
-                frames.append(Frame(bytes(buffer[at : at + length]), message))
+            raw = bytes(buffer[at : at + length])
+            if message.get_msgId() >= 0 and (self._signing is None or self._signing.believes(raw, message.get_msgId())):
+                frames.append(Frame(raw, message))
                 self.frames += 1
             at += length
         del buffer[:at]
@@ -174,16 +183,17 @@ class Transport(Protocol):
     def close(self) -> None: ...
 
 
-def open_transport(word: str) -> Transport:
-    """Open a link by its word. Raises LinkError saying what is wrong and what to do."""
+def open_transport(word: str, signing: Signing | None = None, system: int | None = None) -> Transport:
+    """Open a link by its word; with `signing` only what is signed comes in, and of many addresses only that of the
+    vehicle `system` is taken. Raises LinkError saying what is wrong and what to do."""
     link = parse_link(word)
     match link.kind:
         case "serial":
-            return SerialTransport(word, link)
+            return SerialTransport(word, link, signing)
         case "tcp":
-            return TcpTransport(word, link)
+            return TcpTransport(word, link, signing)
         case _:
-            return UdpTransport(word, link)
+            return UdpTransport(word, link, signing, system)
 
 
 def _resolve(word: str, link: LinkWord, kind: socket.SocketKind) -> tuple[socket.AddressFamily, Any]:
@@ -200,7 +210,7 @@ def _resolve(word: str, link: LinkWord, kind: socket.SocketKind) -> tuple[socket
 class UdpTransport:
     """One UDP socket with one peer."""
 
-    def __init__(self, word: str, link: LinkWord) -> None:
+    def __init__(self, word: str, link: LinkWord, signing: Signing | None = None, system: int | None = None) -> None:
         family, address = _resolve(word, link, socket.SOCK_DGRAM)
         self.strangers = 0
         self.problem: str | None = None
@@ -212,7 +222,9 @@ class UdpTransport:
         got = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self.receive_buffer: int | None = got
         self._peer: Any = None
-        self._finder = FrameFinder()
+        self._signing = signing
+        self._wanted = system
+        self._finder = FrameFinder(signing)
         self._candidates: dict[Any, tuple[FrameFinder, int]] = {}
         """Address -> what it sent so far, and in how many datagrams."""
         if link.kind == "udpout":
@@ -260,10 +272,10 @@ class UdpTransport:
         # Not pinned yet: an autopilot's heartbeat, and nothing less, makes an address the vehicle's.
         if address not in self._candidates and len(self._candidates) >= MOST_CANDIDATES:
             return []
-        finder, datagrams = self._candidates.get(address, (FrameFinder(), 0))
+        finder, datagrams = self._candidates.get(address, (FrameFinder(self._signing), 0))
         self._candidates[address] = (finder, datagrams + 1)
         frames = finder.feed(data)
-        if not any(_is_autopilot(frame.message) for frame in frames):
+        if not any(_is_vehicle(frame.message, self._wanted) for frame in frames):
             return []
         self.strangers -= datagrams + 1
         self._peer, self._finder = address, finder
@@ -285,9 +297,10 @@ class UdpTransport:
         self._socket.close()
 
 
-def _is_autopilot(message: Any) -> bool:
+def _is_vehicle(message: Any, system: int | None) -> bool:
+    """Whether it is an autopilot's heartbeat, of `system` where one is wanted."""
     event = decode(message)
-    return isinstance(event, Heartbeat) and event.from_autopilot
+    return isinstance(event, Heartbeat) and event.from_autopilot and system in (None, event.system)
 
 
 class _ByteStream:
@@ -296,10 +309,10 @@ class _ByteStream:
     strangers = 0
     receive_buffer: int | None = None
 
-    def __init__(self, word: str) -> None:
+    def __init__(self, word: str, signing: Signing | None) -> None:
         self.name = word
         self.problem: str | None = None
-        self._finder = FrameFinder()
+        self._finder = FrameFinder(signing)
         self._unsent = bytearray()
         self._next_try = 0.0
         self._closed = False
@@ -377,8 +390,8 @@ class TcpTransport(_ByteStream):
     CONNECT_S = 3.0
     RECONNECT_S = 0.5
 
-    def __init__(self, word: str, link: LinkWord) -> None:
-        super().__init__(word)
+    def __init__(self, word: str, link: LinkWord, signing: Signing | None = None) -> None:
+        super().__init__(word, signing)
         self._link = link
         self._socket: socket.socket | None = None
         self._wait_s = self.CONNECT_S
@@ -429,8 +442,8 @@ class TcpTransport(_ByteStream):
 class SerialTransport(_ByteStream):
     """A serial port, opened again when it was unplugged."""
 
-    def __init__(self, word: str, link: LinkWord) -> None:
-        super().__init__(word)
+    def __init__(self, word: str, link: LinkWord, signing: Signing | None = None) -> None:
+        super().__init__(word, signing)
         self._link = link
         self._port: Any = None
         self._open()

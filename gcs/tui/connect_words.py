@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from gcs.flight.readiness import client_words
 from gcs.flight.readiness_words import closing, page
 from gcs.link.decode import sanitise
+from gcs.link.events import RadioStatus
 from gcs.link.log_answer import LogClient
 from gcs.link.transport import parse_link
 from gcs.tui.connections import Connection
@@ -65,6 +66,10 @@ def heard_lines(state: State, width: int) -> list[Line]:
     lines.append(f" vehicle: {_who(vehicle)}")
     lines.append(_heard(vehicle))
     lines.append(_stations(state, vehicle))
+    if vehicle.signs:
+        lines.append((" it signs what it says, and obeys only who has its key: start again with --key FILE", "bold"))
+    if vehicle.radio is not None:
+        lines.append(_radio(vehicle.radio))
     if vehicle.lost:
         lines += _checks(state)
     if vehicle.link_problem:
@@ -97,16 +102,25 @@ def _who(vehicle: VehicleSnapshot) -> str:
     autopilot = AUTOPILOTS.get(vehicle.autopilot, f"autopilot {vehicle.autopilot}")
     kind = KINDS.get(vehicle.vehicle_type, f"vehicle of type {vehicle.vehicle_type}")
     version = f" {vehicle.version}" if vehicle.version else ""
-    return f"system {vehicle.system}, {autopilot}{version}, {kind}, {vehicle.mode_name}"
+    signed = ", signed" if vehicle.signed else ""
+    return f"system {vehicle.system}, {autopilot}{version}, {kind}, {vehicle.mode_name}{signed}"
 
 
 def _heard(vehicle: VehicleSnapshot) -> str:
     text = f" heard: {vehicle.frames:,} messages, {vehicle.bad_bytes:,} bytes that were none"
     if vehicle.strangers:
         text += f", {vehicle.strangers:,} packets of other addresses dropped"
+    if vehicle.refused:
+        text += ", not believed: " + ", ".join(f"{count:,} {why}" for why, count in vehicle.refused)
     if vehicle.lag_s is not None:
         text += f"; {vehicle.lag_s:.2f} s late"
     return text
+
+
+def _radio(radio: RadioStatus) -> str:
+    """As it says it: other radios have other units."""
+    there = f"there {radio.there}, noise {radio.noise_there}"
+    return f" radio: here {radio.here}, noise {radio.noise_here}; {there}; {radio.errors:,} packets damaged on the air"
 
 
 def _stations(state: State, vehicle: VehicleSnapshot) -> str:

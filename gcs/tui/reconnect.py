@@ -9,12 +9,14 @@ import secrets
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.desk import Desk
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
+from gcs.flight.session import Session
 from gcs.tui.connections import NOWHERE, Connection, connections, vehicle_logs
 from gcs.tui.state import State
 from gcs.tui.worker import FlightWorker
@@ -24,7 +26,7 @@ class Reconnecting:
     """What the app asks (`AppWorker`), and beside it where to connect to.
 
     primary: be the station whose heartbeat holds a real vehicle's failsafe; of a simulated one it always does.
-    probe: as `FlightWorker`'s.
+    probe: as `FlightWorker`'s. key, system: as `Session.open`'s, of a real vehicle.
     """
 
     def __init__(
@@ -36,6 +38,8 @@ class Reconnecting:
         card: str = "",
         profile: str | None = None,
         probe: bool | None = None,
+        key: Path | None = None,
+        system: int | None = None,
         make: Callable[..., FlightWorker] = FlightWorker,
         make_vehicle: Callable[..., SimulatedVehicle] = SimulatedVehicle,
     ) -> None:
@@ -44,6 +48,8 @@ class Reconnecting:
         self._card = card
         self._profile = profile
         self._probe = probe
+        self._key = key
+        self._system = system
         self._make = make
         self._make_vehicle = make_vehicle
         self._changing = threading.Lock()
@@ -95,8 +101,10 @@ class Reconnecting:
                     more=("--hidden", "random") if connection.hidden else (),
                 )
 
+        real = connection.plant is None
         return self._make(
             connection.link,
+            open_session=partial(Session.open, key=self._key, system=self._system) if real else Session.open,
             plant=connection.flies,
             start_vehicle=start,
             folder=self._folder,

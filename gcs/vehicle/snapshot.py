@@ -20,6 +20,7 @@ from gcs.link.events import (
     Event,
     Heartbeat,
     LocalPosition,
+    RadioStatus,
     RotorSpeed,
     StatusText,
     SystemTime,
@@ -126,6 +127,14 @@ class VehicleSnapshot:
     other_stations: int = 0
     """Ground stations heard on this link that are not this one."""
     other_vehicles: int = 0
+    radio: RadioStatus | None = None
+    """What a telemetry radio on the way said of itself, lately."""
+    signs: bool = False
+    """It signs what it says, and this station has no key: nothing here looked at the signatures."""
+    signed: bool = False
+    """Everything of it was believed by its signature."""
+    refused: tuple[tuple[str, int], ...] = ()
+    """Why messages with a right checksum were not believed, and how many."""
     strangers: int = 0
     """Datagrams from addresses that are not the vehicle's, all dropped."""
     frames: int = 0

@@ -23,6 +23,7 @@ from sitl.autopilot.vehicle import Vehicle
 from sitl.protocol.ftp import FtpServer
 from sitl.protocol.links import Address, Link
 from sitl.protocol.log_download import LogDownload
+from sitl.protocol.signatures import Signatures
 from sitl.protocol.telemetry import DEFAULT_INTERVALS_S, MESSAGES, Message
 
 SYSTEM = 1
@@ -54,13 +55,18 @@ class _Outlet:
 class _Peer:
     """One ground station: its own sequence numbers, intervals and half-received frames."""
 
-    def __init__(self, link: Link, address: Address, now_s: float, shortest_ms: float) -> None:
+    def __init__(
+        self, link: Link, address: Address, now_s: float, shortest_ms: float, signatures: Signatures | None
+    ) -> None:
         """`shortest_ms` is the least interval of a message, in milliseconds."""
         self._shortest_ms = shortest_ms
         outlet = _Outlet(link, address)
         self.address = address
         self.autopilot = mavlink.MAVLink(outlet, SYSTEM, AUTOPILOT)
         self.logger = mavlink.MAVLink(outlet, SYSTEM, LOGGER)
+        if signatures is not None:
+            signatures.equip(self.autopilot)
+            signatures.equip(self.logger)
         self.heard_s = now_s
         self.received = bytearray()
         self.parameters: deque[int] = deque()
@@ -119,10 +125,17 @@ class _Delivery:
 class Server:
     """The vehicle's end of one link."""
 
-    def __init__(self, vehicle: Vehicle, link: Link, troubles: Sequence[Callable[[Vehicle], None]] = ()) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        link: Link,
+        troubles: Sequence[Callable[[Vehicle], None]] = (),
+        signatures: Signatures | None = None,
+    ) -> None:
         """`troubles` are called with the vehicle at every poll: what goes wrong on board, see `sitl.faults`."""
         self.vehicle = vehicle
         self.link = link
+        self.signatures = signatures
         self._troubles = tuple(troubles)
         self._peers = {address: self._made(address) for address in link.known}
         self._polled_s = vehicle.time_s
@@ -157,6 +170,8 @@ class Server:
         if now_s < self._polled_s:
             self._start_again()
         self._polled_s = now_s
+        if self.signatures is not None:
+            self.signatures.advance()
         for trouble in self._troubles:
             trouble(self.vehicle)
         for address, data in self.link.receive():
@@ -186,7 +201,7 @@ class Server:
     def _made(self, address: Address) -> _Peer:
         vehicle = self.vehicle
         shortest_ms = vehicle.clothes.shortest_interval(1000 * vehicle.dt / 0.8)
-        return _Peer(self.link, address, vehicle.time_s, shortest_ms)
+        return _Peer(self.link, address, vehicle.time_s, shortest_ms, self.signatures)
 
     def _start_again(self) -> None:
         """The vehicle has booted: nothing is left of what it knew of its links but that they are there."""
@@ -253,7 +268,8 @@ class Server:
                 del buffer[:1]  # no frame after all: the next marker may be a real one
                 continue
             del buffer[:size]
-            if not isinstance(message, mavlink.MAVLink_unknown):
+            known = not isinstance(message, mavlink.MAVLink_unknown)
+            if known and (self.signatures is None or self.signatures.accept(message)):
                 messages.append(message)
 
     @staticmethod

@@ -7,6 +7,7 @@ import threading
 import time
 import zlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -302,7 +303,8 @@ def vehicle(fake_time: FakeTime) -> ScriptedVehicle:
 def connect(fake_time: FakeTime, vehicle: ScriptedVehicle) -> Callable[..., Session]:
     """A session with the vehicle, in fake time; leave it as one leaves `Session.open`."""
 
-    def open_session(*_: object, timeout_s: float = 5.0, **options: Any) -> Session:
+    def open_session(*_: object, timeout_s: float = 5.0, key: Path | None = None, **options: Any) -> Session:
+        assert key is None, "this vehicle signs nothing"
         session = Session(Wire(vehicle), pace=fake_time, wall_clock=fake_time.wall_clock, **options)
         try:
             session.wait_for_vehicle(timeout_s)

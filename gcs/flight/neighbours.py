@@ -1,0 +1,38 @@
+"""Who else speaks on this link: other stations, other vehicles, a telemetry radio. Shown, not listened to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gcs.link.events import Heartbeat, RadioStatus
+
+HEARD_FOR_S = 10.0
+"""How long a second station, a second vehicle or a radio counts as being there after it was heard."""
+
+
+class Neighbours:
+    """Times are the session's clock, s."""
+
+    def __init__(self) -> None:
+        self._heard: dict[tuple[bool, int, int], float] = {}
+        """(whether a station, system, component) -> when."""
+        self._radio: tuple[RadioStatus, float] | None = None
+
+    def note(self, event: Heartbeat, ours: int | None, now: float) -> None:
+        """A heartbeat; `ours` is the system id of the vehicle, None before there is one."""
+        other_vehicle = event.from_autopilot and ours is not None and event.system != ours
+        if event.from_station or other_vehicle:
+            self._heard[(event.from_station, event.system, event.component)] = now
+
+    def note_radio(self, event: RadioStatus, now: float) -> None:
+        self._radio = (event, now)
+
+    def seen(self, now: float) -> dict[str, Any]:
+        """Fields of a snapshot."""
+        self._heard = {who: heard for who, heard in self._heard.items() if now - heard <= HEARD_FOR_S}
+        radio = self._radio
+        return {
+            "other_stations": sum(station for station, _, _ in self._heard),
+            "other_vehicles": len({system for station, system, _ in self._heard if not station}),
+            "radio": radio[0] if radio is not None and now - radio[1] <= HEARD_FOR_S else None,
+        }
