@@ -277,7 +277,7 @@ def print_document(result: SweepResult, followed: Sequence[Following]) -> None:
     complete = None if result.log == "card" and result.flown else result.complete
     head = {"format": "tippath.sweep/1", "folder": str(result.folder.path), "complete": complete}
     ending = None if result.ending is None else result.ending.value
-    rest = {key: value for key, value in result.folder.read().items() if key != "format"}
+    rest = result.document
     print_json({**head, "ending": ending, **rest, "following": [one.to_json() for one in followed]})
 
 
@@ -293,7 +293,7 @@ def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
     print(f" recorded {log}  {count}  {result.missing_words}{ended}")
     if result.log == "card" and result.runs:
         print(f"   the {log_words(result.folder.path)}")
-    for problem in result.recording.problems if result.recording is not None else ():
+    for problem in result.problems:
         print(f"   {printable(problem)}")
     if result.log == "stream" and result.runs and result.recording is not None and not result.recording.complete:
         print(textwrap.indent(rest_words(result.folder.path), "   "))

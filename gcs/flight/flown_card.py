@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,10 @@ class SweepResult:
     link_loss: LinkLoss | None = None
     """What the vehicle does when it no longer hears this station."""
     log: LogWay = "stream"
+    document: Mapping[str, Any] = field(default_factory=dict)
+    """What flight.json says, or would say if the disk had taken it."""
+    unwritten: str = ""
+    """Why flight.json does not say it; empty where it does."""
 
     @property
     def flown(self) -> bool:
@@ -67,8 +71,14 @@ class SweepResult:
     @property
     def complete(self) -> bool:
         """Every run was flown to its end, and all of it is on disk, as far as the log's own stamps show."""
-        recorded = self.recording is not None and self.recording.complete
+        recorded = self.recording is not None and self.recording.complete and not self.unwritten
         return self.flown and recorded
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What of it is not on disk, in words."""
+        unwritten = (self.unwritten,) if self.unwritten else ()
+        return (*unwritten, *(() if self.recording is None else self.recording.problems))
 
     @property
     def missing_blocks(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gcs.link.events import Heartbeat, RadioStatus
+from gcs.link.events import Event, Heartbeat, RadioStatus
 
 HEARD_FOR_S = 10.0
 """How long a second station, a second vehicle or a radio counts as being there after it was heard."""
@@ -18,14 +18,15 @@ class Neighbours:
         """(whether a station, system, component) -> when."""
         self._radio: tuple[RadioStatus, float] | None = None
 
-    def note(self, event: Heartbeat, ours: int | None, now: float) -> None:
-        """A heartbeat; `ours` is the system id of the vehicle, None before there is one."""
+    def hear(self, event: Event | None, ours: int | None, now: float) -> None:
+        """Anything that was said on the link; `ours` is the vehicle's system id, None before there is one."""
+        if isinstance(event, RadioStatus):
+            self._radio = (event, now)
+        if not isinstance(event, Heartbeat):
+            return
         other_vehicle = event.from_autopilot and ours is not None and event.system != ours
         if event.from_station or other_vehicle:
             self._heard[(event.from_station, event.system, event.component)] = now
-
-    def note_radio(self, event: RadioStatus, now: float) -> None:
-        self._radio = (event, now)
 
     def seen(self, now: float) -> dict[str, Any]:
         """Fields of a snapshot."""

@@ -4,8 +4,8 @@
 block comes. `flight.tlog` holds the raw frames of both directions, each behind eight bytes of big-endian microseconds
 since 1970, as MAVProxy writes them; the log's blocks are left out of it, because they are in the other file.
 
-A name that exists is never written again: the next free number is taken. A full disk is a condition that is reported
-and that may pass; it never ends the link.
+A name that exists is never written again: the next free number is taken. What is written reaches the disk itself once
+a second. A full disk is a condition that is reported and that may pass; it never ends the link.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import TippathError
+from gcs.flight.syncing import Syncing, sync_folder
 from gcs.link.decode import BLOCK_SIZE
 from gcs.link.log_blocks import StreamResult
 from gcs.link.log_end import NOT_JUDGED, EndState, LogEnd
@@ -28,6 +29,15 @@ from gcs.vehicle.autopilots import NO_LOG
 
 HOW = "log blocks streamed by the vehicle (REMOTE_LOG_DATA_BLOCK), acknowledged one by one"
 ON_CARD = "telemetry only: the log is on the vehicle's card"
+
+
+@dataclass(slots=True)
+class _Growing:
+    """A file of this recording."""
+
+    path: Path
+    stream: FileIO
+    size: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,16 +52,23 @@ class RecordedLog:
     duplicates: int
     end: LogEnd = NOT_JUDGED
     """Whether more should have followed its last block. Not known unless it was shown."""
+    in_two_versions: int = 0
+    """Blocks that came again with other bytes; nobody knows which are the vehicle's."""
+    impossible: int = 0
+    """Blocks refused for a number that no sender can have come to: somebody else's."""
 
     @property
     def complete(self) -> bool:
-        """Every block is there, and the log goes to the end of the recording."""
-        return not self.missing and self.end.state is EndState.REACHED
+        """Every block is there, in one version, and the log goes to the end of the recording."""
+        return not self.missing and not self.in_two_versions and self.end.state is EndState.REACHED
 
     @property
     def problems(self) -> tuple[str, ...]:
         """What of it is missing, in words."""
         gaps = [f"{self.path.name}: {self.missing_blocks} of {self.expected} blocks missing"] if self.missing else []
+        if self.in_two_versions:
+            many = f"{self.in_two_versions} block{'s' if self.in_two_versions > 1 else ''}"
+            gaps.append(f"{self.path.name}: {many} came in two versions, damaged or somebody else's; the first is kept")
         end = self.end.words(self.path.name)
         return (*gaps, end) if end else tuple(gaps)
 
@@ -104,6 +121,8 @@ class RecordingSummary:
                     "bytes": log.size,
                     "missing": [list(stretch) for stretch in log.missing],
                     "duplicates": log.duplicates,
+                    "in_two_versions": log.in_two_versions,
+                    "impossible": log.impossible,
                     "end": log.end.state.value,
                     "end_cause": log.end.cause.value,
                     "log_s": log.end.log_s,
@@ -133,10 +152,10 @@ class Recorder:
         """Why something is not being kept at present."""
         self._stem = stem
         self._wall_clock = wall_clock
-        self._logs: dict[int, tuple[Path, FileIO]] = {}
-        self._tlog: tuple[Path, FileIO] | None = None
+        self._logs: dict[int, _Growing] = {}
+        self._tlog: _Growing | None = None
         self._tlog_frames = 0
-        self._tlog_size = 0
+        self._syncing = Syncing()
         self._problems: list[str] = []
         try:
             directory.mkdir(parents=True, exist_ok=True)
@@ -149,7 +168,7 @@ class Recorder:
     @property
     def log_path(self) -> Path | None:
         """The log that grows, None before its first block."""
-        return self._logs[max(self._logs)][0] if self._logs else None
+        return self._logs[max(self._logs)].path if self._logs else None
 
     def disk_free(self) -> int | None:
         """Bytes free where the files are, None where the system does not tell."""
@@ -160,76 +179,96 @@ class Recorder:
 
     def store(self, file: int, number: int, data: bytes) -> bool:
         """Write one block of the vehicle's `file`-th log at its place; false where the disk did not take it."""
+        at = number * BLOCK_SIZE
         try:
             if file not in self._logs:
+                self._end_earlier()
                 self._logs[file] = self._new_file(".BIN")
-            stream = self._logs[file][1]
-            stream.seek(number * BLOCK_SIZE)
-            written = stream.write(data)
+            log = self._logs[file]
+            log.stream.seek(at)
+            written = log.stream.write(data)
         except OSError as error:
             self._report(f"the log is not being kept: {error.strerror or error}")
             return False
         if written != len(data):
             self._report("the log is not being kept: no space left on device")
+            with contextlib.suppress(OSError):
+                if at >= log.size:
+                    log.stream.truncate(log.size)  # half a block would be taken for the log's end
             return False
+        log.size = max(log.size, at + len(data))
+        self._syncing.written(log.stream)
         self.problem = None
         return True
+
+    def _end_earlier(self) -> None:
+        """A log that another one follows is whole, or as whole as it gets."""
+        for log in self._logs.values():
+            self._end(log)
+
+    def _end(self, growing: _Growing) -> None:
+        if growing.stream.closed:
+            return
+        try:
+            os.fsync(growing.stream.fileno())
+        except OSError as error:
+            self._report(f"{growing.path.name}: {error.strerror or error}")
+        with contextlib.suppress(OSError):
+            growing.stream.close()
 
     def frame(self, raw: bytes) -> None:
         """Write one MAVLink frame, stamped now."""
         if self._tlog is None:
             return
         stamped = struct.pack(">Q", int(self._wall_clock() * 1e6)) + raw
-        stream = self._tlog[1]
+        tlog = self._tlog
         try:
-            written = stream.write(stamped)
+            written = tlog.stream.write(stamped)
             if written != len(stamped):
                 raise OSError(28, "no space left on device")
         except OSError as error:
             self._report(f"telemetry is not being kept: {error.strerror or error}")
             # Half a frame would spoil what follows it.
             with contextlib.suppress(OSError):
-                stream.truncate(self._tlog_size)
-                stream.seek(self._tlog_size)
+                tlog.stream.truncate(tlog.size)
+                tlog.stream.seek(tlog.size)
             return
-        self._tlog_size += len(stamped)
+        tlog.size += len(stamped)
         self._tlog_frames += 1
+        self._syncing.written(tlog.stream)
 
     def finish(self, streams: tuple[StreamResult, ...], *, on_card: bool = False) -> RecordingSummary:
         """Close the files; `streams` is what the receiver of blocks knows about each. With `on_card` none was asked
         for: the log stays on the vehicle."""
         logs = []
         known = {stream.file: stream for stream in streams}
-        for file, (path, _) in sorted(self._logs.items()):
+        for file, log in sorted(self._logs.items()):
             stream = known.get(file, StreamResult(file=file, blocks=0, expected=0, missing=(), duplicates=0))
             logs.append(
                 RecordedLog(
-                    path=path,
+                    path=log.path,
                     blocks=stream.blocks,
                     expected=stream.expected,
                     missing=stream.missing,
                     duplicates=stream.duplicates,
                     end=stream.end,
+                    in_two_versions=stream.in_two_versions,
+                    impossible=stream.impossible,
                 )
             )
-        for path, opened in [*self._logs.values(), *([self._tlog] if self._tlog else [])]:
-            try:
-                os.fsync(opened.fileno())
-            except OSError as error:
-                self._report(f"{path.name}: {error.strerror or error}")
-            with contextlib.suppress(OSError):
-                opened.close()
+        self._syncing.close()
+        for growing in [*self._logs.values(), *([self._tlog] if self._tlog else [])]:
+            self._end(growing)
         problems = list(self._problems)
         if not logs and not on_card:
             problems.append(f"no block of the log came: {NO_LOG}")
-        problems += [problem for log in logs for problem in log.problems]
+        problems += [problem for one in logs for problem in one.problems]
         if len(logs) > 1:
             problems.append(f"the vehicle began a new log {len(logs) - 1} time(s) while it was recorded")
-        tlog = self._tlog[0] if self._tlog else None
         return RecordingSummary(
             directory=self.directory,
             logs=tuple(logs),
-            tlog=tlog,
+            tlog=self._tlog.path if self._tlog else None,
             tlog_frames=self._tlog_frames,
             how=ON_CARD if on_card else HOW,
             problems=tuple(problems),
@@ -240,12 +279,14 @@ class Recorder:
         if problem not in self._problems:
             self._problems.append(problem)
 
-    def _new_file(self, suffix: str) -> tuple[Path, FileIO]:
+    def _new_file(self, suffix: str) -> _Growing:
         number = 1
         while True:
             name = f"{self._stem}{suffix}" if number == 1 else f"{self._stem}-{number}{suffix}"
             path = self.directory / name
             try:
-                return path, FileIO(path, "x")
+                made = _Growing(path, FileIO(path, "x"))
+                sync_folder(self.directory)
+                return made
             except FileExistsError:
                 number += 1

@@ -26,12 +26,17 @@ class Recording:
     """
 
     def __init__(
-        self, recorder: Recorder, live: LiveLog, clock: Callable[[], float], station: tuple[int, int] | None = None
+        self,
+        recorder: Recorder,
+        live: LiveLog,
+        clock: Callable[[], float],
+        station: tuple[int, int] | None = None,
+        lag_s: Callable[[], float | None] = lambda: None,
     ) -> None:
-        """`station` is (system, component) of ours."""
+        """`station` is (system, component) of ours; `lag_s` as `LogBlocks`'."""
         live.restart()
         self.recorder = recorder
-        self.blocks = LogBlocks(self._store, live.end_s, station)
+        self.blocks = LogBlocks(self._store, live.end_s, station, lag_s)
         self.over = threading.Event()
         """The vehicle has sent the rest, or has nothing more."""
         self._live = live

@@ -44,7 +44,6 @@ from gcs.link.events import (
     Heartbeat,
     LogBlock,
     LogReceipt,
-    RadioStatus,
     StatusText,
     StatusTextPart,
 )
@@ -282,7 +281,8 @@ class Session:
                 self._recording = CardRecording(recorder, *told)
                 self._say(self._recording.ask(self._clock()))
             else:
-                self._recording = Recording(recorder, self._live, self._clock, (self.station, STATION_COMPONENT))
+                station, clock = (self.station, STATION_COMPONENT), self._link_clock
+                self._recording = Recording(recorder, self._live, self._clock, station, lambda: clock.lag_s)
             self._window = self._recording.window
             if self._answer is not None:
                 self._say(self._answer.hand_over(self._clock()))
@@ -374,12 +374,9 @@ class Session:
             self._recording.recorder.frame(frame.raw)
         event = decode(frame.message)
         snapshot = self._snapshot
-        if isinstance(event, Heartbeat):
-            self._neighbours.note(event, None if snapshot is None else snapshot.system, now)
-            if snapshot is None and event.from_autopilot and self._wanted in (None, event.system):
-                snapshot = self._pin(event, frame, now)
-        if isinstance(event, RadioStatus):
-            self._neighbours.note_radio(event, now)
+        self._neighbours.hear(event, None if snapshot is None else snapshot.system, now)
+        if snapshot is None and isinstance(event, Heartbeat) and event.from_autopilot:
+            snapshot = self._pin(event, frame, now) if self._wanted in (None, event.system) else None
         if isinstance(event, LogReceipt):  # another station's
             self._answered(event, now)
             return

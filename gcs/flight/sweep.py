@@ -160,6 +160,11 @@ class _Flight:
     judge: Callable[[Samples, Sequence[ProbeStep], float | None], ProbeResult] | None = None
     steps: list[ProbeStep] = field(default_factory=list)
     probed: ProbeResult | None = None
+    document: dict[str, Any] = field(default_factory=dict)
+    """What flight.json says, if the disk took it the last time."""
+    unwritten: str = ""
+    """Why it did not."""
+    ended: str | None = None
 
     def __post_init__(self) -> None:
         self.handback = Handback(
@@ -183,6 +188,7 @@ class _Flight:
     def __enter__(self) -> Self:
         self.started = datetime.now(UTC).isoformat(timespec="milliseconds")
         self.session.start_recording(self.folder.path, self.log)
+        self.write()
         return self
 
     def __exit__(
@@ -196,11 +202,8 @@ class _Flight:
             self.stopped = self.stopped or str(problem)
         self.handback.last_look()
         self._note_what_came_after()
-        if error is None:
-            self.write()
-        else:
-            with contextlib.suppress(TippathError):  # the first error is the one to tell
-                self.write()
+        self.ended = datetime.now(UTC).isoformat(timespec="milliseconds")
+        self.write()
 
     def _note_what_came_after(self) -> None:
         """A vehicle that was given up in its last run may have been heard again while the rest of the log arrived."""
@@ -426,29 +429,34 @@ class _Flight:
         self.ending = None  # told again, and acted on, before the next run
 
     def write(self) -> None:
-        """flight.json, as far as the flight has come."""
+        """flight.json, as far as the flight has come. A disk that does not take it ends no flight and swallows no
+        verdict: it is tried again after the next run, and told at the end."""
         snapshot = self.session.snapshot()
-        self.folder.write(
-            {
-                **self.about,
-                "started": self.started,
-                "written": datetime.now(UTC).isoformat(timespec="milliseconds"),
-                "card": self.card.name,
-                "vehicle": vehicle_document(snapshot, self.profile),
-                "station": self.session.station,
-                "link_loss": self.loss.words,
-                "limits": limits_document(self.limits),
-                "log": self.log,
-                "boot": boot_document(snapshot, self.session.log_health(), datetime.now(UTC)),
-                "checks": [{"name": c.name, "ok": c.ok, "words": c.words} for c in self.checks],
-                "planned": len(self.planned),
-                "runs": [run.to_json() for run in self.runs],
-                "probe": None if self.probed is None else result_document(self.probed),
-                "stopped": self.stopped,
-                "recording": None if self.recording is None else recording_document(self.recording, self.folder.path),
-                "missing_blocks": snapshot.missing if self.recording is None else self.recording.missing_blocks,
-            }
-        )
+        self.document = {
+            **self.about,
+            "started": self.started,
+            "written": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "ended": self.ended,
+            "card": self.card.name,
+            "vehicle": vehicle_document(snapshot, self.profile),
+            "station": self.session.station,
+            "link_loss": self.loss.words,
+            "limits": limits_document(self.limits),
+            "log": self.log,
+            "boot": boot_document(snapshot, self.session.log_health(), datetime.now(UTC)),
+            "checks": [{"name": c.name, "ok": c.ok, "words": c.words} for c in self.checks],
+            "planned": len(self.planned),
+            "runs": [run.to_json() for run in self.runs],
+            "probe": None if self.probed is None else result_document(self.probed),
+            "stopped": self.stopped,
+            "recording": None if self.recording is None else recording_document(self.recording, self.folder.path),
+            "missing_blocks": snapshot.missing if self.recording is None else self.recording.missing_blocks,
+        }
+        try:
+            self.folder.write(self.document)
+            self.unwritten = ""
+        except TippathError as problem:
+            self.unwritten = str(problem)
 
     def result(self) -> SweepResult:
         return SweepResult(
@@ -462,4 +470,6 @@ class _Flight:
             ending=self.ending,
             link_loss=self.loss,
             log=self.log,
+            document=self.document,
+            unwritten=self.unwritten,
         )

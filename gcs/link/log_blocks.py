@@ -31,6 +31,10 @@ class StreamResult:
     duplicates: int
     end: LogEnd = NOT_JUDGED
     """Whether anything should have followed the highest block seen."""
+    in_two_versions: int = 0
+    """Blocks that came again with other bytes; the first version is kept."""
+    impossible: int = 0
+    """Blocks refused for a number that no sender can have come to."""
 
 
 @dataclass(kw_only=True)
@@ -50,6 +54,13 @@ class _Stream:
     reported: str = ""
     """The vehicle's words about having stopped this stream."""
     reported_at: float = 0.0
+    versions: dict[int, bytes] = field(default_factory=dict)
+    """Other bytes of blocks that are kept: a new log's, if more of them come."""
+    twice: set[int] = field(default_factory=set)
+    """Blocks of this log that came with other bytes, and the log went on."""
+    far: tuple[int, float] | None = None
+    """The last number that was too far away, and when it came."""
+    impossible: int = 0
     restarted: tuple[float, float] | None = None
     """The vehicle's clock as it was last heard before it began anew, and what it may have shown by then."""
 
@@ -76,6 +87,8 @@ class _Stream:
             missing=missing,
             duplicates=self.duplicates,
             end=end,
+            in_two_versions=len(self.twice),
+            impossible=self.impossible,
         )
 
 
@@ -115,9 +128,10 @@ class LogBlocks:
     acknowledged, so that a full disk leaves the block with its sender as long as that can hold it.
 
     A vehicle that reboots, or drops the stream, starts a new log whose numbers begin at 0 again: `file` counts up, and
-    nothing is ever written over. It is recognised by our own START having been sent again, or by a block that
-    differs from the one kept under its number. Formats at a log's beginning are the same in every log of a vehicle,
-    so blocks that came twice since the last new one are remembered and go along into the new file.
+    nothing is ever written over. It is recognised by our own START having been sent again, or by `OTHER_LOG` blocks
+    that differ from those kept under their numbers while nothing new of the old log comes: one alone was damaged on its
+    way, or is somebody else's, and is counted. Formats at a log's beginning are the same in every log of a vehicle, so
+    blocks that came twice since the last new one are remembered and go along into the new file.
 
     `log_end_s()` gives the newest time stamp of the log as it is stored, on the vehicle's clock; it is asked when a log
     has ended, and compared with the vehicle's clock in its telemetry: see `gcs.link.log_end`. The vehicle's own text
@@ -134,7 +148,15 @@ class LogBlocks:
     SPACING_S = 0.02
     """Between two volleys of nacks, so that asking does not crowd out the answers."""
     JUMP = 100_000
-    """A step of more blocks (20 MB) than any sender buffers is no block number."""
+    """A step of more blocks (20 MB) than any sender buffers is no block number;"""
+    NEAR = 2000
+    """and one of more than these, which is more than ArduPilot's buffer holds, needs a second block beside it."""
+    FAR_S = 5.0
+    """So long it may take to come."""
+    OTHER_LOG = 4
+    """Blocks with other bytes than those kept make a new log."""
+    LATE_FACTOR = 2.5
+    """START is said again after so many times the link's lag: a vehicle that hears it twice begins twice."""
     SILENCE_S = 11.0
     """The sender drops a stream 10 s after our last word."""
     SETTLED_S = 1.0
@@ -156,14 +178,17 @@ class LogBlocks:
         store: Callable[[int, int, bytes], bool],
         log_end_s: Callable[[], float | None] = lambda: None,
         station: tuple[int, int] | None = None,
+        lag_s: Callable[[], float | None] = lambda: None,
     ) -> None:
-        """`station` is (system, component) of ours; None takes every block for ours."""
+        """`station` is (system, component) of ours; None takes every block for ours. `lag_s()` is the link's, the worse
+        way, None while it is not known."""
         self.another_at: float | None = None
         """When it was heard last that another station answers the vehicle's log."""
         self._station = station
         self.outcome: Done[tuple[StreamResult, ...]] | Failed | None = None
         self._store = store
         self._log_end_s = log_end_s
+        self._lag_s = lag_s
         self._clock = _VehicleClock()
         self._kept_at: float | None = None
         self._stream = _Stream(file=0)
@@ -227,7 +252,10 @@ class LogBlocks:
     def start(self, now: float) -> list[Send]:
         self._started = True
         self._last_block = self._last_new = self._last_heard = now
-        self._next_start = now + self.START_EVERY_S
+        return self._ask(now)
+
+    def _ask(self, now: float) -> list[Send]:
+        self._next_start = now + max(self.START_EVERY_S, self.LATE_FACTOR * (self._lag_s() or 0.0))
         return [BlockStatus(START_BLOCKS, True)]
 
     def stop(self, now: float) -> list[Send]:
@@ -274,37 +302,62 @@ class LogBlocks:
 
     def _ask_anew(self, now: float) -> list[Send]:
         self._renewed = True
-        self._next_start = now + self.START_EVERY_S
-        return [BlockStatus(START_BLOCKS, True)]
+        return self._ask(now)
 
     def _on_block(self, number: int, data: bytes, now: float) -> list[Send]:
-        # A first block far from 0 is of a stream that somebody else began: unacknowledged it ends, and ours begins.
-        reach = self.JUMP if self._stream.blocks else self.LATE_START
-        if number >= STOP_BLOCKS or number > self._stream.highest + reach:
+        if number >= STOP_BLOCKS or not self._is_near(number, now):
             return []
         self._last_block = now
         check = zlib.crc32(data)
-        kept = self._stream.check(number)
-        if (kept is not None and kept != check) or (self._renewed and number <= self.LOW):
-            self._begin_next_log(number, now)
+        stream = self._stream
+        kept = stream.check(number)
+        settled: list[Send] = []
+        if self._renewed and number <= self.LOW:
+            settled = self._begin_next_log(number, now)
+        elif kept is not None and kept != check:
+            stream.versions[number] = data
+            if len(stream.versions) < self.OTHER_LOG:
+                return []  # not acknowledged, so it comes again
+            settled = self._begin_next_log(number, now)
         elif kept is not None:
-            self._stream.duplicates += 1
+            stream.duplicates += 1
             if number <= self.LOW * 16:
                 self._doubles[number] = data
             return [BlockStatus(number, True)]
         else:
             self._doubles.clear()
             self._renewed = False  # the log goes on where it was
-        return self._keep(number, data, check, now)
+            settled = [BlockStatus(earlier, True) for earlier in stream.versions]
+            stream.twice.update(stream.versions)
+            stream.versions.clear()
+        return [*settled, *self._keep(number, data, check, now)]
 
-    def _begin_next_log(self, number: int, now: float) -> None:
+    def _is_near(self, number: int, now: float) -> bool:
+        """Whether a sender can have come to this number; counted where not."""
+        stream = self._stream
+        # A first block far from 0 is of a stream that somebody else began: unacknowledged it ends, and ours begins.
+        reach = self.JUMP if stream.blocks else self.LATE_START
+        step, far = number - stream.highest, stream.far
+        if step <= min(reach, self.NEAR):
+            return True
+        if step <= reach:
+            stream.far = (number, now)
+            if far is not None and 0 < abs(number - far[0]) <= self.NEAR and now - far[1] < self.FAR_S:
+                return True
+        stream.impossible += stream.blocks > 0
+        return False
+
+    def _begin_next_log(self, number: int, now: float) -> list[Send]:
         self._finished.append(self._stream.result(self._end_of_followed(now)))
+        versions = self._stream.versions
         self._stream = _Stream(file=self._stream.file + 1)
         self._renewed = False
-        doubles, self._doubles = self._doubles, {}
+        doubles, self._doubles = self._doubles | versions, {}
+        sends: list[Send] = []
         for earlier, data in sorted(doubles.items()):
             if earlier < number + self.LOW and earlier != number:
-                self._keep(earlier, data, zlib.crc32(data), now)
+                sends += self._keep(earlier, data, zlib.crc32(data), now)
+        return [send for send in sends if isinstance(send, BlockStatus) and send.number in versions]
 
     def _keep(self, number: int, data: bytes, check: int, now: float) -> list[Send]:
         if not self._store(self._stream.file, number, data):
@@ -336,8 +389,7 @@ class LogBlocks:
                 sends.append(BlockStatus(STOP_BLOCKS, True))
         elif not self._stream.blocks or self._renewed:
             if now >= self._next_start:
-                self._next_start = now + self.START_EVERY_S
-                sends.append(BlockStatus(START_BLOCKS, True))
+                sends += self._ask(now)
         elif now - self._last_block > self.SILENCE_S and now - self._last_heard < 1.0:
             sends += self._ask_anew(now)
         return sends + self._nacks(now)

@@ -269,8 +269,7 @@ class CardFlight:
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
         done = "flown" if result.log == "card" else "kept"
         text = f"recorded {where}: {kept} of {result.planned} runs {done}, {result.missing_words}"
-        problems = () if result.recording is None else result.recording.problems
-        return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *problems])
+        return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *result.problems])
 
     def _briefed(self, briefing: Briefing) -> bool:
         runs = tuple(_view(run) for run, _ in briefing.plans)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+import time
+from io import FileIO
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,8 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import TippathError
-from gcs.flight.recorder import Recorder
+from gcs.flight.recorder import Recorder, _Growing
+from gcs.flight.syncing import Syncing
 from gcs.link.log_blocks import StreamResult
 from gcs.link.log_end import Cause, EndState, LogEnd
 
@@ -148,7 +151,61 @@ def test_a_disk_that_takes_no_more_is_a_condition_that_may_pass(tmp_path: Path) 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
 def test_a_full_device_loses_no_more_than_what_it_did_not_take(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, lambda: 0.0)
-    recorder._logs[0] = (Path("/dev/full"), open("/dev/full", "wb", buffering=0))  # noqa: SIM115
+    recorder._logs[0] = _Growing(Path("/dev/full"), FileIO("/dev/full", "w"))
     assert not recorder.store(0, 0, bytes(200))
     assert recorder.problem == "the log is not being kept: No space left on device"
     recorder.finish(())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are a Unix thing")
+def test_half_a_block_is_not_left_at_the_end(tmp_path: Path) -> None:
+    import resource
+    import signal
+
+    recorder = Recorder(tmp_path, lambda: 0.0)
+    assert recorder.store(0, 0, bytes(200))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (512, before[1]))
+        assert recorder.store(0, 1, b"\x01" * 200)
+        assert not recorder.store(0, 2, b"\x02" * 200)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert (tmp_path / "flight.BIN").stat().st_size == 400
+    recorder.finish(())
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="no count of open files here")
+def test_a_log_that_another_follows_is_closed(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, lambda: 0.0)
+    assert recorder.store(0, 0, bytes(200))
+    few = len(os.listdir("/proc/self/fd"))
+    assert all(recorder.store(file, 0, bytes(200)) for file in range(1, 200))
+    assert len(os.listdir("/proc/self/fd")) == few
+    assert len(recorder.finish(()).logs) == 200
+
+
+def test_a_block_in_two_versions_is_told_and_the_log_is_not_called_complete(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, lambda: 0.0)
+    recorder.store(0, 0, bytes(200))
+    told = StreamResult(file=0, blocks=1, expected=1, missing=(), duplicates=0, end=REACHED, in_two_versions=1)
+    summary = recorder.finish((told,))
+    assert not summary.complete
+    assert summary.problems == (
+        "flight.BIN: 1 block came in two versions, damaged or somebody else's; the first is kept",
+    )
+
+
+def test_what_was_written_reaches_the_disk_without_being_asked(tmp_path: Path) -> None:
+    syncing = Syncing(every_s=0.01)
+    with FileIO(tmp_path / "a", "x") as stream:
+        stream.write(b"x")
+        syncing.written(stream)
+        end = time.monotonic() + 30
+        while not syncing.count and time.monotonic() < end:
+            time.sleep(0.005)
+        assert syncing.count == 1  # and not again while nothing is new
+    syncing.written(stream)  # closed: no harm
+    syncing.close()

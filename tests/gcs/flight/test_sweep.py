@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ from fake_flight import PARAMETERS, SYSTEMID, FakeSession, FakeVehicle
 
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import Maneuver, TestCard, load_card, parse_card, single_card
+from gcs.cli.sweep import print_document, print_result
+from gcs.errors import TippathError
 from gcs.flight.excitation import abort
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.flyable import NotReadyError, require_flyable
@@ -533,6 +535,62 @@ def test_a_full_disk_is_said_before_the_start(vehicle: FakeVehicle, session: Fak
     with pytest.raises(NotReadyError, match="make room"):
         fly_card(session, single_card(CHIRP), folder=folder, clock=session, disk_free=lambda _: 1000)
     assert vehicle.asked == []
+
+
+def test_a_disk_that_gets_full_in_flight_swallows_no_verdict_and_ends_no_card(
+    session: FakeSession, folder: FlightFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[Progress] = []
+    full = False
+
+    def watch(progress: Progress) -> None:
+        nonlocal full
+        said.append(progress)
+        full = isinstance(progress, RunReady) and progress.run.number == 1
+
+    def write(self: FlightFolder, about: Mapping[str, Any]) -> None:
+        if full:
+            raise TippathError("flight.json cannot be written (No space left on device)")
+        kept(self, about)
+
+    kept = FlightFolder.write
+    monkeypatch.setattr(FlightFolder, "write", write)
+    result = fly(session, folder, CHIRP, DOUBLET, on_progress=watch)
+    assert [type(one) for one in said].count(RunResult) == 2
+    assert result.complete
+    assert len(folder.runs()) == 2
+
+
+def test_a_flights_file_that_was_never_taken_is_told_and_nothing_is_called_complete(
+    session: FakeSession, folder: FlightFolder, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(self: FlightFolder, about: Mapping[str, Any]) -> None:
+        raise TippathError("flight.json cannot be written (No space left on device)")
+
+    monkeypatch.setattr(FlightFolder, "write", full)
+    result = fly(session, folder, CHIRP)
+    assert result.runs[0].clean
+    assert not result.complete
+    assert result.problems == ("flight.json cannot be written (No space left on device)",)
+    print_result(result, [])
+    print_document(result, [])
+    said = capsys.readouterr().out
+    assert "flight.json cannot be written (No space left on device)" in said
+    assert '"complete": false' in said
+    assert '"verdict"' in said, "the document is printed all the same"
+
+
+def test_a_flight_is_told_from_its_first_second_on(session: FakeSession, folder: FlightFolder) -> None:
+    """Whatever ends the program then, the folder says which vehicle, which card, and that it did not end."""
+
+    def look(progress: Progress) -> None:
+        about = folder.read()
+        seen.append((len(about["runs"]), about["planned"], about["ended"], about["vehicle"]["system"]))
+
+    seen: list[tuple[int, int, str | None, int]] = []
+    fly(session, folder, CHIRP, DOUBLET, on_progress=look)
+    assert seen[0] == (0, 2, None, 1)
+    assert folder.read()["ended"] is not None
 
 
 def test_a_maneuver_the_vehicle_cannot_fly_is_said_before_anything_is_written(

@@ -470,11 +470,60 @@ def test_numbers_that_restart_without_warning_begin_a_new_file_with_the_formats(
     receiver.start(0.0)
     for number in range(50):
         receiver.on_event(LogBlock(1, 155, number, block(number, 1)), 0.1)
+    acknowledged = []
     for number in range(40):  # the first five are equal: they can only be told later
-        assert receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.2) == [BlockStatus(number, True)]
+        acknowledged += receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.2)
+    assert acknowledged == [BlockStatus(number, True) for number in range(40)]
     assert disk.whole(0, 50, 1)
     assert disk.whole(1, 40, 2)
     assert receiver.open == 0
+
+
+def test_one_block_with_other_bytes_is_counted_and_begins_no_new_file() -> None:
+    """Damaged past its checksum, or forged: the log goes on, and the sender is not kept asking."""
+    disk = Disk()
+    receiver = LogBlocks(disk.store)
+    receiver.start(0.0)
+    for number in range(50):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 1)), 0.1)
+    for other in (7, 30, 31):
+        assert receiver.on_event(LogBlock(1, 155, other, block(other, 2)), 0.2) == []
+    said = receiver.on_event(LogBlock(1, 155, 50, block(50, 1)), 0.3)
+    assert sorted(send.number for send in said if isinstance(send, BlockStatus) and send.kept) == [7, 30, 31, 50]
+    for number in range(51, 60):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 1)), 0.4)
+    receiver.on_event(LogBlock(1, 155, 7, block(7, 2)), 0.5)
+    receiver.on_event(LogBlock(1, 155, 60, block(60, 1)), 0.5)
+    (result,) = receiver.results(1.0)
+    assert disk.whole(0, 61, 1)
+    assert (result.blocks, result.missing, result.in_two_versions) == (61, (), 3)
+
+
+def test_an_absurd_number_alone_makes_no_gap_and_two_beside_each_other_are_an_outage() -> None:
+    disk = Disk()
+    receiver = LogBlocks(disk.store)
+    receiver.start(0.0)
+    for number in range(50):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 1)), 0.1)
+    for absurd in (60_000, 40_000, 90_000, 99_999_999, 20_000):
+        assert receiver.on_event(LogBlock(1, 155, absurd, block(absurd, 1)), 0.2) == []
+    assert receiver.on_event(LogBlock(1, 155, 50, block(50, 1)), 0.3) == [BlockStatus(50, True)]
+    (result,) = receiver.results(1.0)
+    assert (result.expected, result.missing, result.impossible) == (51, (), 5)
+    for far in (2_900, 2_901):
+        receiver.on_event(LogBlock(1, 155, far, block(far, 1)), 1.0)
+    (result,) = receiver.results(1.0)
+    assert (result.expected, result.missing) == (2_902, ((51, 2_900),))
+
+
+def test_start_waits_for_a_late_link_before_it_is_said_again() -> None:
+    """A vehicle that hears it twice begins its log twice."""
+    receiver = LogBlocks(Disk().store, lag_s=lambda: 1.0)
+    said = receiver.start(0.0)
+    for i in range(1, 240):
+        said += receiver.poll(i * 0.01)
+    assert said == [BlockStatus(START_BLOCKS, True)]
+    assert receiver.poll(2.51) == [BlockStatus(START_BLOCKS, True)]
 
 
 def test_start_is_repeated_until_the_first_block_and_not_after() -> None:
