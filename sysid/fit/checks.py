@@ -236,6 +236,8 @@ LATE_ALREADY = frozenset(
 HINT_TOLERANCE = 1e-3
 """Of the summed logarithms of residual power: a twentieth of a percent of a rate."""
 LATENESS_S = (0.01, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1)
+MUCH = 0.7
+"""Of the residual power is left, or less, by what is worth a hint."""
 
 
 def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
@@ -254,11 +256,32 @@ def explain_poverty(model: Model, nrmse: FloatArray, bins: Bins) -> list[str]:
         late = lateness(structure, bins, model)
     except FitError:
         late = None
+    flew = agreed(one.segment.record.airframe for one in bins.spectra)
+    lag = "motor_lag" if flew is Airframe.MULTIROTOR else "servo_lag"
     if late is not None:
-        flew = agreed(one.segment.record.airframe for one in bins.spectra)
-        lag = "motor_lag" if flew is Airframe.MULTIROTOR else "servo_lag"
         said.append(f"{late}: refit with --with {lag} or --with transport_delay")
+    elif (both := _lag_and_delay(structure, bins, model)) is not None:
+        said.append(f"{both}: refit with --with {lag},transport_delay")
     return said
+
+
+def _lag_and_delay(structure: Structure, bins: Bins, fitted: Model) -> str | None:
+    """Whether both together would explain much more, where neither does: alone each may fit no better than a vehicle
+    that answers the wrong way round, in whose valley `fitted` may lie, so that each fit begins anew. None where they
+    would not."""
+    try:
+        base, _ = _least(structure, bins, fitted)
+        late_s, cost, model = _least_late(structure, bins, "both", None)
+    except FitError:
+        return None
+    if cost > base + np.log(MUCH):
+        return None
+    late = _late(bins, "both", late_s).stacks
+    lifted = output_error(_settled(model, late)[0], late).nrmse_percent
+    return (
+        f"something is late between command and rate: a lag of about {1000 * late_s:.0f} ms with a delay of half that "
+        f"would lift it to {_percent(structure.outputs, lifted)}"
+    )
 
 
 def lateness(structure: Structure, bins: Bins, fitted: Model | None = None) -> str | None:
@@ -276,7 +299,7 @@ def lateness(structure: Structure, bins: Bins, fitted: Model | None = None) -> s
         late = _late(bins, kind, late_s).stacks
         lifted = output_error(_settled(model, late)[0], late).nrmse_percent
         parts.append(f"a {kind} of about {1000 * late_s:.0f} ms would lift it to {_percent(structure.outputs, lifted)}")
-    if min(least.values()) > base + np.log(0.7):
+    if min(least.values()) > base + np.log(MUCH):
         return None
     if abs(least["lag"] - least["delay"]) < np.log(SEPARATE):
         verdict = "these data do not separate the two"
@@ -325,10 +348,11 @@ def _settled(begin: Model, stacks: Sequence[Stack]) -> tuple[Model, FloatArray]:
 
 
 def _late(bins: Bins, kind: str, late_s: float) -> Bins:
-    """The same with inputs that act later."""
+    """The same with inputs that act later, by a `lag`, a `delay`, or by `both`, the delay half of the lag."""
 
     def late(one: Spectrum) -> Spectrum:
         s = 2j * np.pi * one.frequency_hz
-        return replace(one, U=one.U * (1 / (1 + s * late_s) if kind == "lag" else np.exp(-s * late_s)))
+        lag, delay_s = 1 / (1 + s * late_s), late_s / 2 if kind == "both" else late_s
+        return replace(one, U=one.U * (1 if kind == "delay" else lag) * (1 if kind == "lag" else np.exp(-s * delay_s)))
 
     return Bins(tuple(late(one) for one in bins.spectra))

@@ -175,7 +175,8 @@ def _header_line(lines: _Lines, top: _Top, path: str) -> _Header:
     if separator is None or len(_split(comment, separator, path, number)) < 2:
         raise TippathError(
             f"{path}, line {top.number}: the first line holds numbers, not names; put a header first, such as "
-            "t,p,q,delta_x,delta_y"
+            "t,p,q,delta_x,delta_y; a frequency response's columns are named by a profile instead: [response] input = "
+            '"delta_y", output = "q", columns = ["omega", "real", "imaginary"]'
         )
     lines.back()
     return _Header(comment, number, separator)

@@ -38,11 +38,12 @@ NEAR_S = 3.0
 
 def find(log: Log, profile: Profile) -> list[Span]:
     """The maneuvers that the mapped commands of a log show, in order of time; none where they are not logged."""
-    channels = _commands(log, profile)
+    channels = commands(log, profile)
     return [] if channels is None else find_in(channels)
 
 
-def _commands(log: Log, profile: Profile) -> Mapping[str, FloatArray] | None:
+def commands(log: Log, profile: Profile) -> Mapping[str, FloatArray] | None:
+    """Rates, commands and logged excitations on one clock, (n,) each; None where the profile does not find them."""
     wanted = {"p", "q", *(name for name, _ in (*COMMANDS, *EXCITATIONS))}
     only = {name: source for name, source in profile.channels.items() if name in wanted}
     try:

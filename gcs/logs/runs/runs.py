@@ -24,6 +24,7 @@ from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S
 from gcs.logs.runs.run import AnyWindow, FromStart, Run, unread
 from gcs.logs.runs.settings import with_laws
 from gcs.logs.runs.span import Known, Span
+from gcs.logs.runs.stretch import flown_stretch
 from gcs.vehicle.autopilots import SYSTEMID
 from gcs.vehicle.sweeps import how_to_sweep
 from sysid.data.chirp import Chirp
@@ -229,8 +230,17 @@ def _no_maneuver(log: Log, profile: Profile) -> str:
     return (
         f"no excitation maneuver: {what}, and the commands show no chirp; pilot and controller alone moved the "
         f"commands, and their feedback cannot be told from the vehicle: {sweep}; or name a stretch that was "
-        "flown as one: --window START:STOP"
+        f"flown as one: {_window_to_name(log, profile)}"
     )
+
+
+def _window_to_name(log: Log, profile: Profile) -> str:
+    """`--window 52:92 --band 1:15`: where the vehicle moved, from where on it shows more than its controller."""
+    channels = excited.commands(log, profile)
+    stretch = None if channels is None else flown_stretch(channels)
+    if stretch is None:
+        return "--window START:STOP"
+    return f"--window {stretch[0]:g}:{stretch[1]:g} --band 1:15, where it moved (below 1 Hz a controller shows)"
 
 
 def _ends(window: AnyWindow | None) -> tuple[float, float]:

@@ -113,7 +113,7 @@ WRONG: dict[str, tuple[bytes, list[str]]] = {
     "short rows": (text([*rows()[:50], *[["1", "2"]] * 60, *rows()[50:]]), ["line 51", "2 columns", "header has 5"]),
     "long row": (text([*rows()[:50], ["9"] * 7]), ["line 51", "7 columns", "header has 5"]),
     "decimal comma": (text(rows()).replace(b".", b","), ["line 2", "10 columns", "decimal"]),
-    "no header": (text(rows()[1:]), ["line 1", "numbers, not names", "header"]),
+    "no header": (text(rows()[1:]), ["line 1", "numbers, not names", "header", "[response] input"]),
     "no q": (text([[c for i, c in enumerate(r) if i != 2] for r in rows()]), ["line 1", "column q missing", "profile"]),
     "no t": (text([r[1:] for r in rows()]), ["line 1", "column t missing"]),
     "name twice": (text([["t", "p", "p", "delta_x", "delta_y"], *rows()[1:]]), ["line 1", "column 3", "twice"]),

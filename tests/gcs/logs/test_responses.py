@@ -148,6 +148,18 @@ def test_compare_and_diagnose_take_them(saved: Saved, tmp_path: Path, capsys: py
     assert main(["report", fit, "-o", str(tmp_path / "r.html")]) == 0
 
 
+def test_a_lag_with_a_delay_is_hinted_at(saved: Saved) -> None:
+    """The wrong way round the bare base fits as well as with either of them; the sign was all that was told."""
+    omega = np.linspace(10.0, 50.0, 400)
+    H = 170 * np.exp(-0.022j * omega) / ((1j * omega + 3) * (0.05j * omega + 1))
+    table = columns(("omega", omega), ("real", H.real), ("imaginary", H.imag))
+    run = read(saved(table, "late.csv"), saved(PAIR, "p.toml"))
+    assert run.record is not None
+    told = " ".join(sysid.fit_model([run.record], "pitch").warnings)
+    assert "with a delay of half that" in told
+    assert "refit with --with servo_lag,transport_delay" in told
+
+
 def _late(by_s: float) -> list[tuple[str, np.ndarray]]:
     noise = np.random.default_rng(2)
     H = answer() * np.exp(-1j * OMEGA * by_s)
