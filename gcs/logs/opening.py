@@ -442,8 +442,11 @@ def _of_arrays(
     hints: tuple[str, ...] = (),
     damage: Damage | None = None,
 ) -> Opened:
-    """Named arrays by the profile asked for, or by the channels' own names."""
+    """Named arrays by the profile asked for, by the channels' own names, or by those that are usual."""
     chosen = profile or contract_profile_within(columns, kind)
+    if profile is None and not chosen.channels:
+        usual = ArrayLog(path=str(path), kind=kind, columns=columns, time=None, scale=1.0)
+        chosen = choose(usual, bundled_profiles()) or chosen
     log = ArrayLog(path=str(path), kind=kind, columns=columns, time=chosen.time_source, scale=chosen.time_scale or 1.0)
     cut, told = _cut((log,), chosen)
     notes: tuple[str, ...] = ()

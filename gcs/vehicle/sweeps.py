@@ -33,6 +33,7 @@ BY_PROFILE: Mapping[str, str] = {
     "blackbox_rotorflight": ANY,
     "blackbox": BETAFLIGHT,
     "crazyflie": CRAZYFLIE,
+    "mavros": PX4,
     "quadrotor": CRAZYFLIE,
     "paparazzi": PAPARAZZI,
     "px4": PX4,

@@ -3,8 +3,8 @@
 
 From its beginning to its end, chunk by chunk: the index that a recorder writes last is not needed, for one that was
 stopped hard writes none. A chunk whose checksum is wrong is left out. Fields are `topic.field`, the topic without its
-first slash and with `_` for the others; `topic.t` is the time of a message's own stamp where it bears one, else when it
-was recorded, in s from the first message on.
+first slash and with `_` for the others; `topic.t` is the time of a message's own stamp where it bears one (a header's,
+or PX4's `timestamp_sample` or `timestamp`), else when it was recorded, in s from the first message on.
 """
 
 from __future__ import annotations
@@ -34,6 +34,9 @@ MOST_NUMBERS = 64  # of an array in a message
 DEEPEST = 8
 STAMP_WITHIN_S = 60.0
 """That stamps of one topic may be off the clock that recorded it, and still be of the same."""
+PX4_CLOCK_OFF_S = 1.0
+PX4_OLDEST_SAMPLE_S = 0.1
+"""Of which a message of PX4 is published."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,7 @@ class _Topic:
     rows: list[list[float]] = field(default_factory=list)
     logged_ns: list[int] = field(default_factory=list)
     stamps: list[float] = field(default_factory=list)
+    """Of the header."""
     unlike: int = 0
     failed: int = 0
 
@@ -82,7 +86,8 @@ def read(path: Path) -> McapFile:
     except Exception as error:  # its reader raises nearly every kind of error for a damaged file
         reading.ended = printable(str(error).splitlines()[0][:80]) if str(error) else type(error).__name__
         reading.read_bytes = stream.tell()
-    columns = {name: values for topic in reading.topics.values() for name, values in _columns(topic)}
+    ahead_s = _px4_ahead(list(reading.topics.values()))
+    columns = {name: values for topic in reading.topics.values() for name, values in _columns(topic, ahead_s)}
     if not columns:
         why = f" ({reading.ended})" if reading.ended else ""
         seen = ", ".join(sorted(topic.name for topic in reading.topics.values())[:6]) or "none"
@@ -194,13 +199,40 @@ def _stamp(numbers: Mapping[str, float]) -> float:
     return numbers.get("header.stamp.sec", np.nan) + 1e-9 * numbers.get("header.stamp.nanosec", np.nan)
 
 
-def _columns(topic: _Topic) -> Iterator[tuple[str, FloatArray]]:
+def _columns(topic: _Topic, px4_ahead_s: float) -> Iterator[tuple[str, FloatArray]]:
     if len(topic.rows) < 2 or not topic.paths:
         return
     logged_s = np.array(topic.logged_ns, np.float64) * 1e-9
-    stamps = np.array(topic.stamps)
-    stamped = bool(np.all(np.isfinite(stamps))) and float(np.max(np.abs(stamps - logged_s))) < STAMP_WITHIN_S
-    yield f"{topic.name}.t", stamps if stamped else logged_s
+    stamps, px4 = np.array(topic.stamps), _px4_times(topic)
+    if bool(np.all(np.isfinite(stamps))) and float(np.max(np.abs(stamps - logged_s))) < STAMP_WITHIN_S:
+        yield f"{topic.name}.t", stamps
+    else:
+        yield f"{topic.name}.t", logged_s if px4 is None else px4 + px4_ahead_s
     for path, values in zip(topic.paths, np.array(topic.rows).T, strict=True):
         if path != "t" and not path.startswith("header."):
             yield f"{topic.name}.{path}", np.ascontiguousarray(values)
+
+
+def _px4_times(topic: _Topic) -> FloatArray | None:
+    """(n,) s, of PX4's messages, which bear no header: of the sample that a message is about, where it has one, else
+    of the message. None where `timestamp` is none in us on a clock that goes as the recorder's does."""
+    if "timestamp" not in topic.paths or len(topic.rows) < 2:
+        return None
+    times = 1e-6 * np.array([row[topic.paths.index("timestamp")] for row in topic.rows])
+    recorded_s = 1e-9 * (topic.logged_ns[-1] - topic.logged_ns[0])
+    if not abs(float(times[-1] - times[0]) - recorded_s) < PX4_CLOCK_OFF_S + 0.01 * recorded_s:
+        return None
+    if "timestamp_sample" in topic.paths:
+        sampled = 1e-6 * np.array([row[topic.paths.index("timestamp_sample")] for row in topic.rows])
+        if bool(np.all(np.abs(times - sampled) < PX4_OLDEST_SAMPLE_S)):
+            return sampled
+    return times
+
+
+def _px4_ahead(topics: Sequence[_Topic]) -> float:
+    """By how much the recorder's clock is ahead of PX4's, s: one number for all topics, which share that clock."""
+    of_px4 = [(topic, times) for topic in topics if (times := _px4_times(topic)) is not None]
+    if not of_px4:
+        return 0.0
+    topic, times = max(of_px4, key=lambda each: each[1].size)
+    return float(np.median(np.array(topic.logged_ns, np.float64) * 1e-9 - times))

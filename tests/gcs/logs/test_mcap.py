@@ -121,6 +121,79 @@ def test_a_damaged_chunk_is_left_out(saved: Saved) -> None:
     assert np.allclose(run.record.channels["p"], made["p"][place])
 
 
+PX4_RATES = "uint64 timestamp\nuint64 timestamp_sample\nfloat32[3] xyz\nfloat32[3] xyz_derivative\n"
+PX4_TORQUE = "uint64 timestamp\nuint64 timestamp_sample\nfloat32[3] xyz\n"
+PX4_COMBINED = "uint64 timestamp\nfloat32[3] gyro_rad\nuint32 gyro_integral_dt\nfloat32[3] accelerometer_m_s2\n"
+IMU = (
+    "std_msgs/Header header\ngeometry_msgs/Vector3 angular_velocity\ngeometry_msgs/Vector3 linear_acceleration\n"
+    + STAMPED[STAMPED.index("====") :]
+    + RATES[RATES.index("====") :]
+)
+ACTUATORS = "std_msgs/Header header\nuint8 group_mix\nfloat32[8] controls\n" + STAMPED[STAMPED.index("====") :]
+
+
+def px4_recorded(rates: str, torque: str, since_ns: int = 0) -> bytes:
+    """Two topics as px4_msgs has them; recorded up to 4 ms late. PX4's clock begins at `since_ns` of the recorder's."""
+    stream, made, draw = io.BytesIO(), flight(), np.random.default_rng(3)
+    writer = ros2.Writer(stream)
+    names = [rates.rpartition("/")[2], torque.rpartition("/")[2]]
+    texts = [PX4_COMBINED if names[0] == "sensor_combined" else PX4_RATES, PX4_TORQUE]
+    types = [name.title().replace("_", "") for name in names]
+    kinds = [writer.register_msgdef(f"px4_msgs/{name}", text) for name, text in zip(types, texts, strict=True)]
+    for i, t in enumerate(made["t"]):
+        at = START_NS + round(1e9 * t)
+        us = (at - since_ns) // 1000
+        rate = [made["p"][i], made["q"][i], 0.0]
+        fields: dict[str, Any] = {"timestamp_sample": us, "xyz": rate, "xyz_derivative": [0.0] * 3}
+        if names[0] == "sensor_combined":
+            fields = {"gyro_rad": rate, "gyro_integral_dt": 5000, "accelerometer_m_s2": [0.0, 0.0, -9.81]}
+        late = (round(x) for x in draw.uniform(0, 4e6, 2))
+        writer.write_message(rates, kinds[0], {"timestamp": us, **fields}, at + next(late))
+        command = {"timestamp": us + 300, "timestamp_sample": us, "xyz": [made["delta_x"][i], made["delta_y"][i], 0.0]}
+        writer.write_message(torque, kinds[1], command, at + next(late))
+    writer.finish()
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("since_ns", [0, START_NS - 10**10], ids=["synchronised", "since its boot"])
+@pytest.mark.parametrize("rates", ["vehicle_angular_velocity", "sensor_combined"])
+@pytest.mark.parametrize("way", ["in", "out"])
+def test_px4_topics_need_no_profile(saved: Saved, rates: str, way: str, since_ns: int) -> None:
+    """Read by their own clock: recorded times waver by 4 ms."""
+    raw = px4_recorded(f"/fmu/out/{rates}", f"/fmu/{way}/vehicle_torque_setpoint", since_ns)
+    found = ingest([saved(raw, "f.mcap")])
+    (run,), made = found.runs, flight()
+    assert found.sources[0].profile.name.startswith("px4_ros2")
+    assert run.usable
+    assert np.allclose(np.diff(run.record.t), 0.005, atol=2e-6)
+    for name in ("p", "q", "delta_x", "delta_y"):
+        assert np.allclose(run.record.channels[name], made[name], atol=1e-6)
+
+
+@pytest.mark.parametrize("imu", ["/mavros/imu/data", "/mavros/imu/data_raw"])
+def test_mavros_topics_need_no_profile(saved: Saved, imu: str) -> None:
+    """Its gyro is in ROS's axes, y to the left; commands are the autopilot's."""
+    stream, made = io.BytesIO(), flight()
+    writer = ros2.Writer(stream)
+    gyro = writer.register_msgdef("sensor_msgs/Imu", IMU)
+    control = writer.register_msgdef("mavros_msgs/ActuatorControl", ACTUATORS)
+    for i, t in enumerate(made["t"]):
+        at = START_NS + round(1e9 * t)
+        header = {"stamp": {"sec": at // 10**9, "nanosec": at % 10**9}, "frame_id": "base_link"}
+        rate = {"x": made["p"][i], "y": -made["q"][i], "z": 0.0}
+        up = {"x": 0.0, "y": 0.0, "z": 9.81}
+        writer.write_message(imu, gyro, {"header": header, "angular_velocity": rate, "linear_acceleration": up}, at)
+        controls = [made["delta_x"][i], made["delta_y"][i], 0.0, 0.4, 0.0, 0.0, 0.0, 0.0]
+        actuators = {"header": header, "group_mix": 0, "controls": controls}
+        writer.write_message("/mavros/target_actuator_control", control, actuators, at)
+    writer.finish()
+    (run,) = ingest([saved(stream.getvalue(), "f.mcap")]).runs
+    assert run.usable
+    for name in ("p", "q", "delta_x", "delta_y"):
+        assert np.allclose(run.record.channels[name], made[name], atol=1e-6)
+    assert np.allclose(run.record.channels["az"], -9.81)
+
+
 def test_messages_in_json(saved: Saved) -> None:
     stream = io.BytesIO()
     writer = writing.Writer(stream)
