@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gcs.analysis.ladder import Step
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
+from gcs.vehicle.sweeps import flies_cards
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.data.dataset import Dataset, Runs, prepared
@@ -226,7 +227,7 @@ def diagnose_fit(
         hiding=hiding or _hiding(answer, effects),
         remainder=left,
         suggestion=_suggested(answer, fit, len(fitted.records)) if suggesting else None,
-        next=_next(answer),
+        next=_by_card_or_hand(answer),
         remarks=tuple(remarks),
     )
 
@@ -337,6 +338,14 @@ def _suggested(answer: Diagnosis, fit: Fit, runs: int) -> Suggestion | None:
 def of_responses(answer: Diagnosis) -> bool:
     """Whether measured responses were asked: they tell of linear dynamics, and of no size of a command."""
     return any(one.maneuver == RESPONSE for one in answer.parent.dataset.records)
+
+
+def _by_card_or_hand(found: Diagnosis) -> NextManeuver | None:
+    """The next maneuver; without a card for runs of autopilots that fly none."""
+    proposed = _next(found)
+    if proposed is None or all(flies_cards(one.rate_source) for one in found.parent.dataset.records):
+        return proposed
+    return replace(proposed, card=None)
 
 
 def _next(found: Diagnosis) -> NextManeuver | None:

@@ -19,7 +19,7 @@ from gcs.errors import TippathError
 from gcs.logs import AnyWindow, FromStart, ingest
 from gcs.logs.runs.loop import TOLD
 from gcs.logs.runs.run import split_mark
-from sysid.compare.metrics import Mismatches, mismatch
+from sysid.compare.metrics import Difference, Mismatches, mismatch, onboard_difference
 from sysid.data.airframe import Airframe
 from sysid.data.band import BandFrom, ChosenBand
 from sysid.data.dataset import Dataset, Runs, prepared
@@ -118,7 +118,7 @@ def _reduced(tpp: Model, cd: Structure) -> Model:
     return Model(cd, cd.vector({name: known[name] if name in known else tpp[name] for name in cd.names}))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Judgement:
     """What engineers ask of a fit beside its own numbers."""
 
@@ -128,6 +128,8 @@ class Judgement:
     low_edges: LowEdges | None
     """None where nothing can be left out of the band."""
     implied: tuple[Implied, ...] = ()
+    onboard: tuple[Difference, ...] = ()
+    """The fit's responses less those that the vehicle identified itself in the same runs."""
 
 
 def assess(fit: Fit, runs: Runs, vehicle: Vehicle | None = None) -> Judgement:
@@ -139,7 +141,19 @@ def assess(fit: Fit, runs: Runs, vehicle: Vehicle | None = None) -> Judgement:
     edges = None if predicted else low_edges(fit.model, bins, fit.band_hz, fit.fixed, fit.weights)
     figures = () if vehicle is None else implied(fit, vehicle, rotor_speed(on.records))
     checks = checks if edges is None else (*checks, edges.check)
-    return Judgement(mismatch(fit.model, bins), checks, spread, edges, figures)
+    told = tuple(
+        onboard_difference(fit.model, record.onboard, fit.band_hz)
+        for record in on.records
+        if record.onboard is not None
+    )
+    return Judgement(
+        responses=mismatch(fit.model, bins),
+        checks=checks,
+        spread=spread,
+        low_edges=edges,
+        implied=figures,
+        onboard=told,
+    )
 
 
 class VehicleDocument(documents.Strict, frozen=True, kw_only=True):

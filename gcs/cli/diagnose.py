@@ -204,6 +204,7 @@ def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: s
     """The files asked for, or why there is nothing to write in them."""
     from gcs.analysis.pages.diagnosis import drawn
     from gcs.analysis.pages.pictures import write_picture
+    from gcs.vehicle.sweeps import flies_cards
 
     def said(path: Path, missing: str | None = None) -> None:
         print(f"wrote {path}" if missing is None else f"{path} not written: {missing}", file=sys.stderr)
@@ -226,4 +227,6 @@ def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: s
         card = None if found.next is None else found.next.toml
         if card is not None:
             write_text(card, args.card)
-        said(args.card, None if card is not None else "no maneuver on a card would tell more")
+        theirs = all(flies_cards(one.rate_source) for one in found.last.parent.dataset.records)
+        why = "no maneuver on a card would tell more" if theirs else "ArduPilot's vehicles alone fly cards"
+        said(args.card, None if card is not None else why)

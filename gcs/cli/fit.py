@@ -45,7 +45,8 @@ implausible, or off the measured one by more than a factor of 1.4, is a clue tha
 
 FIT.json has, beside the keys every fit has, "band_from" ("given", "swept", "noise": chirps with noise on them,
 "coherent", or "usual") and the "airframe" of each of its records, "responses" (model less measured, in dB and degrees,
-where the partial coherence is at least 0.6, and the integrated cost), "checks", "spread" (parameters between sets of
+where the partial coherence is at least 0.6, and the integrated cost), "onboard_responses" (the same less what the
+vehicle identified itself: PX4's autotune), "checks", "spread" (parameters between sets of
 runs, in standard errors), "low_edges" (their values if the band began higher; null where the noise was predicted),
 "instrument" (what kept feedback out of the values: "excitation logged", "excitation rebuilt" from the chirp's settings,
 "prediction error", the noise predicted from its past, or "commands": nothing did), "correlations", "guides", and
@@ -169,7 +170,7 @@ def run(args: argparse.Namespace) -> int:
         for text in fit.warnings:
             print(f"warning: {text}", file=sys.stderr)
     else:
-        print(fit_text(fit, judged.checks, judged.responses))
+        print(fit_text(fit, judged.checks, judged.responses, onboard=judged.onboard))
         if vehicle is not None:
             print("\n" + implied_text(judged.implied))
     return 0

@@ -28,6 +28,7 @@ CRAZYFLIE = (
     "command, what is added and the gyro with the uSD deck at 500 Hz or more"
 )
 PAPARAZZI = "fly a chirp: Paparazzi's module sys_id_chirp adds one to a command, and its message CHIRP tells the runs"
+PAPARAZZI_RATES = "IMU_GYRO"
 BY_PROFILE: Mapping[str, str] = {
     "arducopter": ARDUPILOT,
     "blackbox_rotorflight": ANY,
@@ -41,6 +42,14 @@ BY_PROFILE: Mapping[str, str] = {
 }
 """The beginning of a bundled log profile's name -> what to do; the first that fits."""
 BY_KIND: Mapping[str, str] = {"dataflash": ARDUPILOT, "tlog": ARDUPILOT, "ulog": PX4}
+
+
+def flies_cards(rate_source: str) -> bool:
+    """Whether a run whose rates come from this kind of message is an ArduPilot's, which alone `tippath sweep` flies.
+
+    Its log's kinds and MAVLink's are in capitals, as are Paparazzi's, no others'.
+    """
+    return rate_source.isupper() and not rate_source.startswith(PAPARAZZI_RATES)
 
 
 def how_to_sweep(profile: str, kind: str) -> str:

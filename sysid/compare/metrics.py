@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.dataset import Bins
+from sysid.data.onboard_model import OnboardModel
 from sysid.data.preprocess import DEFAULT_BAND_HZ, ComplexArray
 from sysid.data.stacks import Stack
 from sysid.fit.output_error import OutputError, output_error
@@ -32,6 +33,7 @@ from sysid.response.windows import Solution, Windows, windows
 GOOD_COST = 100.0
 COST_POINTS = 20
 PHASE_WEIGHT = 0.01745
+ONBOARD_FROM_HZ = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +175,23 @@ def response_difference(
                     ratio = ours[k, m] / theirs[k, other.structure.commands.index(command)]
                 found.append(Difference(output, command, frequency, *_apart(ratio)))
     return tuple(found)
+
+
+def onboard_difference(
+    model: Model, onboard: OnboardModel, band_hz: tuple[float, float], points: int = 40
+) -> Difference:
+    """A model's response less what the vehicle identified itself, from 0.5 Hz on, where PX4's high-pass lets through.
+
+    Empty where the model has no such response, or the band lies beyond what the vehicle's sampling shows.
+    """
+    low, high = max(band_hz[0], ONBOARD_FROM_HZ), min(band_hz[1], onboard.highest_hz)
+    structure = model.structure
+    if low >= high or onboard.output not in structure.outputs or onboard.command not in structure.commands:
+        return Difference(onboard.output, onboard.command, np.empty(0), np.empty(0), np.empty(0))
+    frequency = np.geomspace(low, high, points)
+    ours = transfer(structure, model.values, frequency)
+    ours = ours[structure.outputs.index(onboard.output), structure.commands.index(onboard.command)]
+    return Difference(onboard.output, onboard.command, frequency, *_apart(ours / onboard.response(frequency)))
 
 
 def _apart(ratio: ComplexArray) -> tuple[FloatArray, FloatArray]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.airframe import Airframe
+from sysid.data.onboard_model import OnboardModel
 from sysid.errors import SysidError
 
 FloatArray = NDArray[np.float64]
@@ -99,6 +100,8 @@ class Record:
     """Where that is from: a setting in the log, a profile, the user."""
     excitation_from: str = ""
     """What the excitation was rebuilt from; empty where it was logged, or is not known."""
+    onboard: OnboardModel | None = None
+    """What the vehicle itself identified in this run."""
 
     def __post_init__(self) -> None:
         missing = [name for name in REQUIRED if name not in self.channels]
@@ -164,6 +167,7 @@ class Record:
             loop_dt_s=self.loop_dt_s,
             loop_told_by=self.loop_told_by,
             excitation_from=self.excitation_from,
+            onboard=self.onboard,
         )
 
     def save(self, path: Path) -> None:
@@ -187,6 +191,7 @@ class Record:
             "loop_dt_s": self.loop_dt_s,
             "loop_told_by": self.loop_told_by,
             "excitation_from": self.excitation_from,
+            "onboard": None if self.onboard is None else self.onboard.to_json(),
         }
         part = path.with_name(path.name + ".part")
         arrays: dict[str, Any] = dict(self.channels)
@@ -226,6 +231,7 @@ class Record:
             loop_dt_s=about.get("loop_dt_s"),
             loop_told_by=about.get("loop_told_by", ""),
             excitation_from=about.get("excitation_from", ""),
+            onboard=OnboardModel.from_json(about.get("onboard")),
         )
 
 

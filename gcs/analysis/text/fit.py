@@ -12,7 +12,7 @@ from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAM
 from gcs.analysis.ladder import rung_names
 from gcs.analysis.text.blocks import wrapped
 from gcs.analysis.text.checks import check_text, checks_document
-from sysid.compare.metrics import GOOD_COST, Mismatches
+from sysid.compare.metrics import GOOD_COST, Difference, Mismatches
 from sysid.data.band import Band, BandFrom
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.fit.checks import Check
@@ -145,6 +145,7 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
             "cost": GOOD_COST,
         },
         "responses": [response.to_json() for response in judged.responses.each],
+        "onboard_responses": [response.to_json() for response in judged.onboard],
         "responses_reference": dict(zip(measured.commands, measured.references, strict=True)),
         "checks": checks_document(judged.checks),
         "spread": None if judged.spread is None else judged.spread.to_json(),
@@ -162,7 +163,9 @@ def checks_text(checks: Sequence[Check]) -> str:
     return "\n".join(lines)
 
 
-def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = None) -> str:
+def fit_text(
+    fit: Fit, checks: Sequence[Check], responses: Mismatches | None = None, *, onboard: Sequence[Difference] = ()
+) -> str:
     """One fit for people; 78 columns."""
     structure = fit.model.structure
     count = f"{len(fit.records)} run{'s' if len(fit.records) != 1 else ''}"
@@ -190,6 +193,8 @@ def fit_text(fit: Fit, checks: Sequence[Check], responses: Mismatches | None = N
             lines.append(f"  {name:26} {'  '.join(f'{value:8.1f}' for value in rung.nrmse_percent.values())}")
     if responses is not None:
         lines += ["", responses_text(responses)]
+    if onboard:
+        lines += ["", *onboard_lines(onboard)]
     if checks:
         lines += ["", checks_text(checks)]
     for text in fit.warnings:
@@ -276,6 +281,23 @@ def responses_text(found: Mismatches) -> str:
         )
     lines.append(f"  guide: J at most {GOOD_COST:g}; {reference_text(found)}")
     return "\n".join(lines)
+
+
+def onboard_lines(found: Sequence[Difference]) -> list[str]:
+    """The fit beside what the vehicle identified itself."""
+    lines = [
+        "model less the vehicle's own                rms        largest",
+        "(PX4's autotune)        where            dB    deg     dB    deg",
+    ]
+    for one in found:
+        name, band = f"  {one.output} per {one.command}", one.band_hz
+        if band is None:
+            lines.append(f"{name:24}not in this model or band")
+            continue
+        (dB, deg), (most_dB, most_deg) = one.rms, one.largest
+        where = f"{band[0]:.2g}-{band[1]:.2g} Hz"
+        lines.append(f"{name:24}{where:14}{dB:6.1f} {deg:6.0f} {most_dB:6.1f} {most_deg:6.0f}")
+    return lines
 
 
 def reference_text(found: Mismatches) -> str:

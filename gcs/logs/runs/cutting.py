@@ -23,7 +23,7 @@ from gcs.logs.runs.health import F_HIGH_HZ, Health
 from gcs.logs.runs.loop import TOLD, held, loop_of
 from gcs.logs.runs.run import AnyWindow, FromStart, Run
 from gcs.logs.runs.span import Span
-from gcs.vehicle.sweeps import ANY, ARDUPILOT, how_to_sweep
+from gcs.vehicle.sweeps import ANY, ARDUPILOT, flies_cards, how_to_sweep
 from sysid.data.chirp import with_excitation
 from sysid.data.record import Record, RecordError
 
@@ -162,6 +162,7 @@ class Cutting:
             vehicle=onboard.vehicle_of(self.log, span.start_s),
             loop_dt_s=None if loop is None else loop.dt_s,
             loop_told_by="" if loop is None else loop.told_by,
+            onboard=span.onboard,
         )
         return _with_excitation(record, span)
 
@@ -239,8 +240,8 @@ def of_record(
         mark, window = window.mark, window.after(float(record.t[0]))
     if window is not None:
         record = replace(record.window(*window), id=record.id + mark)
-    vehicles_own = record.rate_source.isupper()  # a kind of message, as ArduPilot and MAVLink name them
-    checked = health.check(record, f_high_hz=f_high_hz, sweep=ARDUPILOT if vehicles_own else ANY)
+    sweep = ARDUPILOT if flies_cards(record.rate_source) else ANY
+    checked = health.check(record, f_high_hz=f_high_hz, sweep=sweep)
     thinned = held(record, checked.rate_hz)
     record = replace(record, notes=_each_once(*record.notes, *checked.notes, *([] if thinned is None else [thinned])))
     return Run(

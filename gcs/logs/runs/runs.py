@@ -1,11 +1,11 @@
 """The runs of a log: where a maneuver was flown; what is cut there says `gcs.logs.runs.cutting`.
 
 A DataFlash log says it in SIDS (settings, at entry of mode SYSTEMID) and SIDD (every loop), see
-`gcs.logs.runs.systemid`. Logs without either are asked in this order: what modes and texts tell of
-(`gcs.logs.runs.told`), what the excitation itself shows (`gcs.logs.runs.excited`). A log in which none of them finds a
-maneuver is one stretch, and not usable unless the user cuts it (--window, or [[runs]] in a profile) and so vouches for
-what is in it. A CSV is one run unless it is cut so, or by its own columns ([settings] in a profile); a maneuver found
-in it gives the run its name, not its length.
+`gcs.logs.runs.systemid`. Logs without either are asked in this order: PX4's autotune (`gcs.logs.runs.autotune`), what
+modes and texts tell of (`gcs.logs.runs.told`), what the excitation itself shows (`gcs.logs.runs.excited`). A log in
+which none of them finds a maneuver is one stretch, and not usable unless the user cuts it (--window, or [[runs]] in a
+profile) and so vouches for what is in it. A CSV is one run unless it is cut so, or by its own columns ([settings] in a
+profile); a maneuver found in it gives the run its name, not its length.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import TABLES, Log
 from gcs.logs.profile.mapping import OutsideLog
 from gcs.logs.profile.profiles import Cut, Profile
-from gcs.logs.runs import excited, systemid, told
+from gcs.logs.runs import autotune, excited, systemid, told
 from gcs.logs.runs.cutting import Cutting
 from gcs.logs.runs.health import F_HIGH_HZ, SHORTEST_PIECE_S
 from gcs.logs.runs.run import AnyWindow, FromStart, Run, unread
@@ -193,6 +193,9 @@ def _maneuvers(log: Log, profile: Profile) -> list[Span]:
         spans = systemid.find(log)
         if spans:
             return spans
+    tuned = autotune.find(log)
+    if tuned:
+        return tuned
     shown = excited.find(log, profile)
     return with_laws(log, told.find(log, shown) or shown)
 

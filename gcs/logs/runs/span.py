@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gcs.logs.formats.tables import FloatArray
 from sysid.data.chirp import Chirp
+from sysid.data.onboard_model import OnboardModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,3 +46,5 @@ class Span:
     """Times (s) and frequencies (Hz) of a chirp that was found by its excitation, both of shape (n,)."""
     law: Known | None = None
     """The chirp by its law, where it is known."""
+    onboard: OnboardModel | None = None
+    """What the vehicle identified in it."""
