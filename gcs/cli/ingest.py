@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -113,6 +113,7 @@ def run(args: argparse.Namespace) -> int:
         if not (args.json or args.explain):
             raise
         found = Ingest((), (), error.refused)
+    joined_csvs = [Path(log) for log in args.logs] if args.join else []
     joined = {source.path: source.joined for source in found.sources if source.joined is not None}
     flight = None if args.flight is None else of_flight(found.runs, args.flight, joined)
     if flight is not None:
@@ -123,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(_document(found, written, flight, explain=args.explain), indent=1, allow_nan=False))
     else:
-        _print(found, written, flight, explain=args.explain)
+        _print(found, written, flight, explain=args.explain, joined=joined_csvs)
     for reason in found.refused.values():
         print(f"not read: {printable(reason)}", file=sys.stderr)
     if flight is not None and flight.problem:
@@ -151,7 +152,14 @@ def _read(args: argparse.Namespace) -> Ingest:
         return ingest(args.logs, args.profile, window, loop_rate_hz=args.loop_rate, flight=args.flight, progress=bar)
 
 
-def _print(found: Ingest, written: Mapping[str, str], flight: FlightRuns | None, *, explain: bool) -> None:
+def _print(
+    found: Ingest,
+    written: Mapping[str, str],
+    flight: FlightRuns | None,
+    *,
+    explain: bool,
+    joined: Sequence[Path],
+) -> None:
     from gcs.cli.listing import explanation, table  # as in `run`
     from gcs.logs.words import printable
 
@@ -161,7 +169,7 @@ def _print(found: Ingest, written: Mapping[str, str], flight: FlightRuns | None,
         print(f" {words}")
     for path in written.values():
         print(f" wrote {printable(path)}")
-    if explain and (lines := explanation(found)):
+    if explain and (lines := explanation(found, joined)):
         print("\n".join(lines))
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from gcs.errors import TippathError, UsageError
 from gcs.logs import Ingest, Run, Source
 from gcs.logs.formats.csv import CsvFile
+from gcs.logs.formats.csv_join import labels
 from gcs.logs.formats.dataflash_table import EVENTS
 from gcs.logs.opening import Opened, open_log
 from gcs.logs.profile.profiles import ChannelSource
@@ -241,8 +242,9 @@ def shown_ids(runs: Sequence[Run]) -> list[str]:
     return shown
 
 
-def explanation(found: Ingest) -> list[str]:
-    """Which channel came from where, which are missing and why, and a profile to start from."""
+def explanation(found: Ingest, joined: Sequence[Path] = ()) -> list[str]:
+    """Which channel came from where, which are missing and why, and a profile to start from; of refused logs that were
+    to be `joined`, one for all."""
     lines = []
     for source in found.sources:
         name = source.profile.name if source.profile is not None else None
@@ -262,7 +264,7 @@ def explanation(found: Ingest) -> list[str]:
         lines += _latency(run for run in found.runs if run.path == source.path)
         lines += _to_write(source, have)
     for path, reason in found.refused.items():
-        lines += _of_refused(Path(path), reason)
+        lines += _of_refused_join(joined, reason) if joined else _of_refused(Path(path), reason)
     return lines
 
 
@@ -301,6 +303,31 @@ def _of_refused(path: Path, reason: str) -> list[str]:
         f"\n {printable(str(path))}: not read: {printable(reason)}",
         *_to_write(Source(path=str(path), sha256="", kind=kind, fields=fields), {}, values),
     ]
+
+
+def _of_refused_join(paths: Sequence[Path], reason: str) -> list[str]:
+    """The same for CSVs that are joined: the first column, where all have it, is the time, and others are named as a
+    profile names them."""
+    try:
+        files = {label: CsvFile.read(path) for label, path in zip(labels(paths), paths, strict=True)}
+    except TippathError:
+        return []
+    counts = Counter(name for file in files.values() for name in file.header if name)
+    places: dict[str, tuple[CsvFile, str]] = {}
+    for label, file in files.items():
+        for name in filter(None, file.header):
+            plain = counts[name] == 1 or (counts[name] == len(files) and name == file.header[0])
+            places.setdefault(name if plain else f"{label}.{name}", (file, name))
+
+    def values(name: str) -> FloatArray | None:
+        try:
+            return _csv_column(*places[name])
+        except (TippathError, KeyError):
+            return None
+
+    source = Source(path=str(paths[0]), sha256="", kind="csv", fields=tuple(places))
+    names = ", ".join(printable(str(path)) for path in paths)
+    return [f"\n {names}: not joined: {printable(reason)}", *_to_write(source, {}, values)]
 
 
 def _csv_column(file: CsvFile, name: str) -> FloatArray:

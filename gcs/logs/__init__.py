@@ -223,8 +223,8 @@ def ingest_joined(
 ) -> Ingest:
     """Several CSVs of one flight as one log, joined by time; a run is called after the first, its record to be saved.
 
-    Raises TippathError where they cannot be read or do not overlap in time, UsageError where there is but one, or one
-    is no CSV.
+    Raises UnreadableError where they cannot be read or do not overlap in time, UsageError where there is but one, or
+    one is no CSV.
     """
     csvs = [Path(path) for path in paths]
     others = [path.name for path in csvs if path.suffix.lower() not in (".csv", ".txt")]
@@ -233,7 +233,12 @@ def ingest_joined(
             f"--join joins two CSVs or more by time, {f'{others[0]} is none' if others else 'name several'}"
         )
     chosen = load(Path(profile)) if isinstance(profile, Path | str) else profile
-    content = reading.read_as_one(csvs, reading.Reading(chosen, window, f_high_hz, loop_rate_hz))
+    try:
+        content = reading.read_as_one(csvs, reading.Reading(chosen, window, f_high_hz, loop_rate_hz))
+    except UsageError:
+        raise
+    except TippathError as error:
+        raise UnreadableError({str(csvs[0]): str(error)}) from error
     return Ingest(content.runs, (content.source,))
 
 

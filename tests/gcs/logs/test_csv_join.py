@@ -117,3 +117,17 @@ def test_what_cannot_be_joined_is_said(tmp_path: Path) -> None:
         ingest_joined(paths, tmp_path / "topics.toml")
     with pytest.raises(TippathError, match="no such file"):
         ingest_joined([paths[0], tmp_path / "gone.csv"], tmp_path / "topics.toml")
+
+
+def test_what_to_write_is_proposed_for_all_of_them(tippath: Tippath, tmp_path: Path) -> None:
+    """--explain said nothing where they could not be joined yet; its proposal joins them."""
+    paths = topics(tmp_path)
+    status, out, _ = tippath("ingest", "--join", *paths, "--explain")
+    assert status == 1
+    assert "not joined" in out
+    proposed = out[out.index("# save as mine.toml") :]
+    for source in ('"timestamp"', '"angular_velocity_0.xyz[0]"', '"torque_setpoint_0.xyz[1]"', '"rpm"'):
+        assert f"source = {source}" in proposed
+    (tmp_path / "mine.toml").write_text(proposed)
+    status, out, _ = tippath("ingest", "--join", *paths, "--profile", tmp_path / "mine.toml")
+    assert status == 0, out
