@@ -49,6 +49,7 @@ def _commands(name: str, letter: str, other: str, index: int) -> tuple[str, ...]
         rf"(^|[ ._])({other})([ ._]?{_CONTROL})?$",
         rf"(torque_setpoint|actuator_controls_0)(_\d+)?\.(xyz|control)\[{index}\]$",
         rf"^u[ ._]?{index + 1}$",
+        rf"(^|[ ._])(cmd|command|control|torque|input|u)s?\[{index}\]$",
         rf"^axissum\[{index}\]$",
         rf"^axisp\[{index}\]$",
     )
@@ -142,8 +143,9 @@ def _unseen(field: str) -> None:
 def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None], values: Values) -> list[str]:
     source, scale = time
     why = "to seconds"
-    if kind not in TABLES and source is None:
-        return ["# time: the log's own clock, no [time] needed", ""]
+    if source is None and (kind not in TABLES or kind == "mcap"):
+        clock = "each topic's own clock" if kind == "mcap" else "the log's own clock"
+        return [f"# time: {clock}, no [time] needed", ""]
     if source is None or source not in (*fields, *(_plain(name) for name in fields)):
         guess = next(((f, s) for pattern, s in _TIMES for f in fields if pattern.search(_plain(f).lower())), None)
         if guess is None:

@@ -211,7 +211,11 @@ def test_messages_in_json(saved: Saved) -> None:
 
 def test_what_to_write_is_proposed(saved: Saved, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ingest", str(saved(recorded(200), "f.mcap")), "--explain"]) == 1
-    assert "fields of this log: imu_data.t, imu_data.rate.x" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "fields of this log: imu_data.t, imu_data.rate.x" in out
+    assert "TIME_COLUMN" not in out  # each topic has its own
+    assert 'source = "fmu_out_mix.controls[0]"' in out[out.index("[channels.delta_x]") :]
+    assert 'source = "fmu_out_mix.controls[1]"' in out[out.index("[channels.delta_y]") :]
 
 
 def test_nothing_of_use_is_told(saved: Saved) -> None:
