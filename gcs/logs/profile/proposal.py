@@ -82,6 +82,13 @@ _DEGREES = re.compile(r"deg|dps|°")
 _IN_DEGREES = ("RATE.", "SIDD.", "PIDR.", "PIDP.", "PIDY.")
 
 
+ROS_AXES = (
+    "[axes]   # of bodies in ROS (REP 103); leave it out where the gyro's y is to the right and its z down",
+    'x = "forward"',
+    'y = "left"',
+    'z = "up"',
+    "",
+)
 Values = Callable[[str], FloatArray | None]
 """The values of a field, shape (n,); None where they cannot be read."""
 
@@ -106,6 +113,9 @@ def propose(
     looked = values or _unseen
     lines += _time(fields, kind, time, looked)
     guesses = _of_one_gyro({channel: _guess(channel, fields, looked) for channel in (*REQUIRED[1:], "r", "omega")})
+    pitching = guesses["q"]
+    if kind == "mcap" and "q" not in found and pitching is not None and pitching[0].endswith(".y"):
+        lines += ROS_AXES
     for channel in dict.fromkeys((*REQUIRED[1:], *found, "r", "omega")):
         if channel in found:
             lines += _entry(channel, found[channel].sources[0], found[channel], "found")

@@ -214,6 +214,7 @@ def test_what_to_write_is_proposed(saved: Saved, capsys: pytest.CaptureFixture[s
     out = capsys.readouterr().out
     assert "fields of this log: imu_data.t, imu_data.rate.x" in out
     assert "TIME_COLUMN" not in out  # each topic has its own
+    assert '\ny = "left"\nz = "up"\n' in out  # REP 103
     assert 'source = "fmu_out_mix.controls[0]"' in out[out.index("[channels.delta_x]") :]
     assert 'source = "fmu_out_mix.controls[1]"' in out[out.index("[channels.delta_y]") :]
 
