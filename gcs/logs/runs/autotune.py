@@ -64,7 +64,7 @@ def _identified(log: Log, at: int, output: str, command: str) -> OnboardModel | 
     if not all(log.has(key) for key in (*keys, f"{TOPIC}.dt_model")):
         return None
     *numbers, dt_s = (float(log.series(key).values[at]) for key in (*keys, f"{TOPIC}.dt_model"))
-    if not (np.all(np.isfinite(numbers)) and np.any(numbers) and 0 < dt_s < 1):
+    if not (np.all(np.isfinite(numbers)) and np.any(numbers[2:]) and 0 < dt_s < 1):
         return None
     return OnboardModel(
         output=output, command=command, a=tuple(numbers[:2]), b=tuple(numbers[2:]), dt_s=dt_s, told_by=TOLD_BY

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gcs.logs.formats.tables import FloatArray
+from gcs.logs.runs.excited import LONGEST_LOG_S
 
 BLOCK_S = 2.0
 MOVING = 0.02
@@ -22,9 +23,11 @@ SHORTEST_S = 10.0
 def flown_stretch(channels: Mapping[str, FloatArray]) -> tuple[float, float] | None:
     """Start and stop, s, of the longest stretch in which the rates p and q, (n,) on the clock t, move.
 
-    None where they never do for long enough.
+    None where they never do for long enough, or the clock has jumped.
     """
     t = channels["t"]
+    if t.size < 2 or not SHORTEST_S <= t[-1] - t[0] <= LONGEST_LOG_S:
+        return None
     edges = np.arange(t[0], t[-1] + BLOCK_S, BLOCK_S)
     parts = np.split(np.arange(t.size), np.searchsorted(t, edges[1:-1]))
     motion = np.array([_rms(channels["p"][part], channels["q"][part]) for part in parts])

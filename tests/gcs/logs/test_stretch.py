@@ -34,6 +34,12 @@ def test_none_where_nothing_moves_for_long_enough(moving: list[tuple[float, floa
     assert flown_stretch(channels(moving)) is None
 
 
+@pytest.mark.parametrize("t", [[], [1.0], [0.0, 1.0, 1e9]])
+def test_none_of_a_clock_that_is_empty_or_has_jumped(t: list[float]) -> None:
+    at = np.array(t)
+    assert flown_stretch({"t": at, "p": 9 * at, "q": at}) is None
+
+
 def test_what_a_newcomer_types_next_is_told(shared_data: Path) -> None:
     """A refusal said START:STOP, and nobody knows the seconds of a log before a plot of it."""
     path = shared_data / "measured" / "crazyflie_usd_log15"
