@@ -9,11 +9,16 @@ from pathlib import Path
 from gcs.errors import TippathError
 
 
-def put_in_place(content: bytes, path: Path) -> None:
-    """A file with this content in place of what was there. Raises OSError where the disk does not take it."""
+def put_in_place(content: bytes, path: Path, *, durable: bool = False) -> None:
+    """A file with this content in place of what was there, with `durable` on the disk itself before that goes. Raises
+    OSError where the disk does not take it."""
     part = path.with_name(f"{path.name}.{os.getpid()}.part")  # two programs may write the same file
     try:
-        part.write_bytes(content)
+        with part.open("wb") as stream:
+            stream.write(content)
+            if durable:
+                stream.flush()
+                os.fsync(stream.fileno())
         part.replace(path)
     except OSError:
         with contextlib.suppress(OSError):

@@ -11,6 +11,7 @@ controller to follow, and its amplitude is in rad/s.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from importlib import resources
@@ -287,8 +288,13 @@ class TestCard:
 
     @property
     def duration_s(self) -> float:
-        """About how long flying it takes: each run with its second of nothing before and after, and the rests."""
-        return sum(run.maneuver.duration_s + 2.0 + self.rest_s for run in self.runs())
+        """About how long flying it takes."""
+        return duration_s(self.runs(), self.rest_s)
+
+
+def duration_s(runs: Iterable[CardRun], rest_s: float) -> float:
+    """About how long flying these takes: each with its second of nothing before and after, and a rest."""
+    return sum(run.maneuver.duration_s + 2.0 + rest_s for run in runs)
 
 
 def preceded(runs: tuple[CardRun, ...], probes: tuple[CardRun, ...]) -> tuple[CardRun, ...]:

@@ -56,9 +56,7 @@ class ProgressLines:
 
     def briefing(self, briefing: Briefing) -> None:
         """What is about to be flown, and what was found in order."""
-        self._line(
-            f" card {briefing.card.name}: {len(briefing.plans)} runs, about {_duration(briefing.card.duration_s)}"
-        )
+        self._line(f" card {briefing.card.name}: {len(briefing.plans)} runs, about {_duration(briefing.duration_s)}")
         for check in briefing.checks:
             self._line(f"   {'✓' if check.ok else '✗'} {check.name}: {printable(check.words)}")
         self._line(f"   {briefing.link_loss.words}")

@@ -23,7 +23,10 @@ from gcs.errors import TippathError, UsageError
 if TYPE_CHECKING:
     from gcs.analysis.following import Following
     from gcs.cards.maneuver import TestCard
+    from gcs.flight.connection import LogWay
     from gcs.flight.flown_card import SweepResult
+    from gcs.flight.folder import FlightFolder
+    from gcs.flight.resume import Earlier
     from gcs.flight.run import RunResult
     from gcs.flight.session import Session
     from gcs.vehicle.profile import VehicleProfile
@@ -52,6 +55,15 @@ from attitudes (10 to 50 a second, as many as the link carries), heartbeats and 
 itself (where it does not, the refusal names the setting) and tell of no failure, and dead telemetry ends a run as a
 dead log does. Commands are not watched, there is no probe, and whether a run is worth keeping is known when the log was
 read: `tippath fetch`, then `tippath ingest DIR`.
+
+--resume DIR goes on with a flight that was cut off (kill -9, a dead laptop, a full disk) or ended early, in its own
+folder: card.toml says what was to be flown, flight.json what was. Runs that were kept, and whose samples reached the
+disk, are not flown again; the others are, in order, after the same checks, probe and typed word. Nothing starts by
+itself. A vehicle that is still in its excitation mode is refused and never fought: the pilot takes it out, or `tippath
+abort`. The log goes into the next free file (flight-2.BIN), and flight.json keeps what it said. What a run that nobody
+lived to end left in the vehicle's parameters is put back, too. Another vehicle, a changed card, a damaged flight.json
+or a folder that is being flown into are refused. Where nothing is left that is said, and the exit status is that of the
+whole flight.
 
 A card in the paper's words is flown as far as the vehicle can: what it cannot fly (on ArduPilot doublets and the noise)
 is listed, and left out only after --leave-out or a typed answer. ArduPilot has cards of its own, ardupilot-heli and
@@ -90,15 +102,16 @@ may be. Those that come with the package lie in gcs/vehicle/profiles; copy one a
 parameters that its "needs" names.
 
 --json prints {"format": "tippath.sweep/1", "folder", "complete", "stopped", "ending", and what flight.json holds:
-"card", "left_out", "log", "boot", "vehicle", "station", "link_loss", "limits", "checks", "planned", "probe": {"ok",
-"wrong", "findings", "answers", "words"} or null, "runs": [{"label", "purpose", "maneuver", "flew", "parameters",
-"ending", "reason", "mode_after", "started", "duration_s", "log_start_s", "log_start_within_s", "peaks", "verdict":
-{"keep", "reasons", "samples", "expected", "missing", "gaps", "percent_of_limits", "coherent_hz"}}], "recording",
-"missing_blocks" (below the last that came; "recording": {"complete", "problems", "logs": [{"end"}]} says whether the
-log goes to its end; with --log card "complete" and a clean run's "keep" are null, and log_start_s is the vehicle's
-clock as the link told it, give or take log_start_within_s), and "following": [{"axis", "correlation", "lag_s",
-"steady_share", "follows"}] of runs with target "rate"}. Exit status: 0 flown to the end and recorded whole, whatever
-the verdicts; 1 not; 130 ended by Ctrl-C.
+"card", "card_sha256", "left_out", "log", "boot", "vehicle", "settings" (the vehicle's own, around a maneuver),
+"station", "link_loss", "limits", "started", "ended", "resumed" (when, where it was; "parts" tells of what was before),
+"checks", "planned", "probe": {"ok", "wrong", "findings", "answers", "words"} or null, "runs": [{"label", "purpose",
+"maneuver", "flew", "parameters", "ending", "reason", "mode_after", "started", "duration_s", "file", "log_start_s",
+"log_start_within_s", "peaks", "verdict": {"keep", "reasons", "samples", "expected", "missing", "gaps",
+"percent_of_limits", "coherent_hz"}}], "recording", "missing_blocks" (below the last that came; "recording":
+{"complete", "problems", "logs": [{"end"}]} says whether the log goes to its end; with --log card "complete" and a clean
+run's "keep" are null, and log_start_s is the vehicle's clock as the link told it, give or take log_start_within_s), and
+"following": [{"axis", "correlation", "lag_s", "steady_share", "follows"}] of runs with target "rate"}. Exit status: 0
+flown to the end and recorded whole, whatever the verdicts; 1 not; 130 ended by Ctrl-C.
 """
 
 
@@ -121,10 +134,10 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--amplitude", type=float, metavar="A", help="of full command (default 0.1)")
     parser.add_argument("--duration", type=float, metavar="S", help="seconds (default 30)")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="the flight's folder; never overwritten")
+    parser.add_argument("--resume", type=Path, metavar="DIR", help="go on with the flight in this folder")
     parser.add_argument(
         "--log",
         choices=("stream", "card"),
-        default="stream",
         help="how the vehicle's log comes: streamed while it is flown (default), or off the vehicle's card afterwards, "
         "for links that do not carry it",
     )
@@ -160,8 +173,12 @@ def run(args: argparse.Namespace) -> int:
     from gcs.logs.words import printable
     from gcs.vehicle.profile import load_profile
 
-    card = card_of(args)
-    if args.log == "card" and args.probe:
+    earlier = resumed(args)
+    if earlier is not None and not earlier.left:
+        return tell_nothing_left(earlier, as_json=args.json)
+    card = card_of(args) if earlier is None else earlier.card
+    log: LogWay = args.log or "stream" if earlier is None else earlier.log
+    if log == "card" and args.probe:
         raise UsageError("--probe judges the commands in the log, and with --log card none come; leave one of them out")
     profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
 
@@ -169,10 +186,10 @@ def run(args: argparse.Namespace) -> int:
         return args.leave_out or typed_leaving_out(left_out)
 
     with interrupts() as wishes, Session.open(args.connect, **station(args)) as session:
-        stream = args.log == "stream"
+        stream = log == "stream"
         if args.wait and not waited(session, args.connect, profiles, lambda: wishes() is not None, stream=stream):
             return EXIT_INTERRUPTED
-        ready = prepared(session, card, profiles=profiles, consent=consent, log=args.log, link=args.connect)
+        ready = prepared(session, card, profiles=profiles, consent=consent, log=log, link=args.connect)
         card, profile = ready.card, ready.profile
         lines = ProgressLines(card.limits)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
@@ -185,7 +202,7 @@ def run(args: argparse.Namespace) -> int:
                 print(f"   left out: {printable(words)}", file=sys.stderr)
             return simulated or typed_confirmation()
 
-        folder = flightdir.create(args.output)
+        folder = flightdir.create(args.output) if earlier is None else earlier.folder
         result = fly_card(
             session,
             card,
@@ -196,9 +213,10 @@ def run(args: argparse.Namespace) -> int:
             aborted=wishes,
             interruptions=lambda: wishes.pressed,
             about={"link": args.connect},
-            probe=args.log == "stream" and (not simulated if args.probe is None else args.probe),
-            log=args.log,
-            left_out=ready.left_out,
+            probe=stream and (not simulated if args.probe is None else args.probe),
+            log=log,
+            left_out=ready.left_out if earlier is None else earlier.left_out,
+            earlier=earlier,
         )
         loss = result.link_loss
         if loss is not None and loss.ends_sweep and session.snapshot().armed:
@@ -207,6 +225,45 @@ def run(args: argparse.Namespace) -> int:
     args.flown = folder.path
     tell(result, as_json=args.json)
     return exit_status(result, wishes() is not None, say_why=args.json)
+
+
+def resumed(args: argparse.Namespace) -> Earlier | None:
+    """The flight that is to go on; None for a new one. Raises UsageError where options ask for both."""
+    from gcs.flight.resume import unfinished
+
+    if args.resume is None:
+        return None
+    for name in ("card", "axis", "amplitude", "duration", "output"):
+        if getattr(args, name) is not None:
+            raise UsageError(f"--resume flies what is left of the card in its folder; leave out --{name}")
+    earlier = unfinished(args.resume)
+    if args.log not in (None, earlier.log):
+        raise UsageError(f"the flight in {args.resume} was begun with --log {earlier.log}, and goes on so")
+    return earlier
+
+
+def tell_nothing_left(earlier: Earlier, *, as_json: bool) -> int:
+    """Print that there is nothing to go on with; the exit status of the whole flight."""
+    from gcs.flight.log_way import log_words, rest_words
+    from gcs.logs.words import printable
+
+    if as_json:
+        rest = dict(earlier.document)
+        print_json(document_head(earlier.folder, earlier.complete) | {"ending": None, **rest, "following": []})
+    else:
+        print(f" {earlier.folder.path}: {earlier.words}; nothing is left to fly")
+        for problem in earlier.problems:
+            print(f"   {printable(problem)}")
+        if earlier.complete is None:
+            print(f"   the {log_words(earlier.folder.path)}")
+        elif not earlier.complete:
+            print(textwrap.indent(rest_words(earlier.folder.path), "   "))
+    return EXIT_NO if earlier.complete is False else EXIT_DONE
+
+
+def document_head(folder: FlightFolder, complete: bool | None) -> dict[str, Any]:
+    """What every document of a sweep begins with."""
+    return {"format": "tippath.sweep/1", "folder": str(folder.path), "complete": complete}
 
 
 def tell(result: SweepResult, *, as_json: bool) -> None:
@@ -275,7 +332,7 @@ def card_of(args: argparse.Namespace) -> TestCard | None:
 def print_document(result: SweepResult, followed: Sequence[Following]) -> None:
     """The sweep as one JSON document."""
     complete = None if result.log == "card" and result.flown else result.complete
-    head = {"format": "tippath.sweep/1", "folder": str(result.folder.path), "complete": complete}
+    head = document_head(result.folder, complete)
     ending = None if result.ending is None else result.ending.value
     rest = result.document
     print_json({**head, "ending": ending, **rest, "following": [one.to_json() for one in followed]})
@@ -287,9 +344,9 @@ def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
     from gcs.logs.words import printable
 
     ended = f"   stopped: {printable(result.stopped)}" if result.stopped else ""
-    count = f"{len(result.runs)} of {result.planned} runs"
+    count = f"{len(result.before.kept) + len(result.runs)} of {result.planned} runs"
     recorded = result.recording is not None and result.recording.logs
-    log = result.folder.log if recorded else result.folder.path
+    log = result.recording.logs[0].path if result.recording and recorded else result.folder.path
     print(f" recorded {log}  {count}  {result.missing_words}{ended}")
     if result.log == "card" and result.runs:
         print(f"   the {log_words(result.folder.path)}")

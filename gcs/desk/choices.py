@@ -152,7 +152,8 @@ def _verdict(run: Run, flown: Sequence[Mapping[str, object]]) -> str:
         return ""
     for one in flown:
         start, verdict = one.get("log_start_s"), one.get("verdict")
-        if isinstance(start, int | float) and abs(start - run.entered_s) <= SAME_S:
+        here = one.get("file") in (None, Path(run.path).name)
+        if here and isinstance(start, int | float) and abs(start - run.entered_s) <= SAME_S:
             return "keep" if isinstance(verdict, dict) and verdict.get("keep") is True else ""
     return ""
 

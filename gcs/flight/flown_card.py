@@ -9,13 +9,13 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from gcs.cards.envelope import Limits
-from gcs.cards.maneuver import CardRun, TestCard
-from gcs.flight.connection import LogWay
+from gcs.cards.envelope import Limits, Peaks
+from gcs.cards.maneuver import CardRun, TestCard, duration_s
+from gcs.flight.connection import Connection, LogWay
 from gcs.flight.folder import FlightFolder
 from gcs.flight.log_health import LogHealth
 from gcs.flight.preflight import Check
-from gcs.flight.recorder import RecordingSummary
+from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.run import RunResult
 from gcs.flight.run_state import Ending
 from gcs.vehicle.autopilots import LinkLoss
@@ -35,6 +35,34 @@ class Briefing:
     seen: Callable[[], tuple[Check, ...]] = tuple
     """The checks as they stand when it is called."""
 
+    @property
+    def duration_s(self) -> float:
+        """About how long flying it takes."""
+        return duration_s([run for run, _ in self.plans], self.card.rest_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownBefore:
+    """What there is of a flight that is resumed; of a new one nothing."""
+
+    own: Mapping[str, float] = field(default_factory=dict)
+    """The vehicle's own settings, by name."""
+    document: Mapping[str, Any] = field(default_factory=dict)
+    """What flight.json goes on saying."""
+    runs: tuple[Mapping[str, Any], ...] = ()
+    """All that were flown, as flight.json has them."""
+    kept: Mapping[int, Peaks] = field(default_factory=dict)
+    """Number of each run that is not flown again -> how far it took the vehicle."""
+    whole: bool = True
+    """All of them is on disk."""
+    logs: tuple[Mapping[str, Any], ...] = ()
+    """That were recorded, as flight.json has them."""
+    problems: tuple[str, ...] = ()
+    """What is to be known of those logs."""
+    missing_blocks: int = 0
+    checks: tuple[Check, ...] = ()
+    """What to know before it goes on."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepResult:
@@ -44,6 +72,7 @@ class SweepResult:
     profile: VehicleProfile
     runs: tuple[RunResult, ...]
     planned: int
+    """Runs of the card, probes included, and those that are `kept`."""
     folder: FlightFolder
     recording: RecordingSummary | None
     stopped: str
@@ -57,11 +86,13 @@ class SweepResult:
     """What flight.json says, or would say if the disk had taken it."""
     unwritten: str = ""
     """Why flight.json does not say it; empty where it does."""
+    before: FlownBefore = field(default_factory=FlownBefore)
+    """Before the flight was resumed; `runs` come on top."""
 
     @property
     def flown(self) -> bool:
         """Every run was flown to its end, wherever the log is."""
-        return not self.stopped and len(self.runs) == self.planned
+        return not self.stopped and len(self.before.kept) + len(self.runs) == self.planned
 
     @property
     def done(self) -> bool:
@@ -72,13 +103,13 @@ class SweepResult:
     def complete(self) -> bool:
         """Every run was flown to its end, and all of it is on disk, as far as the log's own stamps show."""
         recorded = self.recording is not None and self.recording.complete and not self.unwritten
-        return self.flown and recorded
+        return self.flown and recorded and self.before.whole
 
     @property
     def problems(self) -> tuple[str, ...]:
         """What of it is not on disk, in words."""
         unwritten = (self.unwritten,) if self.unwritten else ()
-        return (*unwritten, *(() if self.recording is None else self.recording.problems))
+        return (*unwritten, *self.before.problems, *(() if self.recording is None else self.recording.problems))
 
     @property
     def missing_blocks(self) -> int:
@@ -102,9 +133,10 @@ class SweepResult:
         return ", ".join(parts) or "0 samples missing"
 
 
-def vehicle_document(snapshot: VehicleSnapshot, profile: VehicleProfile) -> dict[str, Any]:
-    """Which vehicle it was."""
-    return {
+def vehicle_documents(session: Connection, profile: VehicleProfile, utc: datetime) -> dict[str, Any]:
+    """Which vehicle it is, which boot of it, and which station flies it."""
+    snapshot = session.snapshot()
+    vehicle = {
         "system": snapshot.system,
         "component": snapshot.component,
         "type": snapshot.vehicle_type,
@@ -112,11 +144,12 @@ def vehicle_document(snapshot: VehicleSnapshot, profile: VehicleProfile) -> dict
         "version": snapshot.version,
         "profile": profile.name,
     }
+    return {"vehicle": vehicle, "boot": _boot(snapshot, session.log_health(), utc), "station": session.station}
 
 
-def boot_document(snapshot: VehicleSnapshot, health: LogHealth | None, utc: datetime) -> dict[str, Any]:
-    """Which boot of the vehicle it was: its clock's zero in UTC, as far as this computer's clock is right, and how
-    often it went back while this station listened."""
+def _boot(snapshot: VehicleSnapshot, health: LogHealth | None, utc: datetime) -> dict[str, Any]:
+    """Its clock's zero in UTC, as far as this computer's clock is right, and how often it went back while this station
+    listened."""
     clock_s = None if health is None else health.clock_s
     booted = None if clock_s is None else (utc - timedelta(seconds=clock_s)).isoformat(timespec="milliseconds")
     return {"booted": booted, "reboots": snapshot.reboots}
@@ -131,16 +164,28 @@ def limits_document(limits: Limits) -> dict[str, Any]:
     }
 
 
-def recording_document(summary: RecordingSummary, folder: Path) -> dict[str, Any]:
-    """The summary with paths relative to the folder, which may be moved."""
-
-    def relative(path: str) -> str:
-        try:
-            return str(Path(path).relative_to(folder))
-        except ValueError:
-            return path
-
+def recording_document(summary: RecordingSummary | None, folder: Path, before: FlownBefore) -> dict[str, Any] | None:
+    """The summary with paths relative to the folder, which may be moved; None before there is one. What was recorded
+    before stands first, also before there is a summary."""
+    if summary is None:
+        return (
+            {"logs": list(before.logs), "complete": False, "problems": list(before.problems)} if before.logs else None
+        )
     about = summary.to_json()
-    about["logs"] = [{**log, "path": relative(log["path"])} for log in about["logs"]]
-    about["tlog"] = None if about["tlog"] is None else relative(about["tlog"])
+    about["logs"] = [*before.logs, *(log_document(log, folder) for log in summary.logs)]
+    about["tlog"] = None if summary.tlog is None else _relative(summary.tlog, folder)
+    about["complete"] = summary.complete and not before.problems
+    about["problems"] = [*before.problems, *summary.problems]
     return about
+
+
+def log_document(log: RecordedLog, folder: Path) -> dict[str, Any]:
+    """One log, its path relative to the folder."""
+    return {**log.to_json(), "path": _relative(log.path, folder)}
+
+
+def _relative(path: Path, folder: Path) -> str:
+    try:
+        return str(path.relative_to(folder))
+    except ValueError:
+        return str(path)

@@ -9,9 +9,9 @@
       audit.jsonl    what was done, when, and the command that does it again; only ever appended to
       tpp.json ...   what was made of it: fits, comparisons, gains, reports, none of them overwritten
 
-A folder that holds something is never flown into. `flight.json` is replaced whole after every run, so that a
-flight that ends badly is told as far as it went. A log that lies among strangers (`X.BIN` in a folder that is no
-flight's) has its own `X.BIN.flight.json` and `X.BIN.audit.jsonl` beside it.
+A folder that holds something is never flown into, but to go on with its flight (`gcs.flight.resume`). `flight.json` is
+replaced whole after every run, so that a flight that ends badly is told as far as it went. A log that lies among
+strangers (`X.BIN` in a folder that is no flight's) has its own `X.BIN.flight.json` and `X.BIN.audit.jsonl` beside it.
 """
 
 from __future__ import annotations
@@ -81,6 +81,11 @@ class FlightFolder:
     def log(self) -> Path:
         return self.path / "flight.BIN"
 
+    def logs(self) -> list[Path]:
+        """All that were streamed into it, in the order in which they were."""
+        found = [path for path in self.path.glob("flight*.BIN") if path.is_file()]
+        return sorted(found, key=lambda path: (len(path.name), path.name))
+
     @property
     def tlog(self) -> Path:
         return self.path / "flight.tlog"
@@ -105,7 +110,7 @@ class FlightFolder:
             users = {key: value for key, value in self.read().items() if key in USERS_KEYS}
         text = json.dumps({"format": FORMAT, **users, **about}, indent=1, allow_nan=False, ensure_ascii=False)
         try:
-            put_in_place(f"{text}\n".encode(), self.about)
+            put_in_place(f"{text}\n".encode(), self.about, durable=True)
         except OSError as error:
             raise TippathError(f"{self.about} cannot be written ({error.strerror or error})") from error
 
@@ -207,6 +212,23 @@ class FlightFolder:
         return list(self.read().get("runs", ()))
 
 
+def is_kept(run: Mapping[str, Any]) -> bool:
+    """Whether a run of flight.json was flown to its end and nothing speaks against it, as far as was known then."""
+    verdict = run.get("verdict")
+    if not isinstance(verdict, dict) or run.get("ending") != "finished":
+        return False
+    return verdict.get("keep") is True or (verdict.get("log") == "card" and verdict.get("keep") is None)
+
+
+def fetched_for(about: Mapping[str, Any]) -> dict[str, tuple[int, ...] | None]:
+    """Name of each file that was fetched -> the runs that it was fetched for, by their places in flight.json, from 1;
+    None where that is not told."""
+    told = about.get("fetched")
+    entries = [one for one in told if isinstance(one, dict)] if isinstance(told, list) else []
+    named = [(Path(str(one.get("file"))).name, one.get("of")) for one in entries]
+    return {name: tuple(i for i in of if isinstance(i, int)) if isinstance(of, list) else None for name, of in named}
+
+
 def stamp(time: datetime) -> str:
     """As it is written: ISO 8601 in UTC, to the millisecond."""
     return time.astimezone(UTC).isoformat(timespec="milliseconds")
@@ -260,8 +282,7 @@ def create(given: Path | None, parent: Path | None = None) -> FlightFolder:
         return FlightFolder(_fresh(given))
     parent = Path() if parent is None else parent
     try:
-        numbers = [int(m[1]) for entry in parent.iterdir() if (m := _NUMBERED.fullmatch(entry.name))]
-        number = max(numbers, default=0) + 1
+        number = max(_numbered(parent), default=0) + 1
         while True:
             path = parent / f"flight-{number:04d}"
             try:
@@ -274,6 +295,16 @@ def create(given: Path | None, parent: Path | None = None) -> FlightFolder:
             f"no folder for the flight can be made in {parent.resolve()} ({error.strerror or error}); "
             "choose another with -o DIR"
         ) from error
+
+
+def newest(parent: Path) -> Path | None:
+    """The `flight-NNNN` with the highest number, None where there is none. Raises OSError."""
+    numbered = _numbered(parent)
+    return numbered[max(numbered)] if numbered else None
+
+
+def _numbered(parent: Path) -> dict[int, Path]:
+    return {int(m[1]): entry for entry in parent.iterdir() if (m := _NUMBERED.fullmatch(entry.name))}
 
 
 def _fresh(path: Path) -> Path:

@@ -81,6 +81,23 @@ class RecordedLog:
         """Bytes, gaps included."""
         return self.expected * BLOCK_SIZE
 
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "path": str(self.path),
+            "blocks": self.blocks,
+            "bytes": self.size,
+            "missing": [list(stretch) for stretch in self.missing],
+            "duplicates": self.duplicates,
+            "in_two_versions": self.in_two_versions,
+            "impossible": self.impossible,
+            "end": self.end.state.value,
+            "end_cause": self.end.cause.value,
+            "log_s": self.end.log_s,
+            "vehicle_clock_s": self.end.clock_s,
+            "short_s": self.end.short_s,
+            "complete": self.complete,
+        }
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingSummary:
@@ -114,24 +131,7 @@ class RecordingSummary:
 
     def to_json(self) -> dict[str, Any]:
         return {
-            "logs": [
-                {
-                    "path": str(log.path),
-                    "blocks": log.blocks,
-                    "bytes": log.size,
-                    "missing": [list(stretch) for stretch in log.missing],
-                    "duplicates": log.duplicates,
-                    "in_two_versions": log.in_two_versions,
-                    "impossible": log.impossible,
-                    "end": log.end.state.value,
-                    "end_cause": log.end.cause.value,
-                    "log_s": log.end.log_s,
-                    "vehicle_clock_s": log.end.clock_s,
-                    "short_s": log.end.short_s,
-                    "complete": log.complete,
-                }
-                for log in self.logs
-            ],
+            "logs": [log.to_json() for log in self.logs],
             "tlog": None if self.tlog is None else str(self.tlog),
             "tlog_frames": self.tlog_frames,
             "how": self.how,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from types import MappingProxyType
 from typing import Any
 
 from gcs.cards.envelope import Limits, Peaks, Use, use
@@ -18,6 +19,9 @@ from gcs.flight.run_state import Ending, Phase
 from gcs.flight.verdict import Verdict, cut, judge, judge_by_telemetry
 from gcs.vehicle.profile import Plan
 from gcs.vehicle.snapshot import VehicleSnapshot
+
+PEAKS = ("p", "q", "r", "roll", "pitch", "delta_x", "delta_y")
+"""Those that flight.json tells."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +72,8 @@ class RunResult:
     peaks: Peaks
     verdict: Verdict | None
     """None where nothing was flown."""
+    file: str | None = None
+    """The log in which it begins; None where the log stays on the card."""
 
     @property
     def clean(self) -> bool:
@@ -87,21 +93,16 @@ class RunResult:
             "mode_after": self.mode_after,
             "started": self.started,
             "duration_s": round(self.duration_s, 3),
+            "file": self.file,
             "log_start_s": None if self.log_start_s is None else round(self.log_start_s, 6),
             "log_start_within_s": round(self.log_start_within_s, 3),
-            "peaks": {
-                name: None if value is None else round(value, 5)
-                for name, value in (
-                    ("p", self.peaks.p),
-                    ("q", self.peaks.q),
-                    ("roll", self.peaks.roll),
-                    ("pitch", self.peaks.pitch),
-                    ("delta_x", self.peaks.delta_x),
-                    ("delta_y", self.peaks.delta_y),
-                )
-            },
+            "peaks": {name: _rounded(getattr(self.peaks, name)) for name in PEAKS},
             "verdict": None if self.verdict is None else self.verdict.to_json(),
         }
+
+
+def _rounded(peak: float | None) -> float | None:
+    return None if peak is None else round(peak, 5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +141,8 @@ def fly_run(
     """
     started = datetime.now(UTC).isoformat(timespec="milliseconds")
     contradicted = False
+    log, health = session.snapshot().recording, session.log_health()
+    file = None if log is None or (health is not None and health.on_card) else log.name
     with flown:
         pressed_before: int | None = None  # the link was lost
         while flown.tick(aborted(), given_up=pressed_before is not None and interruptions() > pressed_before):
@@ -167,6 +170,7 @@ def fly_run(
         log_start_within_s=flown.log_start_within_s,
         peaks=flown.peaks,
         verdict=verdict,
+        file=file,
     )
 
 
@@ -199,18 +203,23 @@ def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> V
     return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption=interruption, start_s=first)
 
 
-def locked(run: CardRun, flown: Sequence[RunResult], limits: Limits) -> str:
+def locked(
+    run: CardRun, flown: Sequence[RunResult], limits: Limits, kept: Mapping[int, Peaks] = MappingProxyType({})
+) -> str:
     """Why a build-up goes no further: the step before was not clean, or the next would leave the envelope; empty where
-    it does."""
+    it does. `kept` has by their numbers the runs that were flown before this flight was resumed."""
     if run.locked_by is None:
         return ""
-    below = flown[run.locked_by - 1]
-    if not below.clean:
+    below = next((one for one in flown if one.run.number == run.locked_by), None)
+    if below is not None and not below.clean:
         why = "; ".join(below.verdict.reasons) if below.verdict is not None else below.reason
         return f"{run.label} stays locked: {below.run.label} was not clean ({why})"
-    expected = use(limits, below.peaks).largest * run.unlocks_at
+    peaks = kept.get(run.locked_by) if below is None else below.peaks
+    if peaks is None or peaks.rate is None:
+        return f"{run.label} stays locked: how far the step before took the vehicle is not known"
+    expected = use(limits, peaks).largest * run.unlocks_at
     if expected > 100:
-        return f"{run.label} stays locked: from {below.run.label} it would reach {expected:.0f} % of the limits"
+        return f"{run.label} stays locked: from the step before it would reach {expected:.0f} % of the limits"
     return ""
 
 

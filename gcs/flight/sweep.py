@@ -27,11 +27,11 @@ from gcs.flight.connection import Clock, Connection, LogWay, WallClock
 from gcs.flight.excitation import Excitation
 from gcs.flight.flown_card import (
     Briefing,
+    FlownBefore,
     SweepResult,
-    boot_document,
     limits_document,
     recording_document,
-    vehicle_document,
+    vehicle_documents,
 )
 from gcs.flight.flyable import NotReadyError, controller, free_bytes, require, require_flyable
 from gcs.flight.folder import FlightFolder
@@ -49,6 +49,7 @@ from gcs.flight.probe import (
     too_large_words,
 )
 from gcs.flight.recorder import RecordingSummary
+from gcs.flight.resume import Earlier, card_digest, flown_into, require_same_vehicle
 from gcs.flight.rules import TICK_S, joined
 from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, contradiction, fly_run, locked
 from gcs.flight.run_state import Ending
@@ -88,25 +89,33 @@ def fly_card(
     probe: bool = False,
     log: LogWay = "stream",
     left_out: Sequence[str] = (),
+    earlier: Earlier | None = None,
 ) -> SweepResult:
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
     `aborted` gives a reason once somebody wants the end; `interruptions` as in `fly_run`. `about` goes into
     flight.json. With `probe` a small step on each axis comes first, and the card only where the vehicle answers as it
     should; it needs a log that is streamed. With `log` "card" nothing of the log is sent: see `gcs.flight.log_way`.
-    `left_out` is what of the card that was asked for this vehicle cannot fly.
+    `left_out` is what of the card that was asked for this vehicle cannot fly. With `earlier` a flight goes on, in its
+    own folder: `card` is its, and of it only what is left is flown.
     Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
     CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens later is in the
     result. flight.json is written in every case where recording began.
     """
     clock, limits, disk_free = clock or WallClock(), limits or card.limits, disk_free or free_bytes
     profile = require_flyable(session, card, clock, profile=profile, stream=log == "stream")
+    if earlier is not None:
+        require_same_vehicle(earlier, session.snapshot(), profile)
     probes = probe_card(card, profile).runs() if probe and log == "stream" else ()
     planned = tuple((run, profile.plan(run.maneuver)) for run in preceded(card.runs(), probes))
     parameters = read_settings(session, clock, profile)
     kept = log_way.card_log(session, clock) if log == "card" else ()
     require(kept)
     before_it = (*controller(session, clock, card), preflight.lean_stop(parameters), *kept)
+    before = FlownBefore(own=parameters)
+    if earlier is not None:
+        before = earlier.flown_before(parameters, [plan for _, plan in planned], len(probes), _now())
+        planned = tuple((run, plan) for run, plan in planned if run.number not in before.kept)
     loss = link_loss(parameters, session.station)
     flight = _Flight(
         session=session,
@@ -120,10 +129,10 @@ def fly_card(
         clock=clock,
         on_progress=on_progress,
         log=log,
+        before=before,
     )
-    folder.write_card(card.text)
-    with flight:
-        checks = flight.look(disk_free, before_it, parameters.get(LOOP_RATE))
+    with flown_into(folder, card, earlier), flight:
+        checks = flight.look(disk_free, (*before.checks, *before_it), parameters.get(LOOP_RATE))
         require(checks)
         if not confirm(flight.briefing(checks)):
             raise NotReadyError("not confirmed: nothing was flown")
@@ -146,7 +155,8 @@ class _Flight:
     about: dict[str, Any]
     clock: Clock
     on_progress: Callable[[Progress], None]
-    log: LogWay = "stream"
+    log: LogWay
+    before: FlownBefore
     runs: list[RunResult] = field(default_factory=list)
     checks: tuple[Check, ...] = ()
     seen: Callable[[], tuple[Check, ...]] = tuple
@@ -186,7 +196,7 @@ class _Flight:
         )
 
     def __enter__(self) -> Self:
-        self.started = datetime.now(UTC).isoformat(timespec="milliseconds")
+        self.started = str(self.before.document.get("started") or _now())
         self.session.start_recording(self.folder.path, self.log)
         self.write()
         return self
@@ -202,7 +212,7 @@ class _Flight:
             self.stopped = self.stopped or str(problem)
         self.handback.last_look()
         self._note_what_came_after()
-        self.ended = datetime.now(UTC).isoformat(timespec="milliseconds")
+        self.ended = _now()
         self.write()
 
     def _note_what_came_after(self) -> None:
@@ -263,13 +273,13 @@ class _Flight:
     ) -> None:
         """Run after run, until one of them says stop; then the parameters as they were."""
         mode_before = self.session.snapshot().mode
-        self.handback.settings, self.handback.own = dict(parameters), parameters
+        self.handback.settings, self.handback.own = dict(parameters), self.before.own
         try:
             for run, plan in self.planned:
                 self.stopped = (
                     self._unfit(mode_before, aborted)
                     or self._log_dead()
-                    or locked(run, self.runs, self.limits)
+                    or locked(run, self.runs, self.limits, self.before.kept)
                     or self._capped(run)
                 )
                 if self.stopped:
@@ -431,26 +441,28 @@ class _Flight:
     def write(self) -> None:
         """flight.json, as far as the flight has come. A disk that does not take it ends no flight and swallows no
         verdict: it is tried again after the next run, and told at the end."""
-        snapshot = self.session.snapshot()
+        before = self.before
+        missing = self.session.snapshot().missing if self.recording is None else self.recording.missing_blocks
         self.document = {
+            **before.document,
             **self.about,
             "started": self.started,
-            "written": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "written": _now(),
             "ended": self.ended,
             "card": self.card.name,
-            "vehicle": vehicle_document(snapshot, self.profile),
-            "station": self.session.station,
+            "card_sha256": card_digest(self.card),
+            **vehicle_documents(self.session, self.profile, datetime.now(UTC)),
+            "settings": {name: value for name, value in before.own.items() if math.isfinite(value)},
             "link_loss": self.loss.words,
             "limits": limits_document(self.limits),
             "log": self.log,
-            "boot": boot_document(snapshot, self.session.log_health(), datetime.now(UTC)),
             "checks": [{"name": c.name, "ok": c.ok, "words": c.words} for c in self.checks],
-            "planned": len(self.planned),
-            "runs": [run.to_json() for run in self.runs],
+            "planned": len(before.kept) + len(self.planned),
+            "runs": [*before.runs, *(run.to_json() for run in self.runs)],
             "probe": None if self.probed is None else result_document(self.probed),
             "stopped": self.stopped,
-            "recording": None if self.recording is None else recording_document(self.recording, self.folder.path),
-            "missing_blocks": snapshot.missing if self.recording is None else self.recording.missing_blocks,
+            "recording": recording_document(self.recording, self.folder.path, before),
+            "missing_blocks": before.missing_blocks + missing,
         }
         try:
             self.folder.write(self.document)
@@ -463,7 +475,7 @@ class _Flight:
             card=self.card,
             profile=self.profile,
             runs=tuple(self.runs),
-            planned=len(self.planned),
+            planned=len(self.before.kept) + len(self.planned),
             folder=self.folder,
             recording=self.recording,
             stopped=self.stopped,
@@ -472,4 +484,9 @@ class _Flight:
             log=self.log,
             document=self.document,
             unwritten=self.unwritten,
+            before=self.before,
         )
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

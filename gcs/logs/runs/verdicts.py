@@ -2,20 +2,21 @@
 
 Whoever flew saw things that the log does not show: that somebody aborted, that the pilot took over, that the limits
 were left. A run that is to be flown again does not enter a fit unasked; named by itself it does, with a note. A run of
-the log and a run of flight.json are the same where both entered the excitation mode at the same time of the log. Where
-the log stayed on the vehicle's card, that time is the vehicle's clock as the link told it, give or take what
-flight.json says, and any log in the flight's folder may be the one.
+the log and a run of flight.json are the same where both entered the excitation mode at the same time of the log, and
+flight.json names that log: the vehicle's clock begins anew with every boot, so that two logs of one flight may show the
+same times. Where the log stayed on the vehicle's card, that time is the vehicle's clock as the link told it, give or
+take what flight.json says, and any log in the flight's folder may be the one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from gcs.errors import TippathError
-from gcs.flight.folder import FlightFolder, NoFlightError
+from gcs.flight.folder import FlightFolder, NoFlightError, fetched_for, is_kept
 from gcs.logs.formats.joined import Joined
 from gcs.logs.runs.run import Run
 from gcs.logs.runs.settings import with_settings
@@ -23,6 +24,7 @@ from gcs.logs.words import printable
 
 SAME_S = 0.25
 """Between the two times of one entry; a run takes seconds."""
+UNSEEN = "nobody saw how it ended: what flew this flight was cut off, and flight.json tells nothing of this run"
 
 
 def with_verdicts(runs: Sequence[Run], log: Path, joined: Joined | None = None) -> list[Run]:
@@ -33,11 +35,15 @@ def with_verdicts(runs: Sequence[Run], log: Path, joined: Joined | None = None) 
     flight, and the run has no gap.
     """
     try:
-        flown = _flown(log)
+        flown = _flown(
+            log, {log.name} if joined is None else {log.name, *(Path(one.path).name for one in joined.files)}
+        )
     except TippathError as error:
         note = printable(f"what was said of this run in flight is not known: {error}")
         return [_noted(run, note) for run in runs]
-    return [judged(as_set(run, flown), flown, joined) for run in runs]
+    if flown is None:
+        return list(runs)
+    return [_unseen(judged(as_set(run, flown.runs), flown.runs, joined), flown) for run in runs]
 
 
 def as_set(run: Run, flown: Sequence[Mapping[str, Any]]) -> Run:
@@ -53,26 +59,56 @@ def _noted(run: Run, note: str) -> Run:
     return replace(run, record=record, notes=(*run.notes, note))
 
 
-def _flown(log: Path) -> list[Mapping[str, Any]]:
+@dataclass(frozen=True, slots=True)
+class _Flown:
+    """What the flight.json beside a log says."""
+
+    runs: Sequence[Mapping[str, Any]]
+    """Those that may be of the log."""
+    cut_off: bool
+    """What recorded it did not live to end it, at least once."""
+
+
+def _flown(log: Path, names: Collection[str]) -> _Flown | None:
+    """None where there is none, or it speaks of other logs; `names` are the log's own and of those read with it."""
     folder = FlightFolder(log.parent)
     if not folder.about.is_file():
-        return []
+        return None
     try:
         about, flown = folder.read(), folder.runs()
     except NoFlightError:
-        return []  # not a flight.json of ours; the log speaks for itself
-    if about.get("log") == "card":
-        return list(flown)
-    recording = about.get("recording")
+        return None  # not a flight.json of ours; the log speaks for itself
+    fetched = fetched_for(about)
+    recording, parts = about.get("recording"), about.get("parts")
     logs = recording.get("logs") if isinstance(recording, dict) else None
-    if isinstance(logs, list):
-        fetched = about.get("fetched")
-        named = [(one, "path") for one in logs]
-        named += [(one, "file") for one in (fetched if isinstance(fetched, list) else ())]
-        known = log.name in [Path(str(entry.get(key))).name for entry, key in named if isinstance(entry, dict)]
+    going_on = _not_ended(about)
+    if about.get("log") == "card":
+        known = True
+    elif isinstance(logs, list) and not going_on:
+        listed = [Path(str(entry.get("path"))).name for entry in logs if isinstance(entry, dict)]
+        known = log.name in [*listed, *fetched]
     else:
-        known = log.stem.lower().startswith("flight")  # it ended before the recording was summed up
-    return list(flown) if known else []
+        known = log.stem.lower().startswith("flight") or log.name in fetched  # it ended before that was summed up
+    if not known:
+        return None
+    cut_off = going_on or (isinstance(parts, list) and any(_not_ended(part) for part in parts))
+    cut_off = cut_off and about.get("log") != "card"  # the card's log may hold other flights
+    return _Flown([run for place, run in enumerate(flown, 1) if _lies_in(names, place, run, fetched)], cut_off)
+
+
+def _not_ended(part: Any) -> bool:
+    return isinstance(part, dict) and "ended" in part and part["ended"] is None
+
+
+def _lies_in(
+    names: Collection[str], place: int, entry: Mapping[str, Any], fetched: Mapping[str, Collection[int] | None]
+) -> bool:
+    """Whether a run of flight.json may be in logs with these names, by what it says itself."""
+    file = entry.get("file")
+    told = [fetched[name] for name in names if name in fetched]
+    if any(places is None or place in places for places in told):
+        return True
+    return file in names if isinstance(file, str) else not told
 
 
 def judged(run: Run, flown: Sequence[Mapping[str, Any]], joined: Joined | None = None) -> Run:
@@ -87,6 +123,16 @@ def judged(run: Run, flown: Sequence[Mapping[str, Any]], joined: Joined | None =
             judged = replace(run, usable=False, verdict=against)
             return replace(judged, reasons=(*run.reasons, _reason(judged)))
     return run
+
+
+def _unseen(run: Run, flown: _Flown) -> Run:
+    """Not usable where nobody judged it, because what flew it was cut off."""
+    if not flown.cut_off or run.entered_s is None or run.verdict is not None:
+        return run
+    if any(same(run, entry) for entry in flown.runs):
+        return run
+    unseen = replace(run, usable=False, verdict=UNSEEN)
+    return replace(unseen, reasons=(*run.reasons, _reason(unseen)))
 
 
 def same(run: Run, flown: Mapping[str, Any]) -> bool:
@@ -114,8 +160,7 @@ def _against(flown: Mapping[str, Any]) -> str:
     verdict = flown.get("verdict")
     ending, reason = str(flown.get("ending", "")), str(flown.get("reason", ""))
     if isinstance(verdict, dict):
-        sound = verdict.get("keep") is True or (verdict.get("log") == "card" and verdict.get("keep") is None)
-        if sound and ending == "finished":
+        if is_kept(flown):
             return ""
         reasons = verdict.get("reasons")
         listed = [str(reason) for reason in reasons] if isinstance(reasons, list) else []
