@@ -286,7 +286,7 @@ class FakeSession:
             q=0.0,
             battery_v=24.0,
             battery_remaining=0.9,
-            recording=self.recordings[-1] / "flight.BIN" if self.recordings else None,
+            recording=self.log_path if self.recordings else None,
             blocks_received=blocks,
             log_client=self.log_client,
         )
@@ -469,6 +469,13 @@ class FakeSession:
             1, 1, name=name, bits=bits_of_float(self.vehicle.parameters[name]), kind=9, count=100, index=65535
         )
 
+    @property
+    def log_path(self) -> Path:
+        """Of the last recording: what lies there is never written again."""
+        directory = self.recordings[-1]
+        number = self.recordings.count(directory)
+        return directory / ("flight.BIN" if number == 1 else f"flight-{number}.BIN")
+
     def start_recording(self, directory: Path, log: LogWay = "stream") -> None:
         self.log = log
         self.recordings.append(directory)
@@ -482,7 +489,7 @@ class FakeSession:
             tlog = directory / "flight.tlog"
             return RecordingSummary(directory=directory, logs=(), tlog=tlog, tlog_frames=10, how=ON_CARD, problems=())
         end = LogEnd(state=EndState.REACHED, cause=Cause.ASKED, log_s=self.now(), clock_s=self.now())
-        log = RecordedLog(path=directory / "flight.BIN", blocks=100, expected=100, missing=(), duplicates=0, end=end)
+        log = RecordedLog(path=self.log_path, blocks=100, expected=100, missing=(), duplicates=0, end=end)
         return RecordingSummary(
             directory=directory,
             logs=(log,),

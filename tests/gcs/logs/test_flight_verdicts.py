@@ -129,6 +129,46 @@ def test_a_flight_that_ended_before_its_recording_was_summed_up_is_judged_too(
     assert [run.usable for run in ingest([folder]).runs] == [True, False]
 
 
+def test_logs_that_show_the_same_times_each_have_their_own_verdicts(
+    two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path
+) -> None:
+    """The vehicle rebooted in between, and its clock began anew."""
+    (kept, aborted), (first, second) = flown_about["runs"], ENTERED_S
+    runs = [
+        kept | {"log_start_s": first, "file": "flight.BIN"},
+        aborted | {"log_start_s": second, "file": "flight-2.BIN"},
+        kept | {"log_start_s": second, "file": "flight.BIN"},
+        kept | {"log_start_s": first, "file": "flight-2.BIN"},
+    ]
+    folder = tmp_path / "flight-0001"
+    folder.mkdir()
+    about = {"runs": runs, "recording": {"logs": [{"path": "flight.BIN"}, {"path": "flight-2.BIN"}]}}
+    (folder / "flight.json").write_text(json.dumps(flown_about | about))
+    (folder / "flight.BIN").write_bytes(two_chirps)
+    (folder / "flight-2.BIN").write_bytes(two_chirps[:-200])
+    usable = {run.id: run.usable for run in ingest([folder]).runs}
+    assert usable == {"flight.BIN#1": True, "flight.BIN#2": True, "flight-2.BIN#1": True, "flight-2.BIN#2": False}
+    (folder / "flight-2.BIN").rename(folder / "fetched-00000002.BIN")
+    about["fetched"] = [{"file": "fetched-00000002.BIN", "of": [2, 4]}]
+    (folder / "flight.json").write_text(json.dumps(flown_about | about))
+    usable = {run.id: run.usable for run in ingest([folder / "fetched-00000002.BIN"]).runs}
+    assert usable == {"fetched-00000002.BIN#1": True, "fetched-00000002.BIN#2": False}
+
+
+@pytest.mark.parametrize("cut_off", [{"ended": None}, {"parts": [{"ended": None}]}])
+def test_a_run_that_was_cut_off_with_the_program_is_not_taken_unasked(
+    two_chirps: bytes, flown_about: dict[str, Any], tmp_path: Path, cut_off: dict[str, Any]
+) -> None:
+    folder = flight(tmp_path / "flight-0001", two_chirps, flown_about)
+    about = json.loads((folder / "flight.json").read_text())
+    (folder / "flight.json").write_text(json.dumps(about | {"runs": about["runs"][:1]} | cut_off))
+    kept, unseen = ingest([folder]).runs
+    assert (kept.usable, unseen.usable) == (True, False)
+    assert "nobody saw how it ended" in unseen.reasons[0]
+    (record,) = resolve_runs([f"{folder}#2"])
+    assert record.id == "flight.BIN#2"
+
+
 DAMAGED = {
     "empty": b"",
     "cut": b'{"format": "tippath.flight/1", "runs": [',
