@@ -8,6 +8,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -25,12 +26,13 @@ if TYPE_CHECKING:
     from gcs.logs.formats.joined import Joined
 
 _HELP = """\
-Into a flight's folder (one with a flight.json) comes the log that covers that flight's runs on the vehicle's clock, as
-fetched-NNNNNNNN.BIN, beside what was streamed; flight.json names it, and both are read together from then on, each for
-what the other lacks, where they are shown to be of one flight. Into any other folder comes the newest log, or
---log NUMBER, as NNNNNNNN.BIN. Where a flight's whole log would take more than a minute, its head and what it holds
-around the flight's runs come alone, as fetched-NNNNNNNN.runs-only.BIN, or with --run N that run's, as
-fetched-NNNNNNNN.run-N-only.BIN; --whole fetches all of it. How long it will take is said first.
+Into a flight's folder (one with a flight.json) comes the log (of a flight that was resumed those of each part) that
+covers that flight's runs on the vehicle's clock, as fetched-NNNNNNNN.BIN, beside what was streamed; flight.json names
+it, and both are read together from then on, each for what the other lacks, where they are shown to be of one flight.
+Into any other folder comes the newest log, or --log NUMBER, as NNNNNNNN.BIN. Where a flight's whole log would take more
+than a minute, its head and what it holds around the flight's runs come alone, as fetched-NNNNNNNN.runs-only.BIN, or
+with --run N that run's, as fetched-NNNNNNNN.run-N-only.BIN; --whole fetches all of it. How long it will take is said
+first.
 
 A fetch that was cut (Ctrl-C, a lost link, a full disk) leaves NNNNNNNN.BIN.part; the same command goes on with it, if
 pieces of it are still the vehicle's, else it begins another file. Nothing is written over. What came by MAVFTP, or from
@@ -39,9 +41,9 @@ a vehicle that has it, is checked by the vehicle's own CRC32.
 --json prints {"format": "tippath.fetch/1", "file", "log", "on_vehicle", "bytes", "by", "seconds", "bytes_per_s",
 "resumed_from", "crc32", "checked", "grows" (the vehicle was still writing), "already" (it was there), "run" or null,
 "runs" (those that came alone) or null, "chosen", "joined" (with the streamed log, as `ingest` has it) or null, "apart"
-(why it is not of one flight with it) or null}, with --list {"format", "logs": [{"log", "on_vehicle", "bytes",
-"written"}]}, or {"format", "reason"}. Exit status: 0 fetched; 1 the vehicle or the disk says no; 2 wrong usage; 130
-ended by Ctrl-C.
+(why it is not of one flight with it) or null, "more" (the same of each further log, where a resumed flight lies in
+several)}, with --list {"format", "logs": [{"log", "on_vehicle", "bytes", "written"}]}, or {"format", "reason"}. Exit
+status: 0 fetched; 1 the vehicle or the disk says no; 2 wrong usage; 130 ended by Ctrl-C.
 """
 EVERY_S, REDRAW_S = 5.0, 0.2
 FORMAT = "tippath.fetch/1"
@@ -95,29 +97,49 @@ def _run(args: argparse.Namespace) -> int:
             _print_logs(logs, args.json)
             return 0
         fetching = Fetching(session=session, by=args.by, on_progress=lines)
-        choice = _choose(args, fetching, logs, flight)
-        lines.say(f"log {choice.log.number} ({choice.words}): {_bytes(choice.log.size)}")
-        try:
-            done = _fetched(args, fetching, choice.log, flight, lines.say)
-        except KeyboardInterrupt:
-            lines.say("ended; the vehicle sends no more. What came is kept as .part: the same command goes on with it")
-            raise
-        finally:
-            lines.end()
-    joined, apart = None, None
-    if flight is not None:
-        note(flight, done)
-        joined, apart = _with_streamed(flight, done.path)
+        wanted = _choose(args, fetching, logs, flight, lines.say)
+        came: list[tuple[Wanted, Fetched]] = []
+        for one in wanted:
+            lines.say(f"log {one.choice.log.number} ({one.choice.words}): {_bytes(one.choice.log.size)}")
+            try:
+                done = _fetched(args, fetching, one, flight, lines.say)
+            except KeyboardInterrupt:
+                lines.say(
+                    "ended; the vehicle sends no more. What came is kept as .part: the same command goes on with it"
+                )
+                raise
+            finally:
+                lines.end()
+            came.append((one, done))
+            if flight is not None:
+                note(flight, done, one.of)
+    documents = [_told(args, flight, one, done) for one, done in came]
     if args.json:
-        together = {"joined": None if joined is None else joined.to_json(), "apart": apart}
-        print_json({"format": FORMAT, **done.to_json(), "chosen": choice.words, **together})
-        return 0
-    _print_result(done)
-    if joined is not None:
-        print(_indented(f"with the streamed log: {joined.words}"))
-    if apart is not None:
-        print(_indented(f"not read with the streamed log: {apart}"))
+        more = {"more": documents[1:]} if len(documents) > 1 else {}
+        print_json({"format": FORMAT, **documents[0], **more})
     return 0
+
+
+def _told(args: argparse.Namespace, flight: FlightFolder | None, wanted: Wanted, done: Fetched) -> dict[str, Any]:
+    """Print what came, unless a document is wanted, and give that."""
+    joined, apart = (None, None) if flight is None else _with_streamed(flight, done.path)
+    if not args.json:
+        _print_result(done)
+        if joined is not None:
+            print(_indented(f"with the streamed log: {joined.words}"))
+        if apart is not None:
+            print(_indented(f"not read with the streamed log: {apart}"))
+    together = {"joined": None if joined is None else joined.to_json(), "apart": apart}
+    return {**done.to_json(), "chosen": wanted.choice.words, **together}
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A log of the vehicle."""
+
+    choice: Choice
+    of: tuple[int, ...] | None = None
+    """The runs that it may hold, by their places in flight.json, from 1; None where it was named itself."""
 
 
 def _indented(text: str) -> str:
@@ -168,17 +190,41 @@ def _flight(args: argparse.Namespace) -> FlightFolder | None:
 
 
 def _choose(
-    args: argparse.Namespace, fetching: Fetching, logs: Sequence[VehicleLog], flight: FlightFolder | None
-) -> Choice:
+    args: argparse.Namespace,
+    fetching: Fetching,
+    logs: Sequence[VehicleLog],
+    flight: FlightFolder | None,
+    say: Callable[[str], None],
+) -> list[Wanted]:
+    """One log, or for a flight that was resumed those of each part of it. Raises TippathError where there is none."""
     from gcs.flight.fetching import pick
 
     if args.log is not None:
-        return pick.numbered(logs, args.log)
+        return [Wanted(pick.numbered(logs, args.log))]
     if flight is None:
-        return pick.newest(logs)
+        return [Wanted(pick.newest(logs))]
     runs = flight.runs()
-    wanted = runs if args.number is None else [runs[args.number - 1]]
-    return pick.of_flight(logs, wanted, flight.log, fetching.reading, booted_s=_booted_s(flight))
+    groups = pick.boots(runs) or [[]]
+    if args.number is not None:
+        groups = [group for group in groups if args.number in group]
+    found: dict[int, Wanted] = {}
+    failed: list[TippathError] = []
+    for group in groups:
+        of = [runs[place - 1] for place in group if args.number in (None, place)]
+        file = next((str(run["file"]) for run in of if isinstance(run.get("file"), str)), flight.log.name)
+        booted_s = _booted_s(flight) if len(group) == len(runs) else pick.booted(of)
+        try:
+            choice = pick.of_flight(logs, of, flight.path / Path(file).name, fetching.reading, booted_s=booted_s)
+        except TippathError as error:
+            failed.append(error)
+            continue
+        before = found.get(choice.log.number)
+        found[choice.log.number] = Wanted(choice, (*((before and before.of) or ()), *group))
+    if not found:
+        raise failed[0]
+    for problem in failed:
+        say(str(problem))
+    return list(found.values())
 
 
 def _booted_s(flight: FlightFolder) -> float | None:
@@ -192,16 +238,17 @@ def _booted_s(flight: FlightFolder) -> float | None:
 def _fetched(
     args: argparse.Namespace,
     fetching: Fetching,
-    log: VehicleLog,
+    asked: Wanted,
     flight: FlightFolder | None,
     say: Callable[[str], None],
 ) -> Fetched:
     from gcs.flight.fetching.fetch import fetch
     from gcs.flight.fetching.windows import fetch_runs
 
+    log = asked.choice.log
     stem = f"{log.number:08}" if flight is None else f"fetched-{log.number:08}"
     whole = flight is None or args.whole or (args.log is not None and args.number is None)
-    alone = None if whole or flight is None else _alone(args, fetching, log, flight)
+    alone = None if whole or flight is None else _alone(args, fetching, asked, flight)
     if alone is None:
         if fetching.rate is not None:
             say(f"about {_time(log.size / fetching.rate)} at {_bytes(round(fetching.rate))}/s")
@@ -218,27 +265,32 @@ def _fetched(
 
 
 def _alone(
-    args: argparse.Namespace, fetching: Fetching, log: VehicleLog, flight: FlightFolder
+    args: argparse.Namespace, fetching: Fetching, asked: Wanted, flight: FlightFolder
 ) -> tuple[list[int], Windows, float] | None:
     """The runs to fetch alone, the pieces of the log, and the link's rate; None where the whole log is no matter, or
     its times are not known."""
     from gcs.flight.fetching.pick import run_times
     from gcs.flight.fetching.windows import SLOW_FROM_S, windows
 
-    numbered = enumerate(run_times(flight.runs()), 1)
-    known = {number: times for number, times in numbered if times is not None and args.number in (None, number)}
+    log, asked_for = asked.choice.log, asked.of if args.number is None else (args.number,)
+    known = {
+        number: times
+        for number, times in enumerate(run_times(flight.runs()), 1)
+        if times is not None and (asked_for is None or number in asked_for)
+    }
     if not known or fetching.rate is None or log.size / fetching.rate < SLOW_FROM_S:
         return None
     wanted = windows(fetching, log, list(known.values()))
     return None if wanted is None else (list(known), wanted, fetching.rate)
 
 
-def note(flight: FlightFolder, done: Fetched) -> None:
-    """Name the file in flight.json."""
+def note(flight: FlightFolder, done: Fetched, of: Sequence[int] | None = None) -> None:
+    """Name the file in flight.json, and the runs that it may hold, where that is known."""
     about = flight.read()
     before = about.get("fetched")
     kept = [one for one in before if isinstance(one, dict)] if isinstance(before, list) else []
     entry = {**done.to_json(), "file": done.path.name, "fetched": datetime.now(UTC).isoformat(timespec="seconds")}
+    entry |= {} if of is None else {"of": list(of)}
     flight.write({**about, "fetched": [*(one for one in kept if one.get("file") != done.path.name), entry]})
 
 

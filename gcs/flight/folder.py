@@ -221,7 +221,7 @@ def is_kept(run: Mapping[str, Any]) -> bool:
 
 
 def fetched_for(about: Mapping[str, Any]) -> dict[str, tuple[int, ...] | None]:
-    """Name of each file that was fetched -> the runs that it was fetched for, by their places in flight.json, from 1;
+    """Name of each file that was fetched -> the runs that it may hold, by their places in flight.json, from 1;
     None where that is not told."""
     told = about.get("fetched")
     entries = [one for one in told if isinstance(one, dict)] if isinstance(told, list) else []

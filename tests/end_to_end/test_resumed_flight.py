@@ -164,3 +164,31 @@ def test_a_killed_flight_goes_on_in_its_folder(
     assert main(["sweep", "--connect", "tcp:127.0.0.1:1", "--resume", str(folder)]) == 0, "nobody is connected to"
     assert "3 of 3 runs flown and kept; nothing is left to fly" in capsys.readouterr().out
     assert contents(folder) == after
+
+
+def test_a_vehicle_that_rebooted_in_between_is_read_by_both_its_clocks(
+    flown: SlowFlight, kill: Kill, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "flight-0001"
+    kill(in_second_run(flown, folder), "--no-probe", "--card", tmp_path / "three.toml", "-o", folder)
+    flown.pilot("mode stabilize")
+    flown.pilot("land")
+    flown.sleep(20.0)
+    flown.pilot("reboot")
+    flown.sleep(3.0)
+    flown.pilot("takeoff")
+    flown.sleep(10.0)
+    assert flown.tippath("sweep", "--no-probe", "--resume", folder) == 0
+    flown.pilot("land")
+    flown.sleep(30.0)
+    capsys.readouterr()
+
+    assert flown.tippath("fetch", "-o", folder, "--json") == 0
+    first = json.loads(capsys.readouterr().out)
+    (second,) = first["more"]
+    assert [(one["runs"], one["joined"]["complete"]) for one in (first, second)] == [([1], True), ([2, 3], True)]
+    assert [Path(one["joined"]["files"][0]["path"]).name for one in (first, second)] == ["flight.BIN", "flight-2.BIN"]
+    assert first["log"] != second["log"]
+    runs = {run.id: (run.usable, run.reasons) for run in ingest([folder]).runs}
+    assert [id for id, (usable, _) in runs.items() if usable] == ["flight.BIN#1", "flight-2.BIN#1", "flight-2.BIN#2"]
+    assert any("nobody saw how it ended" in reason for reason in runs["flight.BIN#2"][1])

@@ -7,8 +7,10 @@ flown is taken, where the vehicle knows the date.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +67,32 @@ def _times(run: Mapping[str, Any]) -> tuple[float, float] | None:
     if not isinstance(start, int | float) or not isinstance(duration, int | float):
         return None
     return float(start), float(start) + float(duration)
+
+
+def boots(runs: Sequence[Mapping[str, Any]]) -> list[list[int]]:
+    """The places in flight.json, from 1, of the runs of each log that a flight was recorded into, in order; where the
+    log stayed on the card, of each start of the vehicle, as far as the ground's clock tells that."""
+    groups: list[tuple[str | None, float | None, list[int]]] = []
+    for place, run in enumerate(runs, 1):
+        file, booted_s = run.get("file"), booted([run])
+        for known, other_s, places in groups:
+            apart = booted_s is not None and other_s is not None and abs(booted_s - other_s) > SAME_BOOT_S
+            if known == file and (file is not None or not apart):
+                places.append(place)
+                break
+        else:
+            groups.append((file, booted_s, [place]))
+    return [places for *_, places in groups]
+
+
+def booted(runs: Sequence[Mapping[str, Any]]) -> float | None:
+    """When the vehicle's clock began, s since 1970, by the first of these runs that tells it; None where none does."""
+    for run in runs:
+        times = _times(run)
+        with contextlib.suppress(TypeError, ValueError):
+            if times is not None:
+                return datetime.fromisoformat(run.get("started", "")).timestamp() - times[0]
+    return None
 
 
 def of_flight(

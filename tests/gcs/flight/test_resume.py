@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -294,6 +296,23 @@ def test_a_folder_that_another_program_flies_into_is_refused(session: FakeSessio
     assert set(seen) == {f"{cut_off} is being flown into by a tippath that still runs: end that one first"}
     with alone(FlightFolder(cut_off)):
         pass
+
+
+def test_a_lock_goes_with_the_process_that_is_killed(cut_off: Path) -> None:
+    program = (
+        "import pathlib, sys\nfrom gcs.flight.folder import FlightFolder\nfrom gcs.flight.lock import alone\n"
+        "with alone(FlightFolder(pathlib.Path(sys.argv[1]))):\n    print('held', flush=True)\n    sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(cut_off)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        with pytest.raises(TippathError, match="end that one first"):
+            unfinished(cut_off)
+        other.kill()
+        other.wait(10)
+        assert len(unfinished(cut_off).left) == 2
 
 
 def test_a_folder_that_somebody_flew_into_meanwhile_is_read_again(session: FakeSession, cut_off: Path) -> None:
