@@ -173,13 +173,9 @@ def run(args: argparse.Namespace) -> int:
     from gcs.logs.words import printable
     from gcs.vehicle.profile import load_profile
 
-    earlier = resumed(args)
+    card, log, earlier = asked(args)
     if earlier is not None and not earlier.left:
         return tell_nothing_left(earlier, as_json=args.json)
-    card = card_of(args) if earlier is None else earlier.card
-    log: LogWay = args.log or "stream" if earlier is None else earlier.log
-    if log == "card" and args.probe:
-        raise UsageError("--probe judges the commands in the log, and with --log card none come; leave one of them out")
     profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
 
     def consent(left_out: Sequence[str]) -> bool:
@@ -215,7 +211,7 @@ def run(args: argparse.Namespace) -> int:
             about={"link": args.connect},
             probe=stream and (not simulated if args.probe is None else args.probe),
             log=log,
-            left_out=ready.left_out if earlier is None else earlier.left_out,
+            left_out=ready.left_out,
             earlier=earlier,
         )
         loss = result.link_loss
@@ -225,6 +221,16 @@ def run(args: argparse.Namespace) -> int:
     args.flown = folder.path
     tell(result, as_json=args.json)
     return exit_status(result, wishes() is not None, say_why=args.json)
+
+
+def asked(args: argparse.Namespace) -> tuple[TestCard | None, LogWay, Earlier | None]:
+    """What to fly, how its log comes, and the flight that is to go on. Raises UsageError where options do not fit."""
+    earlier = resumed(args)
+    card = card_of(args) if earlier is None else earlier.card
+    log: LogWay = args.log or "stream" if earlier is None else earlier.log
+    if log == "card" and args.probe:
+        raise UsageError("--probe judges the commands in the log, and with --log card none come; leave one of them out")
+    return card, log, earlier
 
 
 def resumed(args: argparse.Namespace) -> Earlier | None:

@@ -60,6 +60,8 @@ class FlownBefore:
     problems: tuple[str, ...] = ()
     """What is to be known of those logs."""
     missing_blocks: int = 0
+    left_out: tuple[str, ...] = ()
+    """Of the card that was asked for at first, by consent."""
     checks: tuple[Check, ...] = ()
     """What to know before it goes on."""
 

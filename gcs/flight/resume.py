@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,6 +38,8 @@ from gcs.vehicle.snapshot import VehicleSnapshot
 ANEW = "fly the card anew, into another folder (-o DIR)"
 SAME = {"system": "system", "type": "type", "autopilot": "autopilot"}
 """What of a vehicle must not change, and its word."""
+LARGEST = 3.4e38
+"""That 32 bits hold."""
 OF_A_PART = ("started", "ended", "stopped", "boot", "checks", "probe", "missing_blocks")
 """What of flight.json is told of each part of a flight apart."""
 
@@ -59,6 +60,8 @@ class Earlier:
     """No sample of a run that is kept is missing on disk."""
     logs: tuple[Mapping[str, Any], ...]
     """Of each log recorded, as flight.json has them."""
+    missing_blocks: int
+    """Of these logs, as they lie on disk."""
     unjudged: tuple[str, ...]
     """Of logs whose end nobody saw, in words."""
 
@@ -71,12 +74,6 @@ class Earlier:
     def ended(self) -> bool:
         """The program that flew it last lived to say so."""
         return self.document.get("ended") is not None
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Of the card that was asked for at first, by consent."""
-        told = self.document.get("left_out")
-        return tuple(map(str, told)) if isinstance(told, list) else ()
 
     @cached_property
     def left(self) -> tuple[CardRun, ...]:
@@ -104,10 +101,11 @@ class Earlier:
         total = len(self.card.runs())
         return f"{len(self.kept)} of {total} run{'s' if total > 1 else ''} flown and kept"
 
-    def flown_before(self, parameters: Mapping[str, float], plans: Sequence[Plan], probes: int, at: str) -> FlownBefore:
-        """What a flight that is resumed begins with. `parameters` are in the vehicle now, `plans` of the whole card and
-        the `probes` before it, `at` is when it goes on."""
-        own = self._own(parameters, plans)
+    def flown(self, parameters: Mapping[str, float], planned: Sequence[tuple[CardRun, Plan]], at: str) -> FlownBefore:
+        """As `flown_before`."""
+        own = self._own(parameters, [plan for _, plan in planned])
+        probes = sum(run.probe for run, _ in planned)
+        told = self.document.get("left_out")
         return FlownBefore(
             own=own,
             document=self._continued(at),
@@ -116,7 +114,8 @@ class Earlier:
             whole=self.whole,
             logs=self.logs,
             problems=self.problems,
-            missing_blocks=sum(_missing_blocks(log) for log in self.logs),
+            missing_blocks=self.missing_blocks,
+            left_out=tuple(map(str, told)) if isinstance(told, list) else (),
             checks=self._checks(own),
         )
 
@@ -195,6 +194,25 @@ def offered(directory: Path) -> Earlier | None:
     return earlier if earlier is not None and earlier.left else None
 
 
+def flown_before(
+    earlier: Earlier | None,
+    vehicle: VehicleSnapshot,
+    profile: VehicleProfile,
+    parameters: Mapping[str, float],
+    planned: Sequence[tuple[CardRun, Plan]],
+    at: str,
+) -> FlownBefore:
+    """What a flight begins with; a new one with the vehicle's `parameters` alone. `planned` is the whole card with its
+    probes, and `at` when it goes on.
+
+    Raises TippathError where this is not the vehicle that flew it before.
+    """
+    if earlier is None:
+        return FlownBefore(own=parameters)
+    require_same_vehicle(earlier, vehicle, profile)
+    return earlier.flown(parameters, planned, at)
+
+
 def require_same_vehicle(earlier: Earlier, snapshot: VehicleSnapshot, profile: VehicleProfile) -> None:
     """Raises TippathError where this is not the vehicle that flew it before."""
     was = earlier.document.get("vehicle")
@@ -260,7 +278,7 @@ def _earlier(folder: FlightFolder, card: TestCard, document: dict[str, Any]) -> 
         for place, entry in [one for one in entries if _entry_key(one[1]) == _key(run)]:
             missing_s = recorded.missing_s(place, entry)
             entries.remove((place, entry))
-            if missing_s is None or missing_s <= FEW_MISSING * float(entry["duration_s"]):
+            if not missing_s or missing_s <= FEW_MISSING * float(entry["duration_s"]):
                 kept[run.number], gone = entry, ""
                 whole = whole and missing_s == 0
                 break
@@ -274,6 +292,7 @@ def _earlier(folder: FlightFolder, card: TestCard, document: dict[str, Any]) -> 
         lost=tuple(lost),
         whole=whole,
         logs=recorded.logs,
+        missing_blocks=recorded.missing_blocks,
         unjudged=recorded.unjudged,
     )
 
@@ -285,14 +304,20 @@ class _Recorded:
     document: Mapping[str, Any]
     held: Mapping[str, Coverage]
     """Name of a file -> what it holds."""
+    fetched: Mapping[str, Collection[int]]
+    """Name of a file that was fetched -> the runs that it was fetched for, by their places in flight.json."""
     logs: tuple[Mapping[str, Any], ...]
+    missing_blocks: int
+    """Of those that were streamed, as they lie on disk."""
     unjudged: tuple[str, ...]
 
     @classmethod
     def of(cls, folder: FlightFolder, document: Mapping[str, Any]) -> _Recorded:
         recording = document.get("recording")
         listed = recording.get("logs") if isinstance(recording, dict) else None
-        logs: list[Mapping[str, Any]] = [one for one in listed or () if isinstance(one, dict)]
+        logs: list[Mapping[str, Any]] = (
+            [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+        )
         known = {Path(str(one.get("path"))).name for one in logs}
         held = {path.name: coverage(path) for path in folder.logs()}
         unjudged = []
@@ -301,8 +326,17 @@ class _Recorded:
                 log = _unjudged(path, held[path.name])
                 logs.append(log_document(log, folder.path))
                 unjudged.append(_unjudged_words(log))
-        held |= {name: coverage(folder.path / name) for name in fetched_for(document) if (folder.path / name).is_file()}
-        return cls(document=document, held=held, logs=tuple(logs), unjudged=tuple(unjudged))
+        missing = sum(last - first + 1 for one in held.values() for first, last in one.missing)
+        fetched = _fetched(document)
+        held |= {name: coverage(folder.path / name) for name in fetched if (folder.path / name).is_file()}
+        return cls(
+            document=document,
+            held=held,
+            fetched=fetched,
+            logs=tuple(logs),
+            missing_blocks=missing,
+            unjudged=tuple(unjudged),
+        )
 
     def missing_s(self, place: int, entry: Mapping[str, Any]) -> float | None:
         """How much of a run no single file holds, s; None where that cannot be told. `place` is the run's in
@@ -312,13 +346,22 @@ class _Recorded:
         if not _is_number(entry.get("log_start_s")) or not _is_number(entry.get("duration_s")):
             return None
         start_s, duration_s = float(entry["log_start_s"]), float(entry["duration_s"])
-        fetched = fetched_for(self.document)
         there = [
             one.missing_s(start_s, start_s + duration_s)
             for name, one in self.held.items()
-            if (place in (fetched[name] or ()) if name in fetched else entry.get("file") in (None, name))
+            if (place in self.fetched[name] if name in self.fetched else entry.get("file") in (None, name))
         ]
         return min(there, default=duration_s)
+
+
+def _fetched(document: Mapping[str, Any]) -> dict[str, Collection[int]]:
+    """As `fetched_for`; where runs were fetched alone, those only."""
+    told: dict[str, Collection[int]] = {name: of or () for name, of in fetched_for(document).items()}
+    entries = document.get("fetched")
+    for one in entries if isinstance(entries, list) else ():
+        if isinstance(one, dict) and isinstance(one.get("runs"), list):
+            told[Path(str(one.get("file"))).name] = [place for place in one["runs"] if isinstance(place, int)]
+    return told
 
 
 def _unjudged(path: Path, held: Coverage) -> RecordedLog:
@@ -355,11 +398,6 @@ def _entry_key(entry: Mapping[str, Any]) -> tuple[Any, Any]:
     return entry.get("label"), entry.get("maneuver")
 
 
-def _missing_blocks(log: Mapping[str, Any]) -> int:
-    stretches = log.get("missing")
-    return sum(last - first + 1 for first, last in stretches) if isinstance(stretches, list) else 0
-
-
 def _peaks(entry: Mapping[str, Any]) -> Peaks:
     told = entry.get("peaks")
     known = told if isinstance(told, dict) else {}
@@ -367,4 +405,5 @@ def _peaks(entry: Mapping[str, Any]) -> Peaks:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    """That a parameter of a vehicle can be."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST

@@ -49,7 +49,7 @@ from gcs.flight.probe import (
     too_large_words,
 )
 from gcs.flight.recorder import RecordingSummary
-from gcs.flight.resume import Earlier, card_digest, flown_into, require_same_vehicle
+from gcs.flight.resume import Earlier, card_digest, flown_before, flown_into
 from gcs.flight.rules import TICK_S, joined
 from gcs.flight.run import Note, Probed, Progress, RunReady, RunResult, contradiction, fly_run, locked
 from gcs.flight.run_state import Ending
@@ -97,42 +97,34 @@ def fly_card(
     flight.json. With `probe` a small step on each axis comes first, and the card only where the vehicle answers as it
     should; it needs a log that is streamed. With `log` "card" nothing of the log is sent: see `gcs.flight.log_way`.
     `left_out` is what of the card that was asked for this vehicle cannot fly. With `earlier` a flight goes on, in its
-    own folder: `card` is its, and of it only what is left is flown.
-    Recording begins here and ends here. `profile` spares asking the vehicle what it is. Raises
-    CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; what happens later is in the
-    result. flight.json is written in every case where recording began.
+    own folder: `card` is its, and of it only what is left is flown. Recording begins here and ends here. `profile`
+    spares asking the vehicle what it is. Raises CannotFlyError, NotReadyError, LinkError and ProcedureError before
+    anything was flown; what happens later is in the result, and in flight.json wherever recording began.
     """
     clock, limits, disk_free = clock or WallClock(), limits or card.limits, disk_free or free_bytes
     profile = require_flyable(session, card, clock, profile=profile, stream=log == "stream")
-    if earlier is not None:
-        require_same_vehicle(earlier, session.snapshot(), profile)
     probes = probe_card(card, profile).runs() if probe and log == "stream" else ()
     planned = tuple((run, profile.plan(run.maneuver)) for run in preceded(card.runs(), probes))
     parameters = read_settings(session, clock, profile)
-    kept = log_way.card_log(session, clock) if log == "card" else ()
-    require(kept)
-    before_it = (*controller(session, clock, card), preflight.lean_stop(parameters), *kept)
-    before = FlownBefore(own=parameters)
-    if earlier is not None:
-        before = earlier.flown_before(parameters, [plan for _, plan in planned], len(probes), _now())
-        planned = tuple((run, plan) for run, plan in planned if run.number not in before.kept)
-    loss = link_loss(parameters, session.station)
+    before = flown_before(earlier, session.snapshot(), profile, parameters, planned, _now())
+    require(kept := log_way.card_log(session, clock) if log == "card" else ())
+    before_it = (*before.checks, *controller(session, clock, card), preflight.lean_stop(parameters), *kept)
     flight = _Flight(
         session=session,
         card=card,
         profile=profile,
         limits=limits,
-        planned=planned,
+        planned=tuple((run, plan) for run, plan in planned if run.number not in before.kept),
         folder=folder,
-        loss=loss,
-        about={**(about or {}), "left_out": list(left_out)},
+        loss=link_loss(parameters, session.station),
+        about={**(about or {}), "left_out": [*before.left_out, *left_out]},
         clock=clock,
         on_progress=on_progress,
         log=log,
         before=before,
     )
     with flown_into(folder, card, earlier), flight:
-        checks = flight.look(disk_free, (*before.checks, *before_it), parameters.get(LOOP_RATE))
+        checks = flight.look(disk_free, before_it, parameters.get(LOOP_RATE))
         require(checks)
         if not confirm(flight.briefing(checks)):
             raise NotReadyError("not confirmed: nothing was flown")

@@ -20,6 +20,7 @@ from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
 from gcs.tui import themes, words
+from gcs.tui.asked_card import AskedCard
 from gcs.tui.base import Dialog, Page
 from gcs.tui.connect import ConnectScreen
 from gcs.tui.connections import Connection, typed
@@ -209,10 +210,13 @@ class TippathApp(DeskApp):
     # Questions.
 
     def action_choose_card(self) -> None:
-        """Ask for a card; one that the diagnosis wrote is proposed."""
-        card = self.worker.state().desk.card
+        """Ask for a card; what is left of a flight is proposed, or one that the diagnosis wrote."""
+        state = self.worker.state()
+        proposed = "" if state.desk.card is None else str(state.desk.card)
+        if state.unfinished is not None:
+            proposed = AskedCard(resume=str(state.unfinished)).options
         hint = f"a TOML file, or one of: {', '.join(bundled_cards())}; behind it --leave-out, --log card"
-        self.ask_to_work("Which card?", hint, "the card", self.worker.choose_card, "" if card is None else str(card))
+        self.ask_to_work("Which card?", hint, "the card", self.worker.choose_card, proposed)
 
     # Connection.
 

@@ -11,7 +11,7 @@ from gcs.flight.connection import LogWay
 
 SHOWN_FIRST = "hover"
 """The card that is shown until the vehicle, which may have its own, is known."""
-MEANT = "a card, and behind it, where wanted, --leave-out and --log card"
+MEANT = "a card, and behind it, where wanted, --leave-out and --log card; or --resume DIR alone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +23,14 @@ class AskedCard:
     log: LogWay = "stream"
     leave_out: bool = False
     """By this consent what the vehicle cannot fly is left out."""
+    resume: str = ""
+    """The folder of a flight that is to go on, with its own card; empty for a new one."""
 
     @property
     def options(self) -> str:
         """As a shell takes them."""
+        if self.resume:
+            return f"--resume {word(self.resume)}"
         words = [f"--card {word(self.card)}"] if self.card else []
         words += ["--log card"] if self.log == "card" else []
         return " ".join([*words, *(["--leave-out"] if self.leave_out else [])])
@@ -38,6 +42,8 @@ def asked_card(text: str) -> AskedCard:
         words = shlex.split(text)
     except ValueError as error:
         raise UsageError(f"{text}: {error}; {MEANT}") from error
+    if len(words) == 2 and words[0] == "--resume":
+        return AskedCard(resume=words[1])
     card, log, leave_out = "", "stream", False
     while words:
         first = words.pop(0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,6 +23,7 @@ from gcs.flight.folder import create
 from gcs.flight.preflight import Check
 from gcs.flight.prepare import Prepared, prepared
 from gcs.flight.probe import result_words
+from gcs.flight.resume import Earlier, offered, unfinished
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.session import Session
@@ -38,6 +39,7 @@ from gcs.vehicle.snapshot import VehicleSnapshot
 
 TOO_EARLY = "not yet: a run is under way"
 CLOSED = "the app was closed"
+BEFORE = "flown before"
 LOOKS = 10
 """A run that waits is looked at again every so many tenths of a second."""
 
@@ -75,6 +77,9 @@ class CardFlight:
         self._seen: Callable[[], tuple[Check, ...]] | None = None
         """The checks as they stand, of the card that is flown."""
         self._flying: threading.Thread | None = None
+        self._earlier: Earlier | None = None
+        """Of the flight that goes on, once it does."""
+        threading.Thread(target=self._look_for_unfinished, name="tippath unfinished", daemon=True).start()
 
     @property
     def card(self) -> TestCard:
@@ -156,19 +161,20 @@ class CardFlight:
 
     def choose(self, card_word: str) -> None:
         """Another card, by its file or the name of a bundled one, with `--leave-out` and `--log card` behind it where
-        they are wanted. Raises UsageError."""
+        they are wanted; or `--resume` and the folder of a flight that is to go on. Raises TippathError."""
         asked = asked_card(card_word)
-        card = load_card(asked.card or SHOWN_FIRST)
+        earlier = _to_go_on(asked)
+        card = load_card(asked.card or SHOWN_FIRST) if earlier is None else earlier.card
         with self._moment.lock:
             if self._moment.now.stage.under_way:
                 raise TippathError("a card is being flown: end it first (E)")
             self._card, self._asked = card, asked
             self._moment.set(
                 card=card.name,
-                runs=_views(card),
+                runs=_views(card, earlier),
                 current=0,
                 use=None,
-                said=card.description,
+                said=card.description if earlier is None else f"{earlier.folder.path.name}: {earlier.words}",
                 checks=(),
                 limits=card.limits,
             )
@@ -202,9 +208,12 @@ class CardFlight:
     def _fly(self, session: Session, card: TestCard, asked: AskedCard) -> None:
         words, landed = "", None
         try:
+            earlier = self._earlier = _to_go_on(asked)
+            if earlier is not None:
+                asked = replace(asked, log=earlier.log)
             ready = prepared(
                 session,
-                card if asked.card else None,
+                card if asked.card or earlier is not None else None,
                 profiles=self._profiles,
                 consent=lambda _: asked.leave_out,
                 otherwise=card,
@@ -212,9 +221,9 @@ class CardFlight:
                 link=session.link,
             )
             self._take(ready)
-            if not asked.card and not ready.own:
+            if not asked.card and not asked.resume and not ready.own:
                 asked = replace(asked, card=SHOWN_FIRST)
-            folder = create(None, self._folder)
+            folder = create(None, self._folder) if earlier is None else earlier.folder
             self._moment.set(flight=folder.path)
             result = fly_card(
                 session,
@@ -228,6 +237,7 @@ class CardFlight:
                 probe=self._probe and asked.log == "stream",
                 log=asked.log,
                 left_out=ready.left_out,
+                earlier=earlier,
             )
             words = self._landed(result, asked)
             landed = result.folder.path if result.recording is not None and result.recording.logs else None
@@ -239,8 +249,17 @@ class CardFlight:
             words = f"the card stopped on a fault: {type(error).__name__}: {error}"
         finally:
             self._over(words)
+            self._look_for_unfinished()
             if landed is not None and not self._link.ending.is_set():
                 threading.Thread(target=self._on_landed, args=(landed,), name="tippath runs", daemon=True).start()
+
+    def _look_for_unfinished(self) -> None:
+        """Whether something is left of the newest flight, to be offered."""
+        earlier = offered(self._folder)
+        if earlier is None:
+            self._moment.set(unfinished=None, left="")
+        else:
+            self._moment.set(unfinished=earlier.folder.path, left=earlier.words)
 
     def _over(self, words: str) -> None:
         with self._moment.lock:
@@ -259,11 +278,12 @@ class CardFlight:
             self._notes.append(f"left out: {'; '.join(ready.left_out)}")
 
     def _landed(self, result: SweepResult, asked: AskedCard) -> str:
-        kept = sum(run.clean for run in result.runs)
+        kept = len(result.before.kept) + sum(run.clean for run in result.runs)
         where = word(result.folder.path)
         link = word(self._link.word or "LINK")
         vehicle = "" if self._profile_word is None else f" --vehicle-profile {word(self._profile_word)}"
-        command = f"tippath sweep --connect {link}{vehicle} {asked.options} -o {where}"
+        into = "" if asked.resume else f" -o {where}"
+        command = f"tippath sweep --connect {link}{vehicle} {asked.options}{into}"
         self._moment.did(command)
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
@@ -272,7 +292,10 @@ class CardFlight:
         return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *result.problems])
 
     def _briefed(self, briefing: Briefing) -> bool:
-        runs = tuple(_view(run) for run, _ in briefing.plans)
+        probes = sum(run.probe for run, _ in briefing.plans)
+        flown = () if self._earlier is None else _kept(self._earlier, probes)
+        left = (_view(run, {one.number for one in flown}) for run, _ in briefing.plans)
+        runs = tuple(sorted((*flown, *left), key=lambda run: run.number))
         self._seen = briefing.seen
         self._moment.set(checks=tuple(briefing.checks), link_loss=briefing.link_loss.words, runs=runs)
         return self._abort is None
@@ -296,7 +319,7 @@ class CardFlight:
         session = self._link.session
         assert session is not None
         number = ready.run.number
-        flown = any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in self._moment.now.runs)
+        flown = any(run.mark in (Mark.KEEP, Mark.AGAIN) and run.why != (BEFORE,) for run in self._moment.now.runs)
         with self._moment.pressed:
             self._started = False
             self._moment.set(
@@ -378,12 +401,29 @@ def _outcome(result: RunResult) -> tuple[Mark, tuple[str, ...], str]:
     return Mark.AGAIN, (words,), words
 
 
-def _views(card: TestCard) -> tuple[RunView, ...]:
-    return tuple(_view(run) for run in card.runs())
+def _to_go_on(asked: AskedCard) -> Earlier | None:
+    """The flight that is to go on; None for a new one. Raises TippathError where nothing of it is left."""
+    earlier = unfinished(Path(asked.resume).expanduser()) if asked.resume else None
+    if earlier is not None and not earlier.left:
+        raise TippathError(f"{earlier.folder.path.name}: {earlier.words}; nothing is left to fly (C: another card)")
+    return earlier
 
 
-def _view(run: CardRun) -> RunView:
-    locked = run.locked_by is not None
+def _views(card: TestCard, earlier: Earlier | None = None) -> tuple[RunView, ...]:
+    if earlier is None:
+        return tuple(_view(run) for run in card.runs())
+    left = (_view(run, earlier.kept) for run in earlier.left)
+    return tuple(sorted((*_kept(earlier), *left), key=lambda run: run.number))
+
+
+def _kept(earlier: Earlier, probes: int = 0) -> tuple[RunView, ...]:
+    """What was flown before, with so many probes before the card."""
+    runs = [run for run in earlier.card.runs() if run.number in earlier.kept]
+    return tuple(replace(_view(run), number=probes + run.number, mark=Mark.KEEP, why=(BEFORE,)) for run in runs)
+
+
+def _view(run: CardRun, kept: Container[int] = ()) -> RunView:
+    locked = run.locked_by is not None and run.locked_by not in kept
     return RunView(
         number=run.number,
         label=run.label,

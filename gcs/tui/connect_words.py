@@ -57,6 +57,10 @@ def heard_lines(state: State, width: int) -> list[Line]:
     """What is heard; or what to check, where nothing is."""
     vehicle = state.vehicle
     lines: list[Line] = [(f" link: {connection_words(state)}", "bold")]
+    if state.unfinished is not None and not state.stage.under_way:
+        lines.append(
+            (f" {state.unfinished.name} is not flown to its end ({state.left}): 2, then C goes on with it", "bold")
+        )
     if vehicle is None:
         if not state.link:
             lines.append(" no vehicle is looked for; recorded flights can be worked on (3)")

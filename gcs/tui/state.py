@@ -138,6 +138,10 @@ class State:
     disk_free: int | None = None
     flight: Path | None = None
     """Folder of the flight under way, or of the last."""
+    unfinished: Path | None = None
+    """Folder of the newest flight, where runs of its card are left."""
+    left: str = ""
+    """What of it is flown."""
     said: str = ""
     """The worker's last word: a refusal, a verdict, what was done."""
     said_by_desk: bool = False

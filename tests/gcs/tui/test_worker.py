@@ -16,6 +16,7 @@ import gcs.flight.gains
 import gcs.tui.card_flight
 import gcs.tui.vehicle_link
 from gcs.cards.envelope import Limits, Peaks, Use
+from gcs.cards.maneuver import load_card
 from gcs.desk import Choice
 from gcs.errors import LinkError, TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
@@ -122,9 +123,11 @@ class FakeCard:
         self.leave = None
         """What flies a log into the folder, where there is to be one."""
 
-    def __call__(self, session, card, profile, *, folder, confirm, on_progress, aborted, about, probe, log, left_out):
+    def __call__(
+        self, session, card, profile, *, folder, confirm, on_progress, aborted, about, probe, log, left_out, earlier
+    ):
         self.folder, self.probe = folder.path, probe
-        planned = [(run, _plan(run)) for run in card.runs()]
+        planned = [(run, _plan(run)) for run in (card.runs() if earlier is None else earlier.left)]
         loss = LinkLoss("RETURNS after 5 s", True)
         assert confirm(
             Briefing(
@@ -255,6 +258,51 @@ def until(condition) -> None:
 
 def reach(engine, stage) -> None:
     until(lambda: engine.state().stage is stage)
+
+
+def left_in(folder: Path, card: str = "quick") -> Path:
+    """A flight of which the first run was flown, its log on the vehicle's card."""
+    flight = FlightFolder(folder / "flight-0003")
+    flight.path.mkdir()
+    bundled = load_card(card)
+    flight.write_card(bundled.text)
+    first = bundled.runs()[0]
+    run = {"label": first.label, "maneuver": first.maneuver.to_json(), "ending": "finished"}
+    flight.write({"ended": None, "log": "card", "runs": [run | {"verdict": {"keep": None, "log": "card"}}]})
+    return flight.path
+
+
+def test_what_is_left_of_a_flight_is_offered_and_goes_on(engine, tmp_path):
+    assert engine.state().unfinished is None
+    flight = left_in(tmp_path)
+    engine.choose_card(f"--resume {flight}")
+    state = engine.state()
+    total = len(state.runs)
+    assert state.said == f"flight-0003: 1 of {total} runs flown and kept"
+    assert [run.mark for run in state.runs[:2]] == [Mark.KEEP, Mark.WAITING]
+    engine.ready()
+    reach(engine, Stage.READY)
+    assert engine.state().current == 2, "the first is not made ready again"
+    engine.start()
+    until(engine.fake_card.flying.is_set)
+    engine.abort()
+    reach(engine, Stage.IDLE)
+    assert engine.fake_card.folder == flight
+    assert engine.fake_card.probe is False, "its log stays on the card"
+    until(lambda: engine.state().unfinished == flight)
+    assert engine.state().left == f"1 of {total} runs flown and kept"
+    assert engine.state().commands[-1] == f"tippath sweep --connect udpin:127.0.0.1:1 --resume {flight}"
+
+
+def test_a_flight_of_which_nothing_is_left_does_not_go_on(engine, tmp_path):
+    flight = FlightFolder(left_in(tmp_path))
+    (run,) = flight.runs()
+    others = [run | {"label": r.label, "maneuver": r.maneuver.to_json()} for r in load_card("quick").runs()]
+    flight.write(flight.read() | {"runs": others})
+    with pytest.raises(TippathError, match="nothing is left to fly"):
+        engine.choose_card(f"--resume {flight.path}")
+    with pytest.raises(TippathError, match="no such folder"):
+        engine.choose_card("--resume nowhere")
 
 
 def test_a_log_that_the_vehicle_keeps_is_not_answered_and_one_that_it_streams_after_a_reboot_is(engine):
