@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import sys
 from collections.abc import Iterator
 from io import FileIO
 
 from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
+
+HELD = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
+"""How systems say that somebody else has it."""
 
 if sys.platform == "win32":
     import msvcrt
@@ -38,7 +42,8 @@ def alone(folder: FlightFolder) -> Iterator[None]:
         try:
             _lock(stream)
         except OSError as error:
-            raise TippathError(
-                f"{folder.path} is being flown into by a tippath that still runs: end that one first"
-            ) from error
+            if error.errno in HELD:  # else this disk knows no locks, which is no reason not to fly
+                raise TippathError(
+                    f"{folder.path} is being flown into by a tippath that still runs: end that one first"
+                ) from error
         yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from fake_flight import PARAMETERS, FakeSession, FakeVehicle
 from fetched import dataflash
 
+import gcs.flight.lock
 from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import parse_card
 from gcs.cli import main
@@ -296,6 +298,14 @@ def test_a_folder_that_another_program_flies_into_is_refused(session: FakeSessio
     assert set(seen) == {f"{cut_off} is being flown into by a tippath that still runs: end that one first"}
     with alone(FlightFolder(cut_off)):
         pass
+
+
+def test_a_disk_that_knows_no_locks_is_flown_to(cut_off: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(stream: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(gcs.flight.lock, "_lock", refuse)
+    assert len(unfinished(cut_off).left) == 2
 
 
 def test_a_lock_goes_with_the_process_that_is_killed(cut_off: Path) -> None:
