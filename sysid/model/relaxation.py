@@ -52,9 +52,16 @@ def driven_by(one: Spectrum, U: ComplexArray) -> Spectrum:
 
 
 def relaxed_response(
-    structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool, U: ComplexArray | None
+    structure: Structure,
+    values: FloatArray,
+    stack: Stack,
+    *,
+    sensitivities: bool,
+    U: ComplexArray | None,
+    of: Sequence[int] | None = None,
 ) -> Response:
-    """Nonlinear or time-varying dynamics: first the values, then a step of each parameter from where they settled.
+    """Nonlinear or time-varying dynamics: first the values, then a step of each parameter, or `of` these, from where
+    they settled.
 
     With inputs U (m, bins) in place of the logged ones there are no end states, which the measured rates would show.
     """
@@ -62,7 +69,8 @@ def relaxed_response(
     outside = {name for effect in front for name in effect.names}
     named = structure.by_name(values)
     at_values = (structure, tuple(values.tolist()))
-    count = len(structure.names) if sensitivities else 0
+    stepping = structure.names if of is None else tuple(structure.names[i] for i in of)
+    count = len(stepping) if sensitivities else 0
     Y = np.empty((len(structure.outputs), stack.z.size), dtype=complex)
     E = np.empty((len(rest.states), *Y.shape), dtype=complex)
     J = np.empty((count, *Y.shape), dtype=complex)
@@ -74,7 +82,7 @@ def relaxed_response(
             run, logged, settled = _answer(*at_values, one, ended=False)
         Y[:, part], E[..., part] = settled.Y, settled.E
         for first in range(0, count, TOGETHER):
-            names = structure.names[first : first + TOGETHER]
+            names = stepping[first : first + TOGETHER]
             batch = [_step(structure, named, name) for name in names]
             acting = [
                 run.commands(in_time(structure, front, one.segment, at), at)
@@ -116,7 +124,7 @@ class _Run:
 
     def __init__(self, structure: Structure, one: Spectrum) -> None:
         # heavier than NumPy itself to load: only where it is needed
-        from scipy.fft import next_fast_len, rfft
+        from scipy.fft import next_fast_len
 
         self.structure, self.one = structure, one
         self.measured = [structure.states.index(name) for name in structure.outputs]
@@ -129,7 +137,7 @@ class _Run:
         self.hold = np.sinc(np.arange(self.bins) / samples * (held_s / dt)) * np.exp(-0.5 * self.s * held_s)
         self.inside = slice(one.first, one.first + one.frequency_hz.size)
         self.channels = {
-            name: self.on_grid(rfft(one.segment.channels[name])[: self.bins]) for name in structure.channels
+            name: self.on_grid(one.segment.logged_bins([name], self.bins)[0]) for name in structure.channels
         }
         self.delays = [effect for effect in structure.composed if effect.response is not None]
         self.late = {name for effect in self.delays for name in effect.names}
@@ -150,7 +158,7 @@ class _Run:
 
     def commands(self, acting: FloatArray, named: Mapping[str, float]) -> ComplexArray:
         """Acting samples, as `in_time` gives them, to bins (commands, bins), without mean, behind every delay."""
-        U = self.one.segment.changed_bins(self.structure.commands, acting)[:, : self.bins]
+        U = self.one.segment.changed_bins(self.structure.commands, acting, self.bins)
         U[:, 0] = 0
         for effect in self.delays:
             assert effect.response is not None
