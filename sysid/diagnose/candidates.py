@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
-from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, refit
+from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, predicting, refit
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.term_search import Selection
@@ -321,7 +321,19 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
         if again is not None and _explained(again, parent, parent.metric) > explained:
             fit = again
-    return replace(one, fit=fit) if fit is not None else replace(one, not_testable=failure)
+    if fit is None:
+        return replace(one, not_testable=failure)
+    if one.score is not None and one.score.log_p_there < WORTH_THE_TIME and _doubtful(fit, parent, one.score):
+        fit = predicting(fit, parent)
+    return replace(one, fit=fit)
+
+
+def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:
+    """Whether feedback may have led least squares elsewhere: to values that it should not have, or to where it explains
+    far less than the score promised."""
+    if not fit.dataset.in_a_loop:
+        return False
+    return bool(_outside(fit) - _outside(parent)) or _explained(fit, parent, parent.metric) < KEPT * score.chi_squared
 
 
 def _astray(fit: Candidate, parent: Candidate) -> bool:

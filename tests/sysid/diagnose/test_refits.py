@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from strangers.asking import records
 from strangers.flights import Stranger, fly
 
-from sysid.data.band import swept_band
+from sysid.data.band import USUAL, swept_band
 from sysid.data.record import Record
 from sysid.diagnose import candidates, verdict
 from sysid.diagnose.candidates import Ranked
@@ -26,8 +28,7 @@ def flown() -> Stranger:
 
 
 def asked(runs: list[Record]) -> Diagnosis:
-    swept = swept_band(runs)
-    assert swept is not None
+    swept = swept_band(runs) or USUAL
     return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=False)
 
 
@@ -76,13 +77,43 @@ def test_of_two_the_larger_is_named_though_one_has_no_fit_of_its_own() -> None:
 
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("speed_stability", "servo_lag")], indirect=True)
-def test_what_a_loop_could_make_is_not_named_at_doubtful_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clean flight without a logged excitation, whose gusts a slow effect explains at odd sizes."""
+def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clean flight without a logged excitation: where nobody tells what was swept, a slow effect of odd sizes
+    explains its gusts, which is not named at doubtful values."""
     strange = fly(3052)
     runs = records(strange)[: strange.plan.fitted]
-    found = asked(runs)
+    assert asked(runs).verdict == "complete"
+    untold = [replace(one, swept_band_hz=None) for one in runs]
+    found = asked(untold)
     assert (found.verdict, found.reason, found.chain) == ("unexplained", "feedback", ("speed_stability",))
     assert found.winner is not None
     assert found.winner.outside
     monkeypatch.setattr(verdict, "A_LOOP_MAKES", 0.0)
-    assert asked(runs).verdict == "missing"
+    assert asked(untold).verdict == "missing"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("dynamic_inflow", "slipstream_wing")], indirect=True)
+def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an inflow in slow gusts, no excitation logged: least squares ends at a bound."""
+    strange = fly(6013)
+    runs = records(strange)[: strange.plan.fitted]
+    found = asked(runs)
+    assert (found.verdict, found.effect) == ("missing", "dynamic_inflow")
+    assert found.winner is not None
+    assert not found.winner.outside
+    monkeypatch.setattr(candidates, "predicting", lambda fit, _: fit)
+    again = asked(runs)
+    assert again.verdict == "unexplained"
+    assert next(one for one in again.candidates if one.effect == "dynamic_inflow").implausible
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("angular_damping", "hub_gyroscopics", "angle_of_attack")], indirect=True)
+def test_what_powers_do_not_tell_in_a_loop_is_no_doubt() -> None:
+    """Damping on top of what a strong loop makes of gusts: little of the power, and all that the commands foretell."""
+    strange = fly(6049)
+    found = asked(records(strange)[: strange.plan.fitted])
+    assert (found.verdict, found.effect) == ("missing", "angular_damping")
+    assert found.explained_share is not None
+    assert found.explained_share < 0.2
