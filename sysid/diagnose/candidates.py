@@ -13,6 +13,7 @@ from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, predicting, refit
 from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.term_search import Selection
 from sysid.errors import FitError
@@ -377,6 +378,8 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     model, parent = one.fit.model, reference.parent
     before, outside = _outside(parent), _outside(one.fit)
     now = _implausible(one.fit.asked, reference.whitening)
+    if not now - before and out_of_reach(one.fit, outside - before):
+        now |= outside
     validated = error = None
     if reference.validation is not None:
         try:

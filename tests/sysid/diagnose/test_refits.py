@@ -4,19 +4,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from strangers.asking import records
 from strangers.flights import Stranger, fly
 
 from sysid.data.band import USUAL, swept_band
+from sysid.data.dataset import dataset
 from sysid.data.record import Record
 from sysid.diagnose import candidates, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.choice import larger_first
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import candidate
+from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import Score
 from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import on_runs
+from sysid.model.base import bases
+from sysid.model.compose import compose
+from sysid.model.effect import catalogue
+from sysid.model.structure import Model
 
 SEED = 2041
 """A training one: a mode of 5.9 Hz in roll with one share in a hundred of the inertia, far less than the gusts."""
@@ -117,3 +126,24 @@ def test_what_powers_do_not_tell_in_a_loop_is_no_doubt() -> None:
     assert (found.verdict, found.effect) == ("missing", "angular_damping")
     assert found.explained_share is not None
     assert found.explained_share < 0.2
+
+
+def test_values_that_each_may_be_plausible_may_not_be_so_together() -> None:
+    strange = fly(6049)
+    runs = records(strange)[: strange.plan.fitted]
+    on = dataset(runs, (0.25, 6.0))
+    structure = compose(bases()["tpp"], [catalogue()["angular_damping"]], on.available)
+    fit = candidate(estimate(structure, on.viewed(structure.inputs), None, {}, "constant"), (), on)
+    places = [structure.names.index(name) for name in ("L_p", "M_q")]
+    values, covariance = fit.model.values.copy(), np.zeros_like(fit.estimate.covariance)
+    high = [one.plausible[1] for one in structure.parameters if one.name in ("L_p", "M_q")]
+    values[places] = np.array(high) + 1.8
+
+    def together(correlation: float) -> bool:
+        covariance[np.ix_(places, places)] = [[1.0, correlation], [correlation, 1.0]]
+        there = replace(fit.estimate, model=Model(structure, values), covariance=covariance)
+        return out_of_reach(replace(fit, estimate=there), ("L_p", "M_q"))
+
+    assert not together(0.9)
+    assert together(-0.9)
+    assert not out_of_reach(fit, ())
