@@ -314,7 +314,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     try:
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
     except (FitError, EffectError) as error:
-        return replace(one, not_testable=str(error))
+        return replace(one, fit=None, not_testable=str(error))
     fit, failure = _refit(composed, parent, one, None)
     begin = _where_scored(one, composed, parent)
     if begin is not None and one.score is not None and one.score.log_p_there < WORTH_THE_TIME:
@@ -323,10 +323,10 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         if again is not None and _explained(again, parent, parent.metric) > explained:
             fit = again
     if fit is None:
-        return replace(one, not_testable=failure)
+        return replace(one, fit=None, not_testable=failure)
     if one.score is not None and one.score.log_p_there < WORTH_THE_TIME and _doubtful(fit, parent, one.score):
         fit = predicting(fit, parent)
-    return replace(one, fit=fit)
+    return replace(one, fit=fit, not_testable=None)
 
 
 def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:

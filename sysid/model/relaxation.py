@@ -26,6 +26,8 @@ DIFFERENCE_RELAXED = 0.03
 """Of the last change of a response, and of a difference of responses; what is left is a fraction of it."""
 NEARER = 2
 """Relaxations in which the linear part is fitted to the motion."""
+UNSEEN = 1e-9
+"""Of what an end state does to any state, that it does to the measured rates where these tell nothing of it."""
 STEADY = 0.1
 """Change of a response, below which the next relaxation begins where the last ones point to;"""
 POINTING = 5
@@ -214,8 +216,17 @@ class _Settled(NamedTuple):
 def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool) -> _Settled:
     """The response to command bins U (m, bins).
 
-    The linear part is that of small motions first, and then the one nearest to the motion itself.
+    The linear part is that of small motions first, and then the one nearest to the motion itself; of states that hardly
+    move, or together, this may be anything, and where relaxations run away from it they stay with the first.
     """
+    try:
+        return _relaxed(run, named, U, ended, NEARER)
+    except RelaxationError:
+        return _relaxed(run, named, U, ended, 0)
+
+
+def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool, nearer_in: int) -> _Settled:
+    """The same, by the linear part as fitted to the motion in the first relaxations, so many."""
     structure, inside = run.structure, run.inside
     n, m = len(structure.states), len(structure.commands)
     A, B = structure.matrices(structure.vector(named))[:2]
@@ -225,7 +236,8 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
     u, driven = run.on_grid(U), B @ (U * run.hold)
     transfer = run.resolvent(A)
     X = _through(transfer, driven[None])[0]
-    unseen = ~np.any(transfer[rows], axis=(0, 2))  # states that only schedule others: no rate tells where they began
+    # states that only schedule or measure others: no rate tells where they began, but for rounding
+    unseen = np.max(np.abs(transfer[rows]), (0, 2)) <= UNSEEN * np.max(np.abs(transfer), (0, 2))
     outputs, last = X[rows], np.inf
     before: list[tuple[ComplexArray, ComplexArray]] = []
     for count in range(RELAXATIONS):
@@ -237,7 +249,7 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
         free = np.einsum("ijf,j->if", transfer, ends)
         x, rates, y = run.evaluate([named], (X + free)[None], u[None])
         other = rates[0] - A @ x[0] - B @ u
-        if count < NEARER:
+        if count < nearer_in:
             nearer = (other @ x[0].T) @ np.linalg.pinv(x[0] @ x[0].T, rcond=1e-9, hermitian=True)
             A, other = A + nearer, other - nearer @ x[0]
             transfer = run.resolvent(A)
@@ -246,7 +258,7 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
         if not np.isfinite(change) or change > 1e3:
             raise RelaxationError("the response grows without limit")
         outputs = run.transform(y[0]) + C @ (new - X - free)
-        before = [*before[-POINTING:], (X, new)] if count >= NEARER and change < STEADY else []
+        before = [*before[-POINTING:], (X, new)] if count >= nearer_in and change < STEADY else []
         X = new
         if change < RELAXED:
             break
