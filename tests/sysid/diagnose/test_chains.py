@@ -178,7 +178,12 @@ def test_what_is_dear_and_little_is_tried_beside_what_is_no_answer(monkeypatch: 
 def test_beside_one_that_only_stands_in_and_leaves_noise_others_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[str] = []
     monkeypatch.setattr(chains, "_apart", lambda *_: True)
-    monkeypatch.setattr(chains._Chains, "begin_with", lambda _, one: bool(begun.append(one.effect)))
+
+    def leaves_noise(_: object, one: Ranked) -> bool:
+        begun.append(one.effect)
+        return False
+
+    monkeypatch.setattr(chains._Chains, "begin_with", leaves_noise)
     bar, lag = alone("stabiliser_bar", 320.0, ("tau_b",)), alone("servo_lag", 180.0)
     assert search_of(False, bar, lag).search([bar, lag], [bar, lag])
     assert begun == ["stabiliser_bar", "servo_lag"]
