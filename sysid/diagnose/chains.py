@@ -317,9 +317,10 @@ class _Chains:
         """The effect by itself, fitted now where it was not; None where it is not plausible there, or too dear."""
         parent = self.reference.parent
         if one.effect not in self.single and self.paid(self.price_of(one, parent)):
-            self.single[one.effect] = alone = ranked(refitted(one, parent, self.reference.users), self.reference)
-            if alone.fit is not None and not alone.implausible:
-                self.alone[one.effect] = alone
+            alone = ranked(refitted(one, parent, self.reference.users), self.reference)
+            if alone.fit is not None:
+                self.single[one.effect] = alone
+                self.alone |= {} if alone.implausible else {one.effect: alone}
         return self.alone.get(one.effect)
 
     def price_of(self, more: Ranked, begin: Candidate) -> float:

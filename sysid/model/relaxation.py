@@ -222,7 +222,8 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
     try:
         return _relaxed(run, named, U, ended, NEARER)
     except RelaxationError:
-        return _relaxed(run, named, U, ended, 0)
+        with np.errstate(over="ignore", invalid="ignore"):  # what grows without limit is refused by what it reaches
+            return _relaxed(run, named, U, ended, 0)
 
 
 def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool, nearer_in: int) -> _Settled:
