@@ -47,6 +47,7 @@ from gcs.link.events import (
     StatusText,
     StatusTextPart,
 )
+from gcs.link.frames import Frame
 from gcs.link.key_file import signing_with
 from gcs.link.log_answer import AnsweredRate, LogAnswer, LogClient
 from gcs.link.procedures import (
@@ -57,7 +58,7 @@ from gcs.link.procedures import (
     RequestAutopilotVersion,
 )
 from gcs.link.signing import Signing
-from gcs.link.transport import Frame, Transport, carries, open_transport
+from gcs.link.transport import Transport, carries, open_transport
 from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
@@ -107,7 +108,7 @@ class Session:
         self._link_clock = LinkClock()
         self._assembly = TextAssembly()
         self._texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
-        self._neighbours = Neighbours()
+        self._neighbours = Neighbours(transport, signing)
         self._recording: Recording | CardRecording | None = None
         self._answer: LogAnswer | None = None
         """Of the vehicle's log, while it is not recorded."""
@@ -224,6 +225,14 @@ class Session:
         if isinstance(outcome, Failed):
             raise outcome.error()
         return outcome.value
+
+    def take_over(self) -> None:
+        """Speak with the address that speaks as the vehicle does, whose own is silent. Raises TippathError where there
+        is none, or something is being recorded: during a run the vehicle stays the one that was started."""
+        with self._lock:
+            self._refuse_second()
+            if not self._transport.take_over():
+                raise TippathError("no other address speaks as this vehicle does")
 
     def send(self, *sends: Send) -> None:
         """Say something that needs no answer, at once."""
@@ -470,16 +479,8 @@ class Session:
         self._refresh(now)
 
     def _refresh(self, now: float) -> None:
-        frames, bad_bytes = self._transport.counts
-        if self._signing is not None:
-            self._signing.keep()
-            self._update(refused=self._signing.refusals())
-        self._update(
-            **self._neighbours.seen(now),
-            strangers=self._transport.strangers,
-            frames=frames,
-            bad_bytes=bad_bytes,
-        )
+        self._neighbours.tend(recording=self._recording is not None)
+        self._update(**self._neighbours.seen(now))
         if self._recording is not None:
             self._update(**self._recording.seen())
 
