@@ -134,7 +134,9 @@ class SlowFlight:
         monkeypatch.setattr(fetching, "Fetching", in_fake_time)
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: "fly\n"))
 
-    def _open(self, link: str, *, primary: bool = False, key: Path | None = None, system: int | None = None) -> Session:
+    def _open(
+        self, link: str, *, primary: bool = False, key: Path | None = None, system: int | None = None, dry: bool = False
+    ) -> Session:
         signing = None
         if key is not None:
             signing = Signing(read_key(key).secret, KeptStamps(key), wall_clock=self._wall_clock)
@@ -144,6 +146,7 @@ class SlowFlight:
             primary=primary,
             signing=signing,
             system=system,
+            dry=dry,
             pace=self,
             wall_clock=self._wall_clock,
         )

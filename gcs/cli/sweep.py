@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
 from gcs.cli.options import print_json
-from gcs.cli.push import add_link_options, add_vehicle_option, station
+from gcs.cli.push import add_dry_option, add_link_options, add_vehicle_option, station
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -111,6 +111,7 @@ def add_parser(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_link_options(parser)
+    add_dry_option(parser)
     add_vehicle_option(parser)
     there = sorted(path.stem for path in CARDS.glob("*.toml"))
     bundled = f"{', '.join(there[:-1])} and {there[-1]}"
@@ -150,6 +151,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0 flown to the end, 130 ended by Ctrl-C, 1 otherwise. Raises TippathError for what a user meets."""
+    from gcs.cli.dry_run import print_sweep
     from gcs.cli.interrupts import interrupts  # as below: --help answers at once without pymavlink and numpy
     from gcs.cli.progress import ProgressLines
     from gcs.flight import folder as flightdir
@@ -161,8 +163,6 @@ def run(args: argparse.Namespace) -> int:
     from gcs.vehicle.profile import load_profile
 
     card = card_of(args)
-    if args.log == "card" and args.probe:
-        raise UsageError("--probe judges the commands in the log, and with --log card none come; leave one of them out")
     profiles = () if args.vehicle_profile is None else (load_profile(args.vehicle_profile),)
 
     def consent(left_out: Sequence[str]) -> bool:
@@ -174,6 +174,9 @@ def run(args: argparse.Namespace) -> int:
             return EXIT_INTERRUPTED
         ready = prepared(session, card, profiles=profiles, consent=consent, log=args.log, link=args.connect)
         card, profile = ready.card, ready.profile
+        if args.dry_run:
+            print_sweep(session, ready, as_json=args.json)
+            return EXIT_DONE
         lines = ProgressLines(card.limits)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
         if not simulated:
@@ -201,8 +204,7 @@ def run(args: argparse.Namespace) -> int:
             left_out=ready.left_out,
         )
         loss = result.link_loss
-        if loss is not None and loss.ends_sweep and session.snapshot().armed:
-            # We hold its failsafe, and are about to leave.
+        if loss is not None and loss.ends_sweep and session.snapshot().armed:  # we hold its failsafe, and leave
             print(f" the vehicle is still in the air and {loss.answer} once this program has ended", file=sys.stderr)
     args.flown = folder.path
     tell(result, as_json=args.json)
@@ -257,6 +259,9 @@ def waited(
 def card_of(args: argparse.Namespace) -> TestCard | None:
     """What to fly; None where the options leave it to the vehicle. Raises UsageError where they say it twice."""
     from gcs.cards.maneuver import Maneuver, load_card, single_card
+
+    if args.log == "card" and args.probe:
+        raise UsageError("--probe judges the commands in the log, and with --log card none come; leave one of them out")
 
     single = [name for name in ("axis", "amplitude", "duration") if getattr(args, name) is not None]
     if args.card is not None and single:

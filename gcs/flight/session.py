@@ -84,6 +84,7 @@ class Session:
         primary: bool = False,
         signing: Signing | None = None,
         system: int | None = None,
+        dry: bool = False,
         pace: Pace | None = None,
         wall_clock: Callable[[], float] = time.time,
     ) -> None:
@@ -95,7 +96,7 @@ class Session:
         self._wall_clock = wall_clock
         self._signing = signing
         self._wanted = system
-        self._voice = Voice(self.station, transport, signing)
+        self._voice = Voice(self.station, transport, signing, dry=dry)
         self._lock = threading.RLock()
         """Guards all below but the snapshot, which is replaced whole."""
         self._snapshot: VehicleSnapshot | None = None
@@ -125,21 +126,20 @@ class Session:
         primary: bool = False,
         key: Path | None = None,
         system: int | None = None,
-        recorder: Recorder | None = None,
+        dry: bool = False,
         connect_timeout_s: float = 5.0,
     ) -> Session:
-        """Open a LINK and wait for a vehicle; with a recorder, record from the start.
+        """Open a LINK and wait for a vehicle.
 
-        With the file of a `key` all is signed, and nothing else believed; with `system` only the vehicle of that id is
-        listened to. Raises LinkError where the link makes no sense or cannot be opened, or no vehicle is heard,
-        UsageError where the key is none.
+        With the file of a `key` all is signed, and nothing else believed; `system` alone is heard; with
+        `dry` nothing leaves but questions. Raises LinkError where the link makes no sense or cannot be opened, or no
+        vehicle is heard, UsageError where the key is none.
         """
         signing = None if key is None else signing_with(key)
-        session = cls(open_transport(link, signing, system), primary=primary, signing=signing, system=system)
+        transport = open_transport(link, signing, system)
+        session = cls(transport, primary=primary, signing=signing, system=system, dry=dry)
         try:
             session.wait_for_vehicle(connect_timeout_s)
-            if recorder is not None:
-                session._record(recorder)
         except BaseException:
             session.close()
             raise
@@ -414,10 +414,10 @@ class Session:
         if isinstance(event, CommandAck | FtpReply) and not self._is_ours(event):
             return
         own = event.component == self._snapshot.component
+        clock = self._link_clock
         if own:
-            self._link_clock.on_event(event, now)
-        known_s, late_s = self._link_clock.known_s, self._link_clock.stamp_age_s(now)
-        self._snapshot = reduce(self._snapshot, event, now, known_s=known_s, late_s=late_s)
+            clock.on_event(event, now)
+        self._snapshot = reduce(self._snapshot, event, now, known_s=clock.known_s, late_s=clock.stamp_age_s(now))
         if isinstance(event, StatusText):
             self._texts.append(self._snapshot.texts[-1])
         if isinstance(event, Heartbeat) and self._snapshot.heartbeats:
