@@ -190,6 +190,9 @@ class FakeWorker:
     def check(self) -> None:
         self.ask("check")
 
+    def take_over(self) -> None:
+        self.ask("take over")
+
     def choose_card(self, word: str) -> None:
         self.ask(f"card {word}")
 

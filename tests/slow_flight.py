@@ -19,9 +19,9 @@ import gcs.flight.connection
 from gcs.cli import main
 from gcs.flight.fetching import fetch as fetching
 from gcs.flight.session import Session
+from gcs.link.frames import Frame, FrameFinder
 from gcs.link.key_file import KeptStamps, read_key
 from gcs.link.signing import Signing
-from gcs.link.transport import Frame, FrameFinder
 from sitl.autopilot.storage import LogStorage
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.faults.air import Bandwidth, Faults, FaultyLink
@@ -52,6 +52,7 @@ class Wire:
         """The session's."""
 
         strangers = 0
+        newcomer: str | None = None
         receive_buffer: int | None = None
         problem: str | None = None
 
@@ -65,6 +66,9 @@ class Wire:
         def receive(self, timeout_s: float) -> list[Frame]:
             down, self._wire._down = self._wire._down, []
             return self._wire.finder.feed(b"".join(down))
+
+        def take_over(self) -> bool:
+            return False
 
         def send(self, data: bytes) -> None:
             self._wire._up.append(data)
@@ -130,7 +134,9 @@ class SlowFlight:
         monkeypatch.setattr(fetching, "Fetching", in_fake_time)
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, readline=lambda: "fly\n"))
 
-    def _open(self, link: str, *, primary: bool = False, key: Path | None = None, system: int | None = None) -> Session:
+    def _open(
+        self, link: str, *, primary: bool = False, key: Path | None = None, system: int | None = None, dry: bool = False
+    ) -> Session:
         signing = None
         if key is not None:
             signing = Signing(read_key(key).secret, KeptStamps(key), wall_clock=self._wall_clock)
@@ -140,6 +146,7 @@ class SlowFlight:
             primary=primary,
             signing=signing,
             system=system,
+            dry=dry,
             pace=self,
             wall_clock=self._wall_clock,
         )

@@ -15,6 +15,9 @@ COMMANDS = (
 )
 """In the order of the work, as `tippath --help` lists them."""
 
+OF_A_VEHICLE = ("check", "sweep", "abort", "push", "revert")
+"""Whose JSON says why where nothing came of it; `fetch` says it itself."""
+
 EXIT_DONE, EXIT_NO, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
 
@@ -55,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     except (TippathError, SysidError) as error:
         print(f"tippath {args.command}: {error}", file=sys.stderr)
+        if args.command in OF_A_VEHICLE and args.json:
+            _print_reason(args.command, error)
         return EXIT_NO
     except BrokenPipeError:
         # the reader of our output went away; keep the interpreter from complaining at exit
@@ -68,3 +73,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         print(f"tippath {args.command}: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+def _print_reason(command: str, error: Exception) -> None:
+    """Why, as a document: a word for programs, and the message."""
+    from gcs.cli.options import print_json
+    from gcs.errors import TippathError
+
+    reason = error.reason if isinstance(error, TippathError) else TippathError.reason
+    print_json({"format": f"tippath.{command}/1", "reason": reason, "error": str(error)})

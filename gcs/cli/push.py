@@ -18,10 +18,13 @@ def add_parser(subparsers: Any) -> None:
         epilog='--json prints {"format": "tippath.push/1", "crc", "checksum", "previous_crc", "previous_checksum", '
         '"committed", "verified", "values", "switch_on"}: the checksums of the bank that is active now and of the one '
         "before, as numbers (0: none) and as they are written everywhere else, in six hexadecimal digits; whether "
-        "anything had to be committed, how many values were read back equal, and those values.",
+        "anything had to be committed, how many values were read back equal, and those values. With --dry-run "
+        '"changes": {name: {"now", "then"}}. Where it ends with 1: {"format", "reason", "error"}, reason one of link, '
+        "no answer, refused, armed, no bank, differs, gains.",
     )
     parser.add_argument("gains", type=Path, metavar="GAINS.json")
     add_link_options(parser)
+    add_dry_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -55,6 +58,15 @@ def add_voice_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_dry_option(parser: argparse.ArgumentParser) -> None:
+    """--dry-run, of what writes or flies."""
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="ask and check all the same, say what would be done, and send nothing but questions",
+    )
+
+
 def _system(text: str) -> int:
     if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 255):
         raise argparse.ArgumentTypeError(f"{text}: a system id is 1 to 255")
@@ -63,7 +75,8 @@ def _system(text: str) -> int:
 
 def station(args: argparse.Namespace) -> dict[str, Any]:
     """How this station takes part in a link, as `Session.open` takes it."""
-    return {"primary": args.primary, "key": args.key, "system": args.system}
+    about = {"primary": args.primary, "key": args.key, "system": args.system}
+    return about | ({"dry": True} if getattr(args, "dry_run", False) else {})
 
 
 def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
@@ -77,11 +90,16 @@ def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.flight.gains import checksum, load_gains, push  # here, because --help should not wait for MAVLink
+    # here, because --help should not wait for MAVLink
+    from gcs.cli.dry_run import print_push
+    from gcs.flight.gains import checksum, load_gains, planned_push, push
     from gcs.flight.session import Session
 
     gains = load_gains(args.gains)
     with Session.open(args.connect, **station(args)) as session:
+        if args.dry_run:
+            print_push(planned_push(session, gains), as_json=args.json)
+            return 0
         result = push(session, gains, on_progress=lambda step: print(f" {step}", file=sys.stderr))
     if args.json:
         print(json.dumps(result.to_json(), indent=2, allow_nan=False))

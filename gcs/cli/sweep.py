@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.cli import EXIT_DONE, EXIT_INTERRUPTED, EXIT_NO
 from gcs.cli.options import print_json
-from gcs.cli.push import add_link_options, add_vehicle_option, station
+from gcs.cli.push import add_dry_option, add_link_options, add_vehicle_option, station
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -124,6 +124,7 @@ def add_parser(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_link_options(parser)
+    add_dry_option(parser)
     add_vehicle_option(parser)
     there = sorted(path.stem for path in CARDS.glob("*.toml"))
     bundled = f"{', '.join(there[:-1])} and {there[-1]}"
@@ -163,6 +164,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0 flown to the end, 130 ended by Ctrl-C, 1 otherwise. Raises TippathError for what a user meets."""
+    from gcs.cli.dry_run import print_sweep
     from gcs.cli.interrupts import interrupts  # as below: --help answers at once without pymavlink and numpy
     from gcs.cli.progress import ProgressLines
     from gcs.flight import folder as flightdir
@@ -187,6 +189,9 @@ def run(args: argparse.Namespace) -> int:
             return EXIT_INTERRUPTED
         ready = prepared(session, card, profiles=profiles, consent=consent, log=log, link=args.connect)
         card, profile = ready.card, ready.profile
+        if args.dry_run:
+            print_sweep(session, ready, earlier, as_json=args.json)
+            return EXIT_DONE
         lines = ProgressLines(card.limits)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
         if not simulated:
@@ -194,8 +199,7 @@ def run(args: argparse.Namespace) -> int:
 
         def confirm(briefing: Briefing) -> bool:
             lines.briefing(briefing)
-            for words in ready.left_out:
-                print(f"   left out: {printable(words)}", file=sys.stderr)
+            print("".join(f"   left out: {printable(words)}\n" for words in ready.left_out), end="", file=sys.stderr)
             return simulated or typed_confirmation()
 
         folder = flightdir.create(args.output) if earlier is None else earlier.folder
@@ -214,13 +218,17 @@ def run(args: argparse.Namespace) -> int:
             left_out=ready.left_out,
             earlier=earlier,
         )
-        loss = result.link_loss
-        if loss is not None and loss.ends_sweep and session.snapshot().armed:
-            # We hold its failsafe, and are about to leave.
-            print(f" the vehicle is still in the air and {loss.answer} once this program has ended", file=sys.stderr)
+        tell_of_failsafe(result, armed=session.snapshot().armed)
     args.flown = folder.path
     tell(result, as_json=args.json)
     return exit_status(result, wishes() is not None, say_why=args.json)
+
+
+def tell_of_failsafe(result: SweepResult, *, armed: bool) -> None:
+    """Where we hold the vehicle's failsafe, and are about to leave."""
+    loss = result.link_loss
+    if loss is not None and loss.ends_sweep and armed:
+        print(f" the vehicle is still in the air and {loss.answer} once this program has ended", file=sys.stderr)
 
 
 def asked(args: argparse.Namespace) -> tuple[TestCard | None, LogWay, Earlier | None]:

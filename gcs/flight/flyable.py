@@ -30,6 +30,8 @@ WARNING = 4
 class NotReadyError(TippathError):
     """Checks before the start failed; the message lists all that did, what and why."""
 
+    reason = "not ready"
+
 
 def require(checks: Sequence[Check]) -> None:
     """Raises NotReadyError with all that failed."""

@@ -44,6 +44,8 @@ T = TypeVar("T")
 class GainsError(TippathError):
     """A file that holds no set of gains, or a vehicle that does not take it."""
 
+    reason = "gains"
+
 
 @dataclass(frozen=True, slots=True)
 class Gains:
@@ -86,6 +88,33 @@ class PushResult:
             "committed": self.committed,
             "verified": len(self.values),
             "values": dict(self.values),
+            "switch_on": self.switch_on,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class PushPlan:
+    """What a push would do, by what the vehicle told; nothing was written."""
+
+    crc: int
+    """Of the set;"""
+    active_crc: int
+    """of the bank that is active; 0 where there is none."""
+    changes: Mapping[str, tuple[float | None, float]]
+    """Values of the active bank that would become others: now (None where no bank is active), then."""
+    switch_on: bool | None
+    """As in `PushResult`."""
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "format": "tippath.push/1",
+            "dry_run": True,
+            "crc": self.crc,
+            "checksum": checksum(self.crc),
+            "previous_crc": self.active_crc,
+            "previous_checksum": checksum(self.active_crc) if self.active_crc else None,
+            "committed": False,
+            "changes": {name: {"now": now, "then": then} for name, (now, then) in self.changes.items()},
             "switch_on": self.switch_on,
         }
 
@@ -174,6 +203,30 @@ def _bits(value: float, name: str, source: str) -> int:
         raise GainsError(f"{source}: {name} = {value:g} is too large for the vehicle's float32") from None
 
 
+def planned_push(session: Session, gains: Gains) -> PushPlan:
+    """All that a push asks before it writes, and what it would change. Raises as `push`."""
+    _require_disarmed(session, "nothing was written")
+    _require_bank(session)
+    crc = _active_crc(session)
+    held: tuple[int | None, ...] = _bank(session, ACTIVE) if crc else (None,) * len(BANK)
+    changes = {
+        name: (None if now is None else float_of_bits(now), float_of_bits(then))
+        for name, now, then in zip(BANK, held, gains.bits, strict=True)
+        if now != then
+    }
+    return PushPlan(gains.crc, crc, changes, _switch(session))
+
+
+def planned_revert(session: Session) -> int:
+    """All that a revert asks before it writes; the checksum of the bank that it would leave. Raises as `revert`."""
+    _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
+    _require_bank(session)
+    crc = _active_crc(session)
+    if not crc:
+        raise GainsError("no LQR is active: there is nothing to go back from", reason="no bank")
+    return crc
+
+
 def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] = lambda _: None) -> PushResult:
     """Write a set to the shadow bank, prove it, commit it, and prove what is active; only disarmed.
 
@@ -198,7 +251,8 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     if active != gains.crc:
         raise GainsError(
             f"the vehicle did not take the set: {refusal or f'its active bank is {checksum(active)}'}; "
-            f"the active bank is {'as before' if active == previous else 'another one'}"
+            f"the active bank is {'as before' if active == previous else 'another one'}",
+            reason="refused",
         )
     on_progress("reading the active bank back")
     _require_equal(_bank(session, ACTIVE), gains.bits, "active bank", "do not fly it: revert")
@@ -216,13 +270,14 @@ def revert(session: Session) -> RevertResult:
     refusal = _act(session, REVERT, 1.0, before)
     after = _active_crc(session)
     if after == before and refusal is not None:
-        raise GainsError(f"the vehicle did not go back: {refusal}; the active bank is as before ({checksum(before)})")
+        words = f"the vehicle did not go back: {refusal}; the active bank is as before ({checksum(before)})"
+        raise GainsError(words, reason="refused")
     return RevertResult(after, before)
 
 
 def _require_disarmed(session: Session, then: str) -> None:
     if session.snapshot().armed:
-        raise GainsError(f"the vehicle is armed: land and disarm first; {then}")
+        raise GainsError(f"the vehicle is armed: land and disarm first; {then}", reason="armed")
 
 
 def _require_bank(session: Session) -> None:
@@ -230,7 +285,7 @@ def _require_bank(session: Session) -> None:
         session.call(ReadParameter(BANK_KNOWN_BY, 4))
     except ProcedureError as error:
         _require_link(session, error)
-        raise GainsError(NO_BANK) from error
+        raise GainsError(NO_BANK, reason="no bank") from error
 
 
 def _require_link(session: Session, error: ProcedureError) -> None:
@@ -299,4 +354,5 @@ def _bank(session: Session, prefix: str) -> tuple[int, ...]:
 def _require_equal(held: tuple[int, ...], sent: tuple[int, ...], bank: str, then: str) -> None:
     different = [name for name, a, b in zip(BANK, held, sent, strict=True) if a != b]
     if different:
-        raise GainsError(f"the vehicle's {bank} differs from what was sent in {', '.join(different)}; {then}")
+        words = f"the vehicle's {bank} differs from what was sent in {', '.join(different)}; {then}"
+        raise GainsError(words, reason="differs")

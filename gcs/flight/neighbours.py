@@ -1,10 +1,14 @@
-"""Who else speaks on this link: other stations, other vehicles, a telemetry radio. Shown, not listened to."""
+"""Who else speaks on this link: other stations and vehicles, a telemetry radio, another address in the vehicle's name.
+They are shown, and not listened to.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
 from gcs.link.events import Event, Heartbeat, RadioStatus
+from gcs.link.signing import Signing
+from gcs.link.transport import Transport
 
 HEARD_FOR_S = 10.0
 """How long a second station, a second vehicle or a radio counts as being there after it was heard."""
@@ -13,7 +17,9 @@ HEARD_FOR_S = 10.0
 class Neighbours:
     """Times are the session's clock, s."""
 
-    def __init__(self) -> None:
+    def __init__(self, transport: Transport, signing: Signing | None) -> None:
+        self._transport = transport
+        self._signing = signing
         self._heard: dict[tuple[bool, int, int], float] = {}
         """(whether a station, system, component) -> when."""
         self._radio: tuple[RadioStatus, float] | None = None
@@ -32,8 +38,22 @@ class Neighbours:
         """Fields of a snapshot."""
         self._heard = {who: heard for who, heard in self._heard.items() if now - heard <= HEARD_FOR_S}
         radio = self._radio
+        frames, bad_bytes = self._transport.counts
         return {
             "other_stations": sum(station for station, _, _ in self._heard),
             "other_vehicles": len({system for station, system, _ in self._heard if not station}),
             "radio": radio[0] if radio is not None and now - radio[1] <= HEARD_FOR_S else None,
+            "refused": () if self._signing is None else self._signing.refusals(),
+            "newcomer": self._transport.newcomer or "",
+            "strangers": self._transport.strangers,
+            "frames": frames,
+            "bad_bytes": bad_bytes,
         }
+
+    def tend(self, recording: bool) -> None:
+        """What is due: the time of signatures is kept; and whoever has the key is the vehicle, from whatever address,
+        but not while something is recorded."""
+        if self._signing is not None:
+            self._signing.keep()
+            if not recording:
+                self._transport.take_over()

@@ -246,6 +246,12 @@ def _of_link(snapshot: VehicleSnapshot) -> tuple[Item, ...]:
         found.append(Item(name="signing", standing=Standing.MUST, value="no key here", words=words))
     elif snapshot.signed:
         found.append(Item(name="signing", standing=Standing.FINE, value="signed", words=_refused(snapshot)))
+    if snapshot.newcomer:
+        words = "the vehicle's own is silent: is it the same one? Connect anew to take it"
+        found.append(Item(name="address", standing=Standing.MUST, value=snapshot.newcomer, words=words))
+    if snapshot.strangers:
+        words = "from other addresses, dropped"
+        found.append(Item(name="strangers", standing=Standing.FINE, value=f"{snapshot.strangers} packets", words=words))
     if snapshot.other_stations:
         count = f"{snapshot.other_stations} other"
         found.append(Item(name="stations", standing=Standing.FINE, value=count, words="ground stations on this link"))

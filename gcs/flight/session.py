@@ -47,6 +47,7 @@ from gcs.link.events import (
     StatusText,
     StatusTextPart,
 )
+from gcs.link.frames import Frame
 from gcs.link.key_file import signing_with
 from gcs.link.log_answer import AnsweredRate, LogAnswer, LogClient
 from gcs.link.procedures import (
@@ -57,7 +58,7 @@ from gcs.link.procedures import (
     RequestAutopilotVersion,
 )
 from gcs.link.signing import Signing
-from gcs.link.transport import Frame, Transport, carries, open_transport
+from gcs.link.transport import Transport, carries, open_transport
 from gcs.vehicle.autopilots import PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import Text, VehicleSnapshot, reduce
 
@@ -83,6 +84,7 @@ class Session:
         primary: bool = False,
         signing: Signing | None = None,
         system: int | None = None,
+        dry: bool = False,
         pace: Pace | None = None,
         wall_clock: Callable[[], float] = time.time,
     ) -> None:
@@ -94,7 +96,7 @@ class Session:
         self._wall_clock = wall_clock
         self._signing = signing
         self._wanted = system
-        self._voice = Voice(self.station, transport, signing)
+        self._voice = Voice(self.station, transport, signing, dry=dry)
         self._lock = threading.RLock()
         """Guards all below but the snapshot, which is replaced whole."""
         self._snapshot: VehicleSnapshot | None = None
@@ -107,7 +109,7 @@ class Session:
         self._link_clock = LinkClock()
         self._assembly = TextAssembly()
         self._texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
-        self._neighbours = Neighbours()
+        self._neighbours = Neighbours(transport, signing)
         self._recording: Recording | CardRecording | None = None
         self._answer: LogAnswer | None = None
         """Of the vehicle's log, while it is not recorded."""
@@ -124,21 +126,20 @@ class Session:
         primary: bool = False,
         key: Path | None = None,
         system: int | None = None,
-        recorder: Recorder | None = None,
+        dry: bool = False,
         connect_timeout_s: float = 5.0,
     ) -> Session:
-        """Open a LINK and wait for a vehicle; with a recorder, record from the start.
+        """Open a LINK and wait for a vehicle.
 
-        With the file of a `key` all is signed, and nothing else believed; with `system` only the vehicle of that id is
-        listened to. Raises LinkError where the link makes no sense or cannot be opened, or no vehicle is heard,
-        UsageError where the key is none.
+        With the file of a `key` all is signed, and nothing else believed; `system` alone is heard; with
+        `dry` nothing leaves but questions. Raises LinkError where the link makes no sense or cannot be opened, or no
+        vehicle is heard, UsageError where the key is none.
         """
         signing = None if key is None else signing_with(key)
-        session = cls(open_transport(link, signing, system), primary=primary, signing=signing, system=system)
+        transport = open_transport(link, signing, system)
+        session = cls(transport, primary=primary, signing=signing, system=system, dry=dry)
         try:
             session.wait_for_vehicle(connect_timeout_s)
-            if recorder is not None:
-                session._record(recorder)
         except BaseException:
             session.close()
             raise
@@ -224,6 +225,14 @@ class Session:
         if isinstance(outcome, Failed):
             raise outcome.error()
         return outcome.value
+
+    def take_over(self) -> None:
+        """Speak with the address that speaks as the vehicle does, whose own is silent. Raises TippathError where there
+        is none, or something is being recorded: during a run the vehicle stays the one that was started."""
+        with self._lock:
+            self._refuse_second()
+            if not self._transport.take_over():
+                raise TippathError("no other address speaks as this vehicle does")
 
     def send(self, *sends: Send) -> None:
         """Say something that needs no answer, at once."""
@@ -405,10 +414,10 @@ class Session:
         if isinstance(event, CommandAck | FtpReply) and not self._is_ours(event):
             return
         own = event.component == self._snapshot.component
+        clock = self._link_clock
         if own:
-            self._link_clock.on_event(event, now)
-        known_s, late_s = self._link_clock.known_s, self._link_clock.stamp_age_s(now)
-        self._snapshot = reduce(self._snapshot, event, now, known_s=known_s, late_s=late_s)
+            clock.on_event(event, now)
+        self._snapshot = reduce(self._snapshot, event, now, known_s=clock.known_s, late_s=clock.stamp_age_s(now))
         if isinstance(event, StatusText):
             self._texts.append(self._snapshot.texts[-1])
         if isinstance(event, Heartbeat) and self._snapshot.heartbeats:
@@ -470,16 +479,8 @@ class Session:
         self._refresh(now)
 
     def _refresh(self, now: float) -> None:
-        frames, bad_bytes = self._transport.counts
-        if self._signing is not None:
-            self._signing.keep()
-            self._update(refused=self._signing.refusals())
-        self._update(
-            **self._neighbours.seen(now),
-            strangers=self._transport.strangers,
-            frames=frames,
-            bad_bytes=bad_bytes,
-        )
+        self._neighbours.tend(recording=self._recording is not None)
+        self._update(**self._neighbours.seen(now))
         if self._recording is not None:
             self._update(**self._recording.seen())
 

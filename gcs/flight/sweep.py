@@ -418,7 +418,7 @@ class _Flight:
             return abort
         if snapshot.lost:
             self.ending = Ending.LINK
-            return "the link was lost"
+            return joined("the link was lost", snapshot.newcomer_words)
         if snapshot.mode != mode_before or not snapshot.armed:
             self.ending = Ending.PILOT
             return "disarmed" if not snapshot.armed else f"the mode is {snapshot.mode_name}: the pilot has it"

@@ -6,17 +6,42 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Iterator
 
-from gcs.link.encode import STOP_BLOCKS, BlockStatus, Encoder, Send
+from gcs.link.encode import (
+    REQUEST_MESSAGE,
+    STOP_BLOCKS,
+    BlockStatus,
+    Command,
+    Encoder,
+    FtpRequest,
+    LogDataRequest,
+    LogEnd,
+    LogListRequest,
+    ParamList,
+    ParamRead,
+    Ping,
+    Send,
+    StationHeartbeat,
+)
 from gcs.link.signing import Signing
 from gcs.link.transport import Transport
 
 KEPT = 10_000
+QUESTIONS = (StationHeartbeat, Ping, ParamRead, ParamList, LogListRequest, LogDataRequest, LogEnd, FtpRequest)
+"""What changes nothing on the vehicle; MAVFTP is only read with."""
+
+
+def asks_only(send: Send) -> bool:
+    """Whether it changes nothing: no parameter, mode, command or start of a log."""
+    return isinstance(send, QUESTIONS) or (isinstance(send, Command) and send.command == REQUEST_MESSAGE)
 
 
 class Voice:
-    """One station's, on one link."""
+    """One station's, on one link. With `dry` nothing leaves but questions."""
 
-    def __init__(self, station: int, transport: Transport, signing: Signing | None = None) -> None:
+    def __init__(
+        self, station: int, transport: Transport, signing: Signing | None = None, *, dry: bool = False
+    ) -> None:
+        self._dry = dry
         self._transport = transport
         self._encoder = Encoder(station, signing=signing)
         self._lock = threading.Lock()
@@ -29,6 +54,8 @@ class Voice:
     def say(self, sends: Iterable[Send]) -> None:
         """Raises ValueError for what MAVLink cannot carry."""
         for send in sends:
+            if self._dry and not asks_only(send):
+                continue
             with self._lock:
                 raw = self._encoder.encode(send)
                 self._transport.send(raw)

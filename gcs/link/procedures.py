@@ -55,13 +55,19 @@ TEXT_WAIT_S = 0.3
 class ProcedureError(TippathError):
     """The vehicle refused, or did not answer; the message says which and, where it told, why."""
 
+    reason = "vehicle"
+
 
 class RefusedError(ProcedureError):
     """The vehicle answered: no."""
 
+    reason = "refused"
+
 
 class NoAnswerError(ProcedureError):
     """The vehicle did not answer."""
+
+    reason = "no answer"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,35 +1,38 @@
-"""Bytes to and from the vehicle: the only place that opens sockets and serial ports, and that finds frames in bytes.
+"""Bytes to and from the vehicle: the only place that opens sockets and serial ports.
 
 pymavlink's own connections answer every address they ever heard. Here a UDP link has one peer: the configured one, or
 the first address that sends an autopilot's heartbeat. All others are counted and dropped. Sending never blocks:
 a heartbeat must not wait behind a stalled stream.
-
-Frames are found here rather than by pymavlink's byte parser, which after a corrupted length skips the good frames that
-follow; each candidate's checksum and fields are then judged by pymavlink's decoder.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import select
 import socket
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import serial
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.errors import LinkError, UsageError
 from gcs.link.decode import decode
 from gcs.link.events import Heartbeat
-from gcs.link.signing import SIGNED, Signing
+from gcs.link.frames import Frame, FrameFinder
+from gcs.link.signing import Signing
 
 RECEIVE_BUFFER = 4 * 1024 * 1024
 """The default UDP buffer holds 256 small packets, a quarter of a second of a fast log."""
 
 MOST_CANDIDATES = 16
+SILENT_S = 5.0
+"""After so long without a frame of the vehicle's address another one that speaks as it does is noticed."""
+NEWCOMER_S = 3.0
+"""A newcomer that was not heard for so long has gone again."""
 REOPEN_EVERY_S = 1.0
 MOST_UNSENT = 256 * 1024
 
@@ -43,19 +46,6 @@ USB_PORTS = ("ttyACM", "usbmodem")
 
 class LinkWordError(LinkError, UsageError):
     """A LINK that makes no sense, as against one on which nobody answers."""
-
-
-class Frame(NamedTuple):
-    """One valid MAVLink frame."""
-
-    raw: bytes
-    message: Any
-    """pymavlink's message; `decode.decode` makes an event of it."""
-
-    @property
-    def signed(self) -> bool:
-        """Whether it carries a signature, right or not."""
-        return self.raw[0] == 0xFD and bool(self.raw[2] & SIGNED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,64 +88,6 @@ def carries(link: str) -> float | None:
     return word.port / BITS_A_BYTE if word.kind == "serial" and not usb else None
 
 
-class FrameFinder:
-    """Finds whole MAVLink frames, versions 1 and 2, in a stream of bytes that may be damaged."""
-
-    def __init__(self, signing: Signing | None = None) -> None:
-        """With `signing` only frames that it believes are given."""
-        self._buffer = bytearray()
-        self._mav: Any = dialect.MAVLink(None)
-        self._signing = signing
-        self.frames = 0
-        self.bad_bytes = 0
-
-    def feed(self, data: bytes) -> list[Frame]:
-        """Add bytes; give the frames that are whole now, in order."""
-        buffer = self._buffer
-        buffer += data
-        frames: list[Frame] = []
-        at = 0
-        while len(buffer) - at >= 3:
-            if buffer[at] not in (0xFD, 0xFE):
-                at += 1
-                self.bad_bytes += 1
-                continue
-            length = _frame_length(buffer, at)
-            if len(buffer) - at < length:
-                break
-            message = self._judge(buffer, at, length)
-            if message is None:
-                at += 1
-                self.bad_bytes += 1
-                continue
-            raw = bytes(buffer[at : at + length])
-            if message.get_msgId() >= 0 and (self._signing is None or self._signing.believes(raw, message.get_msgId())):
-                frames.append(Frame(raw, message))
-                self.frames += 1
-            at += length
-        del buffer[:at]
-        return frames
-
-    def _judge(self, buffer: bytearray, at: int, length: int) -> Any:
-        if buffer[at] == 0xFD and buffer[at + 2] & ~1:
-            return None  # flags that nobody may ignore
-        try:
-            message = self._mav.decode(buffer[at : at + length])
-        except dialect.MAVError:
-            return None
-        if isinstance(message, dialect.MAVLink_unknown):
-            # Its checksum cannot be known, so it counts as a frame only where another one, or nothing, follows.
-            end = at + length
-            return message if end == len(buffer) or buffer[end] in (0xFD, 0xFE) else None
-        return message
-
-
-def _frame_length(buffer: bytearray, at: int) -> int:
-    if buffer[at] == 0xFE:
-        return 8 + buffer[at + 1]
-    return 12 + buffer[at + 1] + (13 if buffer[at + 2] & 1 else 0)
-
-
 class Transport(Protocol):
     """A link's bytes, as frames."""
 
@@ -172,12 +104,21 @@ class Transport(Protocol):
         """Valid frames, and bytes that were none."""
         ...
 
+    @property
+    def newcomer(self) -> str | None:
+        """Another address that speaks as the vehicle does, while the vehicle's own is silent."""
+        ...
+
     def receive(self, timeout_s: float) -> list[Frame]:
         """Frames that came; waits for at most `timeout_s`. Never raises for what a network or a cable does."""
         ...
 
     def send(self, data: bytes) -> None:
         """Send one frame at once, or drop it: never waits, never raises."""
+        ...
+
+    def take_over(self) -> bool:
+        """Speak with the newcomer from now on, and no more with who was there; false where there is none."""
         ...
 
     def close(self) -> None: ...
@@ -210,7 +151,14 @@ def _resolve(word: str, link: LinkWord, kind: socket.SocketKind) -> tuple[socket
 class UdpTransport:
     """One UDP socket with one peer."""
 
-    def __init__(self, word: str, link: LinkWord, signing: Signing | None = None, system: int | None = None) -> None:
+    def __init__(
+        self,
+        word: str,
+        link: LinkWord,
+        signing: Signing | None = None,
+        system: int | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         family, address = _resolve(word, link, socket.SOCK_DGRAM)
         self.strangers = 0
         self.problem: str | None = None
@@ -224,9 +172,17 @@ class UdpTransport:
         self._peer: Any = None
         self._signing = signing
         self._wanted = system
+        self._clock = clock
         self._finder = FrameFinder(signing)
+        self._earlier = (0, 0)
+        """Frames and bad bytes of addresses that were the vehicle's before."""
         self._candidates: dict[Any, tuple[FrameFinder, int]] = {}
         """Address -> what it sent so far, and in how many datagrams."""
+        self._system: int | None = None
+        """Of the vehicle, once its address is known and it was heard."""
+        self._heard_s = -math.inf
+        self._newcomer: tuple[Any, float] | None = None
+        """Address, and when it was heard last."""
         if link.kind == "udpout":
             self._peer = address
             self.name = word
@@ -243,7 +199,8 @@ class UdpTransport:
 
     @property
     def counts(self) -> tuple[int, int]:
-        return self._finder.frames, self._finder.bad_bytes
+        frames, bad_bytes = self._earlier
+        return frames + self._finder.frames, bad_bytes + self._finder.bad_bytes
 
     def receive(self, timeout_s: float) -> list[Frame]:
         with contextlib.suppress(OSError, ValueError):
@@ -264,23 +221,60 @@ class UdpTransport:
         return frames
 
     def _from(self, data: bytes, address: Any) -> list[Frame]:
+        now = self._clock()
         if address == self._peer:
-            return self._finder.feed(data)
+            frames = self._finder.feed(data)
+            if frames:
+                self._heard_s, self._newcomer = now, None
+                self._candidates.clear()
+            self._note_system(frames)
+            return frames
         self.strangers += 1
-        if self._peer is not None:
+        if self._peer is not None and (self._system is None or now - self._heard_s < SILENT_S):
             return []
-        # Not pinned yet: an autopilot's heartbeat, and nothing less, makes an address the vehicle's.
+        # Not pinned yet, or silent: an autopilot's heartbeat, and nothing less, makes an address the vehicle's.
         if address not in self._candidates and len(self._candidates) >= MOST_CANDIDATES:
             return []
         finder, datagrams = self._candidates.get(address, (FrameFinder(self._signing), 0))
         self._candidates[address] = (finder, datagrams + 1)
         frames = finder.feed(data)
-        if not any(_is_vehicle(frame.message, self._wanted) for frame in frames):
+        wanted = self._wanted if self._peer is None else self._system
+        if not any(_is_vehicle(frame.message, wanted) for frame in frames):
             return []
-        self.strangers -= datagrams + 1
-        self._peer, self._finder = address, finder
-        self._candidates.clear()
+        if self._peer is not None:
+            if self._newcomer is None or now - self._newcomer[1] > NEWCOMER_S or self._newcomer[0] == address:
+                self._newcomer = (address, now)
+            return []
+        self._pin(address, now)
+        self._note_system(frames)
         return frames
+
+    def _pin(self, address: Any, now: float) -> None:
+        finder, datagrams = self._candidates[address]
+        if self._peer is not None:
+            self._earlier = self.counts
+        self.strangers -= datagrams
+        self._peer, self._finder, self._heard_s, self._newcomer = address, finder, now, None
+        self._candidates.clear()
+
+    def _note_system(self, frames: list[Frame]) -> None:
+        if self._system is None:
+            ids = [frame.message.get_srcSystem() for frame in frames if _is_vehicle(frame.message, self._wanted)]
+            self._system = ids[0] if ids else None
+
+    @property
+    def newcomer(self) -> str | None:
+        """As `HOST:PORT`."""
+        if self._newcomer is None or self._clock() - self._newcomer[1] > NEWCOMER_S:
+            return None
+        host, port = self._newcomer[0][:2]
+        return f"{host}:{port}"
+
+    def take_over(self) -> bool:
+        if self.newcomer is None or self._newcomer is None:
+            return False
+        self._pin(self._newcomer[0], self._clock())
+        return True
 
     def send(self, data: bytes) -> None:
         if self._peer is None:
@@ -308,6 +302,7 @@ class _ByteStream:
 
     strangers = 0
     receive_buffer: int | None = None
+    newcomer: str | None = None
 
     def __init__(self, word: str, signing: Signing | None) -> None:
         self.name = word
@@ -363,6 +358,10 @@ class _ByteStream:
             self._broken(error)
             return
         del self._unsent[:sent]
+
+    def take_over(self) -> bool:
+        """One line, one vehicle."""
+        return False
 
     def close(self) -> None:
         self._closed = True

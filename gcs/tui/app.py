@@ -236,6 +236,14 @@ class TippathApp(DeskApp):
         if self.worker.state().vehicle is not None:
             self.work("looking at the vehicle", self.worker.check)
 
+    def action_take_over(self) -> None:
+        """Believe the address that is shown: only the operator knows whose it is."""
+        vehicle = self.worker.state().vehicle
+        if vehicle is None or not vehicle.newcomer:
+            self.notice("no other address speaks as the vehicle does")
+            return
+        self.work(f"taking {vehicle.newcomer} for the vehicle", self.worker.take_over)
+
     def action_type_link(self) -> None:
         """Ask for a LINK."""
         if self.connections is None:

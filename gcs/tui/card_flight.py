@@ -280,7 +280,7 @@ class CardFlight:
     def _landed(self, result: SweepResult, asked: AskedCard) -> str:
         kept = len(result.before.kept) + sum(run.clean for run in result.runs)
         where = word(result.folder.path)
-        link = word(self._link.word or "LINK")
+        link = self._link.shell_words
         vehicle = "" if self._profile_word is None else f" --vehicle-profile {word(self._profile_word)}"
         into = "" if asked.resume else f" -o {where}"
         command = f"tippath sweep --connect {link}{vehicle} {asked.options}{into}"

@@ -70,6 +70,8 @@ def heard_lines(state: State, width: int) -> list[Line]:
     lines.append(f" vehicle: {_who(vehicle)}")
     lines.append(_heard(vehicle))
     lines.append(_stations(state, vehicle))
+    if vehicle.newcomer:
+        lines.append((f" {vehicle.newcomer_words}: T takes it for the vehicle", "bold"))
     if vehicle.signs:
         lines.append((" it signs what it says, and obeys only who has its key: start again with --key FILE", "bold"))
     if vehicle.radio is not None:

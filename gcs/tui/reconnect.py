@@ -102,6 +102,8 @@ class Reconnecting:
                 )
 
         real = connection.plant is None
+        options = [] if self._key is None else ["--key", str(self._key)]
+        options += [] if self._system is None else ["--system", str(self._system)]
         return self._make(
             connection.link,
             open_session=partial(Session.open, key=self._key, system=self._system) if real else Session.open,
@@ -112,6 +114,7 @@ class Reconnecting:
             card=self._card,
             profile=self._profile,
             probe=self._probe,
+            options=options if real else (),
             make_desk=self._taken_over,
         )
 
@@ -147,6 +150,9 @@ class Reconnecting:
 
     def check(self) -> None:
         self._now.check()
+
+    def take_over(self) -> None:
+        self._now.take_over()
 
     def choose_card(self, word: str) -> None:
         self._now.choose_card(word)

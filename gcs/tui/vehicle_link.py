@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -49,7 +50,10 @@ class VehicleLink:
         open_session: Callable[..., Session],
         *,
         primary: bool,
+        options: Sequence[str] = (),
     ) -> None:
+        """`options` are those behind --connect that a shell needs to reach the same vehicle."""
+        self._options = tuple(options)
         self._moment = moment
         self.word = link
         """The LINK; None where no vehicle is looked for, and until a simulated one has started."""
@@ -68,6 +72,11 @@ class VehicleLink:
     def begin(self) -> None:
         """Begin to look."""
         self._conductor.start()
+
+    @property
+    def shell_words(self) -> str:
+        """The link and its options, as a shell takes them."""
+        return shlex.join([self.word or "LINK", *self._options])
 
     def snapshot(self) -> VehicleSnapshot | None:
         """The vehicle now; None where there is none."""

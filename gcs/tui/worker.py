@@ -9,7 +9,7 @@ The state is replaced whole, under a lock, and never changed. `AppWorker` is wha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -46,6 +46,7 @@ class AppWorker(Protocol):
 
     # These wait, and are called from a worker. They raise TippathError.
     def check(self) -> None: ...
+    def take_over(self) -> None: ...
     def choose_card(self, word: str) -> None: ...
     def open_flight(self, path: str) -> None: ...
     def fit(self) -> None: ...
@@ -70,6 +71,7 @@ class FlightWorker:
         card: str = "",
         profile: str | None = None,
         probe: bool | None = None,
+        options: Sequence[str] = (),
         open_session: Callable[..., Session] = Session.open,
         make_desk: Callable[..., Desk] = Desk,
     ) -> None:
@@ -78,7 +80,7 @@ class FlightWorker:
         recognised. With `probe`, by default on every vehicle that the app did not start itself, a small step on each
         axis comes before a card."""
         self._moment = Moment(State(link=link or ("the simulated vehicle" if start_vehicle else ""), plant=plant))
-        self._link = VehicleLink(self._moment, link, start_vehicle, open_session, primary=primary)
+        self._link = VehicleLink(self._moment, link, start_vehicle, open_session, primary=primary, options=options)
         self._card = CardFlight(
             self._moment,
             self._link,
@@ -130,6 +132,13 @@ class FlightWorker:
         if self._moment.now.stage.under_way:
             raise TippathError("a card is being flown: the vehicle is looked at before and after it")
         self._link.check(self._card.card, self._card.profiles)
+
+    def take_over(self) -> None:
+        """Take another address that speaks as the vehicle for it; not while a card is flown."""
+        if self._moment.now.stage.under_way:
+            raise TippathError("a card is being flown: the vehicle stays the one that was started")
+        if self._link.session is not None:
+            self._link.session.take_over()
 
     def choose_card(self, word: str) -> None:
         self._card.choose(word)
@@ -209,7 +218,7 @@ class FlightWorker:
 
     def _moved(self, did: str, command: str) -> None:
         """Tell of gains that were moved."""
-        on_link = f"{command} --connect {word(self._link.word or 'LINK')}"
+        on_link = f"{command} --connect {self._link.shell_words}"
         self._moment.did(on_link)
         self._desk.audit(did, on_link)
 

@@ -106,6 +106,8 @@ class ProfileDocument(documents.Strict, frozen=True, kw_only=True):
 class CannotFlyError(TippathError):
     """This vehicle cannot fly that; the message says why and what it can."""
 
+    reason = "cannot fly"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:

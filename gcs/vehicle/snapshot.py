@@ -135,6 +135,8 @@ class VehicleSnapshot:
     """Everything of it was believed by its signature."""
     refused: tuple[tuple[str, int], ...] = ()
     """Why messages with a right checksum were not believed, and how many."""
+    newcomer: str = ""
+    """Another address that speaks as this vehicle does, while this one's own is silent; nobody listens to it."""
     strangers: int = 0
     """Datagrams from addresses that are not the vehicle's, all dropped."""
     frames: int = 0
@@ -161,6 +163,13 @@ class VehicleSnapshot:
     def missing(self) -> int:
         """Blocks missing at this moment: the same as `blocks_open` while the sender is still asked for them."""
         return self.blocks_open
+
+    @property
+    def newcomer_words(self) -> str:
+        """Who speaks in the vehicle's name, empty where nobody does."""
+        if not self.newcomer:
+            return ""
+        return f"{self.newcomer} speaks as system {self.system} now, which this one's address does no more"
 
     @property
     def encoding(self) -> Encoding:

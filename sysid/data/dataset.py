@@ -204,15 +204,25 @@ class Dataset:
     def samples(self) -> int:
         return sum(group.samples for group in self.stacks)
 
+    @property
+    def _swept_from_hz(self) -> float:
+        """Where the lowest sweep begins; 0 where a run is of no sweep."""
+        return min((one.swept_band_hz[0] if one.swept_band_hz else 0.0 for one in self.records), default=0.0)
+
     @cached_property
     def wider(self) -> Dataset:
-        """The same runs with bins up to WIDER, as far as all of them are sampled: past is past there."""
+        """The same runs with bins up to WIDER, as far as all of them are sampled: past is past there. None below the
+        sweeps, where the loop alone moves the commands.
+
+        A run's trim and jump are taken from all of it, what is new later among them; slow commands that answer to gusts
+        would seem to foretell that: 2 standard deviations in every run, of motions that remember the gusts of seconds.
+        """
         top = max(float(one.frequency_hz[-1]) for one in self.spectra)
         sampled = min(float((one.samples - 1) // 2) / (one.samples * one.dt) for one in self.spectra)
         high_hz = min(WIDER * top, sampled)
         return Dataset(
             records=self.records,
-            band_hz=(self.band_hz[0], high_hz),
+            band_hz=(max(self.band_hz[0], self._swept_from_hz), high_hz),
             like=self.like or self,
             outputs=self.outputs,
             beyond=True,

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.first_bins import first_bins
 from sysid.data.record import FloatArray, Record
 
 ComplexArray = NDArray[np.complex128]
@@ -51,6 +52,7 @@ class Segment:
     resampled: int
     """Samples whose time was off the uniform grid by more than a tenth of a sample and were interpolated."""
     _as_held: dict[tuple[str, ...], FloatArray] = field(default_factory=dict, init=False)
+    _logged_bins: dict[tuple[tuple[str, ...], int], ComplexArray] = field(default_factory=dict, init=False)
 
     @property
     def samples(self) -> int:
@@ -99,24 +101,30 @@ class Segment:
         between = CubicSpline(np.arange(self.samples), logged, axis=1)
         return np.asarray(between(np.minimum(at, self.samples - 1)))
 
-    def bins(self, rows: FloatArray) -> ComplexArray:
-        """Samples (rows, n), or those of `as_held`, to Fourier bins from zero on, (rows, bins)."""
-        # heavier than NumPy itself to load: only where it is needed
-        from scipy.fft import rfft
-
-        made = np.asarray(rfft(rows, axis=1))
+    def bins(self, rows: FloatArray, count: int) -> ComplexArray:
+        """Samples (rows, n), or those of `as_held`, to so many Fourier bins from zero on, (rows, count)."""
+        made = first_bins(rows, count)
         return made if rows.shape[1] == self.samples else made * (self.samples / rows.shape[1])
 
-    def changed_bins(self, names: Sequence[str], acting: FloatArray) -> ComplexArray:
-        """Commands that act where these were logged, samples (names, n finer), to bins from zero on, (names, bins).
+    def logged_bins(self, names: Sequence[str], count: int) -> ComplexArray:
+        """So many bins of channels as they were logged, (names, count). Worked out once, and not to be changed."""
+        key = tuple(names), count
+        if key not in self._logged_bins:
+            self._logged_bins[key] = self.bins(np.stack([self.channels[name] for name in names]), count)
+        return self._logged_bins[key]
+
+    def changed_bins(self, names: Sequence[str], acting: FloatArray, count: int) -> ComplexArray:
+        """Commands that act where these were logged, samples (names, n finer), to so many bins from zero on, (names,
+        count).
 
         A log of every loop has them all. Of another its own bins are changed by as much as the samples between, which
         nobody logged: what changes nothing predicts the same as if it were not there.
         """
+        if acting is self.as_held(names):
+            return self.logged_bins(names, count).copy()
         if self.finer == 1:
-            return self.bins(acting)
-        logged = self.bins(np.stack([self.channels[name] for name in names]))
-        return logged + self.bins(acting - self.as_held(names))[:, : logged.shape[1]]
+            return self.bins(acting, count)
+        return self.logged_bins(names, count) + self.bins(acting - self.as_held(names), count)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -143,14 +151,16 @@ class Spectrum:
 
     def transform(self, rows: FloatArray) -> ComplexArray:
         """Samples (rows, n) of this segment, or `Segment.as_held`, to the same bins, (rows, bins)."""
-        return self._inside(self.segment.bins(rows))
+        return self.segment.bins(rows, self._last)[:, self.first :]
 
     def changed(self, names: Sequence[str], acting: FloatArray) -> ComplexArray:
         """`Segment.changed_bins` of commands, (names, bins)."""
-        return self._inside(self.segment.changed_bins(names, acting))
+        return self.segment.changed_bins(names, acting, self._last)[:, self.first :]
 
-    def _inside(self, made: ComplexArray) -> ComplexArray:
-        return made[:, self.first : self.first + self.frequency_hz.size]
+    @property
+    def _last(self) -> int:
+        """Number of the first bin beyond."""
+        return self.first + self.frequency_hz.size
 
     def in_time(self, bins: ComplexArray) -> FloatArray:
         """Bins (rows, bins) back to samples, (rows, n): nothing outside the band, no mean."""

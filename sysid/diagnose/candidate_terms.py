@@ -245,13 +245,13 @@ def _signals(probe: _Probe, named: Mapping[str, float], one: Spectrum) -> dict[s
         return np.asarray(irfft(spectrum, grid, axis=-1) * (grid / segment.samples))
 
     acting = in_time(probe.structure, front, segment, named)
-    U = segment.changed_bins(probe.structure.commands, acting)[:, : bins + 1] * hold
+    U = segment.changed_bins(probe.structure.commands, acting, bins + 1) * hold
     U[:, 0] = 0
     for effect in rest.composed:
         if effect.response is not None:
             U *= effect.response(s, {name: named[name] for name in effect.names})
     u = on_grid(U)
-    channels = {name: on_grid(rfft(segment.channels[name])[: bins + 1]) for name in rest.channels}
+    channels = {name: on_grid(segment.logged_bins([name], bins + 1)[0]) for name in rest.channels}
     A, B, _, _ = rest.matrices(rest.vector(named))
     transfer = np.linalg.inv(s[1:, None, None] * np.eye(n) - A)
     forced = np.zeros((n, bins + 1), dtype=complex)

@@ -11,8 +11,9 @@ import numpy as np
 
 from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
-from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, refit
+from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, predicting, refit
 from sysid.diagnose.initial_states import validation_error
+from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.term_search import Selection
 from sysid.errors import FitError
@@ -313,7 +314,7 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
     try:
         composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
     except (FitError, EffectError) as error:
-        return replace(one, not_testable=str(error))
+        return replace(one, fit=None, not_testable=str(error))
     fit, failure = _refit(composed, parent, one, None)
     begin = _where_scored(one, composed, parent)
     if begin is not None and one.score is not None and one.score.log_p_there < WORTH_THE_TIME:
@@ -321,7 +322,19 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
         if again is not None and _explained(again, parent, parent.metric) > explained:
             fit = again
-    return replace(one, fit=fit) if fit is not None else replace(one, not_testable=failure)
+    if fit is None:
+        return replace(one, fit=None, not_testable=failure)
+    if one.score is not None and one.score.log_p_there < WORTH_THE_TIME and _doubtful(fit, parent, one.score):
+        fit = predicting(fit, parent)
+    return replace(one, fit=fit, not_testable=None)
+
+
+def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:
+    """Whether feedback may have led least squares elsewhere: to values that it should not have, or to where it explains
+    far less than the score promised."""
+    if not fit.dataset.in_a_loop:
+        return False
+    return bool(_outside(fit) - _outside(parent)) or _explained(fit, parent, parent.metric) < KEPT * score.chi_squared
 
 
 def _astray(fit: Candidate, parent: Candidate) -> bool:
@@ -365,6 +378,8 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     model, parent = one.fit.model, reference.parent
     before, outside = _outside(parent), _outside(one.fit)
     now = _implausible(one.fit.asked, reference.whitening)
+    if not now - before and out_of_reach(one.fit, outside - before):
+        now |= outside
     validated = error = None
     if reference.validation is not None:
         try:

@@ -30,7 +30,7 @@ from sysid.diagnose.candidates import (
     score_effects,
     silent,
 )
-from sysid.diagnose.evidence import gain
+from sysid.diagnose.evidence import Candidate, gain
 from sysid.diagnose.loop_change import Limit, seen
 from sysid.diagnose.term_search import Selection
 from sysid.fit.grow import looks
@@ -117,17 +117,19 @@ def chains_of_two(
     """The best second effects on the best first ones, where those leave something that is not noise; best first.
 
     `budget`: base fits that this may cost, BUDGET where none is named; `limit`: changes of margins from which on what
-    is left matters. Where one effect is `answered`, nothing is looked for beside one that explains nearly all; else the
-    one that explains most on the validation runs is tried with the best, however little it is on the fitted ones.
+    is left matters. Where one effect is `answered`, nothing is looked for beside one that explains nearly all or leaves
+    crumbs; else what is significant beside the best is tried, however little it is by power, and with the best the one
+    that explains most on the validation runs.
     """
     fitted = [one for one in singles if one.fit is not None]
     able = [one for one in fitted if one.delta_bic < 0]
     if not able or (answered and _remainder(able[0], reference) < REMAINDER):
         return ChainSearch()
-    points = points_left(able[0], reference)
-    if points < CRUMBS or (answered and _harmless(able[0], points, limit or Limit())):
-        return ChainSearch(unsearched=LittleLeft(points))
-    chains = _Chains(fitted, reference, say, budget)
+    if answered:  # else something is left that powers need not show: play, limits, what the rotor's speed changes
+        points = points_left(able[0], reference)
+        if points < CRUMBS or _harmless(able[0], points, limit or Limit()):
+            return ChainSearch(unsearched=LittleLeft(points))
+    chains = _Chains(fitted, reference, say, budget, answered)
     if not answered and (other := _best_elsewhere(able)) is not None:
         chains.fit(able[0], other)
     if not chains.search(able, fitted):
@@ -179,10 +181,17 @@ def price(composed: Structure, begin: Model) -> float:
 class _Chains:
     """Chains that were fitted, each pair of effects once, at its best."""
 
-    def __init__(self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None) -> None:
+    def __init__(
+        self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None, answered: bool
+    ) -> None:
         self.reference, self.say, self.left = reference, say, BUDGET if budget is None else budget
+        self.answered = answered
+        self.single = {one.effect: one for one in fitted}
+        """Effects that were fitted alone;"""
         self.alone = {one.effect: one for one in fitted if not one.implausible}
-        """Plausible single effects."""
+        """of them the plausible ones."""
+        self.seconds: dict[str, list[Ranked]] = {}
+        """What was asked beside each first effect, the most promising first."""
         self.found: dict[tuple[str, ...], Ranked] = {}
         self.interrupted = False
         self.not_asked: list[str] = []
@@ -217,7 +226,7 @@ class _Chains:
             first = waiting.pop(0)
             done.add(first.effect)
             if not self.begin_with(first):
-                if first is able[0] and not self.found:
+                if first is able[0] and not first.implausible and not self.found:
                     return False
                 continue
             if not waiting and self.found:
@@ -246,6 +255,7 @@ class _Chains:
         if chance_of_noise(first.fit.division, scores) >= SIGNIFICANT:
             return False
         asked = sorted((one for one in seconds if one.not_testable is None), key=_promise)
+        self.seconds[first.effect] = asked
         chosen = self.without_twins(asked)[:SECONDS]
         for second in chosen:
             if _names(first.effect, second.effect) not in self.found and self.promising(first, second):
@@ -270,12 +280,14 @@ class _Chains:
 
     def promising(self, first: Ranked, second: Ranked) -> bool:
         """Whether the second is significant beside the first, and comes near to what the best answer (a chain, or a
-        plausible effect alone) explains more; where it is dear, that it promises as much as a chain is looked for."""
+        plausible effect alone) explains more; beside an answer, where it is dear, that it is no crumb."""
         if second.score is None:
             return True
         if second.score.log_p > SIGNIFICANT:
             return False
-        if second.score.chi_squared < REMAINDER * first.chi_squared and self.price_of(second, first) >= DEAR:
+        crumb = self.answered and second.score.chi_squared < REMAINDER * first.chi_squared
+        assert first.fit is not None
+        if crumb and self.price_of(second, first.fit) >= DEAR:
             return False
         best = max((one.chi_squared for one in (*self.alone.values(), *self.found.values())), default=0.0)
         return second.score.chi_squared >= NEAR * (best - first.chi_squared)
@@ -286,7 +298,8 @@ class _Chains:
         waiting = [(second, first)]
         while waiting:
             more, begin = waiting.pop()
-            if not self.paid(self.price_of(more, begin)):
+            assert begin.fit is not None
+            if not self.paid(self.price_of(more, begin.fit)):
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
                 return
             try:
@@ -295,16 +308,26 @@ class _Chains:
                 self.interrupt()
                 self.not_fitted[_names(first.effect, second.effect)] = (first.effect, second.effect)
                 return
-            if both is not None and begin is first and both.implausible and second.effect in self.alone:
+            if begin is first and (both is None or both.implausible):
                 # alone, the first one stands in for the second too, and may not come away from there
-                waiting.append((first, self.alone[second.effect]))
+                other = self.fitted_alone(second) if both is None else self.alone.get(second.effect)
+                waiting += [] if other is None else [(first, other)]
 
-    def price_of(self, more: Ranked, begin: Ranked) -> float:
+    def fitted_alone(self, one: Ranked) -> Ranked | None:
+        """The effect by itself, fitted now where it was not; None where it is not plausible there, or too dear."""
+        parent = self.reference.parent
+        if one.effect not in self.single and self.paid(self.price_of(one, parent)):
+            alone = ranked(refitted(one, parent, self.reference.users), self.reference)
+            if alone.fit is not None:
+                self.single[one.effect] = alone
+                self.alone |= {} if alone.implausible else {one.effect: alone}
+        return self.alone.get(one.effect)
+
+    def price_of(self, more: Ranked, begin: Candidate) -> float:
         """Of one more effect fitted to what it begins with; nothing where it cannot act there."""
-        assert begin.fit is not None
-        structure, effect = begin.fit.model.structure, named_effect(more.effect, self.reference.users)
+        structure, effect = begin.model.structure, named_effect(more.effect, self.reference.users)
         try:
-            return price(composed_with(structure, effect, begin.fit.dataset), begin.fit.model)
+            return price(composed_with(structure, effect, begin.dataset), begin.model)
         except EffectError:
             return 0.0
 
@@ -318,20 +341,40 @@ class _Chains:
             return None
         both = replace(again, effects=(first.effect, second.effect), fit=replace(again.fit, added=names))
         both = ranked(both, self.reference)
-        if both.fit is not None and (names not in self.found or both.delta_bic < self.found[names].delta_bic):
+        if both.fit is None:
+            return None
+        if names not in self.found or both.delta_bic < self.found[names].delta_bic:
             self.found[names] = both
         return both
 
     def exchange_halves(self) -> None:
-        """What alone explains the same as a half of the best chain may stand in its place."""
+        """What alone explains the same as a half of the best chain, or by its score as much beside the other half, may
+        stand in its place."""
         best = self.best
         for half, other in (best.effects, best.effects[::-1]):
-            if half not in self.alone:
-                continue
-            same = [one for one in self.alone.values() if not _apart(one, self.alone[half])]
-            for one in same:
+            for one in self.like_alone(half):
                 if one.effect not in best.effects and _names(one.effect, other) not in self.found:
                     self.fit(one, Ranked(effects=(other,), score=None, not_testable=None))
+            for one in self.like_beside(other, half):
+                if one.effect not in best.effects and _names(one.effect, other) not in self.found:
+                    self.fit(self.single[other], one)
+
+    def like_alone(self, half: str) -> list[Ranked]:
+        """Single effects that explain the same as this one, and are as plausible; twins, which tell nothing, last."""
+        if half not in self.single:
+            return []
+        here = self.single[half]
+        fair = self.single.values() if here.implausible else self.alone.values()
+        like = [one for one in fair if one.chi_squared > 0 and not _apart(one, here)]
+        return sorted(like, key=lambda one: self.twins(one.effect, half))
+
+    def like_beside(self, other: str, half: str) -> list[Ranked]:
+        """What scores nearly as much as this half beside the other one, and is cheap to fit there."""
+        seconds = self.seconds.get(other, [])
+        promised = next((one.score.chi_squared for one in seconds if one.effect == half and one.score), math.inf)
+        like = [one for one in seconds if one.score is not None and one.score.chi_squared >= (1 - ALIKE) * promised]
+        begin = self.single[other].fit if like else None
+        return [one for one in like if begin is not None and self.price_of(one, begin) < DEAR]
 
 
 def _names(first: str, second: str) -> tuple[str, ...]:

@@ -35,16 +35,21 @@ def winner(singles: Sequence[Ranked], pairs: Sequence[Ranked]) -> Ranked | None:
     single = _likeliest_in_practice(single, singles)
     if pair is None or pair.delta_bic >= single.delta_bic:
         return single
-    return _likeliest_in_practice(pair, pairs) if _more(pair, single) > REMAINDER else single
+    named = _likeliest_in_practice(pair, pairs)
+    instead = single.implausible and not named.implausible  # what only stands in is no simpler answer
+    return named if instead or max(_more(pair, single), _more(named, single)) > REMAINDER else single
 
 
 def _more(pair: Ranked, single: Ranked) -> float:
-    """Share of what can be explained, by which a chain explains more, on the fitted or, chance taken off, on the
-    validation runs."""
-    here = (pair.explained_share or 0.0) - (single.explained_share or 0.0)
-    if pair.validation_share is None or single.validation_share is None:
-        return here
-    return max(here, pair.validation_share - single.validation_share - single.validation_slack)
+    """Share of what can be explained, by which a chain explains more on the fitted or, chance taken off, on the
+    validation runs: by power, or by likelihood, where noise is small. What has doubtful values that the single effect
+    has not is likelier by what it only resembles."""
+    more = [(pair.explained_share or 0.0) - (single.explained_share or 0.0)]
+    if set(pair.outside) <= set(single.outside):
+        more.append((pair.chi_squared - single.chi_squared) / max(pair.chi_squared + misfit(pair), 1e-300))
+    if pair.validation_share is not None and single.validation_share is not None:
+        more.append(pair.validation_share - single.validation_share - single.validation_slack)
+    return max(more)
 
 
 def _likeliest_in_practice(winner: Ranked, others: Sequence[Ranked]) -> Ranked:
@@ -98,7 +103,9 @@ def _measured_by_samples(one: Ranked) -> bool:
 
 def _explains_as_much(one: Ranked, winner: Ranked) -> bool:
     """Whether it does, with fewer parameters and none that is not plausible: physics weighs more than a hair."""
-    if one.fit is None or one.outside or len(one.names) >= len(winner.names) or one.explained_share is None:
+    if one.fit is None or len(one.names) >= len(winner.names) or one.explained_share is None:
+        return False
+    if not set(one.outside) < set(winner.outside):
         return False
     if one.delta_bic >= 0 or one.chi_squared < AS_MUCH * winner.chi_squared:
         return False

@@ -36,9 +36,8 @@ NAMED_IN_A_LOOP = 0.55
 fourfold gusts and a double loop at 0.67; right names began at 0.59."""
 
 
-def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> tuple[float, float]:
-    """How far the winner is ahead of the best rival, beside what it leaves itself; and how far from explaining all, on
-    fitted or on validation runs."""
+def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> float:
+    """How far the winner is ahead of the best rival, beside what it leaves itself."""
     assert winner.stepped is not None
     left = misfit(winner)
     leads = [
@@ -47,13 +46,12 @@ def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> t
         if one.stepped is not None and not set(one.effects) & {*winner.effects, *alike} and not one.implausible
     ]
     least = max(0.0, min([*leads, winner.chi_squared]))
-    ratio = math.log((left + least + LEAD_SCALE) / (left + LEAD_SCALE))
-    shares = [winner.explained_share or 0.0, *([] if (on := winner.validation_share) is None else [on])]
-    return ratio, min(1.0, max(0.0, 1 - min(shares)))
+    return math.log((left + least + LEAD_SCALE) / (left + LEAD_SCALE))
 
 
 def of_named(ratio: float, short: float, among: Class) -> float:
-    """That the effect named is right, or one of its class where that is short enough."""
+    """That the effect named is right, or one of its class where that is short enough: by its lead, and by how far it is
+    `short` of explaining all."""
     return _logistic(CONFIDENCE, ratio, short) * among.right
 
 

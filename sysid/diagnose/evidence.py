@@ -22,11 +22,12 @@ from sysid.fit.estimate import Estimate, estimate
 from sysid.fit.identifiable import structural
 from sysid.fit.innovations import Innovations, innovations
 from sysid.fit.noise import Division, divide, surprise
-from sysid.fit.output_error import OutputError
+from sysid.fit.output_error import OutputError, output_error
 from sysid.fit.whitening import Whitening, noise_whitening
 from sysid.model.acting import jumping
 from sysid.model.compose import compose
 from sysid.model.predict import respond
+from sysid.model.relaxation import RelaxationError
 from sysid.model.structure import FloatArray, Model, Structure
 
 WORST_SETTLING = 1.01
@@ -35,6 +36,8 @@ DAMPED = 1e-2
 """Of each parameter's own weight: what the runs hardly determine does not run away."""
 SHY = 0.9
 """Of the way to a bound, that a move may go."""
+SURELY_BETTER = 4.0
+"""Chi squared by which other values must foretell better than those of least squares to take their place."""
 LITTLE_MOVED = 0.5
 """Chi squared: a move that gains less is the last."""
 
@@ -110,6 +113,8 @@ class Candidate:
             return here
         low, high = np.array([one.bounds for one in self.model.structure.parameters]).T
         loose = [self.model.structure.names.index(name) for name in here.free]
+        if metric.model.structure == self.model.structure and (told := here._at(metric.model.values)) is not None:
+            here = min(here, told, key=lambda one: _new(one, metric))  # a step may not lead there
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
             for step in _steps(J, e):
@@ -118,7 +123,7 @@ class Candidate:
                 # a bound itself may have no response
                 values = np.clip(values, before + SHY * (low - before), before + SHY * (high - before))
                 there = here._at(values)
-                if there is not None and np.sum(metric(_residual(there)) ** 2) < float(e @ e) - LITTLE_MOVED:
+                if there is not None and _new(there, metric) < float(e @ e) - LITTLE_MOVED:
                     here = there
                     break
             else:
@@ -243,6 +248,11 @@ def _steps(J: FloatArray, e: FloatArray) -> Iterator[FloatArray]:
     yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), rows @ e) / scale)
 
 
+def _new(one: Candidate, metric: Whitening) -> float:
+    """Of what it leaves, the power in white rows."""
+    return float(np.sum(metric(_residual(one)) ** 2))
+
+
 def _residual(one: Candidate) -> list[ComplexArray]:
     """For every stack (1, k, bins)."""
     return [(group.Y - Y)[None] for group, Y in zip(one.dataset.stacks, one.Y, strict=True)]
@@ -260,6 +270,44 @@ def refit(composed: Structure, parent: Candidate, added: Sequence[str], near: Mo
     made = candidate(found, parent.held, parent.dataset, added)
     _ = made.asked  # what does not settle on the bins of its metric is no candidate
     return made
+
+
+def predicting(fit: Candidate, parent: Candidate) -> Candidate:
+    """In a loop the values that foretell best what is new, from typical ones of the effects that were added; the fit
+    where these do not foretell it better. Feedback may take least squares into another valley, and far off."""
+    structure, metric = fit.model.structure, parent.metric
+    if not (fit.dataset.in_a_loop and structure.linear and isinstance(metric, Innovations)):
+        return fit
+    begin = {one.name: one.typical for one in structure.parameters} | metric.model.by_name
+    model = Model(structure, structure.vector({name: begin[name] for name in structure.names}))
+    there = replace(fit, estimate=replace(fit.estimate, at_bound=()))._at(model.values)
+    if there is None:
+        return fit
+    try:
+        with np.errstate(all="ignore"):  # from where a model is not stable
+            there = there.asked_in(metric)
+            if not _new(there, metric) < _new(fit.asked_in(metric), metric) - SURELY_BETTER:
+                return fit
+        found = replace(
+            fit.estimate,
+            model=there.model,
+            at_bound=(),
+            error=output_error(there.model, fit.dataset.stacks),
+            covariance=_covariance(there, metric),
+            instrument="prediction error",
+        )
+        return candidate(found, fit.held, fit.dataset, fit.added)
+    except (RelaxationError, np.linalg.LinAlgError):
+        return fit
+
+
+def _covariance(one: Candidate, metric: Whitening) -> FloatArray:
+    """Of all parameters, (parameters, parameters); zero for those that are not free."""
+    names, J = one.model.structure.names, metric(one.J)
+    free = [names.index(name) for name in one.free]
+    found = np.zeros((len(names), len(names)))
+    found[np.ix_(free, free)] = np.linalg.pinv(J @ J.T)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,11 @@ class Class:
 
 def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     """The class of a winner among candidates of as many effects."""
-    rivals = [one for one in candidates if one.stepped is not None and not one.implausible and one is not winner]
+    rivals = [
+        one
+        for one in candidates
+        if one.stepped is not None and one is not winner and set(one.implausible) <= set(winner.implausible)
+    ]
     weights = {one.effects: _beside(one, winner) for one in (winner, *rivals)}
     families = _families(winner, rivals, weights)
     top = max(weights.values())

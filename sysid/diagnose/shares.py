@@ -105,18 +105,28 @@ class Shares:
         return replace(one, explained_share=share, validation_share=there, validation_slack=slack)
 
     def enough(self, one: Ranked) -> bool:
-        """Whether it explains what can be explained; by the noise's own measure where that is little beside the
-        noise, or where feedback lets commands explain gusts, too (play, limits and dead bands follow gusts there)."""
+        """Whether it explains what can be explained, on fitted and on validation runs."""
+        if one.validation_share is not None and min(1.0, one.validation_share + one.validation_slack) < VALIDATED:
+            return False
+        return self._share(one) >= EXPLAINED
+
+    def short(self, one: Ranked) -> float:
+        """How far it is from explaining all that can be explained, on fitted or on validation runs."""
+        there = 1.0 if one.validation_share is None else one.validation_share
+        return min(1.0, max(0.0, 1 - min(self._share(one), there)))
+
+    def _share(self, one: Ranked) -> float:
+        """What it explains on the fitted runs; by the noise's own measure where that is little beside the noise, or
+        where feedback lets commands explain gusts, too (play, limits and dead bands follow gusts there)."""
         assert one.fit is not None
         steady = all(effect.samples is None for effect in one.fit.model.structure.composed)
         share = one.explained_share or 0.0
         little = self.error_share - self.noise_share < LITTLE * self.noise_share
-        if one.validation_share is not None and min(1.0, one.validation_share + one.validation_slack) < VALIDATED:
-            return False
         if share >= EXPLAINED or not (little or (steady and not one.fit.division.measured)):
-            return share >= EXPLAINED
+            return share
+        most = self._of_most(one)
         # what it leaves is dear to measure, and only makes the share less
-        return self._of_most(one) >= EXPLAINED and self._by_the_noise(one) >= EXPLAINED
+        return min(most, self._by_the_noise(one)) if most >= EXPLAINED else most
 
     def _by_the_noise(self, one: Ranked) -> float:
         """Of what can be explained, by chi squared: of what it leaves to the commands beyond chance, or another

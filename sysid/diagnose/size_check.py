@@ -86,7 +86,7 @@ def _asked(one: Candidate, effects: Sequence[Effect], kept: Sequence[Effect], ot
         again = estimate(model.structure, runs, model, fixed, one.estimate.weights)
     except (FitError, RelaxationError, np.linalg.LinAlgError):
         return None
-    if one.estimate.instrumented and not again.instrumented:
+    if (one.estimate.instrumented or one.estimate.instrument == "prediction error") and not again.instrumented:
         return None  # feedback may have moved the one and not the other
     names = model.structure.names
     here, there = (np.sqrt(np.maximum(np.diag(each.covariance), 0)) for each in (one.estimate, again))

@@ -233,8 +233,8 @@ def _answer(
     missing = enough and not stands_in and all(one.off <= LARGEST_DIFFERENCE for one in compared)
     peers = singles if len(chain) == 1 else pairs
     among = declared(winner, _answers(peers, shares, enough))
-    ratio, short = lead(winner, near(winner, peers), singles)
-    confidence = of_named(ratio, short, among)
+    ratio = lead(winner, near(winner, peers), singles)
+    confidence = of_named(ratio, shares.short(winner), among)
     missing = missing and not _made_by_the_loop(winner, confidence, shares, reference, chance)
     if not missing:
         confidence = _of_unexplained(winner, chance, confidence, reference)

@@ -226,7 +226,7 @@ def _unbias(
         return None
     Z = asked_with(model, stacks, free, caused)
     for _ in range(UNBIASING_STEPS):
-        curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, free, Z)
+        curvature, gradient, _ = _linearised(Model(structure, values), stacks, weights, free, Z, spread=False)
         size = np.sqrt(np.abs(np.diag(curvature)))
         move = _newton_move(curvature, gradient, size)
         if move is None:
@@ -238,7 +238,7 @@ def _unbias(
             break
     found = Model(structure, values)
     if divided(structure)[0]:  # a limit may be out of reach now
-        curvature, _, _ = _linearised(found, stacks, weights, free, Z)
+        curvature, _, _ = _linearised(found, stacks, weights, free, Z, spread=False)
         if np.any(np.diag(curvature) == 0):
             return None
     before, after = (normal_equations(structure, x, stacks, weights, False).power for x in (model.values, values))
@@ -302,8 +302,10 @@ def _linearised(
     weights: Sequence[AnyArray],
     free: Sequence[int],
     asked_with: Sequence[ComplexArray] | None,
+    spread: bool = True,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Z J^T, Z r and the variance of Z r under coloured residuals; Z is `asked_with`, unweighted, or else J.
+    """Z J^T, Z r and the variance of Z r under coloured residuals, zero unless its `spread` is asked; Z is
+    `asked_with`, unweighted, or else J.
 
     The residual spectrum is smoothed over about 1 Hz; residuals of the two outputs may be correlated.
     """
@@ -320,6 +322,8 @@ def _linearised(
             J, Z = block[1 : 1 + count], block[-count:]
             curvature += Z @ J.T
             gradient += Z @ block[0]
+            if not spread:
+                continue
             bins = block.view(complex).reshape(block.shape[0], len(group.Y), -1)
             e = bins[0]
             cross = e[:, None, :] * e[None, :, :].conj()

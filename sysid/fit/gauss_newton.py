@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,17 +67,19 @@ def normal_equations(
     weights: Sequence[AnyArray],
     full: bool,
     ends: Sequence[Ends] | None = None,
+    of: Sequence[int] | None = None,
 ) -> NormalEquations:
     """Curvature J J^T, gradient J r and what is left, end states projected out.
 
-    Weights are constant over frequency, (k, bins), or lower triangular matrices, (k, k, bins).
+    Weights are constant over frequency, (k, bins), or lower triangular matrices, (k, k, bins). `of` numbers the
+    parameters that move, where not all do; of the others the curvature may be left at zero, which costs nothing.
     """
     count = values.size if full else 0
     curvature, gradient, power = np.zeros((count, count)), np.zeros(count), np.zeros(len(structure.outputs))
     found: list[FloatArray] = []
     for number, (group, weight) in enumerate(zip(stacks, weights, strict=True)):
         response = respond(
-            structure, values, group, sensitivities=full, U=None, ends=None if ends is None else ends[number]
+            structure, values, group, sensitivities=full, ends=None if ends is None else ends[number], of=of
         )
         n = response.E.shape[0]
         columns = [response.E, (group.Y - response.Y)[None], *([] if response.J is None else [response.J])]
@@ -94,8 +97,11 @@ def normal_equations(
             moved += block[n + 1 :] @ rest
         if full:
             inner, to = products[1:, 1:], response.to
-            gradient += moved if to is None else to @ moved
-            curvature += inner if to is None else to @ inner @ to.T
+            if to is not None:
+                inner, moved = to @ inner @ to.T, to @ moved
+            rows_of = np.arange(count) if to is not None or of is None else np.array(of, dtype=int)
+            gradient[rows_of] += moved
+            curvature[np.ix_(rows_of, rows_of)] += inner
     return NormalEquations(power, curvature, gradient, found, weights[0].ndim == 3)
 
 
@@ -121,15 +127,13 @@ def minimise(
     movable = np.array([name not in held for name in structure.names])
     values = np.clip(model.values, low, high)
     weights: Sequence[AnyArray] = axis_weights(stacks, power) if spectral is None else spectral
-    here, weighed_by = normal_equations(structure, values, stacks, weights, True), power
+    equations = partial(normal_equations, structure, stacks=stacks, of=np.flatnonzero(movable).tolist())
+    here, weighed_by = equations(values, weights=weights, full=True), power
     poor = 0
     for _ in range(steps):
         if spectral is None and not np.allclose(weighed_by, here.power, rtol=SETTLED):
             weights = axis_weights(stacks, here.power)
-            here, weighed_by = (
-                normal_equations(structure, values, stacks, weights=weights, full=True, ends=here.ends),
-                here.power,
-            )
+            here, weighed_by = equations(values, weights=weights, full=True, ends=here.ends), here.power
         free = movable & ~((values <= low) & (here.gradient < 0)) & ~((values >= high) & (here.gradient > 0))
         if not np.any(free):
             break
@@ -139,7 +143,7 @@ def minimise(
             break
         weights = axis_weights(stacks, here.power) if spectral is None else spectral
         ends = (values, np.clip(values + move, low, high))
-        reached = _lower(structure, ends, stacks, weights, here, tolerance / promise)
+        reached = _lower(equations, ends, weights, here, tolerance / promise)
         if reached is None:
             break
         before = here.cost
@@ -152,9 +156,8 @@ def minimise(
 
 
 def _lower(
-    structure: Structure,
+    equations: Callable[..., NormalEquations],
     ends: tuple[FloatArray, FloatArray],
-    stacks: Sequence[Stack],
     weights: Sequence[AnyArray],
     here: NormalEquations,
     least: float,
@@ -168,10 +171,10 @@ def _lower(
     length = 1.0
     while length > max(SMALLEST_LENGTH, 0.5 * least):
         trial = end if length == 1 else begin + length * (end - begin)
-        there = _try(structure, trial, stacks, weights, here.ends, full=length == 1)
+        there = _try(equations, trial, weights, here.ends, full=length == 1)
         if there is not None and there.cost < here.cost:
             if length < 1:
-                there = _try(structure, trial, stacks, weights, here.ends)
+                there = _try(equations, trial, weights, here.ends)
             if there is not None:
                 return trial, there
         length = SHORT if there is None and length == 1 else length / 2
@@ -206,9 +209,8 @@ def gauss_newton_step(here: NormalEquations, free: NDArray[np.bool_], given: Flo
 
 
 def _try(
-    structure: Structure,
+    equations: Callable[..., NormalEquations],
     values: FloatArray,
-    stacks: Sequence[Stack],
     weights: Sequence[AnyArray],
     ends: Sequence[Ends],
     full: bool = True,
@@ -218,7 +220,7 @@ def _try(
         return None
     try:
         with np.errstate(all="ignore"):  # a time constant of zero has no response: what comes out is not finite
-            found = normal_equations(structure, values, stacks, weights=weights, full=full, ends=ends)
+            found = equations(values, weights=weights, full=full, ends=ends)
     except (RelaxationError, np.linalg.LinAlgError):
         return None
     return found if found.finite else None

@@ -40,6 +40,8 @@ class Innovations(Whitening):
 
     rate_hz: float
     """Of the noise's past."""
+    model: Model
+    """Where model and noise together predict best."""
 
     def surprise(self, residual: FloatArray, J: FloatArray, commands: Sequence[str]) -> tuple[float, int]:
         """Of the residual (N,) what the commands of the last MEMORY_S explain, whatever the vehicle, less what the
@@ -60,7 +62,7 @@ def innovations(model: Model, on: Dataset, free: Sequence[str]) -> Innovations:
     for _ in range(2):  # whose unit is that of what is left beside the past
         ends = [_ends(model, noise, group, some) for group, some in zip(on.stacks, v, strict=True)]
         white = [noise.weights(group) / group.scale for group in on.stacks]
-        made = Innovations(on.stacks, [one.transpose(2, 0, 1) for one in white], ends, rate_hz)
+        made = Innovations(on.stacks, [one.transpose(2, 0, 1) for one in white], ends, rate_hz, model)
         noise = replace(noise, root=_scaled(noise, made, v, len(free)))
     return made
 

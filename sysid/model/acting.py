@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -75,9 +75,10 @@ def acting_commands(
     values: FloatArray,
     stack: Stack,
     logged: ComplexArray,
-    sensitivities: bool,
+    moving: Collection[str],
 ) -> tuple[ComplexArray, dict[str, ComplexArray]]:
-    """Inputs as they act behind `front` and every delay, and their derivatives to those effects' parameters."""
+    """Inputs as they act behind `front` and every delay, and their derivatives to those effects' parameters that are
+    `moving`."""
     late = [one for one in structure.composed if one.response is not None]
     if not front and not late:
         return logged, {}
@@ -96,11 +97,10 @@ def acting_commands(
         return found
 
     changes: dict[str, ComplexArray] = {}
-    if sensitivities:
-        for name in (name for one in (*front, *late) for name in one.names):
-            above, below = either_side(structure, named, name)
-            either = [acting({**named, name: value}, name) for value in (above, below)]
-            changes[name] = (either[0] - either[1]) / (above - below)
+    for name in (name for one in (*front, *late) for name in one.names if name in moving):
+        above, below = either_side(structure, named, name)
+        either = [acting({**named, name: value}, name) for value in (above, below)]
+        changes[name] = (either[0] - either[1]) / (above - below)
     return acting(named), changes
 
 

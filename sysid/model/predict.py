@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,9 @@ from sysid.model.relaxation import driven_by, relaxed_response
 from sysid.model.response import Ends, Response
 from sysid.model.structure import COMPLEX_STEP, FloatArray, Structure, stepped
 
+BLOCK = 512
+"""Bins whose sensitivities are worked out together: what lies between stays in the processor's cache."""
+
 
 def respond(
     structure: Structure,
@@ -33,15 +36,16 @@ def respond(
     sensitivities: bool,
     U: ComplexArray | None = None,
     ends: Ends | None = None,
+    of: Sequence[int] | None = None,
 ) -> Response:
     """Predict a stack's outputs. `U` (m, bins) stands in for the logged inputs, for sensitivities to instruments.
 
+    `of` numbers the parameters whose sensitivities are wanted, where not all are; a closed form gives all the same.
     The free motion from `ends`, the last estimate of them, counts in the sensitivities: it changes with the parameters.
     """
     if not linear_dynamics(structure):
-        return relaxed_response(structure, values, stack, sensitivities, U)
-    front, rest = divided(structure)
-    if U is not None and front:
+        return relaxed_response(structure, values, stack, sensitivities=sensitivities, U=U, of=of)
+    if U is not None and divided(structure)[0]:
         runs = zip(stack.spectra, stack.slices, strict=True)
         stack = replace(stack, spectra=tuple(driven_by(one, U[:, part]) for one, part in runs))
     if U is None:
@@ -50,16 +54,42 @@ def respond(
         U = U[[stack.inputs.index(name) for name in structure.inputs]]
     if polynomial.closed_form(structure) is not None and polynomial.exact_enough(stack):
         return polynomial.respond(structure, values, stack, sensitivities=sensitivities, U=U, ends=ends)
-    acting, changes = acting_commands(structure, front, values, stack=stack, logged=U, sensitivities=sensitivities)
+    wanted = structure.names if of is None else tuple(structure.names[i] for i in of)
+    return _linear_behind(structure, values, stack, U, wanted=wanted, sensitivities=sensitivities, ends=ends)
+
+
+def _linear_behind(
+    structure: Structure,
+    values: FloatArray,
+    stack: Stack,
+    U: ComplexArray,
+    *,
+    wanted: tuple[str, ...],
+    sensitivities: bool,
+    ends: Ends | None,
+) -> Response:
+    """The response of linear dynamics behind what acts on the commands' samples and delays, to logged inputs U, with
+    its sensitivities to the parameters `wanted`."""
+    front, rest = divided(structure)
+    moving = wanted if sensitivities else ()
+    acting, changes = acting_commands(structure, front, values, stack=stack, logged=U, moving=moving)
     inner = np.array([values[structure.names.index(name)] for name in rest.names])
+    here = [name for name in wanted if name in rest.names]
     found = _linear(
-        rest, inner, stack, U=acting, changes=list(changes.values()), sensitivities=sensitivities, initial=ends
+        rest,
+        inner,
+        stack,
+        U=acting,
+        changes=list(changes.values()),
+        sensitivities=sensitivities,
+        initial=ends,
+        of=[rest.names.index(name) for name in here] if len(here) < len(rest.names) else None,
     )
-    if found.J is None or (structure.names == rest.names and not changes):
+    if found.J is None or (wanted == rest.names and not changes):
         return found
-    J = np.zeros((values.size, *found.J.shape[1:]), dtype=complex)
-    J[[structure.names.index(name) for name in rest.names]] = found.J[: inner.size]
-    J[[structure.names.index(name) for name in changes]] += found.J[inner.size :]
+    J = np.zeros((len(wanted), *found.J.shape[1:]), dtype=complex)
+    J[[wanted.index(name) for name in here]] = found.J[: len(here)]
+    J[[wanted.index(name) for name in changes]] += found.J[len(here) :]
     return Response(found.Y, found.E, J)
 
 
@@ -109,8 +139,10 @@ def _linear(
     changes: Sequence[ComplexArray],
     sensitivities: bool,
     initial: Ends | None = None,
+    of: Sequence[int] | None = None,
 ) -> Response:
-    """Response to acting inputs U, and to each of the `changes` of them, which stand behind the parameters in J."""
+    """Response to acting inputs U, and to each of the `changes` of them, which stand behind the parameters in J: `of`
+    these numbers, or all."""
     modes, C, D, held, slopes = _answering(structure, tuple(values.tolist()), stack.held_s, sensitivities)
     sampled = modes.sampled(stack.dt) if stack.thinned_log else modes
     V, W = modes.V, modes.W
@@ -124,20 +156,34 @@ def _linear(
     E = (ends @ (free * stack.z)).reshape(n, k, -1)
     if slopes is None:
         return Response(Y, E, None)
-    count = values.size
-    driven, X = X, X if initial is None else X + _free_motion(stack, free, W, initial)
-    moving = np.concatenate([driven if stack.thinned_log else X, U])
-    inner = (slopes.drive.reshape(count * n, -1) @ moving).reshape(count, n, -1)
-    inner *= poles
-    if stack.thinned_log:
-        freely = (slopes.turned * sampled.moved).reshape(count * n, -1) @ (X - driven)
-        inner += freely.reshape(count, n, -1) * free
-    J = CV @ inner
+    if of is not None:
+        slopes = _Slopes(turned=slopes.turned[of], drive=slopes.drive[of], C=slopes.C[of], D=slopes.D[of])
+    freely = None if initial is None else _free_motion(stack, free, W, initial)
+    driven, X = X, X if freely is None else X + freely
+    ways = [(slopes.drive, np.concatenate([driven if stack.thinned_log else X, U]), poles)]
+    if freely is not None and stack.thinned_log:  # free motion goes on from sample to sample of the log
+        ways.append((slopes.turned * sampled.moved, freely, free))
+    J = _moved_outputs(CV, ways)
     if np.any(slopes.C) or np.any(slopes.D):
         J = J + (slopes.C @ V) @ X + slopes.D @ U
     if changes:
         J = np.concatenate([J, [CV @ ((held @ dU) * poles) + D @ dU for dU in changes]])
     return Response(Y, E, J)
+
+
+def _moved_outputs(CV: ComplexArray, ways: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray]]) -> ComplexArray:
+    """CV (k, n) times the sum over `ways` of drives (parameters, n, r) times what drives (r, bins), through the modes
+    (n, bins); (parameters, k, bins). Block by block: what lies between is many times the size of what comes out."""
+    count, n, _ = ways[0][0].shape
+    size = ways[0][1].shape[1]
+    J = np.empty((count, len(CV), size), dtype=complex)
+    for part in (slice(begin, begin + BLOCK) for begin in range(0, size if count else 0, BLOCK)):
+        inner = [
+            (drive.reshape(count * n, len(moving)) @ moving[:, part]).reshape(count, n, -1) * poles[:, part]
+            for drive, moving, poles in ways
+        ]
+        np.matmul(CV, reduce(np.add, inner), out=J[..., part])
+    return J
 
 
 def _free_motion(stack: Stack, poles: ComplexArray, W: ComplexArray, initial: Ends) -> ComplexArray:

@@ -26,6 +26,8 @@ DIFFERENCE_RELAXED = 0.03
 """Of the last change of a response, and of a difference of responses; what is left is a fraction of it."""
 NEARER = 2
 """Relaxations in which the linear part is fitted to the motion."""
+UNSEEN = 1e-9
+"""Of what an end state does to any state, that it does to the measured rates where these tell nothing of it."""
 STEADY = 0.1
 """Change of a response, below which the next relaxation begins where the last ones point to;"""
 POINTING = 5
@@ -52,9 +54,16 @@ def driven_by(one: Spectrum, U: ComplexArray) -> Spectrum:
 
 
 def relaxed_response(
-    structure: Structure, values: FloatArray, stack: Stack, sensitivities: bool, U: ComplexArray | None
+    structure: Structure,
+    values: FloatArray,
+    stack: Stack,
+    *,
+    sensitivities: bool,
+    U: ComplexArray | None,
+    of: Sequence[int] | None = None,
 ) -> Response:
-    """Nonlinear or time-varying dynamics: first the values, then a step of each parameter from where they settled.
+    """Nonlinear or time-varying dynamics: first the values, then a step of each parameter, or `of` these, from where
+    they settled.
 
     With inputs U (m, bins) in place of the logged ones there are no end states, which the measured rates would show.
     """
@@ -62,7 +71,8 @@ def relaxed_response(
     outside = {name for effect in front for name in effect.names}
     named = structure.by_name(values)
     at_values = (structure, tuple(values.tolist()))
-    count = len(structure.names) if sensitivities else 0
+    stepping = structure.names if of is None else tuple(structure.names[i] for i in of)
+    count = len(stepping) if sensitivities else 0
     Y = np.empty((len(structure.outputs), stack.z.size), dtype=complex)
     E = np.empty((len(rest.states), *Y.shape), dtype=complex)
     J = np.empty((count, *Y.shape), dtype=complex)
@@ -74,7 +84,7 @@ def relaxed_response(
             run, logged, settled = _answer(*at_values, one, ended=False)
         Y[:, part], E[..., part] = settled.Y, settled.E
         for first in range(0, count, TOGETHER):
-            names = structure.names[first : first + TOGETHER]
+            names = stepping[first : first + TOGETHER]
             batch = [_step(structure, named, name) for name in names]
             acting = [
                 run.commands(in_time(structure, front, one.segment, at), at)
@@ -116,7 +126,7 @@ class _Run:
 
     def __init__(self, structure: Structure, one: Spectrum) -> None:
         # heavier than NumPy itself to load: only where it is needed
-        from scipy.fft import next_fast_len, rfft
+        from scipy.fft import next_fast_len
 
         self.structure, self.one = structure, one
         self.measured = [structure.states.index(name) for name in structure.outputs]
@@ -129,7 +139,7 @@ class _Run:
         self.hold = np.sinc(np.arange(self.bins) / samples * (held_s / dt)) * np.exp(-0.5 * self.s * held_s)
         self.inside = slice(one.first, one.first + one.frequency_hz.size)
         self.channels = {
-            name: self.on_grid(rfft(one.segment.channels[name])[: self.bins]) for name in structure.channels
+            name: self.on_grid(one.segment.logged_bins([name], self.bins)[0]) for name in structure.channels
         }
         self.delays = [effect for effect in structure.composed if effect.response is not None]
         self.late = {name for effect in self.delays for name in effect.names}
@@ -150,7 +160,7 @@ class _Run:
 
     def commands(self, acting: FloatArray, named: Mapping[str, float]) -> ComplexArray:
         """Acting samples, as `in_time` gives them, to bins (commands, bins), without mean, behind every delay."""
-        U = self.one.segment.changed_bins(self.structure.commands, acting)[:, : self.bins]
+        U = self.one.segment.changed_bins(self.structure.commands, acting, self.bins)
         U[:, 0] = 0
         for effect in self.delays:
             assert effect.response is not None
@@ -206,8 +216,18 @@ class _Settled(NamedTuple):
 def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool) -> _Settled:
     """The response to command bins U (m, bins).
 
-    The linear part is that of small motions first, and then the one nearest to the motion itself.
+    The linear part is that of small motions first, and then the one nearest to the motion itself; of states that hardly
+    move, or together, this may be anything, and where relaxations run away from it they stay with the first.
     """
+    try:
+        return _relaxed(run, named, U, ended, NEARER)
+    except RelaxationError:
+        with np.errstate(over="ignore", invalid="ignore"):  # what grows without limit is refused by what it reaches
+            return _relaxed(run, named, U, ended, 0)
+
+
+def _relaxed(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool, nearer_in: int) -> _Settled:
+    """The same, by the linear part as fitted to the motion in the first relaxations, so many."""
     structure, inside = run.structure, run.inside
     n, m = len(structure.states), len(structure.commands)
     A, B = structure.matrices(structure.vector(named))[:2]
@@ -217,7 +237,8 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
     u, driven = run.on_grid(U), B @ (U * run.hold)
     transfer = run.resolvent(A)
     X = _through(transfer, driven[None])[0]
-    unseen = ~np.any(transfer[rows], axis=(0, 2))  # states that only schedule others: no rate tells where they began
+    # states that only schedule or measure others: no rate tells where they began, but for rounding
+    unseen = np.max(np.abs(transfer[rows]), (0, 2)) <= UNSEEN * np.max(np.abs(transfer), (0, 2))
     outputs, last = X[rows], np.inf
     before: list[tuple[ComplexArray, ComplexArray]] = []
     for count in range(RELAXATIONS):
@@ -229,7 +250,7 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
         free = np.einsum("ijf,j->if", transfer, ends)
         x, rates, y = run.evaluate([named], (X + free)[None], u[None])
         other = rates[0] - A @ x[0] - B @ u
-        if count < NEARER:
+        if count < nearer_in:
             nearer = (other @ x[0].T) @ np.linalg.pinv(x[0] @ x[0].T, rcond=1e-9, hermitian=True)
             A, other = A + nearer, other - nearer @ x[0]
             transfer = run.resolvent(A)
@@ -238,7 +259,7 @@ def _settle(run: _Run, named: Mapping[str, float], U: ComplexArray, ended: bool)
         if not np.isfinite(change) or change > 1e3:
             raise RelaxationError("the response grows without limit")
         outputs = run.transform(y[0]) + C @ (new - X - free)
-        before = [*before[-POINTING:], (X, new)] if count >= NEARER and change < STEADY else []
+        before = [*before[-POINTING:], (X, new)] if count >= nearer_in and change < STEADY else []
         X = new
         if change < RELAXED:
             break

@@ -130,6 +130,9 @@ def test_a_killed_flight_goes_on_in_its_folder(
     assert "an excitation is on already; `tippath abort` ends it" in capsys.readouterr().err
     assert contents(folder) == before
     flown.pilot("mode stabilize")
+    assert flown.tippath("sweep", "--dry-run", "--resume", folder) == 0
+    assert " card three: 2 runs, about 16 s; nothing was sent" in capsys.readouterr().out
+    assert contents(folder) == before
     assert flown.tippath("sweep", "--no-probe", "--resume", folder, "--json") == 0
     out, err = capsys.readouterr()
     assert "resumed: 1 of 3 runs flown and kept; 2 left; flight.BIN: what recorded it was cut off" in err

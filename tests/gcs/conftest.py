@@ -14,7 +14,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.flight.session import Session
-from gcs.link.transport import Frame, FrameFinder
+from gcs.link.frames import Frame, FrameFinder
 
 START, STOP = 2147483646, 2147483645
 BANK_NAMES = (
@@ -81,6 +81,7 @@ class Wire:
     """A link without a socket: what the vehicle said since the last turn, and what it is told in its next."""
 
     strangers = 0
+    newcomer: str | None = None
     receive_buffer: int | None = None
     problem: str | None = None
 
@@ -96,6 +97,9 @@ class Wire:
     def receive(self, timeout_s: float) -> list[Frame]:
         data, self._vehicle.said = self._vehicle.said, b""
         return self._finder.feed(data)
+
+    def take_over(self) -> bool:
+        return False
 
     def send(self, data: bytes) -> None:
         self._vehicle.told.append(data)

@@ -68,6 +68,12 @@ def test_a_process_that_dies_costs_its_case_and_another_goes_on() -> None:
     }
 
 
+def test_linear_algebra_has_one_thread_in_each_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However the study was begun: with more, seconds of a diagnosis were counted several times."""
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    assert dict(worked_off(["threads"], behave, workers=1, longest_s=60)) == {"threads": {"said": "1"}}
+
+
 def test_what_takes_too_long_is_ended_and_said() -> None:
     found = dict(worked_off(["hang"], behave, workers=1, longest_s=0.2))
     assert found == {"hang": {"failed": "took longer than 0.2 s"}}
@@ -102,4 +108,6 @@ def behave(case: str) -> dict[str, str]:
         os._exit(3)
     if case == "hang":
         time.sleep(60)
+    if case == "threads":
+        return {"said": os.environ.get("OPENBLAS_NUM_THREADS", "all")}
     return {"said": case}

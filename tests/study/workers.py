@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+"""For the processes begun here: of these small matrices more threads take five times the seconds and bring nothing."""
 Answer = dict[str, Any]
 
 

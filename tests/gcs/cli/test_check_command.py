@@ -10,7 +10,9 @@ import pytest
 from fake_flight import FakeSession, FakeVehicle
 
 import gcs.flight.connection
+import gcs.flight.prepare  # loaded before its clock is replaced, or it would keep that one for good
 import gcs.flight.session
+import gcs.flight.sweep
 from gcs.cards.maneuver import Maneuver, single_card
 from gcs.cli import main
 from gcs.flight.flyable import require_flyable, wait_for_pilot

@@ -13,8 +13,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import LinkError
 from gcs.flight.session import Session
+from gcs.link.frames import Frame
 from gcs.link.procedures import ReadParameter
-from gcs.link.transport import Frame, open_transport
+from gcs.link.transport import open_transport
 
 pytestmark = pytest.mark.realtime
 
@@ -26,6 +27,10 @@ class HeldWire:
     strangers, counts = 0, (1, 0)
     receive_buffer: int | None = None
     problem: str | None = None
+    newcomer: str | None = None
+
+    def take_over(self) -> bool:
+        return False
 
     def __init__(self) -> None:
         mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)

@@ -28,7 +28,7 @@ from gcs.link.events import (
     parameter_bits,
     parameter_value,
 )
-from gcs.link.transport import FrameFinder
+from gcs.link.frames import FrameFinder
 from gcs.vehicle.snapshot import VehicleSnapshot, reduce
 
 FLIGHT = Path(__file__).parents[4] / "shared" / "data" / "ardupilot" / "quad_pitch_from_vehicle.tlog"

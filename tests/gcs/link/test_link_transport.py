@@ -13,7 +13,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import LinkError, UsageError
-from gcs.link.transport import LinkWord, open_transport, parse_link
+from gcs.link.signing import Signing
+from gcs.link.transport import LinkWord, UdpTransport, open_transport, parse_link
 
 BEAT = mavlink.MAVLink_heartbeat_message(4, 3, 0, 0, 4, 3)
 STATION = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
@@ -77,6 +78,82 @@ def test_refused_tcp_and_absent_devices_and_hosts_are_named() -> None:
         open_transport("/dev/ttyNOBODY9,57600")
     with pytest.raises(LinkError, match="no host is called"):
         open_transport("udpout:no.such.host.invalid:14550")
+
+
+class Moved:
+    """A vehicle whose radio comes back from another port, and a stranger; time is the test's."""
+
+    def __init__(self, signing: Signing | None = None, system: int | None = None) -> None:
+        self.now = 0.0
+        link = parse_link("udpin:127.0.0.1:0")
+        self.transport = UdpTransport("udpin:127.0.0.1:0", link, signing, system, clock=lambda: self.now)
+        self.ground = ("127.0.0.1", int(self.transport.name.rsplit(":", 1)[1]))
+        self.sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3)]
+        for one in self.sockets:
+            one.settimeout(30.0)
+
+    def says(self, who: int, data: bytes) -> list[Any]:
+        self.sockets[who].sendto(data, self.ground)
+        return self.transport.receive(5.0)
+
+    def address(self, who: int) -> str:
+        return f"127.0.0.1:{self.sockets[who].getsockname()[1]}"
+
+    def __enter__(self) -> Moved:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.transport.close()
+        for one in self.sockets:
+            one.close()
+
+
+def test_another_address_in_the_vehicles_name_is_shown_after_a_silence_and_taken_on_a_word() -> None:
+    with Moved() as link:
+        assert len(link.says(0, frame(BEAT))) == 1
+        link.now = 4.9
+        assert link.says(1, frame(BEAT)) == []
+        assert link.transport.newcomer is None, "the vehicle spoke 4.9 s ago"
+        link.now = 5.1
+        assert link.says(2, frame(BEAT, 9)) == []
+        assert link.transport.newcomer is None, "another system is another vehicle"
+        assert link.says(2, frame(STATION)) == []
+        assert link.says(1, frame(BEAT)) == []
+        assert link.transport.newcomer == link.address(1)
+        link.transport.send(b"to whom it belongs")
+        assert link.sockets[0].recv(100) == b"to whom it belongs", "nobody was asked yet"
+        assert link.transport.take_over()
+        assert link.transport.newcomer is None
+        link.transport.send(b"to whom it belongs")
+        assert link.sockets[1].recv(100) == b"to whom it belongs"
+        frames = link.transport.counts[0]
+        assert len(link.says(1, frame(BEAT))) == 1
+        assert link.transport.counts[0] == frames + 1, "what was heard before is not forgotten"
+        assert link.says(0, frame(BEAT)) == [], "who was there is a stranger now"
+        assert not link.transport.take_over()
+
+
+def test_a_vehicle_that_speaks_again_and_a_newcomer_that_left_are_no_question_any_more() -> None:
+    with Moved() as link:
+        link.says(0, frame(BEAT))
+        link.now = 6.0
+        link.says(1, frame(BEAT))
+        assert link.transport.newcomer == link.address(1)
+        link.says(0, frame(BEAT))
+        assert link.transport.newcomer is None
+        link.now = 12.0
+        link.says(1, frame(BEAT))
+        link.says(2, frame(BEAT))
+        assert link.transport.newcomer == link.address(1), "who was shown stays the one that is taken"
+        link.now = 15.5
+        assert link.transport.newcomer is None
+        assert not link.transport.take_over()
+
+
+def test_of_two_vehicles_the_wanted_one_is_taken() -> None:
+    with Moved(system=9) as link:
+        assert link.says(0, frame(BEAT)) == []
+        assert len(link.says(1, frame(BEAT, 9))) == 1
 
 
 def test_the_first_autopilot_is_the_peer_and_others_are_counted() -> None:

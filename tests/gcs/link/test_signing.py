@@ -14,9 +14,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from gcs.errors import UsageError
 from gcs.link.encode import Encoder, StationHeartbeat
+from gcs.link.frames import FrameFinder
 from gcs.link.key_file import KeptStamps, drawn, of_passphrase, read_key, signing_with, write_key
 from gcs.link.signing import AHEAD, EPOCH_S, UNITS_PER_S, Refusal, Signing
-from gcs.link.transport import FrameFinder, open_transport
+from gcs.link.transport import open_transport
 from sitl.protocol.signatures import Signatures
 
 KEY, OTHER = bytes(range(32)), bytes(32)

@@ -210,6 +210,25 @@ async def test_connect_by_mark_and_by_word():
         assert not isinstance(app.screen, Dialog)
 
 
+async def test_another_address_in_the_vehicles_name_is_shown_and_taken_by_a_key():
+    assert IDLE.vehicle is not None
+    app, engine = app_on(IDLE)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("1", "t")
+        await done(app, pilot)
+        assert engine.asked == []
+        vehicle = replace(IDLE.vehicle, newcomer="10.0.0.7:14550", signs=True)
+        engine.now = replace(IDLE, vehicle=vehicle)
+        await settle(app)
+        text = " ".join("\n".join(screen_text(app)).split())
+        assert "10.0.0.7:14550 speaks as system 1 now" in text
+        assert "T takes it for the vehicle" in text
+        assert "obeys only who has its key" in text
+        await pilot.press("t")
+        await done(app, pilot)
+        assert engine.asked == ["take over"]
+
+
 def test_ports_and_earlier_flights_are_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(connections, "serial_ports", lambda: (SerialPort("/dev/ttyUSB0", "CP2102", 57600),))
     for number, link in enumerate(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from planted import PLANTED, fly_many
@@ -15,6 +16,7 @@ from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.loop_change import MarginChange
+from sysid.diagnose.score import Score
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 from sysid.model.compose import compose
@@ -49,6 +51,7 @@ def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
 @pytest.mark.usefixtures("only_effects")
 def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chains, "CRUMBS", 100.0)
+    monkeypatch.setattr(shares, "EXPLAINED", 0.0)
     found = asked(flight)
     assert found.pairs == ()
     assert isinstance(found.unsearched, LittleLeft)
@@ -65,6 +68,7 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
     flight: list[Record], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(chains, "REMAINDER", 2.0)
+    monkeypatch.setattr(chains, "CRUMBS", 100.0)
     monkeypatch.setattr(chains, "LITTLE_POINTS", 100.0)
     monkeypatch.setattr(chains, "seen", lambda _: MarginChange(gain_db=0.0, phase_deg=0.0))
     assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}
@@ -146,3 +150,72 @@ def test_a_refit_is_dearer_where_more_has_to_be_simulated() -> None:
     ]
     assert prices == sorted(prices)
     assert len(set(prices)) == 4
+
+
+def search_of(answered: bool, *single: Ranked) -> chains._Chains:
+    return chains._Chains(single, cast("Any", None), lambda _: None, None, answered)
+
+
+def scored(name: str, chi_squared: float) -> Ranked:
+    score = Score(effect=name, chi_squared=chi_squared, degrees=1, tried=1, at={}, errors={})
+    return Ranked(effects=(name,), score=score, not_testable=None)
+
+
+def alone(name: str, chi_squared: float, implausible: tuple[str, ...] = ()) -> Ranked:
+    fit = cast("Any", object())
+    return Ranked(
+        effects=(name,), score=None, not_testable=None, fit=fit, chi_squared=chi_squared, implausible=implausible
+    )
+
+
+def test_what_is_dear_and_little_is_tried_beside_what_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    stiff = alone("attitude_stiffness", 5386.0, ("M_theta",))
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: chains.DEAR)
+    assert search_of(False, stiff).promising(stiff, scored("rotor_speed", 253.0))
+    assert not search_of(True, stiff).promising(stiff, scored("rotor_speed", 253.0))
+
+
+def test_beside_one_that_only_stands_in_and_leaves_noise_others_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[str] = []
+    monkeypatch.setattr(chains, "_apart", lambda *_: True)
+
+    def leaves_noise(_: object, one: Ranked) -> bool:
+        begun.append(one.effect)
+        return False
+
+    monkeypatch.setattr(chains._Chains, "begin_with", leaves_noise)
+    bar, lag = alone("stabiliser_bar", 320.0, ("tau_b",)), alone("servo_lag", 180.0)
+    assert search_of(False, bar, lag).search([bar, lag], [bar, lag])
+    assert begun == ["stabiliser_bar", "servo_lag"]
+    assert not search_of(False, lag).search([lag], [lag])
+
+
+def test_a_chain_that_has_no_fit_from_one_half_is_fitted_from_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    wing, rotor = alone("slipstream_wing", 150.0), scored("rotor_speed", 89.0)
+    tried: list[tuple[str, str]] = []
+
+    def fitted(_: object, first: Ranked, second: Ranked, more: Ranked, begin: Ranked) -> Ranked | None:
+        tried.append((begin.effect, more.effect))
+        return None
+
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 1.0)
+    monkeypatch.setattr(chains._Chains, "_fitted", fitted)
+    monkeypatch.setattr(chains, "refitted", lambda *_: alone("rotor_speed", 0.0))
+    monkeypatch.setattr(chains, "ranked", lambda one, _: one)
+    search = search_of(False, wing)
+    search.reference = cast("Any", SimpleNamespace(parent=None, users=()))
+    search.fit(wing, rotor)
+    assert tried == [("slipstream_wing", "rotor_speed"), ("rotor_speed", "slipstream_wing")]
+
+
+def test_in_the_place_of_a_half_stands_what_scores_as_much_beside_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    stiff, speed = alone("attitude_stiffness", 3051.0, ("M_theta",)), alone("speed_stability", 3235.0, ("Y_v",))
+    search = search_of(False, stiff, speed, alone("slipstream_wing", 3000.0))
+    lags = [scored("gyro_filter", 592.0), scored("gyro_lag", 574.0), scored("servo_rate_limit", 428.0)]
+    search.seconds["attitude_stiffness"] = lags
+    monkeypatch.setattr(chains._Chains, "price_of", lambda *_: 2.0)
+    monkeypatch.setattr(chains, "_apart", lambda *_: False)
+    names = [one.effect for one in search.like_beside("attitude_stiffness", "gyro_filter")]
+    assert names == ["gyro_filter", "gyro_lag"]
+    assert "attitude_stiffness" in [one.effect for one in search.like_alone("speed_stability")]
+    assert [one.effect for one in search.like_alone("slipstream_wing")] == ["slipstream_wing"], "what is plausible"

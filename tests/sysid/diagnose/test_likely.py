@@ -155,11 +155,42 @@ def test_luck_does_not_name_what_the_runs_could_tell() -> None:
 
 
 def test_a_simpler_entry_explains_as_much_only_with_as_much_evidence() -> None:
-    bar = refitted("stabiliser_bar", 0.0, 0, added=2, explained_share=1.0)
+    bar = refitted("stabiliser_bar", 0.0, 0, added=2, explained_share=1.0, outside=("tau_b",))
     as_good = refitted("servo_lag", 500.0, 1, explained_share=1.0)
     crumb = refitted("servo_lag", CHI_SQUARED - 5.0, 1, explained_share=1.0)
     assert choice._explains_as_much(as_good, bar)
     assert not choice._explains_as_much(crumb, bar)
+
+
+def test_beside_an_implausible_half_the_simpler_of_two_others_is_named_and_what_is_like_it_declared() -> None:
+    stiff = ("M_theta",)
+    also = {"explained_share": 1.0, "implausible": stiff, "added": 3}
+    filtered = refitted("gyro_filter", 0.0, 0, **{**also, "added": 4, "outside": ("M_theta", "zeta")})
+    lag = refitted("servo_lag", 6.0, 1, **also, outside=stiff)
+    late = refitted("transport_delay", 7.0, 2, **also, outside=stiff)
+    worse = refitted("slipstream_wing", 2.0, 3, **{**also, "implausible": ("tau_w",), "outside": ("tau_w",)})
+    assert choice.winner([refitted("servo_backlash", 0.5 * CHI_SQUARED)], [filtered, worse, lag]) is lag
+    assert set(of(lag, [filtered, late, worse]).alike) == {"gyro_filter", "transport_delay"}
+
+
+def test_a_chain_is_named_before_one_effect_that_only_stands_in_for_it() -> None:
+    bar = refitted("stabiliser_bar", 30.0, 0, explained_share=1.0, added=3, implausible=("tau_b",))
+    both = replace(
+        refitted("servo_lag", 0.0, 1, explained_share=1.0, added=3), effects=("hub_gyroscopics", "servo_lag")
+    )
+    assert choice.winner([bar], [both]) is both
+    bar = replace(bar, implausible=())
+    assert choice.winner([bar], [both]) is bar, "as plausible, and simpler"
+
+
+def test_a_chain_that_is_much_likelier_explains_clearly_more_where_powers_do_not_show_it() -> None:
+    one = refitted("attitude_stiffness", 0.12 * CHI_SQUARED, 0, explained_share=0.99)
+    both = replace(
+        refitted("servo_lag", 0.0, 1, explained_share=1.0, added=2), effects=("attitude_stiffness", "servo_lag")
+    )
+    assert choice.winner([one], [both]) is both
+    assert choice.winner([replace(one, chi_squared=0.98 * CHI_SQUARED)], [both]) is not both
+    assert choice.winner([one], [replace(both, outside=("k_l",))]) is one, "by doubtful values"
 
 
 def test_what_explains_all_is_named_before_what_is_likelier_by_a_hair() -> None:

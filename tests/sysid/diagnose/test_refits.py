@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from strangers.asking import records
 from strangers.flights import Stranger, fly
 
-from sysid.data.band import swept_band
+from sysid.data.band import USUAL, swept_band
+from sysid.data.dataset import dataset
 from sysid.data.record import Record
 from sysid.diagnose import candidates, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.choice import larger_first
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import candidate
+from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import Score
 from sysid.diagnose.verdict import Diagnosis
+from sysid.fit.estimate import estimate
 from sysid.fit.identify import on_runs
+from sysid.model.base import bases
+from sysid.model.compose import compose
+from sysid.model.effect import catalogue
+from sysid.model.structure import Model
 
 SEED = 2041
 """A training one: a mode of 5.9 Hz in roll with one share in a hundred of the inertia, far less than the gusts."""
@@ -26,8 +37,7 @@ def flown() -> Stranger:
 
 
 def asked(runs: list[Record]) -> Diagnosis:
-    swept = swept_band(runs)
-    assert swept is not None
+    swept = swept_band(runs) or USUAL
     return diagnose(on_runs("tpp", (), runs, runs), runs, band_hz=swept.hz, chains=False)
 
 
@@ -76,13 +86,64 @@ def test_of_two_the_larger_is_named_though_one_has_no_fit_of_its_own() -> None:
 
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("speed_stability", "servo_lag")], indirect=True)
-def test_what_a_loop_could_make_is_not_named_at_doubtful_values(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clean flight without a logged excitation, whose gusts a slow effect explains at odd sizes."""
+def test_below_the_sweeps_a_loop_is_asked_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clean flight without a logged excitation: where nobody tells what was swept, a slow effect of odd sizes
+    explains its gusts, which is not named at doubtful values."""
     strange = fly(3052)
     runs = records(strange)[: strange.plan.fitted]
-    found = asked(runs)
+    assert asked(runs).verdict == "complete"
+    untold = [replace(one, swept_band_hz=None) for one in runs]
+    found = asked(untold)
     assert (found.verdict, found.reason, found.chain) == ("unexplained", "feedback", ("speed_stability",))
     assert found.winner is not None
     assert found.winner.outside
     monkeypatch.setattr(verdict, "A_LOOP_MAKES", 0.0)
-    assert asked(runs).verdict == "missing"
+    assert asked(untold).verdict == "missing"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("dynamic_inflow", "slipstream_wing")], indirect=True)
+def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an inflow in slow gusts, no excitation logged: least squares ends at a bound."""
+    strange = fly(6013)
+    runs = records(strange)[: strange.plan.fitted]
+    found = asked(runs)
+    assert (found.verdict, found.effect) == ("missing", "dynamic_inflow")
+    assert found.winner is not None
+    assert not found.winner.outside
+    monkeypatch.setattr(candidates, "predicting", lambda fit, _: fit)
+    again = asked(runs)
+    assert again.verdict == "unexplained"
+    assert next(one for one in again.candidates if one.effect == "dynamic_inflow").implausible
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("angular_damping", "hub_gyroscopics", "angle_of_attack")], indirect=True)
+def test_what_powers_do_not_tell_in_a_loop_is_no_doubt() -> None:
+    """Damping on top of what a strong loop makes of gusts: little of the power, and all that the commands foretell."""
+    strange = fly(6049)
+    found = asked(records(strange)[: strange.plan.fitted])
+    assert (found.verdict, found.effect) == ("missing", "angular_damping")
+    assert found.explained_share is not None
+    assert found.explained_share < 0.2
+
+
+def test_values_that_each_may_be_plausible_may_not_be_so_together() -> None:
+    strange = fly(6049)
+    runs = records(strange)[: strange.plan.fitted]
+    on = dataset(runs, (0.25, 6.0))
+    structure = compose(bases()["tpp"], [catalogue()["angular_damping"]], on.available)
+    fit = candidate(estimate(structure, on.viewed(structure.inputs), None, {}, "constant"), (), on)
+    places = [structure.names.index(name) for name in ("L_p", "M_q")]
+    values, covariance = fit.model.values.copy(), np.zeros_like(fit.estimate.covariance)
+    high = [one.plausible[1] for one in structure.parameters if one.name in ("L_p", "M_q")]
+    values[places] = np.array(high) + 1.8
+
+    def together(correlation: float) -> bool:
+        covariance[np.ix_(places, places)] = [[1.0, correlation], [correlation, 1.0]]
+        there = replace(fit.estimate, model=Model(structure, values), covariance=covariance)
+        return out_of_reach(replace(fit, estimate=there), ("L_p", "M_q"))
+
+    assert not together(0.9)
+    assert together(-0.9)
+    assert not out_of_reach(fit, ())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -61,3 +62,13 @@ def test_beside_one_that_leaves_noise_nothing_slow_that_could_not_be_as_good(mon
     slow = [scored("servo_rate_limit", 200.0), scored("servo_backlash", 800.0)]
     assert refits(monkeypatch, slow, "servo_backlash") == ["servo_backlash"]
     assert refits(monkeypatch, SLOW, "servo_backlash") == ["servo_backlash", "quadratic_damping"]
+
+
+def test_a_refit_that_fails_leaves_none_of_an_earlier_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(candidates, "composed_with", lambda *_: None)
+    monkeypatch.setattr(candidates, "_refit", lambda *_: (None, "the response does not settle"))
+    monkeypatch.setattr(candidates, "_where_scored", lambda *_: None)
+    before = replace(scored("servo_lag", 900.0), fit=cast("Any", Left(0.1)))
+    parent = SimpleNamespace(model=SimpleNamespace(structure=None), dataset=None)
+    after = candidates.refitted(before, cast("Any", parent), ())
+    assert (after.fit, after.not_testable) == (None, "the response does not settle")

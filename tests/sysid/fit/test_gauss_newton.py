@@ -12,11 +12,12 @@ from planted_fits import records
 from scipy.optimize import lsq_linear
 
 from sysid.data.dataset import dataset
+from sysid.fit import estimate as estimate_module
 from sysid.fit import gauss_newton
 from sysid.fit.estimate import estimate
 from sysid.fit.gauss_newton import NormalEquations, bounded_step
 from sysid.fit.identify import on_runs
-from sysid.model.paper import TPP
+from sysid.fit.rows import smooth
 
 
 def equations(J: np.ndarray, e: np.ndarray) -> NormalEquations:
@@ -69,15 +70,31 @@ def test_lapack_has_nothing_to_print() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_a_step_that_is_halved_takes_derivatives_only_where_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_that_is_halved_takes_derivatives_only_where_it_ends() -> None:
     asked: list[tuple[float, bool]] = []
 
-    def equations_at(_: object, values: np.ndarray, *__: object, full: bool, **___: object) -> NormalEquations:
+    def equations_at(values: np.ndarray, *, full: bool, **_: object) -> NormalEquations:
         asked.append((float(values[0]), full))
         return NormalEquations(np.array([1.0 + (values[0] - 0.25) ** 2]), np.eye(1), np.ones(1), [])
 
-    monkeypatch.setattr(gauss_newton, "normal_equations", equations_at)
     ends, here = (np.zeros(1), np.full(1, 2.0)), NormalEquations(np.array([1.05]), np.eye(1), np.ones(1), [])
-    reached = gauss_newton._lower(TPP, ends, (), (), here, 1e-3)
+    reached = gauss_newton._lower(equations_at, ends, (), here, 1e-3)
     assert reached is not None
     assert asked == [(2.0, True), (1.0, False), (0.5, False), (0.25, False), (0.25, True)]
+
+
+def test_the_spread_under_coloured_residuals_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not at every step on the way to where the excitation leaves no bias."""
+    flight = records(fly_many("servo_lag", PLANTED["servo_lag"], seeds=[5], duration_s=8.0)[0])
+    on = dataset(flight, (0.0, 15.0))
+    asked: list[int] = []
+
+    def counted(values: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
+        asked.append(frequency_hz.size)
+        return smooth(values, frequency_hz)
+
+    monkeypatch.setattr(estimate_module, "smooth", counted)
+    structure = on_runs("tpp", [], flight, flight)
+    found = estimate(structure, on.viewed(structure.inputs), weights="constant")
+    assert found.instrument == "excitation logged"
+    assert len(asked) == len(flight)

@@ -10,10 +10,11 @@ from planted import TABLE_4, fly
 from scipy.signal import lfilter
 
 from sysid.data.instrument import instruments
-from sysid.data.preprocess import EXCITATIONS, spectra
+from sysid.data.preprocess import EXCITATIONS, Segment, spectra
 from sysid.data.record import Record
 from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
+from sysid.model import predict, relaxation
 from sysid.model.acting import divided, in_time, jumping
 from sysid.model.compose import compose
 from sysid.model.effect import find
@@ -210,3 +211,61 @@ def test_an_irregular_clock_keeps_what_a_command_does() -> None:
     found, _ = spectra([one], TPP.inputs, TPP.outputs)
     assert found[0].segment.resampled > 1000
     assert np.all(output_error(Model(TPP, TRUTH), stack(found)).nrmse_percent > 99)
+
+
+@pytest.mark.parametrize("effects", [["servo_lag"], ["servo_backlash", "transport_delay"], ["quadratic_damping"]])
+def test_only_parameters_that_are_asked_for_are_stepped(
+    runs: list[Record], effects: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    structure = compose("tpp", effects)
+    (group,) = stack(spectra(runs, structure.inputs, ("p", "q"))[0])
+    values = np.append(TRUTH, [one.typical for one in structure.parameters[TRUTH.size :]])
+    stepped: list[str] = []
+
+    def counted(at: object, named: object, name: str) -> object:
+        stepped.append(name)
+        return each_step(at, named, name)  # type: ignore[arg-type]
+
+    each_step = relaxation._step
+    monkeypatch.setattr(relaxation, "_step", counted)
+    asked = [1, values.size - 1]
+    found = respond(structure, values, group, True, of=asked).slopes
+    many = len(group.spectra) if effects == ["quadratic_damping"] else 0
+    assert stepped == [structure.names[i] for i in asked] * many
+    every = respond(structure, values, group, True).slopes[asked]
+    np.testing.assert_allclose(found, every, atol=1e-3 * np.abs(every).max())
+    assert respond(structure, values, group, True, of=[]).slopes.shape == (0, 2, group.z.size)
+
+
+def test_sensitivities_are_the_same_in_blocks(runs: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a log that has not every loop, from rest and from a beginning of its own."""
+    structure = compose("tpp", ["servo_lag"])
+    slow = [Record(one.id, {name: values[::4] for name, values in one.channels.items()}) for one in runs]
+    (group,) = stack(spectra([replace(one, loop_dt_s=0.002) for one in slow], structure.inputs, ("p", "q"))[0])
+    values = np.append(TRUTH, 0.03)
+    begun = np.ones((len(group.spectra), len(structure.states)))
+    for ends in (None, begun):
+        monkeypatch.setattr(predict, "BLOCK", 10**6)
+        whole = respond(structure, values, group, True, ends=ends).slopes
+        monkeypatch.setattr(predict, "BLOCK", 100)
+        np.testing.assert_allclose(respond(structure, values, group, True, ends=ends).slopes, whole, rtol=1e-12)
+
+
+def test_the_logged_bins_of_a_thinned_log_are_worked_out_once(
+    runs: list[Record], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    structure = compose("tpp", ["servo_backlash"])
+    slow = Record("slow", {name: values[::4] for name, values in runs[0].channels.items()}, loop_dt_s=0.002)
+    (group,) = stack(spectra([slow], structure.inputs, ("p", "q"))[0])
+    lengths: list[int] = []
+
+    def counted(self: Segment, rows: np.ndarray, count: int) -> np.ndarray:
+        lengths.append(rows.shape[1])
+        return bins(self, rows, count)
+
+    bins = Segment.bins
+    monkeypatch.setattr(Segment, "bins", counted)
+    for half_width in (0.01, 0.02, 0.03):
+        respond(structure, np.append(TRUTH, half_width), group, False)
+    samples = group.spectra[0].samples
+    assert lengths == [samples, 4 * samples, 4 * samples, 4 * samples]
