@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -245,3 +246,25 @@ def test_a_profile_with_another_time_column_says_so(tmp_path: Path) -> None:
     path.write_bytes(text(rows()))
     with pytest.raises(TippathError, match="column timestamp_us missing; the profile takes the time from it; name one"):
         ingest([path], "quadrotor")
+
+
+@pytest.mark.parametrize("columns", [20_000, 1_000_000])
+def test_a_file_of_very_many_columns_is_read_or_refused_at_once(saved: Saved, columns: int) -> None:
+    head, *below = (",".join(row) for row in rows(9))
+    wide = [f"{head},{','.join(f'c{i}' for i in range(columns))}", *(line + ",1" * columns for line in below)]
+    path, begun = saved("\n".join(wide).encode() + b"\n", "wide.csv"), time.process_time()
+    if columns > 50_000:
+        with pytest.raises(TippathError, match=r"wide\.csv, line 1: longer than 1 MB"):
+            ingest([path])
+    else:
+        assert len(ingest([path]).sources[0].fields) == columns + 5
+    assert time.process_time() - begun < 5
+
+
+@pytest.mark.parametrize("first", [1, 2000, 3999])
+def test_a_time_that_no_clock_shows_costs_its_row(saved: Saved, first: int) -> None:
+    table = rows()
+    table[first][0] = "1e300"
+    found = ingest([saved(text(table), "jump.csv")])
+    assert sum(run.record.t.size for run in found.runs if run.record is not None) == len(table) - 2
+    assert max(run.start_s + run.duration_s for run in found.runs) < 30
