@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injuries import injure
+from injuries import bounded, injure
 
 from gcs.cli import main
 from gcs.errors import TippathError
@@ -260,3 +260,17 @@ def test_no_damage_is_a_traceback(saved: Saved, first: int) -> None:
             ingest([saved(damaged, "f.mcap")], profile)
         except TippathError as error:
             assert len(str(error).splitlines()) == 1  # noqa: PT017
+
+
+@pytest.mark.parametrize("packing", ["LZ4", "ZSTD"])
+def test_a_small_file_that_becomes_gigabytes_is_refused(saved: Saved, packing: str) -> None:
+    stream = io.BytesIO()
+    writer = writing.Writer(stream, chunk_size=64 << 20, compression=writing.CompressionType[packing])
+    writer.start()
+    channel = writer.register_channel("/zeros", "json", writer.register_schema("zeros", "jsonschema", b"{}"))
+    for k in range(4):
+        writer.add_message(channel, k, bytes(40 << 20), k)
+    writer.finish()
+    assert len(stream.getvalue()) < 1e6
+    with bounded(), pytest.raises(TippathError, match="no message with numbers could be read"):
+        ingest([saved(stream.getvalue(), "f.mcap")])
