@@ -73,3 +73,15 @@ def _memory(key: str, *, anew: bool = False) -> float:
     except OSError:
         return 0.0
     return next((1024.0 * float(line.split()[1]) for line in status.splitlines() if line.startswith(key)), 0.0)
+
+
+STEP = 50
+FIRSTS = [*range(0, 200, STEP), *(pytest.param(at, marks=pytest.mark.thorough) for at in range(200, 2000, STEP))]
+"""The same, `STEP` seeds at a time."""
+
+
+def bounded_turns(count: int, first: int = 0) -> Iterator[int]:
+    """`count` numbers from the first; what is done with each is `bounded`."""
+    for turn in range(first, first + count):
+        with bounded():
+            yield turn

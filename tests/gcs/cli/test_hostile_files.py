@@ -1,6 +1,6 @@
 """Files that were changed by chance or on purpose, of every kind that is no log: read, or refused in a sentence.
 
-Logs are damaged beside their readers' tests, and all kinds of them at once in `tests/gcs/logs/test_hostile_logs.py`.
+Logs are damaged beside the tests of their readers, in `tests/gcs/logs`.
 """
 
 from __future__ import annotations

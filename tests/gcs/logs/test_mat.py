@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injuries import bounded, injure
+from injuries import FIRSTS, STEP, bounded, bounded_turns, injure
 from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
 
@@ -221,12 +221,12 @@ def test_no_numbers_are_refused(saved: Saved) -> None:
 
 
 @pytest.mark.parametrize("write", FORMATS)
-@pytest.mark.parametrize("first", range(0, 200, 50))
+@pytest.mark.parametrize("first", FIRSTS)
 def test_no_damage_is_a_traceback(saved: Saved, write: Callable[..., bytes], first: int) -> None:
     small = {name: values[:60] for name, values in flight().items()}
     texts = {"title": "hover, µ"} if write is v5 else {}
     raw = write({**small, "s": {"inner": small}, **texts}, **({"compressed": first % 100 == 0} if write is v5 else {}))
-    for seed in range(first, first + 50):
+    for seed in bounded_turns(STEP, first):
         chance = random.Random(seed)
         damaged = injure(raw[128:], chance, lambda chance: raw[128 : 128 + chance.randrange(200)], cut=True)
         path = saved(raw[:128] + damaged, "f.mat")

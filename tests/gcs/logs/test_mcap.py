@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injuries import bounded, injure
+from injuries import FIRSTS, STEP, bounded, bounded_turns, injure
 
 from gcs.cli import main
 from gcs.errors import TippathError
@@ -251,10 +251,10 @@ def test_empty_and_cut_files_are_refused(saved: Saved, raw: bytes) -> None:
         ingest([saved(raw, "f.mcap")])
 
 
-@pytest.mark.parametrize("first", range(0, 200, 50))
+@pytest.mark.parametrize("first", FIRSTS)
 def test_no_damage_is_a_traceback(saved: Saved, first: int) -> None:
     raw, profile = recorded(30, chunk=1500), saved(PROFILE, "p.toml")
-    for seed in range(first, first + 50):
+    for seed in bounded_turns(STEP, first):
         damaged = injure(raw, random.Random(seed), lambda chance: raw[: chance.randrange(1, 300)], cut=True)
         try:
             ingest([saved(damaged, "f.mcap")], profile)
