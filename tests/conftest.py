@@ -14,6 +14,15 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shel
 os.environ["TIPPATH_CACHE"] = "off"  # tests read logs anew, and write nothing beside those they do not own
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The key of this user's cache is not touched."""
+    folder = tmp_path_factory.mktemp("user")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gcs.logs.cache.user_cache_path", lambda name, **_: folder / name)
+        yield
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of real logs; without it the test is skipped and says what was not proved."""

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import pytest
 
 SIZES = (1, 3, 40, 200, 4096)
 
@@ -42,3 +47,41 @@ def injure(
         if len(out) < 10:
             break
     return bytes(out)
+
+
+LONGEST_S, MOST_BYTES = 10.0, 300e6
+"""What one file may take of a reader, whatever is in it."""
+COUNTS = [200, pytest.param(2000, marks=pytest.mark.thorough)]
+"""Mutated files of a kind: in the suite, and in `make study`."""
+
+
+@contextlib.contextmanager
+def bounded() -> Iterator[None]:
+    """What is done within takes no more than `LONGEST_S` of a processor, nor `MOST_BYTES` (Linux tells)."""
+    before, begun = _memory("VmRSS", anew=True), time.process_time()
+    yield
+    assert time.process_time() - begun < LONGEST_S
+    assert _memory("VmHWM") - before < MOST_BYTES
+
+
+def _memory(key: str, *, anew: bool = False) -> float:
+    """Bytes of this process, 0 where the system does not tell; `anew` forgets the highest so far."""
+    try:
+        if anew:
+            Path("/proc/self/clear_refs").write_text("5")
+        status = Path("/proc/self/status").read_text()
+    except OSError:
+        return 0.0
+    return next((1024.0 * float(line.split()[1]) for line in status.splitlines() if line.startswith(key)), 0.0)
+
+
+STEP = 50
+FIRSTS = [*range(0, 200, STEP), *(pytest.param(at, marks=pytest.mark.thorough) for at in range(200, 2000, STEP))]
+"""The same, `STEP` seeds at a time."""
+
+
+def bounded_turns(count: int, first: int = 0) -> Iterator[int]:
+    """`count` numbers from the first; what is done with each is `bounded`."""
+    for turn in range(first, first + count):
+        with bounded():
+            yield turn

@@ -39,6 +39,13 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status: 0 done, 1 data or vehicle says no, 2 wrong usage."""
+    from gcs.cli.terminal import harmless_streams
+
+    with harmless_streams():
+        return _main(argv)
+
+
+def _main(argv: Sequence[str] | None) -> int:
     from gcs.errors import TippathError, UsageError
     from sysid.errors import SysidError
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TextIO
 
+from gcs.cli.terminal import REDRAW, control
 from gcs.logs.reading import Progress
 from gcs.logs.words import printable
 
@@ -23,12 +24,13 @@ class Counting:
     def __call__(self, what: str) -> None:
         self._count += 1
         if self._stream.isatty():
-            self._stream.write(f"\r\x1b[K {self._word} {self._count}: {printable(what)[:60]}")
+            control(self._stream, REDRAW)
+            self._stream.write(f" {self._word} {self._count}: {printable(what)[:60]}")
             self._stream.flush()
 
     def __exit__(self, *_: object) -> None:
         if self._stream.isatty():
-            self._stream.write("\r\x1b[K")
+            control(self._stream, REDRAW)
             self._stream.flush()
 
 
@@ -49,8 +51,9 @@ class ReadingBar:
             return
         share = progress.done_bytes / progress.total_bytes if progress.total_bytes else progress.done / progress.total
         bar = ("▓" * round(share * self.WIDTH)).ljust(self.WIDTH, "░")
+        control(self._stream, REDRAW)
         self._stream.write(
-            f"\r\x1b[K {bar} {progress.done} of {progress.total} logs, {progress.done_bytes / 1e6:,.0f} of "
+            f" {bar} {progress.done} of {progress.total} logs, {progress.done_bytes / 1e6:,.0f} of "
             f"{progress.total_bytes / 1e6:,.0f} MB   {printable(progress.path.name)[:30]}"
         )
         self._stream.flush()
@@ -58,5 +61,5 @@ class ReadingBar:
 
     def __exit__(self, *_: object) -> None:
         if self._drawn:
-            self._stream.write("\r\x1b[K")
+            control(self._stream, REDRAW)
             self._stream.flush()

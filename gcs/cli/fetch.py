@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from gcs.cli.options import print_json
 from gcs.cli.push import add_link_options, station
+from gcs.cli.terminal import REDRAW, control
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
@@ -370,7 +371,9 @@ class ProgressLines:
         else:
             share = 100 * progress.at // max(1, progress.size)
             text = f" {_bytes(progress.at)}  {share} %  {_bytes(round(progress.rate))}/s  {_duration(progress)} left"
-        self._stream.write(f"\r\x1b[K{text}" if self._terminal else f"{text}\n")
+        if self._terminal:
+            control(self._stream, REDRAW)
+        self._stream.write(text if self._terminal else f"{text}\n")
         self._open = self._terminal
         self._stream.flush()
 
@@ -382,7 +385,7 @@ class ProgressLines:
     def end(self) -> None:
         """No line stays half drawn."""
         if self._open:
-            self._stream.write("\r\x1b[K")
+            control(self._stream, REDRAW)
             self._open = False
 
 

@@ -8,6 +8,7 @@ import time
 from typing import TextIO
 
 from gcs.cards.envelope import Limits
+from gcs.cli.terminal import BELL, REDRAW, control
 from gcs.flight.flown_card import Briefing
 from gcs.flight.probe import result_words
 from gcs.flight.rules import LOST_PATIENCE_S
@@ -52,7 +53,7 @@ class ProgressLines:
             case RunProgress():
                 self._running(progress)
             case RunResult():
-                self._line(f" {result_line(progress)}" + ("\a" if self._bell else ""))
+                self._line(f" {result_line(progress)}", bell=self._bell)
 
     def briefing(self, briefing: Briefing) -> None:
         """What is about to be flown, and what was found in order."""
@@ -79,7 +80,7 @@ class ProgressLines:
         self._lost = snapshot.lost
         ended = progress.ending is not None and progress.ending is not Ending.FINISHED and not snapshot.lost
         if ended and progress.ending is not None and not self._told_end:
-            self._line(f" ✗ {progress.ending.value}: {printable(progress.reason)}" + ("\a" if self._bell else ""))
+            self._line(f" ✗ {progress.ending.value}: {printable(progress.reason)}", bell=self._bell)
         self._told_end = ended
         if now < self._next:
             return
@@ -101,17 +102,21 @@ class ProgressLines:
                 f"   lag {'?' if snapshot.lag_s is None else f'{snapshot.lag_s:.2f} s'}"
             )
         if self._terminal:
-            self._stream.write("\r\x1b[K" + text)
+            control(self._stream, REDRAW)
+            self._stream.write(text)
             self._open = True
         else:
             self._stream.write(text + "\n")
         self._stream.flush()
 
-    def _line(self, text: str) -> None:
+    def _line(self, text: str, *, bell: bool = False) -> None:
         if self._open:
-            self._stream.write("\r\x1b[K")
+            control(self._stream, REDRAW)
             self._open = False
-        self._stream.write(text + "\n")
+        self._stream.write(text)
+        if bell:
+            control(self._stream, BELL)
+        self._stream.write("\n")
         self._stream.flush()
 
 

@@ -17,19 +17,52 @@ near), `level` (catalogue, below, beyond, none), `condition` and `sentence`.
 from __future__ import annotations
 
 import hashlib
-import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from gcs import documents
 from gcs.errors import TippathError, UsageError
 
 FILE_NAME = "answer"
 _MAGIC = b"TPSEAL1\n"
 _HEAD = len(_MAGIC) + 16 + 32
-_KEYS = {"plant", "seed", "hidden", "answer", "accepts", "sizes", "expect", "level", "condition", "sentence"}
+FORMAT = "tippath.answer/1"
+LARGEST = 1 << 20
+"""Bytes of a sealed file, and of the document in it: an answer has two thousand."""
+
+
+class _AnswerDocument(documents.Open, frozen=True, kw_only=True):
+    plant: str
+    seed: int
+    hidden: str
+    answer: str | None
+    accepts: tuple[str, ...]
+    sizes: dict[str, float]
+    expect: dict[str, float]
+    level: Literal["catalogue", "below", "beyond", "none"]
+    condition: str
+    sentence: str
+
+
+class _Candidate(documents.Open, frozen=True, kw_only=True):
+    effect: str | None = None
+    parameters: dict[str, float | None] | None = None
+
+
+class _Diagnosis(documents.Open, frozen=True, kw_only=True):
+    """Of a diagnosis what is judged."""
+
+    format: Literal["tippath.diagnosis/1"]
+    verdict: str
+    effect: str | None = None
+    stands_in: bool = False
+    candidates: tuple[_Candidate, ...] = ()
+    indistinguishable: tuple[str, ...] = ()
+    equivalent: dict[str, tuple[str, ...]] = {}
+
 
 OUTCOMES = {
     "right": "right",
@@ -86,7 +119,8 @@ def open_answer(directory: Path) -> Answer:
         raise UsageError(f"there is no folder {directory}")
     path = directory / FILE_NAME
     try:
-        data = path.read_bytes()
+        with path.open("rb") as stream:
+            data = stream.read(LARGEST + 1)
     except FileNotFoundError:
         raise TippathError(
             f"no answer is sealed in {directory}: it lies where `tippath sim --hidden` put its logs"
@@ -97,7 +131,7 @@ def open_answer(directory: Path) -> Answer:
 
 
 def _unsealed(path: Path, data: bytes) -> dict[str, Any]:
-    if not data.startswith(_MAGIC):
+    if not data.startswith(_MAGIC) or len(data) > LARGEST:
         raise TippathError(f"{path} is no sealed answer of this program")
     nonce, digest, covered = data[len(_MAGIC) : len(_MAGIC) + 16], data[len(_MAGIC) + 16 : _HEAD], data[_HEAD:]
     stream = b"".join(
@@ -107,14 +141,23 @@ def _unsealed(path: Path, data: bytes) -> dict[str, Any]:
     if hashlib.sha256(nonce + body).digest() != digest:
         raise TippathError(f"{path} is damaged: its content does not fit its own checksum; nothing is said about it")
     try:
-        document = json.loads(zlib.decompress(body[4 : 4 + int.from_bytes(body[:4], "big")]))
+        text = _inflated(body[4 : 4 + int.from_bytes(body[:4], "big")]).decode()
     except (ValueError, zlib.error) as error:
         raise TippathError(f"{path} cannot be understood ({error})") from error
-    is_one = isinstance(document, dict) and document.get("format") == "tippath.answer/1" and document.keys() >= _KEYS
-    if not is_one:
+    document = documents.json_value(text, str(path), largest=LARGEST)
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise TippathError(f"{path} was sealed by another version of this program")
-    answer: dict[str, Any] = document
-    return answer
+    documents.convert(document, _AnswerDocument, str(path))
+    return document
+
+
+def _inflated(packed: bytes) -> bytes:
+    """Raises ValueError where there is more than an answer has, zlib.error for what is damaged."""
+    unpacking = zlib.decompressobj()
+    text = unpacking.decompress(packed, LARGEST)
+    if not unpacking.eof:
+        raise ValueError("cut, or larger than any answer")
+    return text
 
 
 def judge_folder(answer: Answer, more: Sequence[Path] = ()) -> list[Judgement]:
@@ -132,33 +175,26 @@ def judge_folder(answer: Answer, more: Sequence[Path] = ()) -> list[Judgement]:
     return found
 
 
-def _diagnosis(path: Path) -> Mapping[str, Any] | None:
+def _diagnosis(path: Path) -> _Diagnosis | None:
+    """None of a file that is none, or damaged."""
     try:
-        document = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError):
+        return documents.read_json(path, _Diagnosis)
+    except documents.DocumentError:
         return None
-    is_one = isinstance(document, dict) and document.get("format") == "tippath.diagnosis/1"
-    return document if is_one else None
 
 
-def judge(answer: Answer, path: Path, diagnosis: Mapping[str, Any]) -> Judgement:
+def judge(answer: Answer, path: Path, diagnosis: _Diagnosis) -> Judgement:
     """What the diagnosis is worth, now that the truth is known."""
-    verdict, effect = str(diagnosis.get("verdict")), diagnosis.get("effect")
-    candidates = [one for one in diagnosis.get("candidates") or () if isinstance(one, dict)]
-    if verdict == "unexplained" and diagnosis.get("stands_in") and candidates:
-        effect = candidates[0].get("effect")
-    effect = None if effect is None else str(effect)
-    same = [name for others in (diagnosis.get("equivalent") or {}).values() for name in others]
-    outcome = _outcome(answer, verdict, effect, [*(diagnosis.get("indistinguishable") or ()), *same])
-    said = next((one.get("parameters") for one in candidates if one.get("effect") == effect), None)
+    verdict, effect = diagnosis.verdict, diagnosis.effect
+    if verdict == "unexplained" and diagnosis.stands_in and diagnosis.candidates:
+        effect = diagnosis.candidates[0].effect
+    same = [name for others in diagnosis.equivalent.values() for name in others]
+    outcome = _outcome(answer, verdict, effect, [*diagnosis.indistinguishable, *same])
+    said = next((one.parameters for one in diagnosis.candidates if one.effect == effect), None) or {}
     truth = answer.document["expect"] if effect in answer.named else {}
-    numbers = said if isinstance(said, dict) else {}
-    pairs = tuple(
-        (name, float(numbers[name]), float(value))
-        for name, value in truth.items()
-        if isinstance(numbers.get(name), int | float)
-    )
-    return Judgement(path, verdict, effect, outcome, pairs)
+    pairs = [(name, said.get(name), value) for name, value in truth.items()]
+    known = tuple((name, number, float(value)) for name, number, value in pairs if number is not None)
+    return Judgement(path, verdict, effect, outcome, known)
 
 
 def _outcome(answer: Answer, verdict: str, effect: str | None, alike: Sequence[str]) -> str:

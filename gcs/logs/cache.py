@@ -2,15 +2,21 @@
 
 A file `.tippath/NAME-HASH.runs` for every log and way of reading it: the hash is of the log's bytes, the profile, the
 window, and the code that reads logs, so that a changed log, or a changed reader, is read anew. A file is written aside
-and moved into place, and carries a hash of itself: half of one counts as none. A folder that cannot be written, or a
-full disk, costs the cache and nothing else. `TIPPATH_CACHE=off` in the environment does without.
+and moved into place, and carries a keyed hash of itself: half of one counts as none, and so does one that somebody else
+wrote, which may lie in any flight folder that one is sent. The key is this user's own, in a file of the user's cache
+folder that nobody else may read; without one nothing is kept. A folder that cannot be written, or a full disk, costs
+the cache and nothing else. `TIPPATH_CACHE=off` in the environment does without.
 """
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import hmac
 import os
+import secrets
+import stat
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,6 +28,7 @@ from typing import Any
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from platformdirs import user_cache_path
 
 from gcs.files import put_in_place
 from gcs.logs.runs.run import Run
@@ -32,7 +39,8 @@ SUFFIX = ".runs"
 MOST_BYTES = 1 << 30  # a run file above it is not written: it would cost more to keep than to make
 KEPT = 4  # ways of reading one log; older ones are removed
 SWITCH = "TIPPATH_CACHE"
-_DIGEST_BYTES = 32
+KEY_FOLDER = "tippath"
+_DIGEST_BYTES = _KEY_BYTES = 32
 
 
 @dataclass(frozen=True)
@@ -79,7 +87,8 @@ def load(place: Path) -> Content | None:
     except OSError:
         return None
     digest, body = raw[:_DIGEST_BYTES], memoryview(raw)[_DIGEST_BYTES:]
-    if hashlib.sha256(body).digest() != digest:
+    key = _own_key()
+    if key is None or not hmac.compare_digest(_mark(body, key), digest):
         return None
     try:
         return unpacked(body)
@@ -89,16 +98,56 @@ def load(place: Path) -> Content | None:
 
 def save(place: Path, content: Content) -> None:
     """Keep it, whole or not at all; a disk that does not take it is no error, nor a name that is no text."""
+    key = _own_key()
     try:
         body = packed(content)
     except UnicodeEncodeError:
         return
-    if len(body) > MOST_BYTES:
+    if key is None or len(body) > MOST_BYTES:
         return
     with contextlib.suppress(OSError):
         place.parent.mkdir(exist_ok=True)
-        put_in_place(hashlib.sha256(body).digest() + body, place)
+        put_in_place(_mark(body, key) + body, place)
         _remove_old(place, content.source.path)
+
+
+def _mark(body: bytes | memoryview, key: bytes) -> bytes:
+    return hashlib.blake2b(body, key=key, digest_size=_DIGEST_BYTES).digest()
+
+
+def _own_key() -> bytes | None:
+    """32 secret bytes of this user, drawn when they are first needed; None where they cannot be kept.
+
+    A file that others may read or that is not whole is no secret: another takes its place.
+    """
+    path = user_cache_path(KEY_FOLDER, appauthor=False) / "cache.key"
+    with contextlib.suppress(OSError):
+        return _read_key(path) or _new_key(path)
+    return None
+
+
+def _read_key(path: Path) -> bytes | None:
+    try:
+        with path.open("rb") as stream:
+            about, key = os.fstat(stream.fileno()), stream.read(_KEY_BYTES + 1)
+    except FileNotFoundError:
+        return None
+    private = os.name != "posix" or (about.st_uid == os.getuid() and not stat.S_IMODE(about.st_mode) & 0o077)
+    return key if private and len(key) == _KEY_BYTES else None
+
+
+def _new_key(path: Path) -> bytes | None:
+    """Two programs that draw one at once keep what the later one wrote. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, aside = tempfile.mkstemp(dir=path.parent)  # for its owner alone
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(secrets.token_bytes(_KEY_BYTES))
+        Path(aside).replace(path)
+    except OSError:
+        Path(aside).unlink(missing_ok=True)
+        raise
+    return _read_key(path)
 
 
 def _remove_old(place: Path, log: str) -> None:

@@ -7,7 +7,6 @@ is the vehicle's own, without a hold of its slow samples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -50,9 +49,3 @@ class OnboardModel:
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
-
-    @classmethod
-    def from_json(cls, told: Mapping[str, Any] | None) -> OnboardModel | None:
-        if told is None:
-            return None
-        return cls(**{**told, "a": tuple(told["a"]), "b": tuple(told["b"])})

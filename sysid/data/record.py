@@ -7,18 +7,23 @@ Records hold what was measured, untouched: no filtering, no interpolation, gaps 
 from __future__ import annotations
 
 import json
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from sysid.data.airframe import Airframe
 from sysid.data.onboard_model import OnboardModel
+from sysid.document import Open, converted, parsed_bytes
 from sysid.errors import SysidError
 
 FloatArray = NDArray[np.float64]
@@ -58,6 +63,45 @@ CHANNELS: Mapping[str, str] = MappingProxyType(
 """Every channel name a record may have, with its unit. Only `REQUIRED` must be there."""
 REQUIRED = ("t", "p", "q", "delta_x", "delta_y")
 FORMAT = "tippath.record/1"
+LARGEST = 192 << 20
+"""Bytes of all channels of a record: 20 of them at 1 kHz for 20 minutes."""
+DAMAGED = (
+    *(ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, zlib.error, struct.error, OverflowError),
+    *(MemoryError, NotImplementedError, RuntimeError, SyntaxError),
+)
+"""What readers of archives and arrays raise of one that is damaged."""
+
+
+class _Onboard(Open, frozen=True, kw_only=True):
+    output: str
+    command: str
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+    dt_s: Annotated[float, Meta(gt=0)]
+    told_by: str
+
+    @property
+    def model(self) -> OnboardModel:
+        return OnboardModel(**msgspec.structs.asdict(self))
+
+
+class _About(Open, frozen=True, kw_only=True):
+    format: Literal["tippath.record/1"]
+    id: str
+    maneuver: str
+    axis: str | None
+    rate_source: str
+    path: str
+    sha256: str
+    swept_band_hz: tuple[float, float] | None
+    chirp_noise: float | None = None
+    airframe: str | None = None
+    notes: tuple[str, ...]
+    vehicle: dict[str, str] = {}
+    loop_dt_s: float | None = None
+    loop_told_by: str = ""
+    excitation_from: str = ""
+    onboard: _Onboard | None = None
 
 
 class RecordError(SysidError):
@@ -173,7 +217,7 @@ class Record:
     def save(self, path: Path) -> None:
         """Write as a compressed NumPy archive, whole or not at all; the description travels as JSON inside.
 
-        Raises OSError where the disk does not take it.
+        Raises OSError where the disk does not take it, RecordError for more than `LARGEST`.
         """
         about = {
             "format": FORMAT,
@@ -193,6 +237,8 @@ class Record:
             "excitation_from": self.excitation_from,
             "onboard": None if self.onboard is None else self.onboard.to_json(),
         }
+        if sum(values.nbytes for values in self.channels.values()) > LARGEST:
+            raise RecordError(f"{self.id}: more than {LARGEST >> 20} MB; write shorter runs: ingest --window")
         part = path.with_name(path.name + ".part")
         arrays: dict[str, Any] = dict(self.channels)
         try:
@@ -207,32 +253,57 @@ class Record:
     def load(cls, path: Path) -> Record:
         """Read what `save` wrote. Raises RecordError where the file is not a record."""
         try:
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-                about = json.loads(bytes(archive["about"]))
-                channels = {name: archive[name] for name in archive.files if name != "about"}
-        except (EOFError, TypeError, AttributeError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise RecordError(f"{path}: not a record ({error})") from error
-        if about.get("format") != FORMAT:
-            raise RecordError(f"{path}: not a {FORMAT} file")
-        band, airframe = about["swept_band_hz"], about.get("airframe")
-        return cls(
-            about["id"],
-            channels,
-            maneuver=about["maneuver"],
-            axis=about["axis"],
-            rate_source=about["rate_source"],
-            path=about["path"],
-            sha256=about["sha256"],
-            swept_band_hz=None if band is None else (band[0], band[1]),
-            chirp_noise=about.get("chirp_noise"),
-            airframe=None if airframe is None else Airframe(airframe),
-            notes=tuple(about["notes"]),
-            vehicle={str(key): str(value) for key, value in about.get("vehicle", {}).items()},
-            loop_dt_s=about.get("loop_dt_s"),
-            loop_told_by=about.get("loop_told_by", ""),
-            excitation_from=about.get("excitation_from", ""),
-            onboard=OnboardModel.from_json(about.get("onboard")),
-        )
+            arrays = _inflated(path)
+            about = converted(parsed_bytes(arrays.pop("about").tobytes()), _About)
+            return cls(
+                about.id,
+                arrays,
+                maneuver=about.maneuver,
+                axis=about.axis,
+                rate_source=about.rate_source,
+                path=about.path,
+                sha256=about.sha256,
+                swept_band_hz=about.swept_band_hz,
+                chirp_noise=about.chirp_noise,
+                airframe=None if about.airframe is None else Airframe(about.airframe),
+                notes=about.notes,
+                vehicle=about.vehicle,
+                loop_dt_s=about.loop_dt_s,
+                loop_told_by=about.loop_told_by,
+                excitation_from=about.excitation_from,
+                onboard=None if about.onboard is None else about.onboard.model,
+            )
+        except RecordError:
+            raise
+        except DAMAGED as error:
+            reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
+            raise RecordError(f"{path}: not a record ({reason})") from error
+
+
+def _inflated(path: Path) -> dict[str, FloatArray]:
+    """The arrays of an archive. Raises `DAMAGED`, OSError where the file cannot be opened."""
+    with path.open("rb") as stream:
+        try:
+            return _arrays(zipfile.ZipFile(stream))
+        except OSError as error:  # a place in the file that there is none of
+            raise ValueError(error.strerror or str(error)) from error
+
+
+def _arrays(archive: zipfile.ZipFile) -> dict[str, FloatArray]:
+    """Raises ValueError before more than `LARGEST` would be inflated."""
+    entries = archive.infolist()
+    if sum(entry.file_size for entry in entries) > LARGEST:
+        raise ValueError(f"it inflates to more than {LARGEST >> 20} MB; write shorter runs: ingest --window")
+    if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries):
+        raise ValueError("it is packed in a way that no record is")
+    arrays = {}
+    for entry in entries:
+        with archive.open(entry) as part:
+            array = np.lib.format.read_array(part, allow_pickle=False)
+        if array.dtype.kind not in "fiu":
+            raise ValueError(f"{entry.filename[:40]!r} holds no numbers")
+        arrays[entry.filename.removesuffix(".npy")] = array
+    return arrays
 
 
 RATES = ("p", "q")

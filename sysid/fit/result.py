@@ -6,7 +6,6 @@ The JSON is what other programs read (`tippath.fit/1`); keys are added, never ch
 from __future__ import annotations
 
 import enum
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -20,12 +19,14 @@ from sysid.data.airframe import Airframe, agreed
 from sysid.data.band import BandFrom
 from sysid.data.preprocess import gaps, rate_hz
 from sysid.data.record import Record
+from sysid.document import converted, parsed
 from sysid.errors import SysidError
+from sysid.fit.document import FitDocument, ParameterDocument, RecordDocument, StructureDocument
 from sysid.fit.estimate import Instrument, Weights
 from sysid.fit.identifiable import undetermined
 from sysid.model.base import Base, load_base
 from sysid.model.compose import compose
-from sysid.model.effect import EffectError, load
+from sysid.model.effect import Effect, EffectError, load
 from sysid.model.structure import FloatArray, Model, Structure
 
 FORMAT = "tippath.fit/1"
@@ -280,50 +281,59 @@ class Fit:
         """
         try:
             if document["format"] != FORMAT:
-                raise ResultError(f"not a {FORMAT} document but {document['format']}")
-            said = document["structure"]
-            structure = compose(
-                _base(said, directory, named),
-                _effects(said, directory, named),
-                [*said.get("channels", ())],
-                said.get("constants", {}),
-                outputs=said.get("outputs"),
-            )
-            later = _declared_later(structure, document["parameters"])
-            values, covariance = _numbers(structure, document, later)
-            window = document.get("window_s")
-            return cls(
-                model=Model(structure, values),
-                covariance=covariance,
-                nrmse_percent=dict(document["nrmse_percent"]),
-                validation_nrmse_percent=document["validation_nrmse_percent"],
-                records=tuple(_record_from(one, directory) for one in document["records"]),
-                validation=tuple(_record_from(one, directory) for one in document.get("validation_records", ())),
-                band_hz=(float(document["band_hz"][0]), float(document["band_hz"][1])),
-                band_from=_kind_or_none(BandFrom, document.get("band_from")),
-                warnings=tuple(document["warnings"]),
-                profile=document["profile"],
-                window_s=None if window is None else (window[0], window[1]),
-                at_bound=tuple(name for name, one in document["parameters"].items() if one["at_bound"]),
-                fixed=(*(name for name, one in document["parameters"].items() if one["fixed"]), *later),
-                lineage=tuple(
-                    Rung(tuple(one["effects"]), dict(one["nrmse_percent"]), one["validation_nrmse_percent"])
-                    for one in document["lineage"]
-                ),
-                model_errors=_model_errors(document["parameters"]),
-                weights="residual spectrum" if document.get("weights") == "residual spectrum" else "constant",
-                instrument=_instrument(document.get("instrument")),
-            )
+                raise ResultError(f"not a {FORMAT} document but {str(document['format'])[:40]!r}")
+            saved = converted(document, FitDocument)
+            return cls._of(saved, directory, named)
+        except ResultError:
+            raise
         except EffectError as error:
             raise ResultError(f"its structure cannot be composed: {error}") from error
-        except (KeyError, TypeError, IndexError, AttributeError) as error:
-            raise ResultError(f"not a {FORMAT} document: {error!r} is missing or of the wrong kind") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise ResultError(f"not a {FORMAT} document ({error or type(error).__name__})") from error
+
+    @classmethod
+    def _of(cls, saved: FitDocument, directory: Path, named: Sequence[str]) -> Fit:
+        """Raises ResultError, EffectError, or ValueError for numbers that are none."""
+        structure = compose(
+            _base(saved.structure, directory, named),
+            _effects(saved.structure, directory, named),
+            [*saved.structure.channels],
+            saved.structure.constants,
+            outputs=saved.structure.outputs,
+        )
+        later = _declared_later(structure, saved.parameters)
+        values, covariance = _numbers(structure, saved, later)
+        low_hz, high_hz = saved.band_hz
+        if not 0 <= low_hz < high_hz:
+            raise ResultError(f"a band of {low_hz:g} to {high_hz:g} Hz is none")
+        return cls(
+            model=Model(structure, values),
+            covariance=covariance,
+            nrmse_percent=_by_output(saved.nrmse_percent),
+            validation_nrmse_percent=_by_output_or_none(saved.validation_nrmse_percent),
+            records=tuple(_record_from(one, directory) for one in saved.records),
+            validation=tuple(_record_from(one, directory) for one in saved.validation_records),
+            band_hz=saved.band_hz,
+            band_from=_kind_or_none(BandFrom, saved.band_from),
+            warnings=saved.warnings,
+            profile=saved.profile,
+            window_s=saved.window_s,
+            at_bound=tuple(name for name, one in saved.parameters.items() if one.at_bound),
+            fixed=(*(name for name, one in saved.parameters.items() if one.fixed), *later),
+            lineage=tuple(
+                Rung(one.effects, _by_output(one.nrmse_percent), _by_output_or_none(one.validation_nrmse_percent))
+                for one in saved.lineage
+            ),
+            model_errors=_model_errors(saved.parameters),
+            weights="residual spectrum" if saved.weights == "residual spectrum" else "constant",
+            instrument=_instrument(saved.instrument),
+        )
 
     @classmethod
     def load(cls, path: Path, named: Sequence[str] = ()) -> Fit:
         """Raises ResultError for a file that is not a fit, OSError for one that cannot be read."""
         try:
-            document = json.loads(path.read_text(encoding="utf-8"))
+            document = parsed(path)
         except ValueError as error:
             raise ResultError(f"{path}: not JSON ({error})") from error
         try:
@@ -342,13 +352,26 @@ def _model_error_json(one: ModelError | None) -> dict[str, Any]:
     return {"model_error": finite(one.total), "model_error_by": {name: finite(x) for name, x in asdict(one).items()}}
 
 
-def _model_errors(parameters: Any) -> dict[str, ModelError]:
+def _model_errors(parameters: Mapping[str, ParameterDocument]) -> dict[str, ModelError]:
     """Of those that have one."""
-    causes = {name: one["model_error_by"] for name, one in parameters.items() if one.get("model_error_by")}
+    causes = [key.name for key in fields(ModelError)]
     return {
-        name: ModelError(**{key.name: math.nan if by[key.name] is None else by[key.name] for key in fields(ModelError)})
-        for name, by in causes.items()
+        name: ModelError(**{cause: _number(one.model_error_by[cause]) for cause in causes})
+        for name, one in parameters.items()
+        if one.model_error_by
     }
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _by_output(values: Mapping[str, float | None]) -> dict[str, float]:
+    return {name: _number(value) for name, value in values.items()}
+
+
+def _by_output_or_none(values: Mapping[str, float | None] | None) -> dict[str, float] | None:
+    return None if values is None else _by_output(values)
 
 
 def _kind_or_none(kind: type[Kind], word: str | None) -> Kind | None:
@@ -359,17 +382,19 @@ def _kind_or_none(kind: type[Kind], word: str | None) -> Kind | None:
         raise ResultError(str(error)) from error
 
 
-def _declared_later(structure: Structure, said: Mapping[str, Any]) -> dict[str, float]:
+def _declared_later(structure: Structure, said: Mapping[str, ParameterDocument]) -> dict[str, float]:
     """What effects of the catalogue have gained since a document was written: it was made with these at their nulls."""
     own = (parameter for effect in structure.composed if effect.path is None for parameter in effect.parameters)
     missing = ((one.name, one.null) for one in own if one.name not in said)
     return {name: null for name, null in missing if null is not None and math.isfinite(null)}
 
 
-def _numbers(structure: Structure, document: Any, later: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+def _numbers(structure: Structure, saved: FitDocument, later: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     """Values (parameters,) and covariance (parameters, parameters) as they were saved. Raises ResultError."""
-    values = structure.vector({**later, **{name: one["value"] for name, one in document["parameters"].items()}})
-    covariance = np.array([[math.nan if x is None else x for x in row] for row in document["covariance"]], dtype=float)
+    if any(len(row) != len(saved.covariance) for row in saved.covariance):
+        raise ResultError("its covariance is not square")
+    values = structure.vector({**later, **{name: one.value for name, one in saved.parameters.items()}})
+    covariance = np.array([[_number(x) for x in row] for row in saved.covariance], dtype=float)
     for place in (i for i, name in enumerate(structure.names) if name in later):
         covariance = np.insert(np.insert(covariance, place, 0.0, axis=0), place, 0.0, axis=1)
     if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
@@ -377,31 +402,19 @@ def _numbers(structure: Structure, document: Any, later: Mapping[str, float]) ->
     return values, covariance
 
 
-def _base(said: Any, directory: Path, named: Sequence[str]) -> str | Base:
+def _base(saved: StructureDocument, directory: Path, named: Sequence[str]) -> str | Base:
     """The base of a saved structure; a user's file only where it is named and unchanged."""
-    word: str = said["base"]
-    if word not in said.get("user_base", {}):
-        return word
-    path = _named_file(directory / word, "base", named)
-    base = load_base(path)
-    if base.sha256 != said["user_base"][word]:
-        raise ResultError(f"the base file {path} has changed since this fit was made")
-    return base
+    sha256 = saved.user_base.get(saved.base)
+    return saved.base if sha256 is None else load_base(_named_file(directory / saved.base, "base", named), sha256)
 
 
-def _effects(said: Any, directory: Path, named: Sequence[str]) -> list[Any]:
+def _effects(saved: StructureDocument, directory: Path, named: Sequence[str]) -> list[str | Effect]:
     """The effects of a saved structure; users' files only where they are named and unchanged."""
-    found: list[Any] = []
-    for word in said["effects"]:
-        if word not in said.get("user_effects", {}):
-            found.append(word)
-            continue
-        path = _named_file(directory / word, "effect", named)
-        effect = load(path)
-        if effect.sha256 != said["user_effects"][word]:
-            raise ResultError(f"the effect file {path} has changed since this fit was made")
-        found.append(effect)
-    return found
+    hashes = saved.user_effects
+    return [
+        load(_named_file(directory / word, "effect", named), hashes[word]) if word in hashes else word
+        for word in saved.effects
+    ]
 
 
 def _named_file(path: Path, kind: str, named: Sequence[str]) -> Path:
@@ -456,20 +469,18 @@ def _record_json(one: RecordUsed, directory: Path) -> dict[str, Any]:
     }
 
 
-def _record_from(one: Any, directory: Path) -> RecordUsed:
-    path = str(directory / one["path"]) if one["path"] else ""
-    gaps_of: Sequence[Sequence[float]] = one["gaps"]
+def _record_from(one: RecordDocument, directory: Path) -> RecordUsed:
     return RecordUsed(
-        id=one["id"],
-        path=path,
-        sha256=one["sha256"],
-        maneuver=one["maneuver"],
-        axis=one.get("axis"),
-        duration_s=one["duration_s"],
-        samples=one["samples"],
-        rate_hz=one["rate_hz"],
-        gaps=tuple((gap[0], gap[1]) for gap in gaps_of),
-        airframe=_kind_or_none(Airframe, one.get("airframe")),
-        loop_rate_hz=one.get("loop_rate_hz"),
-        loop_told_by=one.get("loop_told_by", ""),
+        id=one.id,
+        path=str(directory / one.path) if one.path else "",
+        sha256=one.sha256,
+        maneuver=one.maneuver,
+        axis=one.axis,
+        duration_s=one.duration_s,
+        samples=one.samples,
+        rate_hz=one.rate_hz,
+        gaps=one.gaps,
+        airframe=_kind_or_none(Airframe, one.airframe),
+        loop_rate_hz=one.loop_rate_hz,
+        loop_told_by=one.loop_told_by,
     )

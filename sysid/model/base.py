@@ -133,9 +133,10 @@ def on_axes(base: Base, axes: Collection[str]) -> tuple[Base, tuple[str, ...]]:
     raise BaseError(f"{base.label} is fitted on {able}, not on {','.join(axes)}{hint}")
 
 
-def load_base(path: Path) -> Base:
-    """A user's base: a Python file that defines BASE. Raises BaseError for a file that does not."""
-    base, sha256 = declared_in(path, Base, BaseError)
+def load_base(path: Path, sha256: str | None = None) -> Base:
+    """A user's base: a Python file that defines BASE. Raises BaseError for a file that does not, and before its code
+    runs where it is not of this `sha256`."""
+    base, found = declared_in(path, Base, BaseError, sha256)
     if base.name in bases():
         raise BaseError(f"{path}: the name {base.name} is taken: give the base one of its own")
-    return replace(base, path=str(path), sha256=sha256)
+    return replace(base, path=str(path), sha256=found)

@@ -219,10 +219,11 @@ def find(word: str) -> Effect:
     raise EffectError(f"no effect {word!r}{hint}")
 
 
-def load(path: Path) -> Effect:
-    """A user's effect: a Python file that defines EFFECT. Raises EffectError for a file that does not."""
-    effect, sha256 = declared_in(path, Effect, EffectError)
-    return replace(effect, path=str(path), sha256=sha256)
+def load(path: Path, sha256: str | None = None) -> Effect:
+    """A user's effect: a Python file that defines EFFECT. Raises EffectError for a file that does not, and before its
+    code runs where it is not of this `sha256`."""
+    effect, found = declared_in(path, Effect, EffectError, sha256)
+    return replace(effect, path=str(path), sha256=found)
 
 
 def named_effect(name: str, users: Sequence[Effect]) -> Effect:

@@ -17,11 +17,13 @@ import pytest
 from fetched import noise
 from peers import MavProxy, MissingError, mavsdk_files, mavsdk_logs, peers_python, with_peer
 
+from gcs.link.key_file import of_passphrase, write_key
 from sitl.autopilot.clothes import CLOTHES
 from sitl.autopilot.vehicle import make_vehicle
 
 pytestmark = pytest.mark.thorough
 LIKE = "ardupilot-heli"
+WORDS = "tip-path-plane"
 SIZES = {3: 5_000, 12: 300_001}
 """The second ends with a piece of 31 bytes of 90, and 56 of 239."""
 
@@ -127,3 +129,43 @@ def test_mavsdk_fetches_files_and_reads_the_parameters(
     assert (answer["listed"], answer["ended"]) == (["00000003.BIN", "00000012.BIN"], ["SUCCESS"])
     assert (tmp_path / "00000012.BIN").read_bytes() == noise(SIZES[12], 12)
     assert answer["values"] == pytest.approx(values)
+
+
+def test_mavproxy_with_the_same_passphrase_understands_and_is_understood(
+    python: Path, tmp_path: Path, values: dict[str, float]
+) -> None:
+    """Its own signing, made of the same words; with others it is refused, and hears nothing that it believes."""
+    key = tmp_path / "field.key"
+    write_key(of_passphrase(WORDS), key)
+    words = ["--like", LIKE, "--on-ground", "-o", str(tmp_path / "card"), "--listen", "udpin:127.0.0.1:0"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "sitl", *words, f"--key={key}"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        link = json.loads(process.stdout.readline())["ground_link"]
+
+        def refused() -> str:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.write("refused\n")
+            process.stdin.flush()
+            return process.stdout.readline()
+
+        try:
+            (tmp_path / "right").mkdir()
+            (tmp_path / "wrong").mkdir()
+            with MavProxy(python, link, tmp_path / "wrong", "signing key other words than those") as proxy:
+                with pytest.raises(TimeoutError):
+                    proxy.until(r"Received \d+ parameters", 8.0)
+                assert "wrongly signed" in refused()
+            with MavProxy(python, link, tmp_path / "right", f"signing key {WORDS}") as proxy:
+                assert int(proxy.until(r"Received (\d+) parameters \(ftp\)")[1]) == len(values)
+                proxy.say("param watch LOG_BITMASK")
+                proxy.say("param set LOG_BITMASK 180223")
+                proxy.until(r"LOG_BITMASK=180223")
+        finally:
+            process.terminate()
+            process.communicate(timeout=10)

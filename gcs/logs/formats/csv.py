@@ -9,8 +9,10 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +70,14 @@ class CsvFile:
 
     def column(self, key: str) -> int | None:
         """Place of a column by its name, with or without the unit behind it; None where there is none, or several."""
-        if key and key in self.layout.header:
-            return self.layout.header.index(key)
-        places = [place for place, name in enumerate(self.layout.names) if name == key and name]
-        return places[0] if len(places) == 1 else None
+        return self._places.get(key)
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        """Name -> place; of names without their units those that stand once."""
+        often = Counter(self.layout.names)
+        plain = {name: place for place, name in enumerate(self.layout.names) if name and often[name] == 1}
+        return plain | {name: place for place, name in enumerate(self.layout.header) if name}
 
     def rows(self, required: Sequence[str], others: Sequence[str] = ()) -> Rows:
         """Some columns by name. A row without sound required cells is left out.

@@ -22,6 +22,7 @@ SEPARATORS = ("\t", ";", "|", ",", " ")
 WORDS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ": "blanks"}
 COMMENTS = ("#", "%", "//")
 SAMPLE = 50  # rows that are looked at to find the separator
+LONGEST_LINE = 1 << 20  # characters; some 50,000 columns
 HEAD = 4096  # bytes that decide the encoding
 
 _MARKS = (
@@ -83,6 +84,7 @@ def is_number(text: str) -> bool:
 def layout_of(raw: bytes, path: str) -> Layout:
     """Find out how a file is laid out. Raises TippathError where it is no text with a header and rows."""
     text, encoding, padding = _text_of(raw)
+    _check_lines(text, path)
     lines = _Lines(text)
     heading = _header_line(lines, _top(lines, path, padding), path)
     header = tuple(printable(name.strip()) for name in _split(heading.line, heading.separator, path, heading.number))
@@ -113,6 +115,18 @@ def layout_of(raw: bytes, path: str) -> Layout:
         padding=padding,
         hints=tuple(hints),
     )
+
+
+def _check_lines(text: str, path: str) -> None:
+    """Refuse a line, among the first, that would take minutes to find a header in."""
+    at = 0
+    for number in range(1, SAMPLE + 1):
+        stop = text.find("\n", at, at + LONGEST_LINE)
+        if stop < 0 and len(text) - at > LONGEST_LINE:
+            raise TippathError(f"{path}, line {number}: longer than {LONGEST_LINE >> 20} MB, as no row of a log is")
+        if stop < 0:
+            return
+        at = stop + 1
 
 
 def _text_of(raw: bytes) -> tuple[str, str, int]:
@@ -319,11 +333,14 @@ def _split(line: str, separator: str, path: str, number: int) -> list[str]:
 
 def _check(header: Sequence[str], path: str, number: int) -> None:
     where = f"{path}, line {number}"
+    last = max((place for place, name in enumerate(header) if name), default=0)
+    seen: set[str] = set()
     for place, name in enumerate(header):
-        if not name and place and any(header[place:]):  # the first is the row number of many programs
+        if not name and 0 < place < last:  # the first is the row number of many programs
             raise TippathError(f"{where}, column {place + 1}: no name in the header; name it or remove the column")
-        if name and name in header[:place]:
+        if name and name in seen:
             raise TippathError(f"{where}, column {place + 1}: {name[:SHOWN]!r} stands twice in the header; rename one")
+        seen.add(name)
 
 
 def _fills_last(sample: Sequence[str], separator: str, columns: int) -> bool:

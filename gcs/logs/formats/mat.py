@@ -17,12 +17,13 @@ import numpy as np
 
 from gcs.errors import TippathError
 from gcs.logs.formats import mat5
-from gcs.logs.formats.raw import unreadable
+from gcs.logs.formats.raw import most_inflated, unreadable
 from gcs.logs.words import printable
 
 MARK = b"MATLAB 5.0 MAT-file"
 MARK_73 = b"MATLAB 7.3 MAT-file"
 INSTALL = "install it: pip install 'tippath[mat]' (or pip install h5py)"
+TOO_MUCH = "far more in it than what is measured packs to"
 MOST_ARRAYS = 20_000
 _NUMBERED = re.compile(r"\[\d+\]$")
 NUMBERS = "biufc"
@@ -114,13 +115,24 @@ def _of_hdf5(path: Path) -> list[tuple[str, Any]]:
         ) from error
     try:
         with h5py.File(path, "r") as file:
-            return [part for name in file if name[:1] != "#" for part in _nodes(file, name, file[name])]
+            most = most_inflated(path.stat().st_size)
+            parts = []
+            for name in file:
+                for part in _nodes(file, name, file[name], most) if name[:1] != "#" else ():
+                    parts.append(part)
+                    most -= getattr(part[1], "nbytes", 0)
+                    if most < 0:
+                        raise ValueError(TOO_MUCH)
+            return parts
     except Exception as error:  # the library raises nearly every kind of error for a damaged file
         raise _damaged(path, error) from error
 
 
-def _nodes(file: Any, name: str, node: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """As `mat5.parts`; arrays are turned, for MATLAB writes them column by column."""
+def _nodes(file: Any, name: str, node: Any, most: int, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """As `mat5.parts`; arrays are turned, for MATLAB writes them column by column.
+
+    Raises ValueError for an array of more bytes than `most`.
+    """
     import h5py
 
     kind = node.attrs.get("MATLAB_class", b"")
@@ -132,16 +144,20 @@ def _nodes(file: Any, name: str, node: Any, depth: int = 0) -> Iterator[tuple[st
         return
     if isinstance(node, h5py.Group):
         for key in node:
-            yield from _nodes(file, f"{name}.{key}", node[key], depth + 1)
+            yield from _nodes(file, f"{name}.{key}", node[key], most, depth + 1)
     elif "MATLAB_empty" in node.attrs or not node.size:
         return
+    elif node.nbytes > most:
+        raise ValueError(TOO_MUCH)
     elif kind == "char" and node.dtype.kind == "u":
         yield name, np.array([printable("".join(map(chr, row))) for row in np.atleast_2d(node[()].T)], dtype=str)
     elif node.dtype == h5py.ref_dtype:
         references = np.asarray(node[()]).T.ravel()
         for i, reference in enumerate(references[:MOST_ARRAYS]):
             if reference:
-                yield from _nodes(file, f"{name}[{i}]" if references.size > 1 else name, file[reference], depth + 1)
+                yield from _nodes(
+                    file, f"{name}[{i}]" if references.size > 1 else name, file[reference], most, depth + 1
+                )
     elif node.dtype.names == ("real", "imag"):
         held = np.asarray(node[()]).T
         yield name, held["real"] + 1j * held["imag"]

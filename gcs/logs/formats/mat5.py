@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from gcs.logs.formats.raw import most_inflated
 from gcs.logs.words import printable
 
 HEADER = 128
@@ -50,23 +51,26 @@ def parts(raw: bytes) -> Iterator[tuple[str, Any]]:
     order = ORDERS.get(raw[126:128])
     if order is None:
         raise DamagedError("its header does not tell the order of bytes")
-    reader = _Reader(order)
+    reader, left = _Reader(order), most_inflated(len(raw))
     for element in reader.elements(memoryview(raw)[HEADER:]):
         if element.type == COMPRESSED:
-            unpacked = memoryview(_unpacked(element.data))
+            unpacked = memoryview(_unpacked(element.data, left))
+            left -= len(unpacked)
             element = next(reader.elements(unpacked), _Element(0, unpacked))
         if element.type == MATRIX:
             yield from reader.matrix(element.data)
 
 
-def _unpacked(data: memoryview) -> bytes:
+def _unpacked(data: memoryview, most: int) -> bytes:
     unpacking = zlib.decompressobj()
     try:
-        made = unpacking.decompress(data, MOST_BYTES)
+        made = unpacking.decompress(data, max(most, 1))
     except zlib.error as error:
         raise DamagedError("what is compressed in it cannot be unpacked") from error
     if not unpacking.eof:
-        raise DamagedError("what is compressed in it is cut, or more than 2 GB")
+        raise DamagedError(
+            "what is compressed in it is cut, or far more than what is measured packs to; save it with -nocompression"
+        )
     return made
 
 

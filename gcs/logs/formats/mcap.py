@@ -13,7 +13,7 @@ import hashlib
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from gcs.errors import TippathError
 from gcs.logs.formats.damage import Damage
-from gcs.logs.formats.raw import unreadable
+from gcs.logs.formats.raw import most_inflated, unreadable
 from gcs.logs.formats.tables import FloatArray
 from gcs.logs.words import printable
 
@@ -78,7 +78,7 @@ def read(path: Path) -> McapFile:
         raw = path.read_bytes()
     except OSError as error:
         raise unreadable(path, error) from error
-    reading = _Reading()
+    reading = _Reading(most_inflated(len(raw)))
     stream = io.BytesIO(raw)
     try:
         for record in StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD).records:
@@ -105,7 +105,9 @@ def read(path: Path) -> McapFile:
 class _Reading:
     """Records as they come."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int) -> None:
+        """`most`: bytes that all chunks may become."""
+        self._left = most
         self.topics: dict[int, _Topic] = {}
         self.ended = ""
         self.read_bytes = 0
@@ -121,7 +123,9 @@ class _Reading:
         match record:
             case Chunk():
                 try:
-                    inside = breakup_chunk(record, validate_crc=True)
+                    plain = _inflated(record, self._left)
+                    self._left -= len(plain.data)
+                    inside = breakup_chunk(plain, validate_crc=True)
                 except Exception:  # damaged: the next one may be whole
                     self.chunks_lost += 1
                     self.skipped_bytes += len(record.data)
@@ -163,6 +167,21 @@ class _Reading:
         for topic in self.topics.values():
             if topic.failed or topic.unlike:
                 yield f"{topic.failed + topic.unlike} messages of {topic.name} left out: not as its others are"
+
+
+def _inflated(chunk: Any, most: int) -> Any:
+    """The chunk without its compression. Raises ValueError for more bytes than `most`, and what its packers raise."""
+    import zstandard
+    from lz4 import frame as lz4  # both come with mcap
+
+    data = chunk.data
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(most + 1)
+    elif chunk.compression == "lz4":
+        data = lz4.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
+    if len(data) > most:
+        raise ValueError("far more than what is measured packs to")
+    return replace(chunk, compression="", data=data)
 
 
 def _decoder(channel: Any, schema: Any) -> Callable[[bytes], Any] | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs.errors import TippathError
-from gcs.logs.formats.raw import unreadable
+from gcs.logs.formats.raw import most_inflated, unreadable
 from gcs.logs.formats.tables import FloatArray
 from gcs.logs.words import printable
 
@@ -46,6 +46,9 @@ def read(path: Path) -> ParquetFile:
         raise unreadable(path, error) from error
     columns: dict[str, FloatArray] = {}
     try:
+        about = parquet.read_metadata(io.BytesIO(raw))
+        if 8 * about.num_rows * about.num_columns > most_inflated(len(raw)):
+            raise ValueError(f"{about.num_rows} rows of {about.num_columns} columns are far more than are packed so")
         table = parquet.read_table(io.BytesIO(raw), page_checksum_verification=True)
         while any(types.is_struct(one.type) for one in table.schema):
             table = table.flatten()

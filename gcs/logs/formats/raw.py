@@ -12,11 +12,19 @@ from gcs.errors import TippathError
 
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
+INFLATED = 20
+"""Times its size; measured numbers become 2 to 5 times."""
+LEAST_INFLATED = 32 << 20
 
 
 def unreadable(path: Path | str, error: OSError) -> TippathError:
     """What to raise where the system does not hand out a file's bytes."""
     return TippathError(f"{path}: cannot be read ({error.strerror or error})")
+
+
+def most_inflated(packed: int) -> int:
+    """Bytes that a compressed log of so many may become: one that becomes more was made to fill a memory."""
+    return max(LEAST_INFLATED, INFLATED * packed)
 
 
 def read_padded(path: Path, pad: int, fill: int = 0) -> tuple[Bytes, int]:

@@ -150,6 +150,7 @@ def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
+LATEST_S = 1e20  # nanoseconds since 1970, taken for seconds, are below it
 AROUND = 64  # stamps on either side of a break among which the damaged one is looked for
 
 
@@ -157,10 +158,10 @@ def increasing(t: FloatArray, *, strictly: bool = True) -> NDArray[np.bool_]:
     """Which samples form the longest increasing sequence of time stamps, shape (n,).
 
     A damaged stamp breaks the order of its neighbours; the fewest samples are given up to restore it, among those
-    around each break where that is enough. A stamp that is not finite never stays. Not `strictly`: several may share a
-    time.
+    around each break where that is enough. A stamp that is not finite, or that no clock shows, never stays. Not
+    `strictly`: several may share a time.
     """
-    keep = np.isfinite(t)
+    keep = np.abs(t) < LATEST_S
     places = np.flatnonzero(keep)
     stamps = t[places]
 

@@ -1,4 +1,4 @@
-"""Lines of text that are never markup and never wrap, redrawn only where they changed."""
+"""Lines of text that are never markup, obey nobody and never wrap, redrawn only where they changed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from textual.content import Content, Span
 from textual.widgets import Static
 
+from gcs.logs.words import harmless
 from gcs.tui.plot import Style
 from gcs.tui.words import plain
 
@@ -31,6 +32,11 @@ class Lines(Static):
 
     def _content(self, line: Content | str | tuple[str, str]) -> Content:
         if isinstance(line, Content):
-            return Content(plain(line.plain, self._style), spans=list(line.spans)) if self._style == "ascii" else line
+            text = self._said(line.plain)
+            return line if text == line.plain else Content(text, spans=list(line.spans))
         text, style = (line, "") if isinstance(line, str) else line
-        return Content.styled(plain(text, self._style), style) if style else Content(plain(text, self._style))
+        return Content.styled(self._said(text), style) if style else Content(self._said(text))
+
+    def _said(self, text: str) -> str:
+        """A text made harmless; in `ascii` only ASCII."""
+        return plain(harmless(text), self._style)

@@ -6,6 +6,8 @@ import hashlib
 import json
 import subprocess
 import sys
+import tracemalloc
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -135,7 +137,7 @@ def test_a_whole_seal_around_something_else_is_refused(content: Any, tmp_path: P
     (tmp_path / "answer").write_bytes(seal(content, bytes(16)))
     status, out, err = tippath("reveal", tmp_path)
     assert (status, out) == (1, "")
-    assert "version" in err
+    assert "version" in err or "plant is missing" in err
 
 
 def test_nothing_there(tmp_path: Path, tippath: Tippath) -> None:
@@ -172,3 +174,48 @@ def test_the_help_documents_the_format(tippath: Tippath) -> None:
     assert "tippath.reveal/1" in out
     for outcome in OUTCOMES:
         assert f'"{outcome}"' in out
+
+
+def cover(directory: Path, packed: bytes) -> Path:
+    """A seal that is whole, with this in it."""
+    body, nonce = len(packed).to_bytes(4, "big") + packed, bytes(16)
+    blocks = range(-(-len(body) // 32))
+    stream = b"".join(hashlib.sha256(nonce + block.to_bytes(8, "big")).digest() for block in blocks)
+    covered = bytes(a ^ b for a, b in zip(body, stream, strict=False))
+    directory.mkdir()
+    (directory / "answer").write_bytes(b"TPSEAL1\n" + nonce + hashlib.sha256(nonce + body).digest() + covered)
+    return directory
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (bytes(200 << 20), "larger than any answer"),
+        (b"[" * 200_000, "nested too deep"),
+        (b'{"format": "tippath.answer/1", "plant": 3}', "plant is text in quotes, not 3"),
+        (b'{"format": "tippath.answer/2"}', "another version"),
+        (b"\xff", "cannot be understood"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_a_whole_seal_with_something_else_in_it(text: bytes, says: str, tmp_path: Path, tippath: Tippath) -> None:
+    packed = zlib.compress(text)
+    tracemalloc.start()
+    try:
+        status, _, err = tippath("reveal", cover(tmp_path / "a", packed))
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+    assert status == 1
+    assert says in err
+    assert len(err.splitlines()) == 1
+
+
+def test_a_diagnosis_that_is_none_is_not_judged(tmp_path: Path, tippath: Tippath) -> None:
+    sealed(tmp_path, plant_one("servo_lag", 1))
+    (tmp_path / "deep.json").write_text("[" * 200_000)
+    diagnosis(tmp_path / "lists.json", effect=["servo_lag"], candidates=[{"effect": {}}])
+    status, out, _ = tippath("reveal", tmp_path)
+    assert status == 0
+    assert "no diagnosis lies here" in out
+    assert tippath("reveal", tmp_path, tmp_path / "deep.json")[0] == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,16 +96,70 @@ def test_half_a_file_counts_as_none(
 
 
 def test_what_is_no_content_of_ours_is_not_believed(two_chirps: bytes, saved: Save, parses: list[Path]) -> None:
-    import hashlib
-
     import msgspec
 
     path = saved(two_chirps, "flight.BIN")
     ingest([path])
     (file,) = kept(path.parent)
     body = msgspec.msgpack.encode({"source": {"path": 3}, "runs": "many"})
-    file.write_bytes(hashlib.sha256(body).digest() + body)
+    key = cache._own_key()
+    assert key is not None
+    file.write_bytes(cache._mark(body, key) + body)
     assert len(ingest([path]).usable) == 2
+
+
+def test_what_another_user_kept_is_not_believed(
+    two_chirps: bytes, saved: Save, parses: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A flight folder that was sent, its cache whole, for this log and this reader, with other numbers in it."""
+    path = saved(two_chirps, "flight.BIN")
+    truth = ingest([path]).runs[0].record
+    assert truth is not None
+    (file,) = kept(path.parent)
+    content = cache.load(file)
+    assert content is not None
+    record = replace(truth, channels={**truth.channels, "p": 2 * truth.channels["p"]})
+    poisoned = replace(content, runs=(replace(content.runs[0], record=record), *content.runs[1:]))
+    with monkeypatch.context() as other:
+        other.setattr(cache, "user_cache_path", lambda name, **_: tmp_path / "another user" / name)
+        cache.save(file, poisoned)
+        believed = cache.load(file)
+        assert believed is not None
+        assert believed.runs[0].record is not None
+        assert np.array_equal(believed.runs[0].record.channels["p"], 2 * truth.channels["p"])
+    assert cache.load(file) is None
+    again = ingest([path]).runs[0].record
+    assert again is not None
+    assert np.array_equal(again.channels["p"], truth.channels["p"])
+    assert len(parses) == 2
+    assert cache.load(file) is not None, "kept anew, as this user's own"
+
+
+def test_a_key_is_its_owner_s_alone_and_drawn_anew_where_it_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, "user_cache_path", lambda name, **_: tmp_path / name)
+    key, path = cache._own_key(), tmp_path / "tippath" / "cache.key"
+    assert key is not None
+    assert cache._own_key() == key == path.read_bytes()
+    assert [one.name for one in path.parent.iterdir()] == ["cache.key"]
+    if os.name == "posix":
+        assert path.stat().st_mode & 0o777 == 0o600
+        path.chmod(0o644)
+        assert cache._own_key() not in (None, key)
+    path.write_bytes(b"short")
+    assert len(cache._own_key() or b"") == 32
+
+
+def test_without_a_key_nothing_is_kept(
+    two_chirps: bytes, saved: Save, parses: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "home").write_text("a file where the folder would be")
+    monkeypatch.setattr(cache, "user_cache_path", lambda name, **_: tmp_path / "home" / name)
+    path = saved(two_chirps, "flight.BIN")
+    assert len(ingest([path]).usable) == len(ingest([path]).usable) == 2
+    assert len(parses) == 2
+    assert not kept(path.parent)
 
 
 def test_where_nothing_can_be_written_the_log_is_read_all_the_same(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import random
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from injuries import COUNTS, bounded_turns
 
 from gcs.errors import TippathError
 from gcs.logs import ingest, opening, resolve_runs
@@ -148,12 +150,13 @@ def test_line_numbers_count_blank_lines(saved: Saved) -> None:
         ingest([path])
 
 
-def test_no_damaged_csv_makes_the_reader_fail(saved: Saved) -> None:
+@pytest.mark.parametrize("count", COUNTS)
+def test_no_damaged_csv_makes_the_reader_fail(saved: Saved, count: int) -> None:
     chance = random.Random(21)
     whole = text(rows(60)), text(rows(1200)[::2]).replace(b",", b";").replace(b".", b",")
     read = 0
     pieces = (b",", b"\n", b'"', b"\xff", b"e", b";", b"", b"9", b"#", b"\0", b"-", b"nan", b"\r", b"\t", b"%", b"[")
-    for i in range(150):
+    for i in bounded_turns(count):
         raw = bytearray(whole[i % 2])
         for _ in range(chance.randrange(1, 6)):
             at = chance.randrange(len(raw) if chance.random() < 0.8 else 60)
@@ -171,7 +174,7 @@ def test_no_damaged_csv_makes_the_reader_fail(saved: Saved) -> None:
         assert all(values.shape == found.lines.shape for values in found.values.values())
         assert opened.damage is not None
         assert 0 <= opened.damage.skipped_bytes <= len(raw)
-    assert read > 25
+    assert read > 0.166667 * count
 
 
 @pytest.mark.parametrize("value", ["1e300", "-3e20", "8000", "nan", "-inf"])
@@ -245,3 +248,25 @@ def test_a_profile_with_another_time_column_says_so(tmp_path: Path) -> None:
     path.write_bytes(text(rows()))
     with pytest.raises(TippathError, match="column timestamp_us missing; the profile takes the time from it; name one"):
         ingest([path], "quadrotor")
+
+
+@pytest.mark.parametrize("columns", [20_000, 1_000_000])
+def test_a_file_of_very_many_columns_is_read_or_refused_at_once(saved: Saved, columns: int) -> None:
+    head, *below = (",".join(row) for row in rows(9))
+    wide = [f"{head},{','.join(f'c{i}' for i in range(columns))}", *(line + ",1" * columns for line in below)]
+    path, begun = saved("\n".join(wide).encode() + b"\n", "wide.csv"), time.process_time()
+    if columns > 50_000:
+        with pytest.raises(TippathError, match=r"wide\.csv, line 1: longer than 1 MB"):
+            ingest([path])
+    else:
+        assert len(ingest([path]).sources[0].fields) == columns + 5
+    assert time.process_time() - begun < 5
+
+
+@pytest.mark.parametrize("first", [1, 2000, 3999])
+def test_a_time_that_no_clock_shows_costs_its_row(saved: Saved, first: int) -> None:
+    table = rows()
+    table[first][0] = "1e300"
+    found = ingest([saved(text(table), "jump.csv")])
+    assert sum(run.record.t.size for run in found.runs if run.record is not None) == len(table) - 2
+    assert max(run.start_s + run.duration_s for run in found.runs) < 30

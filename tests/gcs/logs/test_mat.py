@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injuries import injure
+from injuries import FIRSTS, STEP, bounded, bounded_turns, injure
 from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
 
@@ -221,12 +221,12 @@ def test_no_numbers_are_refused(saved: Saved) -> None:
 
 
 @pytest.mark.parametrize("write", FORMATS)
-@pytest.mark.parametrize("first", range(0, 200, 50))
+@pytest.mark.parametrize("first", FIRSTS)
 def test_no_damage_is_a_traceback(saved: Saved, write: Callable[..., bytes], first: int) -> None:
     small = {name: values[:60] for name, values in flight().items()}
     texts = {"title": "hover, µ"} if write is v5 else {}
     raw = write({**small, "s": {"inner": small}, **texts}, **({"compressed": first % 100 == 0} if write is v5 else {}))
-    for seed in range(first, first + 50):
+    for seed in bounded_turns(STEP, first):
         chance = random.Random(seed)
         damaged = injure(raw[128:], chance, lambda chance: raw[128 : 128 + chance.randrange(200)], cut=True)
         path = saved(raw[:128] + damaged, "f.mat")
@@ -248,3 +248,24 @@ def test_a_helicopter_flown_by_hand(shared_data: Path, saved: Saved) -> None:
     value = dict(zip(fit.model.structure.names, fit.model.values, strict=True))
     assert 0.17 < -1 / value["M_q"] < 0.22
     assert 0.05 < -1 / value["L_p"] < 0.10
+
+
+@pytest.mark.parametrize("kind", ["v5", "v7.3", "v7.3 of references"])
+def test_a_small_file_that_becomes_gigabytes_is_refused(saved: Saved, tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "bomb.mat"
+    if kind == "v5":
+        small = [(f"a{k}", np.zeros(1 << 20)) for k in range(8)]
+        path.write_bytes(v5(dict(small), compressed=True))
+    else:
+        path.write_bytes(v73({"t": np.zeros(3)}))
+        with h5py.File(path, "r+") as file:
+            many = kind.endswith("references")
+            one = file.create_dataset("#one", (1 << 20,), "f8", chunks=(1 << 16,), compression="gzip")
+            if many:
+                cell = file.create_dataset("cell", (1, 400), h5py.ref_dtype)
+                cell[...] = one.ref
+            else:
+                file.create_dataset("wide", (1 << 30,), "f8", chunks=(1 << 16,), compression="gzip")
+    assert path.stat().st_size < 200_000
+    with bounded(), pytest.raises(TippathError, match="than what is measured packs to"):
+        ingest([path])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injuries import injure
+from injuries import FIRSTS, STEP, bounded, bounded_turns, injure
 
 from gcs.cli import main
 from gcs.errors import TippathError
@@ -251,12 +251,26 @@ def test_empty_and_cut_files_are_refused(saved: Saved, raw: bytes) -> None:
         ingest([saved(raw, "f.mcap")])
 
 
-@pytest.mark.parametrize("first", range(0, 200, 50))
+@pytest.mark.parametrize("first", FIRSTS)
 def test_no_damage_is_a_traceback(saved: Saved, first: int) -> None:
     raw, profile = recorded(30, chunk=1500), saved(PROFILE, "p.toml")
-    for seed in range(first, first + 50):
+    for seed in bounded_turns(STEP, first):
         damaged = injure(raw, random.Random(seed), lambda chance: raw[: chance.randrange(1, 300)], cut=True)
         try:
             ingest([saved(damaged, "f.mcap")], profile)
         except TippathError as error:
             assert len(str(error).splitlines()) == 1  # noqa: PT017
+
+
+@pytest.mark.parametrize("packing", ["LZ4", "ZSTD"])
+def test_a_small_file_that_becomes_gigabytes_is_refused(saved: Saved, packing: str) -> None:
+    stream = io.BytesIO()
+    writer = writing.Writer(stream, chunk_size=64 << 20, compression=writing.CompressionType[packing])
+    writer.start()
+    channel = writer.register_channel("/zeros", "json", writer.register_schema("zeros", "jsonschema", b"{}"))
+    for k in range(4):
+        writer.add_message(channel, k, bytes(40 << 20), k)
+    writer.finish()
+    assert len(stream.getvalue()) < 1e6
+    with bounded(), pytest.raises(TippathError, match="no message with numbers could be read"):
+        ingest([saved(stream.getvalue(), "f.mcap")])

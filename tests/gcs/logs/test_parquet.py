@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injuries import injure
+from injuries import COUNTS, bounded, bounded_turns, injure
 
 from gcs.errors import TippathError
 from gcs.logs import ingest
@@ -71,11 +71,19 @@ def test_empty_cut_and_without_numbers(saved: Saved) -> None:
         ingest([saved(written({"who": ["me"]}), "f.parquet")])
 
 
-def test_no_damage_is_a_traceback(saved: Saved) -> None:
+@pytest.mark.parametrize("count", COUNTS)
+def test_no_damage_is_a_traceback(saved: Saved, count: int) -> None:
     raw = written(flight(60))
-    for seed in range(200):
+    for seed in bounded_turns(count):
         damaged = injure(raw, random.Random(seed), lambda chance: raw[: chance.randrange(1, 300)], cut=True)
         try:
             ingest([saved(damaged, "f.parquet")])
         except TippathError as error:
             assert len(str(error).splitlines()) == 1  # noqa: PT017
+
+
+def test_a_small_file_that_becomes_gigabytes_is_refused(saved: Saved) -> None:
+    raw = written({name: np.zeros(2_000_000) for name in ("t", "p", "q", "delta_x", "delta_y")})
+    assert len(raw) < 1e6
+    with bounded(), pytest.raises(TippathError, match="2000000 rows of 5 columns are far more"):
+        ingest([saved(raw, "f.parquet")])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from injuries import injure
+from injuries import COUNTS, bounded_turns, injure
 from scipy.io import savemat
 
 import sysid
@@ -222,10 +222,11 @@ def test_a_json_that_is_none_is_refused(saved: Saved) -> None:
             ingest([saved(raw, "r.json")])
 
 
+@pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("ending", KINDS)
-def test_no_damage_is_a_traceback(saved: Saved, flown: dict[str, bytes], ending: str) -> None:
+def test_no_damage_is_a_traceback(saved: Saved, flown: dict[str, bytes], ending: str, count: int) -> None:
     raw = flown[ending]
-    for seed in range(200):
+    for seed in bounded_turns(count):
         chance = random.Random(seed)
         damaged = injure(raw, chance, lambda chance: raw[: chance.randrange(1, 200)], cut=True)
         told: Any = None

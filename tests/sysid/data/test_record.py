@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +53,36 @@ def test_what_is_no_record_is_said(content: bytes, tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(RecordError, match=r"r\.npz: not a record"):
         Record.load(path)
+
+
+def test_what_inflates_to_gigabytes_is_refused_before_it_does(tmp_path: Path) -> None:
+    path, zeros = tmp_path / "bomb.npz", bytes(1 << 20)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("t.npy", "w") as part:
+        for _ in range(300):
+            part.write(zeros)
+    with pytest.raises(RecordError, match="inflates to more than 192 MB"):
+        Record.load(path)
+    with zipfile.ZipFile(path, "w") as archive, archive.open("t.npy", "w") as part:
+        np.lib.format.write_array_header_1_0(part, {"descr": "<f8", "fortran_order": False, "shape": (1 << 60,)})
+    with pytest.raises(RecordError, match="not a record"):
+        Record.load(path)
+
+
+def test_no_damage_is_a_traceback(tmp_path: Path) -> None:
+    path, chance = tmp_path / "r.npz", random.Random(5)
+    Record("x", {name: values[:300] for name, values in channels().items()}).save(path)
+    raw, refused = path.read_bytes(), 0
+    for _ in range(500):
+        damaged = bytearray(raw)
+        for _ in range(3):  # anywhere, or in the directory at the end
+            damaged[chance.choice((chance.randrange(len(raw)), -chance.randrange(1, 400)))] = chance.randrange(256)
+        path.write_bytes(damaged)
+        try:
+            Record.load(path)
+        except RecordError as error:
+            assert len(str(error).splitlines()) == 1  # noqa: PT017
+            refused += 1
+    assert refused > 300
 
 
 def test_bad_channels_are_named() -> None:

@@ -11,6 +11,7 @@ import pytest
 from contract_schemas import FIT
 from jsonschema import validate
 
+from sysid import effects
 from sysid.data.record import Record
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit, ResultError
@@ -95,15 +96,46 @@ def test_paths_are_relative_to_the_file(ideal_card: Card, tmp_path: Path) -> Non
         ({"parameters": {}}, "L_p"),
         ({"structure": {"base": "banana", "effects": []}}, "banana"),
         ({"covariance": [[1.0]]}, "shape"),
-        ({"records": 3}, "wrong kind"),
+        ({"records": 3}, r"Expected `array`, got `int` - at `\$.records`"),
+        ({"covariance": [[1.0, 2.0], [3.0]]}, "its covariance is not square"),
+        ({"covariance": [["1.0"]]}, r"got `str` - at `\$.covariance"),
+        ({"covariance": [[10**400]]}, "a number that is not finite"),
+        ({"covariance": [[float("inf")]]}, "a number that is not finite"),
+        ({"warnings": ["\ud800"]}, "half a character"),
+        ({"band_hz": [15.0, 0.0]}, "a band of 15 to 0 Hz is none"),
+        ({"more": json.loads("[" * 90 + "]" * 90)}, "nested more than 64 deep"),
     ],
 )
 def test_a_damaged_file_is_said(change: dict[str, object], says: str, ideal_card: Card, tmp_path: Path) -> None:
     document = identify(CD, ideal_card[0]).to_json(tmp_path) | change
     target = tmp_path / "cd.json"
     target.write_text(json.dumps(document))
-    with pytest.raises(ResultError, match=says):
+    with pytest.raises(ResultError, match=says) as error:
         Fit.load(target)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("raw", "says"),
+    [(b"[" * 200_000, "nested too deep"), (b"9" * 5000, "digits"), (b"\xff", "utf-8"), (b"[]", "not a tippath.fit/1")],
+)
+def test_what_is_no_document_is_said(raw: bytes, says: str, tmp_path: Path) -> None:
+    (tmp_path / "fit.json").write_bytes(raw)
+    with pytest.raises(ResultError, match=says):
+        Fit.load(tmp_path / "fit.json")
+
+
+def test_code_of_a_changed_effect_file_does_not_run(ideal_card: Card, tmp_path: Path) -> None:
+    own, ran = tmp_path / "own.py", tmp_path / "ran"
+    own.write_text((Path(effects.__file__).parent / "servo_lag.py").read_text().replace('"servo_lag"', '"own_lag"'))
+    document = identify(CD, ideal_card[0], effects=[str(own)]).to_json(tmp_path)
+    target = tmp_path / "cd.json"
+    target.write_text(json.dumps(document))
+    assert Fit.load(target, [str(own)]).model.structure.effects == (str(own),)
+    own.write_text(own.read_text() + f"\nopen({str(ran)!r}, 'w').close()\n")
+    with pytest.raises(ResultError, match="has changed since this fit was made"):
+        Fit.load(target, [str(own)])
+    assert not ran.exists()
 
 
 @pytest.mark.data
