@@ -258,7 +258,7 @@ def test_a_vehicle_that_is_not_there_is_said_and_leaves_no_folder(
         assert main(words) == 1
         out, err = capsys.readouterr()
         assert "no vehicle at" in err
-        assert out == ""
+        assert ('"reason": "link"' in out) == ("--json" in words)
     assert not folder.exists()
 
 
