@@ -23,6 +23,7 @@ from sitl.autopilot.vehicle import Vehicle, make_vehicle
 from sitl.clock import FreeClock, WallClock
 from sitl.faults import Faults, FaultyLink
 from sitl.faults import words as fault_words
+from sitl.faults.script import read_script
 from sitl.hidden import HOVER, Hidden, draw, plant_one
 from sitl.hidden.seal import FILE_NAME, seal_answer
 from sitl.pilot import PilotLines, obey
@@ -83,8 +84,22 @@ def _parser() -> argparse.ArgumentParser:
         help="bytes a second that fetching them takes of the link (%(default)s)",
     )
     parser.add_argument("--key", type=Path, metavar="FILE", help="sign all, and obey only what is signed with this key")
+    parser.add_argument(
+        "--faults", action="append", default=[], type=Path, metavar="FILE.toml", help="these options in a file"
+    )
     fault_words.add_options(parser)
     return parser
+
+
+def _arguments(words: list[str] | None) -> argparse.Namespace:
+    """With what the scripts say behind what was given."""
+    given = sys.argv[1:] if words is None else words
+    arguments = _parser().parse_args(given)
+    try:
+        scripts = [option for path in arguments.faults for option in read_script(path)]
+    except ValueError as error:
+        raise _Refused(f"--faults {error}", 2) from error
+    return _parser().parse_args([*given, *scripts]) if scripts else arguments
 
 
 def _settings(words: list[str]) -> dict[str, float]:
@@ -159,7 +174,7 @@ def _air(arguments: argparse.Namespace, sweep_s: Callable[[], float]) -> tuple[L
         link = open_link(arguments.listen or DEFAULT_LINK)
     except (ValueError, LinkError) as error:
         raise _Refused(str(error), 2) from error
-    of_datagrams = (["--loss"] if arguments.loss > 0 else []) + fault_words.given(arguments, fault_words.DATAGRAMS)
+    of_datagrams = fault_words.given(arguments, fault_words.DATAGRAMS)
     if of_datagrams and not isinstance(link, UdpLink):
         link.close()
         raise _Refused(f"{of_datagrams[0]} is a fault of datagrams: use a udpout or udpin link with it", 2)
@@ -300,9 +315,8 @@ def _fly(arguments: argparse.Namespace) -> None:
 
 def main(words: list[str] | None = None) -> int:
     """Returns the exit status."""
-    arguments = _parser().parse_args(words)
     try:
-        _fly(arguments)
+        _fly(_arguments(words))
     except _Refused as refusal:
         print(f"sitl: {refusal}", file=sys.stderr)
         return refusal.status

@@ -20,8 +20,8 @@ CONDITIONS = ("calm", "rpm", "airspeed", "yaw", "collective", "stirring", "livel
 """As the vehicle knows them."""
 FAULTS = {
     "loss": ("SHARE", "of packets lost, such as 0.02"),
-    "outage": ("WAY", "nothing passes up (to the vehicle), down or both ways; without @WHEN always; repeatable"),
-    "lag": ("S", "everything comes S seconds later, each way, in order; repeatable"),
+    "outage": ("WAY", "nothing passes up (to the vehicle), down or both ways; without @WHEN always"),
+    "lag": ("S", "everything comes S seconds later, each way, in order"),
     "lag-up": ("S", "the same, only to the vehicle"),
     "lag-down": ("S", "the same, only to the ground"),
     "jitter": ("S", "everything comes up to S seconds later, each way, and may swap"),
@@ -33,15 +33,28 @@ FAULTS = {
     "corrupt": ("SHARE", "of packets with a wrong byte"),
     "second-vehicle": ("MODE", "heartbeats of another vehicle with this id (stabilize); at a moment, @S, a single one"),
     "second-attitude": (None, "the second vehicle sends its attitude, too"),
-    "other-station": ("ORDER", "another station writes NAME=VALUE@S, or takes the log: log@S; repeatable"),
+    "other-station": ("ORDER", "another station writes NAME=VALUE@S, or takes the log: log@S"),
     "log-stops": ("S", "no log blocks from S on; S,silent does not say so; S,resumes takes a new START"),
+    "log-slows": ("RATE", "bytes a second of the log that the vehicle manages to send; it writes 50 to 75 kB"),
+    "alter-writes": ("SHARE", "of written parameters of which the vehicle stores another value"),
+    "refuse-writes": ("SHARE", "of written parameters that stay as they are"),
+    "reboot": ("S", "the vehicle starts anew at S, in the air or on the ground, and its clock with it"),
+    "clock-step": ("S@WHEN", "its clock goes on by S seconds at a moment"),
+    "gyro-nan": ("WHEN", "its gyro gives no numbers, FROM:UNTIL"),
+    "forge": (
+        "WHAT",
+        "forged on this link: of the vehicle heartbeat=MODE, text=WORDS or block=N, of the ground mode=MODE or log; "
+        "@S once, @FROM:UNTIL each second",
+    ),
+    "spoof": ("WHAT", "the same from another address with the same id"),
 }
 """What the vehicle's link and log can be made to suffer: handed on as given, and judged by the vehicle."""
 FAULT_TIMES = (
     "Most take @WHEN behind the value (--lag 3.5@20:40): FROM:UNTIL in seconds of the vehicle's own time, which begins "
     "at 1; either end may be left out. With sweep+ before it (@sweep+3:8) it counts from the start of the first sweep, "
-    "with order+ from the ground's first order to start one. Drawn from --seed."
+    "with order+ from the ground's first order to start one. Each may be given several times; drawn from --seed."
 )
+FAULT_SCRIPT = 'these options in a file: loss = 0.02, outage = ["up@20:24", "both@40:45"], second-attitude = true'
 GRACE_S = 2.0
 """A Ctrl-C in the terminal reaches the vehicle by itself; after so long it is told once more."""
 
@@ -133,12 +146,14 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
         if name == "second-vehicle":
             options |= {"nargs": "?", "const": ""}
         group.add_argument(f"--{name}", default=[], help=text, **options)
+    group.add_argument("--faults", action="append", default=[], type=Path, metavar="FILE.toml", help=FAULT_SCRIPT)
 
 
 def _faults(args: argparse.Namespace) -> list[str]:
     """As the vehicle is told them: a word after an equals sign cannot be taken for an option."""
     given = [(name, word) for name in FAULTS for word in getattr(args, name.replace("-", "_"))]
-    return [f"--{name}={word}" if word else f"--{name}" for name, word in given]
+    scripts = [f"--faults={path}" for path in args.faults]
+    return [*scripts, *(f"--{name}={word}" if word else f"--{name}" for name, word in given)]
 
 
 def run(args: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ five repetitions a turn so that an outage is not followed by a flood; 10 s witho
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 from sitl.autopilot.logger import BLOCK_BYTES
@@ -31,6 +32,10 @@ class BlockStream:
         self._ended = False
         self._overflown = False
         self._receipt_s = now_s
+        self.bytes_per_s = math.inf
+        """What the vehicle manages to send; less than it writes, and its buffer fills."""
+        self._may_send = 0.0
+        self._asked_s = now_s
 
     def write(self, data: bytes) -> None:
         rest = self._rest
@@ -85,6 +90,16 @@ class BlockStream:
 
     def due(self, now_s: float) -> list[tuple[int, bytes]]:
         """What to send now, as (block number, 200 bytes)."""
+        if math.isfinite(self.bytes_per_s):
+            self._may_send = min(10.0, self._may_send + (now_s - self._asked_s) * self.bytes_per_s / BLOCK_BYTES)
+            self._asked_s = now_s
+            if self._may_send < 1:
+                return []
+        out = self._due(now_s)
+        self._may_send -= len(out)
+        return [(seqno, self._data[seqno]) for seqno in out]
+
+    def _due(self, now_s: float) -> list[int]:
         out: list[int] = []
         while self._refused and len(out) < _NEW_A_TURN:
             seqno = self._refused.popleft()
@@ -100,7 +115,7 @@ class BlockStream:
             seqno = self._fresh.popleft()
             out.append(seqno)
             self._sent(seqno, now_s)
-        return [(seqno, self._data[seqno]) for seqno in out]
+        return out
 
     def _sent(self, seqno: int, now_s: float) -> None:
         self._sent_s.pop(seqno, None)

@@ -144,6 +144,15 @@ def bank_crc(values: Sequence[float]) -> int:
     return zlib.crc32(struct.pack(f"<{len(values)}f", *values)) & 0xFFFFFF
 
 
+_LOOP_RATES = (50.0, 1000.0)  # Hz; ArduPilot holds SCHED_LOOP_RATE within limits, too
+
+
+def period_us(loop_rate_hz: float) -> int:
+    """Of one loop, for a value of SCHED_LOOP_RATE."""
+    low, high = _LOOP_RATES
+    return round(1e6 / max(low, min(high, loop_rate_hz)))
+
+
 class Parameters:
     """All parameters with their present values."""
 
@@ -171,6 +180,8 @@ class Parameters:
         self._values = {parameter.name: float32(parameter.default) for parameter in self.table.values()}
         self.writes = 0
         """Counts every write that may have changed something, for whoever holds values derived from them."""
+        self.stored: Callable[[str, float], float | None] = lambda name, value: value
+        """What becomes of a value that is written; None refuses it. For faults."""
         self._previous: tuple[float, ...] | None = None
         self._just_reverted = False
         self.boot()
@@ -221,9 +232,10 @@ class Parameters:
         self._just_reverted = False
         if name == "LQR_COMMIT":
             return self._commit(value, armed)
-        if not parameter.read_only:
+        stored = None if parameter.read_only else self.stored(name, value)
+        if stored is not None:
             self.writes += 1
-            self._values[self._aliases.get(name, name)] = cast(parameter.kind, value)
+            self._values[self._aliases.get(name, name)] = cast(parameter.kind, stored)
         return Answer(name, self[name], parameter.kind)
 
     def show_switch(self, selected: bool) -> None:

@@ -23,7 +23,7 @@ from sitl.autopilot.failsafe import GroundFailsafe
 from sitl.autopilot.flying import Controllers
 from sitl.autopilot.hands import PilotHands
 from sitl.autopilot.modes import FLYING, MANUAL_THROTTLE, LogEvent, Mode, Phase, Reason, Severity
-from sitl.autopilot.parameters import Answer, Parameters
+from sitl.autopilot.parameters import Answer, Parameters, period_us
 from sitl.autopilot.recording import Recording
 from sitl.autopilot.samples import Rates, Sample, SweepSample
 from sitl.autopilot.storage import LogStorage
@@ -38,7 +38,6 @@ from sitl.plants.stock import make_stock_plant
 _FIRST_SAMPLE_US = 1_000_000  # a real autopilot has been up for a while, too, before its first sample
 _HOUSEKEEPING_S = 0.01
 DT = 0.002
-_LOOP_RATES = (50.0, 1000.0)  # Hz; ArduPilot holds SCHED_LOOP_RATE within limits, too
 
 _SPOOL_US = 2_000_000
 _CLIMB_US = 2_000_000
@@ -55,12 +54,6 @@ _CRASH_LEAN = 1.4  # rad
 _CRASH_RATE = 25.0  # rad/s
 
 _DEG = 180 / math.pi
-
-
-def period_us(loop_rate_hz: float) -> int:
-    """Of one loop, for a value of SCHED_LOOP_RATE."""
-    low, high = _LOOP_RATES
-    return round(1e6 / max(low, min(high, loop_rate_hz)))
 
 
 class Vehicle:
@@ -132,7 +125,7 @@ class Vehicle:
         self.recording = self._recording()
         self.systemid = self._systemid()
         self.ground = GroundFailsafe(self.parameters, time_us=lambda: self.time_us, say=self.say)
-        self._gyro = Gyro(seed, self._mounts, clothes.vibration)
+        self.rate_sensor = Gyro(seed, self._mounts, clothes.vibration)
         self._gyro_filter = RateFilter(self.parameters.__getitem__, self.dt)
         self._sampler = clothes.sampler(self.time_us, self.parameters.__getitem__, 1 / self.dt)
         self._controllers = Controllers(clothes.rate_gain, clothes.attitude_gain)
@@ -285,14 +278,24 @@ class Vehicle:
         """The pilot switches it off and on again. Returns why not, or None."""
         if self.armed:
             return f"armed, and {self.phase.value}"
+        self.restart(on_ground=True)
+        return None
+
+    def restart(self, *, on_ground: bool) -> None:
+        """In the air it flies on, armed, as after a watchdog's reset."""
         self.recording.close()
         self._before_boot_us += self.time_us - _FIRST_SAMPLE_US
         self.lqr_selected = False
         self.parameters.show_switch(False)
         self.yaw = self.height_m = 0.0
         self.plant.reset()
-        self._boot(on_ground=True)
-        return None
+        self._boot(on_ground)
+
+    def step_clock(self, seconds: float) -> None:
+        """The vehicle's clock is another from now on; `elapsed_s` is not."""
+        step_us = round(seconds * 1e6)
+        self.time_us += step_us
+        self._before_boot_us -= step_us
 
     def select_lqr(self, on: bool) -> str | None:
         """The pilot's switch between the attitude controller and the LQR. Returns why not, or None."""
@@ -337,14 +340,14 @@ class Vehicle:
         yaw = self.hands.yaw
         if flying:
             self._rotor_speed = plant.omega
-            raw = self._gyro.measure(plant.p, plant.q, plant.r, self._rotor_angle)
+            raw = self.rate_sensor.measure(plant.p, plant.q, plant.r, self._rotor_angle)
             self.gyro = self._gyro_filter.step(raw)
             x, y, *wanted = self._controllers.step(plant, self.gyro, added, self.lqr_selected)
             e = clip(added.e)
             c = clip(self.hands.collective + added.collective)
             yaw = clip(yaw + added.tail + self.clothes.yaw_gain * (added.rate[2] + added.angle[2]))
         else:
-            raw = self._gyro.measure(0.0, 0.0, 0.0, 0.0)
+            raw = self.rate_sensor.measure(0.0, 0.0, 0.0, 0.0)
             self.gyro = self._gyro_filter.step(raw)
             x = y = e = 0.0
             wanted = [0.0, 0.0]

@@ -5,8 +5,9 @@ memory with a clock of its own:
 
 - `air`: stages that packets of one direction pass (loss, lag, bandwidth, duplicates, ...), and the link that has them;
 - `others`: who else is heard on the link (a second vehicle with the same id, another ground station);
-- `on_board`: what goes wrong in the vehicle (a log that stops);
-- `words`: all of them as options of a command line.
+- `impostor`: who gives himself out for the vehicle or the ground;
+- `on_board`: what goes wrong in the vehicle (its log, clock, gyro, parameters);
+- `words`: all of them as options of a command line, and `script` the same in a file.
 
 `Faults` collects those of one flight. A new fault is a stage, a voice or a trouble more, and an option in `words`.
 """
@@ -17,6 +18,7 @@ from sitl.faults.air import (
     Bandwidth,
     Corruption,
     Duplicates,
+    During,
     Faults,
     FaultyLink,
     Lag,
@@ -45,6 +47,7 @@ __all__ = [
     "Bandwidth",
     "Corruption",
     "Duplicates",
+    "During",
     "Faults",
     "FaultyLink",
     "Lag",

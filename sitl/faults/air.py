@@ -13,6 +13,7 @@ import random
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from sitl.autopilot.vehicle import Vehicle
 from sitl.faults.windows import ALWAYS, Outage, Way, Window
@@ -22,6 +23,8 @@ LONGEST_FRAME = 280
 """Bytes of a signed MAVLink 2 frame with a full payload."""
 QUEUE_BYTES = 16384
 _ROUNDING_S = 1e-9
+IMPOSTOR = ("impostor", 0)
+"""His address, where he has one of his own."""
 
 Packet = tuple[Address, bytes]
 Stage = Callable[[Sequence[Packet], float], list[Packet]]
@@ -30,6 +33,16 @@ Voice = Callable[[float], list[bytes]]
 """Seconds -> frames that somebody else sends now."""
 Trouble = Callable[[Vehicle], None]
 """Asked about once a sample; does to the vehicle what is due."""
+
+
+class Forger(Protocol):
+    """A voice that is somebody else's."""
+
+    @property
+    def up(self) -> bool:
+        """Whether it speaks to the vehicle."""
+
+    def __call__(self, now_s: float) -> list[bytes]: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +56,11 @@ class Faults:
     """Other vehicles that the ground hears on this link, whatever befalls the packets of this one."""
     stations: tuple[Voice, ...] = ()
     """Other ground stations that the vehicle hears on this link, each from an address of its own."""
+    forged: tuple[Forger, ...] = ()
+    """Who speaks on this link as somebody else: from the same address to the ground, from the ground's to the
+    vehicle."""
+    spoofed: tuple[Forger, ...] = ()
+    """The same from an address of his own."""
     on_board: tuple[Trouble, ...] = ()
     """For the server: a link has no part in them."""
 
@@ -55,6 +73,7 @@ class FaultyLink:
         self._faults = faults
         self._now_s = now_s
         self._stations = {("other station", number): voice for number, voice in enumerate(faults.stations)}
+        self._others = {*self._stations, IMPOSTOR}
         self._spoken_to = dict.fromkeys(link.known)
         self._hung_up: set[Address] = set()
         self.name = link.name
@@ -70,7 +89,24 @@ class FaultyLink:
                 self._link.send(address, frame)
         packets = _through(self._faults.up, self._link.receive(), now_s)
         packets += [(address, frame) for address, voice in self._stations.items() for frame in voice(now_s)]
+        packets += self._impostors(now_s)
         return [packet for packet in packets if packet[0] not in self._hung_up]
+
+    def _impostors(self, now_s: float) -> list[Packet]:
+        """What they say to the vehicle; what they say to the ground is on its way."""
+        packets: list[Packet] = []
+        for send, own, forgers in (
+            (self._link.send, None, self._faults.forged),
+            (self._link.send_beside, IMPOSTOR, self._faults.spoofed),
+        ):
+            for forger in forgers:
+                for frame in forger(now_s):
+                    if forger.up:
+                        packets += [(own or address, frame) for address in self._spoken_to][: 1 if own else None]
+                    else:
+                        for address in self._spoken_to:
+                            send(address, frame)
+        return packets
 
     def gone(self) -> list[Address]:
         gone = self._link.gone()
@@ -83,8 +119,11 @@ class FaultyLink:
         """As the link says: a vehicle does not see into the queue of a radio without flow control."""
         return self._link.room(address)
 
+    def send_beside(self, address: Address, data: bytes) -> None:
+        self._link.send_beside(address, data)
+
     def send(self, address: Address, data: bytes) -> None:
-        if address not in self._stations:
+        if address not in self._others:
             self._spoken_to[address] = None
             self._send_down([(address, data)], self._now_s())
 
@@ -101,6 +140,19 @@ def _through(stages: Iterable[Stage], packets: list[Packet], now_s: float) -> li
     for stage in stages:
         packets = stage(packets, now_s)
     return packets
+
+
+class During:
+    """A stage that is there only in a window; what it holds back still comes after it."""
+
+    def __init__(self, stage: Stage, window: Window) -> None:
+        self._stage = stage
+        self._window = window
+
+    def __call__(self, packets: Sequence[Packet], now_s: float) -> list[Packet]:
+        if self._window.covers(now_s):
+            return self._stage(packets, now_s)
+        return [*self._stage([], now_s), *packets]
 
 
 # What gets lost

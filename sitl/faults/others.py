@@ -22,7 +22,7 @@ _UPTIME_S = 4321.0
 """The second vehicle has been up for longer: its boot stamps are of another clock."""
 
 
-class _Beat:
+class Beat:
     """A steady rhythm with a phase of its own."""
 
     def __init__(self, period_s: float, phase_s: float) -> None:
@@ -37,13 +37,15 @@ class _Beat:
         return due
 
 
-def _frame(mav: mavlink.MAVLink, message: Message) -> bytes:
+def framed(mav: mavlink.MAVLink, message: Message) -> bytes:
+    """The frame that this sender says next."""
     packed = bytes(message.pack(mav))
     mav.seq = (mav.seq + 1) % 256
     return packed
 
 
-def _heartbeat(mode: int, armed: bool) -> Message:
+def heartbeat_of(mode: int, armed: bool) -> Message:
+    """Of this vehicle's kind; `mode` is a custom mode."""
     flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
     flags |= mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
@@ -70,16 +72,16 @@ class SecondVehicle:
         self._window = window
         self._armed = armed
         self._mav = mavlink.MAVLink(None, SYSTEM, AUTOPILOT)
-        self._heartbeat = _Beat(1.0, phase_s)
-        self._attitude = _Beat(0.1, phase_s) if attitude else None
+        self._heartbeat = Beat(1.0, phase_s)
+        self._attitude = Beat(0.1, phase_s) if attitude else None
 
     def __call__(self, now_s: float) -> list[bytes]:
         messages = []
         if self._heartbeat.due(now_s):
-            messages.append(_heartbeat(self._mode, self._armed))
+            messages.append(heartbeat_of(self._mode, self._armed))
         if self._attitude is not None and self._attitude.due(now_s):
             messages.append(mavlink.MAVLink_attitude_message(round(1000 * (now_s + _UPTIME_S)), *(0.0,) * 6))
-        return [_frame(self._mav, message) for message in messages] if self._window.covers(now_s) else []
+        return [framed(self._mav, message) for message in messages] if self._window.covers(now_s) else []
 
 
 class StrayHeartbeat:
@@ -90,7 +92,7 @@ class StrayHeartbeat:
     """
 
     def __init__(self, mode: int, at: Window, *, armed: bool = True) -> None:
-        self._frame = _frame(mavlink.MAVLink(None, SYSTEM, AUTOPILOT), _heartbeat(mode, armed))
+        self._frame = framed(mavlink.MAVLink(None, SYSTEM, AUTOPILOT), heartbeat_of(mode, armed))
         self._once = Once(at)
 
     def __call__(self, now_s: float) -> list[bytes]:
@@ -155,4 +157,4 @@ class OtherStation:
         self._mav = mavlink.MAVLink(None, system, mavlink.MAV_COMP_ID_MISSIONPLANNER)
 
     def __call__(self, now_s: float) -> list[bytes]:
-        return [_frame(self._mav, message) for once, message in self._orders if once.comes(now_s)]
+        return [framed(self._mav, message) for once, message in self._orders if once.comes(now_s)]

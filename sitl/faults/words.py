@@ -2,14 +2,16 @@
 
 Times are the vehicle's own seconds, which begin at 1; with `sweep+` before them they count from when the first sweep
 began, with `order+` from when the ground first ordered one. FROM:UNTIL is a window, either end may be left out; a
-single number is a moment.
+single number is a moment. `sitl.faults.script` reads the same words from a file.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 from sitl.autopilot.modes import Mode
@@ -18,6 +20,7 @@ from sitl.faults.air import (
     Bandwidth,
     Corruption,
     Duplicates,
+    During,
     Faults,
     Lag,
     Loss,
@@ -26,7 +29,8 @@ from sitl.faults.air import (
     Trouble,
     Voice,
 )
-from sitl.faults.on_board import LogStop
+from sitl.faults.impostor import Impostor, claim
+from sitl.faults.on_board import ClockStep, DeadGyro, LogStop, Restart, SlowLog, WrongWrites
 from sitl.faults.others import (
     Order,
     OtherStation,
@@ -41,29 +45,42 @@ from sitl.faults.windows import ALWAYS, Outage, Way, Window
 TIMES = (
     "Most take @WHEN behind the value (--lag 3.5@20:40): FROM:UNTIL in seconds of the vehicle's own time, which begins "
     "at 1; either end may be left out. With sweep+ before it (@sweep+3:8) it counts from the start of the first sweep, "
-    "with order+ from the ground's first order to start one. Drawn from --seed."
+    "with order+ from the ground's first order to start one. Each may be given several times; drawn from --seed."
 )
 MANY = {
-    "outage": ("WAY", "nothing passes up (to the vehicle), down or both ways; without @WHEN always; repeatable"),
-    "lag": ("S", "everything comes S seconds later, each way, in order; repeatable"),
+    "loss": ("SHARE", "of packets lost, such as 0.02"),
+    "outage": ("WAY", "nothing passes up (to the vehicle), down or both ways; without @WHEN always"),
+    "lag": ("S", "everything comes S seconds later, each way, in order"),
     "lag-up": ("S", "the same, only to the vehicle"),
     "lag-down": ("S", "the same, only to the ground"),
+    "jitter": ("S", "everything comes up to S seconds later, each way, and may swap"),
+    "bandwidth": ("RATE", "bytes a second that the link carries, each way; a 57,600 baud radio 5760"),
+    "duplicate": ("SHARE", "of packets that come twice"),
+    "reorder": ("SHARE", "of packets that others overtake"),
+    "corrupt": ("SHARE", "of packets with a wrong byte"),
     "second-vehicle": ("MODE", "heartbeats of another vehicle with this id (stabilize); at a moment, @S, a single one"),
-    "other-station": ("ORDER", "another station writes NAME=VALUE@S, or takes the log: log@S; repeatable"),
+    "other-station": ("ORDER", "another station writes NAME=VALUE@S, or takes the log: log@S"),
+    "log-stops": ("S", "no log blocks from S on; S,silent does not say so; S,resumes takes a new START"),
+    "log-slows": ("RATE", "bytes a second of the log that the vehicle manages to send; it writes 50 to 75 kB"),
+    "alter-writes": ("SHARE", "of written parameters of which the vehicle stores another value"),
+    "refuse-writes": ("SHARE", "of written parameters that stay as they are"),
+    "reboot": ("S", "the vehicle starts anew at S, in the air or on the ground, and its clock with it"),
+    "clock-step": ("S@WHEN", "its clock goes on by S seconds at a moment"),
+    "gyro-nan": ("WHEN", "its gyro gives no numbers, FROM:UNTIL"),
+    "forge": (
+        "WHAT",
+        "forged on this link: of the vehicle heartbeat=MODE, text=WORDS or block=N, of the ground mode=MODE or log; "
+        "@S once, @FROM:UNTIL each second",
+    ),
+    "spoof": ("WHAT", "the same from another address with the same id"),
 }
 """Options that can be given several times: what follows them, and the line of help."""
 ONE = {
-    "jitter": ("S", "everything comes up to S seconds later, each way, and may swap"),
-    "bandwidth": ("RATE", "bytes a second that the link carries, each way; a 57,600 baud radio 5760"),
     "queue": ("BYTES", f"wait for the bandwidth before packets are dropped ({QUEUE_BYTES})"),
-    "duplicate": ("SHARE", "of packets that come twice"),
     "duplicate-within": ("S", "the second one comes up to S seconds later (0)"),
-    "reorder": ("SHARE", "of packets that others overtake"),
-    "corrupt": ("SHARE", "of packets with a wrong byte"),
-    "log-stops": ("S", "no log blocks from S on; S,silent does not say so; S,resumes takes a new START"),
 }
 FLAGS = {"second-attitude": "the second vehicle sends its attitude, too"}
-DATAGRAMS = ("outage", "jitter", "duplicate", "reorder", "corrupt")
+DATAGRAMS = ("loss", "outage", "jitter", "duplicate", "reorder", "corrupt", "spoof")
 """Faults that a stream of bytes without frames cannot have."""
 
 _Word = TypeVar("_Word")
@@ -73,7 +90,6 @@ _Clock = Callable[[], float]
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("faults", TIMES)
-    group.add_argument("--loss", type=float, default=0.0, metavar="SHARE", help="of UDP packets, e.g. 0.02")
     for name, (word, text) in MANY.items():
         bare = {"nargs": "?", "const": ""} if name == "second-vehicle" else {}
         options: dict[str, Any] = {"action": "append", "default": [], "metavar": word, "help": text, **bare}
@@ -85,7 +101,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def given(arguments: argparse.Namespace, names: tuple[str, ...] = (*MANY, *ONE, *FLAGS)) -> list[str]:
-    """Which of these options were given, as they are written; --loss apart."""
+    """Which of these options were given, as they are written."""
     return [f"--{name}" for name in names if getattr(arguments, name.replace("-", "_"))]
 
 
@@ -101,6 +117,8 @@ def read(arguments: argparse.Namespace, sweep_s: _Clock) -> Faults:
         vehicles=reader.vehicles(),
         stations=reader.stations(),
         on_board=reader.troubles(),
+        forged=reader.impostors("forge"),
+        spoofed=reader.impostors("spoof"),
     )
 
 
@@ -111,11 +129,8 @@ class _Reader:
         self._arguments = arguments
         self.watch = StartWatch()
         self._zeros = {"sweep": sweep_s, "order": lambda: self.watch.first_s}
-        outages = self._all("outage", self._outage)
-        self._loss = _named("--loss", arguments.loss, lambda share: Loss(share, arguments.seed, outages))
-
-    def _seed(self, way: Way) -> int:
-        return 2 * int(self._arguments.seed) + (way is Way.DOWN)
+        self._outages = Loss(0.0, arguments.seed, self._all("outage", self._outage))
+        self._losses = self._windows("loss", lambda share, seed: Loss(share, seed), int(arguments.seed))
 
     def _all(self, name: str, make: Callable[[str], _Value]) -> list[_Value]:
         """One value for each time that the option was given."""
@@ -123,20 +138,35 @@ class _Reader:
         words = words if isinstance(words, list) else [] if words is None else [words]
         return [_named(f"--{name}", word, make) for word in words]
 
+    def _windows(self, name: str, make: Callable[[float, int], _Value], seed: int) -> list[tuple[_Value, Window]]:
+        """What `make` makes of the number and a seed of its own, and when it is there; for each time that the option
+        was given."""
+        seeds = itertools.count(seed, 1 << 32)
+
+        def made(word: str) -> tuple[_Value, Window]:
+            text, window = self._windowed(word)
+            return make(_number(text), next(seeds)), window
+
+        return self._all(name, made)
+
+    def _during(self, name: str, make: Callable[[float, int], Stage], way: Way) -> list[Stage]:
+        seed = 2 * int(self._arguments.seed) + (way is Way.DOWN)
+        return [During(stage, window) for stage, window in self._windows(name, make, seed)]
+
     def stages(self, way: Way) -> tuple[Stage, ...]:
         """As in a radio: what waits for the line comes before what is lost in the air, the lag after both."""
-        seed = self._seed(way)
         within_s = sum(self._all("duplicate-within", _number))
-        own = "lag-up" if way is Way.UP else "lag-down"
+        own, lost = ("lag-up", Loss.up) if way is Way.UP else ("lag-down", Loss.down)
         return (
-            *self._all("duplicate", lambda word: Duplicates(_number(word), seed, within_s=within_s)),
+            *self._during("duplicate", lambda share, seed: Duplicates(share, seed, within_s=within_s), way),
             *self._all("bandwidth", self._bandwidth),
-            self._loss.up if way is Way.UP else self._loss.down,
-            *self._all("corrupt", lambda word: Corruption(_number(word), seed)),
-            *self._all("reorder", lambda word: Reordering(_number(word), seed)),
+            partial(lost, self._outages),
+            *(During(partial(lost, loss), window) for loss, window in self._losses),
+            *self._during("corrupt", Corruption, way),
+            *self._during("reorder", Reordering, way),
             *self._all("lag", self._lag),
             *self._all(own, self._lag),
-            *self._all("jitter", lambda word: Lag(0.0, jitter_s=_number(word), seed=seed)),
+            *self._during("jitter", lambda jitter_s, seed: Lag(0.0, jitter_s=jitter_s, seed=seed), way),
         )
 
     def vehicles(self) -> tuple[Voice, ...]:
@@ -147,7 +177,51 @@ class _Reader:
         return (OtherStation(orders),) if orders else ()
 
     def troubles(self) -> tuple[Trouble, ...]:
-        return tuple(self._all("log-stops", self._log_stop))
+        return (
+            *self._all("log-stops", self._log_stop),
+            *self._all("log-slows", lambda word: SlowLog(*self._number_in_window(word))),
+            *self._writes("alter-writes", refused=False),
+            *self._writes("refuse-writes", refused=True),
+            *self._all("reboot", lambda word: Restart(self._at(word))),
+            *self._all("clock-step", self._clock_step),
+            *self._all("gyro-nan", lambda word: DeadGyro(self._window(word))),
+        )
+
+    def _writes(self, name: str, *, refused: bool) -> list[WrongWrites]:
+        seeds = itertools.count(int(self._arguments.seed), 1 << 32)
+
+        def made(word: str) -> WrongWrites:
+            share, window = self._number_in_window(word)
+            return WrongWrites(share, next(seeds), window, refused=refused)
+
+        return self._all(name, made)
+
+    def impostors(self, name: str) -> tuple[Impostor, ...]:
+        seeds = itertools.count(int(self._arguments.seed), 1 << 32)
+
+        def made(word: str) -> Impostor:
+            what, at, when = word.rpartition("@")
+            if not at:
+                raise ValueError("WHAT@S or WHAT@FROM:UNTIL is wanted, such as heartbeat=rtl@20")
+            number = _mode(what.partition("=")[2]) if what.partition("=")[0] in ("heartbeat", "mode") else 0
+            return Impostor(claim(what, number, next(seeds)), self._window(when), again=":" in when)
+
+        return tuple(self._all(name, made))
+
+    def _clock_step(self, word: str) -> ClockStep:
+        text, at, when = word.partition("@")
+        if not at:
+            raise ValueError("S@WHEN is wanted, such as 3600@sweep+2")
+        return ClockStep(_number(text), self._at(when))
+
+    def _number_in_window(self, word: str) -> tuple[float, Window]:
+        text, window = self._windowed(word)
+        return _number(text), window
+
+    def _at(self, when: str) -> Window:
+        if ":" in when:
+            raise ValueError("a moment is wanted, such as 20 or sweep+2")
+        return self._window(when)
 
     def _outage(self, word: str) -> Outage:
         way, window = self._windowed(word)

@@ -90,11 +90,15 @@ class Gyro:
         self._shaken = (vibration * VIBRATION, vibration * SECOND_HARMONIC, vibration * YAW_VIBRATION)
         self._gauss = random.Random(f"gyro {seed}").gauss
         self._mounts = tuple(mounts)
+        self.broken = False
+        """It gives no numbers."""
 
     def measure(self, p: float, q: float, r: float, rotor_angle: float) -> tuple[float, float, float]:
         """True rates in rad/s and the rotor's azimuth in rad -> measured rates in rad/s."""
         for mount in self._mounts:
             p, q, r = mount.step(p, q, r)
+        if self.broken:
+            return math.nan, math.nan, math.nan
         sine, cosine = math.sin(rotor_angle), math.cos(rotor_angle)
         first, twice, yaw = self._shaken
         second = twice * math.sin(2 * rotor_angle)
@@ -118,9 +122,15 @@ class RateFilter:
         self._corner_hz = 0.0
         self._c = (0.0, 0.0, 0.0, 0.0, 0.0)
         self._states = [(0.0, 0.0), (0.0, 0.0), (0.0, 0.0)]
+        self._last: Rates = (0.0, 0.0, 0.0)
 
     def step(self, rates: Rates) -> Rates:
-        """Measured rates -> filtered ones."""
+        """Measured rates -> filtered ones; the last ones where no numbers were measured."""
+        if not math.isnan(rates[0]):
+            self._last = self._step(rates)
+        return self._last
+
+    def _step(self, rates: Rates) -> Rates:
         corner_hz = self._parameter("INS_GYRO_FILTER")
         if corner_hz <= 0:
             return rates

@@ -52,6 +52,9 @@ class Link(Protocol):
     def send(self, address: Address, data: bytes) -> None:
         """One whole message; it is lost where the peer cannot take it."""
 
+    def send_beside(self, address: Address, data: bytes) -> None:
+        """The same from another address than this link's, for faults; nothing where nobody else reaches a peer."""
+
     def close(self) -> None: ...
 
 
@@ -63,6 +66,7 @@ class UdpLink:
         self.ground_link = ground_link
         self.known = known
         self._socket = sock
+        self._beside: socket.socket | None = None
         sock.setblocking(False)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             sock.setsockopt(socket.SOL_SOCKET, option, _SOCKET_BUFFER)
@@ -91,8 +95,17 @@ class UdpLink:
             if isinstance(address, tuple):
                 self._socket.sendto(data, address)
 
+    def send_beside(self, address: Address, data: bytes) -> None:
+        with contextlib.suppress(OSError):
+            if self._beside is None:
+                self._beside = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            if isinstance(address, tuple):
+                self._beside.sendto(data, address)
+
     def close(self) -> None:
         self._socket.close()
+        if self._beside is not None:
+            self._beside.close()
 
 
 class TcpLink:
@@ -148,6 +161,9 @@ class TcpLink:
         if len(self._out[address]) + len(data) <= _OUT_LIMIT:
             self._out[address] += data
             self._push(address)
+
+    def send_beside(self, address: Address, data: bytes) -> None:
+        """Nobody else is on this line."""
 
     def close(self) -> None:
         for number in list(self._peers):
@@ -212,6 +228,9 @@ class PtyLink:
         if len(self._out) + len(data) <= 4 * _SERIAL_ROOM:
             self._out += data
             self._push()
+
+    def send_beside(self, address: Address, data: bytes) -> None:
+        """Nobody else is on this line."""
 
     def close(self) -> None:
         os.close(self._near)

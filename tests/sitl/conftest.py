@@ -40,6 +40,7 @@ class MemoryLink:
         self.known = known
         self.to_vehicle: list[tuple[Any, bytes]] = []
         self.from_vehicle: list[tuple[Any, bytes]] = []
+        self.from_beside: list[tuple[Any, bytes]] = []
         self.hung_up: list[Any] = []
 
     def receive(self) -> list[tuple[Any, bytes]]:
@@ -52,6 +53,9 @@ class MemoryLink:
 
     def room(self, address: Any) -> bool:
         return True
+
+    def send_beside(self, address: Any, data: bytes) -> None:
+        self.from_beside.append((address, data))
 
     def send(self, address: Any, data: bytes) -> None:
         self.from_vehicle.append((address, data))

@@ -530,11 +530,13 @@ def test_every_option_can_be_read() -> None:
         *("--jitter", "0.1", "--bandwidth", "5760@10:20", "--queue", "8192", "--reorder", "0.1", "--corrupt", "0.05"),
         *("--duplicate", "0.1", "--duplicate-within", "2", "--log-stops", "sweep+2,resumes", "--outage", "both"),
         *("--lag", "3.5", "--lag-up", "1", "--lag-down", "2@4:", "--second-vehicle", "25", "--other-station", "log@9"),
-        "--second-attitude",
+        *("--loss", "0.1@3:9", "--log-slows", "9000@5:", "--alter-writes", "0.5", "--refuse-writes", "0.1@:9"),
+        *("--reboot", "12", "--clock-step", "3600@sweep+2", "--gyro-nan", "8:9", "--forge", "mode=rtl@9"),
+        *("--spoof", "heartbeat=land@4:6", "--second-attitude"),
     ]
     faults = read(arguments(*words), lambda: math.inf)
-    assert [len(part) for part in (faults.up, faults.down, faults.vehicles, faults.stations)] == [9, 8, 1, 1]
-    assert len(faults.on_board) == 1
+    assert [len(part) for part in (faults.up, faults.down, faults.vehicles, faults.stations)] == [10, 9, 1, 1]
+    assert [len(part) for part in (faults.on_board, faults.forged, faults.spoofed)] == [7, 1, 1]
     assert set(words[:-1:2]) == {f"--{name}" for name in (*MANY, *ONE)}
 
 
@@ -563,7 +565,7 @@ def test_wrong_words_name_their_option_and_what_is_wanted(words: list[str], mess
 
 
 def test_the_command_line_of_the_ground_offers_all_of_them() -> None:
-    assert set(FAULTS) == {"loss", *MANY, *ONE, *FLAGS}
+    assert set(FAULTS) == {*MANY, *ONE, *FLAGS}
     texts = {name: text for name, (_, text) in {**MANY, **ONE}.items()}
     assert {name: text for name, (_, text) in FAULTS.items() if name in texts} == texts
 

@@ -139,7 +139,7 @@ def test_the_pilots_lines_and_quit(start: Start, tmp_path: Path) -> None:
 
 
 def test_accelerated_it_flies_a_minute_in_seconds(start: Start, tmp_path: Path, read_log: Reader) -> None:
-    process = start("--speed", "max", "--duration", "60", "--loss", "0", "--seed", "3")
+    process = start("--speed", "max", "--duration", "60", "--seed", "3")
     assert json.loads(line_from(process.stdout))["ground_link"] is None
     assert process.wait(20) == 0
     rates = [m for m in read_log(only_log(tmp_path)) if m.get_type() == "RATE"]
