@@ -5,6 +5,7 @@ Other stations give a block up after some time; this receiver never does before 
 
 from __future__ import annotations
 
+import math
 import zlib
 from array import array
 from collections.abc import Callable, Iterable
@@ -63,6 +64,8 @@ class _Stream:
     impossible: int = 0
     restarted: tuple[float, float] | None = None
     """The vehicle's clock as it was last heard before it began anew, and what it may have shown by then."""
+    settled_at: float = -math.inf
+    """Until then a block far ahead is rather one of the log before, still on its way when this one began."""
 
     def check(self, number: int) -> int | None:
         return self.checks[number] if number < len(self.kept) and self.kept[number] else None
@@ -170,6 +173,8 @@ class LogBlocks:
     """Blocks that may be lost before the first one heard."""
     STOPPED = "Log stream stopped"
     """How the vehicle's text begins when it gives up a stream."""
+    LEFT_OVER_S = 10.0
+    """So long after a new log began blocks of the one before may still be on their way."""
     STRAY_S = 1.0
     """Blocks of a stopped stream that were under way come so long after that text at most."""
 
@@ -338,6 +343,8 @@ class LogBlocks:
         # A first block far from 0 is of a stream that somebody else began: unacknowledged it ends, and ours begins.
         reach = self.JUMP if stream.blocks else self.LATE_START
         step, far = number - stream.highest, stream.far
+        if step > self.LOW and now < stream.settled_at:
+            return False  # if it is this log's, it is sent again when those below it have come
         if step <= min(reach, self.NEAR):
             return True
         if step <= reach:
@@ -350,7 +357,7 @@ class LogBlocks:
     def _begin_next_log(self, number: int, now: float) -> list[Send]:
         self._finished.append(self._stream.result(self._end_of_followed(now)))
         versions = self._stream.versions
-        self._stream = _Stream(file=self._stream.file + 1)
+        self._stream = _Stream(file=self._stream.file + 1, settled_at=now + self.LEFT_OVER_S)
         self._renewed = False
         doubles, self._doubles = self._doubles | versions, {}
         sends: list[Send] = []

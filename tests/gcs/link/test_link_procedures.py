@@ -479,6 +479,24 @@ def test_numbers_that_restart_without_warning_begin_a_new_file_with_the_formats(
     assert receiver.open == 0
 
 
+def test_blocks_of_the_log_before_that_come_late_are_not_taken_into_the_new_one() -> None:
+    disk = Disk()
+    receiver = LogBlocks(disk.store)
+    receiver.start(0.0)
+    for number in range(3000):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 1)), 0.1)
+    for number in range(40):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.2)
+    for late in (2_970, 2_971, 3_001, 2_300, 1_500):
+        assert receiver.on_event(LogBlock(1, 155, late, block(late, 1)), 0.3) == []
+    for number in range(40, 60):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.4)
+    assert disk.whole(1, 60, 2)
+    assert receiver.open == 0
+    receiver.on_event(LogBlock(1, 155, 1_500, block(1_500, 2)), 30.0)  # long after: an outage of this log
+    assert receiver.open == 1_440
+
+
 def test_one_block_with_other_bytes_is_counted_and_begins_no_new_file() -> None:
     """Damaged past its checksum, or forged: the log goes on, and the sender is not kept asking."""
     disk = Disk()
