@@ -395,8 +395,9 @@ MUTATIONS = tuple(
         ),
         (
             "time without a link counts against stuck",
-            "waited = seen.now - max(state.returning_since, state.heard_since)",
-            "waited = seen.now - state.returning_since",
+            "since = max(state.returning_since, state.heard_since)",
+            "since = state.returning_since",
+            "without a link there are no answers either, and until they come no time counts",
         ),
         (
             "our own silence counts against stuck",
@@ -538,7 +539,11 @@ MUTATIONS = tuple(
             "late = seen.lag_s is not None and seen.lag_s > LAG_LIMIT_S",
         ),
         ("a dead log does not end a run", "if state.log_silent_since is not None and seen", "if False and seen"),
-        ("no answers do not end a run", "if seen.answer_age_s > LOST_AFTER_S:", "if False:"),
+        (
+            "no answers do not end a run",
+            "    if _deaf(seen):\n        return Ending.LINK",
+            "    if False:\n        return Ending.LINK",
+        ),
         (
             "a lost link does not end a run",
             "    if state.lost_since is not None:\n        return Ending.LINK",
@@ -563,7 +568,7 @@ MUTATIONS = tuple(
             "proved_at=None), Order(state.mode_before)",
             "proved_at=None), Order(0)",
         ),
-        ("no end where nothing is known", "    if waited > UNKNOWN_S:", "    if False:"),
+        ("no end where nothing is known", "    if not state.excited and waited > UNKNOWN_S:", "    if False:"),
         (
             "axis and magnitude in any order",
             "    if not profile.dangerous(after.axis, before.magnitude):",
@@ -675,7 +680,6 @@ SEEN_IN = {
     "one other heartbeat is a return": ("random", 1),
     "one other heartbeat does not suspend the orders": ("random", 7),
     "two in a row need not be in a row": ("hard", 1),
-    "time without a link counts against stuck": ("hard", 18),
     "our own silence counts against stuck": ("hard", 2199),
     "cleared without proof": ("random", 53),
     "an old heartbeat with another mode stops nothing": ("random", 18948),

@@ -45,6 +45,8 @@ ASK_EVERY_S = 0.3
 """Between two sends of the mode before the run."""
 START_EVERY_S = 0.5
 START_TRIES = 6
+EARLY_S = 0.5
+"""A word that the maneuver is over this long before it can be is somebody else's, or of other settings."""
 LATE_S = 2.0
 """So long after its time a run without the word "Finished" is taken for finished."""
 STALL_S = 1.5
@@ -218,17 +220,19 @@ def _started(state: RunState, seen: Seen) -> RunState:
 def _flying(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
     if state.others > 1:
         return _leave(_end(state, seen, *_taken(state)), seen)
-    wanted = _wants_end(state, seen) or _said(seen, plan)
+    wanted = _wants_end(state, seen) or _said(state, seen, plan)
     if wanted is None and not seen.armed:
         wanted = Ending.STOPPED, "the vehicle was disarmed"
     since = 0.0 if state.flying_since is None else seen.now - state.flying_since
-    overdue = since > plan.finished_s + LATE_S
-    if wanted is None and (overdue or (seen.sweep_s is not None and seen.sweep_s > plan.finished_s + 0.5)):
+    over_s = plan.finished_s + 0.5
+    # By the log's stamps, unless they ran ahead of our own clock: then the vehicle's jumped.
+    logged = seen.sweep_s is not None and over_s < seen.sweep_s <= since + LATE_S
+    if wanted is None and (logged or since > plan.finished_s + LATE_S):
         wanted = Ending.FINISHED, "without the vehicle's word"
     return (state, None) if wanted is None else _returning(_end(state, seen, *wanted), seen, plan)
 
 
-def _said(seen: Seen, plan: Plan) -> tuple[Ending, str] | None:
+def _said(state: RunState, seen: Seen, plan: Plan) -> tuple[Ending, str] | None:
     """What the vehicle's texts say about the run's end."""
     for text in seen.texts:
         if text.startswith(STARTING) and not _axis_is(text, plan.axis_number):
@@ -236,6 +240,10 @@ def _said(seen: Seen, plan: Plan) -> tuple[Ending, str] | None:
         if text.startswith((STOPPED, PARAMETER_ERROR)):
             return Ending.STOPPED, text
         if text.startswith(FINISHED):
+            # Since the first of our orders: it cannot have flown for longer.
+            early_s = plan.over_s - (seen.now - state.asked_at) - (state.asks - 1) * START_EVERY_S
+            if early_s > EARLY_S:
+                return Ending.STOPPED, f"it says that it finished, {early_s:.1f} s before the maneuver was over"
             return Ending.FINISHED, ""
     return None
 
@@ -245,16 +253,19 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
         state = replace(state, held=seen.heartbeats, accepted=state.accepted + 1)
     if seen.answer is not None and seen.answer.accepted is False:
         state = replace(state, reason=joined(state.reason, seen.answer.reason))
+    if _deaf(seen):
+        state = replace(state, deaf_until=seen.now)
     lost = _link_given_up(state, seen)
     if lost is not None:
         return lost, None
     if state.others > 1 and seen.heartbeats > state.fresh_after:
         return _leave(state, seen)
-    waited = seen.now - max(state.returning_since, state.heard_since)
-    if state.excited and waited > STUCK_S:
+    since = max(state.returning_since, state.heard_since)
+    if state.excited and _stuck(state, seen, since):
         reason = joined(state.reason, f"the vehicle stays in {state.mode_shown}: the pilot must take it")
         return given_up(state, Ending.STUCK, reason, state.mode_shown), None
-    if waited > UNKNOWN_S:
+    waited = seen.now - since
+    if not state.excited and waited > UNKNOWN_S:
         reason = joined(state.reason, "the vehicle does not tell whether it is out of the excitation: pilot, look")
         return given_up(state, state.ending or Ending.LINK, reason), None
     # A vehicle that said that it starts is excited also before a heartbeat shows it.
@@ -263,6 +274,18 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
     if (fresh or (newly_started and state.held < 0)) and seen.now - state.returned_at >= ASK_EVERY_S:
         return replace(state, returned_at=seen.now, proved_at=None), Order(state.mode_before)
     return state, None
+
+
+def _stuck(state: RunState, seen: Seen, since: float) -> bool:
+    """It stays in the excitation though it answers, or while a link of one way is waited for as a lost one is."""
+    if _deaf(seen):
+        return seen.now - since > LOST_PATIENCE_S
+    return seen.now - max(since, state.deaf_until) > STUCK_S
+
+
+def _deaf(seen: Seen) -> bool:
+    """The vehicle is heard, and what is said to it gets no answer."""
+    return seen.answer_age_s > LOST_AFTER_S
 
 
 def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
@@ -313,7 +336,7 @@ def _wants_end(state: RunState, seen: Seen) -> tuple[Ending, str] | None:
         return Ending.LOG, f"the vehicle says {seen.log_stopped!r}"
     if state.log_silent_since is not None and seen.now - state.log_silent_since > LOG_SILENCE_S - LAG_LIMIT_S:
         return _silence(seen)
-    if seen.answer_age_s > LOST_AFTER_S:
+    if _deaf(seen):
         return Ending.LINK, f"the vehicle is heard, but has answered nothing for {seen.answer_age_s:.1f} s"
     if state.late_since is not None and seen.now - state.late_since > LAG_PATIENCE_S:
         return Ending.LATE, f"the link is {seen.lag_s or 0.0:.1f} s late"

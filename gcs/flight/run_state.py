@@ -107,6 +107,8 @@ class RunState:
     phase: Phase = Phase.STARTING
     asks: int = 0
     """Times the excitation mode was asked for."""
+    deaf_until: float = UNKNOWN
+    """On the way back: until then it was heard, and answered nothing."""
     asked_at: float = UNKNOWN
     accepted_after: int | None = None
     """Heartbeats heard when the vehicle said that it starts; None while it did not, and after a silence."""

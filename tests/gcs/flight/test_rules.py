@@ -449,13 +449,42 @@ def test_what_must_end_a_run_ends_it_at_once(plan: Plan, more: dict[str, Any], e
 
 def test_a_run_without_the_word_finished_ends_by_the_logs_time_and_by_the_clock(plan: Plan) -> None:
     run = Run.flying(plan)
-    run.tick(4.0, sweep_s=plan.finished_s + 0.6)
+    run.tick(plan.finished_s - 1.0, sweep_s=plan.finished_s + 0.6)
     assert run.state.ending is Ending.FINISHED
     run = Run.flying(plan)
     run.tick(plan.finished_s + 1.0, sweep_s=plan.finished_s + 0.3)
     assert run.state.phase is Phase.FLYING
     run.tick(plan.finished_s + 2.1)
     assert run.state.ending is Ending.FINISHED
+
+
+def test_a_word_that_it_finished_long_before_it_can_have_finishes_no_run(plan: Plan) -> None:
+    run = Run.flying(plan)
+    assert run.tick(plan.over_s - 1.0, SYSTEMID, texts=("SystemID Finished",)) == STABILIZE
+    assert run.state.ending is Ending.STOPPED
+    assert run.state.reason == "it says that it finished, 1.0 s before the maneuver was over"
+
+
+def test_a_vehicles_clock_that_jumps_finishes_no_run(plan: Plan) -> None:
+    run = Run.flying(plan)
+    run.tick(4.0, sweep_s=3600.0)
+    assert run.state.phase is Phase.FLYING
+
+
+def test_a_vehicle_that_hears_again_after_half_a_minute_is_still_brought_back(plan: Plan) -> None:
+    """Heard all the time, but nothing reached it: it does not stay in the excitation of its own will."""
+    run = Run.flying(plan)
+    run.tick(4.0, SYSTEMID, answer_age_s=4.0)
+    for second in range(5, 50):
+        run.tick(float(second), SYSTEMID, answer_age_s=float(second))
+    assert run.outcome[:2] == (Phase.RETURNING, Ending.LINK)
+    assert run.tick(50.0, SYSTEMID, answer_age_s=0.1) == STABILIZE
+    for second in range(51, 79):
+        run.tick(float(second), SYSTEMID, answer_age_s=0.1)
+    assert run.state.phase is Phase.RETURNING
+    run.tick(79.0, SYSTEMID, answer_age_s=0.1)
+    run.tick(80.0, SYSTEMID, answer_age_s=0.1)
+    assert run.state.ending is Ending.STUCK
 
 
 # ------------------------------------------------------------------------------------------------ the link and the log
