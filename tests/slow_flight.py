@@ -10,6 +10,7 @@ import functools
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,7 +25,9 @@ from gcs.link.key_file import KeptStamps, read_key
 from gcs.link.signing import Signing
 from sitl.autopilot.storage import LogStorage
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
-from sitl.faults.air import Bandwidth, Faults, FaultyLink
+from sitl.faults.air import Bandwidth, FaultyLink
+from sitl.faults.script import arguments, options
+from sitl.faults.words import read
 from sitl.pilot import obey
 from sitl.protocol.links import Address
 from sitl.protocol.server import Server
@@ -33,6 +36,8 @@ from sitl.protocol.signatures import Signatures
 BYTES_S = 5760.0
 """57,600 baud."""
 TURN_S = 0.02
+RADIO, ANOTHER = ("radio", 1), ("another", 1)
+"""Addresses as of datagrams: whole frames."""
 
 
 class Wire:
@@ -40,7 +45,7 @@ class Wire:
 
     def __init__(self, name: str) -> None:
         self.name = self.ground_link = name
-        self.known: tuple[Address, ...] = ("radio",)
+        self.known: tuple[Address, ...] = (RADIO,)
         self.others_say: list[bytes] = []
         """What another station sends, over a radio of its own; what it hears is nobody's matter."""
         self._up: list[bytes] = []
@@ -79,7 +84,7 @@ class Wire:
     def receive(self) -> list[tuple[Address, bytes]]:
         up, self._up = self._up, []
         others, self.others_say = self.others_say, []
-        return [*(("radio", data) for data in up), *(("another", data) for data in others)]
+        return [*((RADIO, data) for data in up), *((ANOTHER, data) for data in others)]
 
     def gone(self) -> list[Address]:
         return []
@@ -88,8 +93,11 @@ class Wire:
         return True
 
     def send(self, address: Address, data: bytes) -> None:
-        if address == "radio":
+        if address == RADIO:
             self._down.append(data)
+
+    def send_beside(self, address: Address, data: bytes) -> None:
+        self.at_ground.strangers += 1
 
     def close(self) -> None:
         """Nothing to close."""
@@ -109,18 +117,22 @@ class SlowFlight:
         on_ground: bool = True,
         settings: dict[str, float] | None = None,
         key: bytes | None = None,
+        script: str = "",
+        seed: int = 5,
     ) -> None:
-        """With `key` the vehicle obeys only what is signed with it."""
+        """With `key` the vehicle obeys only what is signed with it; `script` is a storm as `tippath sim --faults`
+        reads it, drawn from the seed."""
         card.mkdir()
         self.vehicle: Vehicle = make_vehicle(
-            plant, 5, directory=card, on_ground=on_ground, like=like, parameters=settings
+            plant, seed, directory=card, on_ground=on_ground, like=like, parameters=settings
         )
         self.vehicle.storage = LogStorage(card)
         self.wire = Wire(f"/dev/ttyUSB0,{10 * bytes_s:.0f}")
-        faults = Faults(up=(Bandwidth(bytes_s),), down=(Bandwidth(bytes_s),))
+        storm = read(arguments(options(script), seed), lambda: self.vehicle.systemid.first_s)
+        faults = replace(storm, up=(Bandwidth(bytes_s), *storm.up), down=(Bandwidth(bytes_s), *storm.down))
         self.signatures = None if key is None else Signatures(key, self._wall_clock)
-        air = FaultyLink(self.wire, faults, lambda: self.vehicle.elapsed_s)
-        self._server = Server(self.vehicle, air, signatures=self.signatures)
+        self.air = FaultyLink(self.wire, faults, lambda: self.vehicle.elapsed_s)
+        self._server = Server(self.vehicle, self.air, storm.on_board, self.signatures)
         self._steps = round(TURN_S / self.vehicle.dt)
         self._turns: list[Callable[[], None]] = []
         self._beat: Callable[[], None] = lambda: None
