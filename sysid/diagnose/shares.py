@@ -96,13 +96,18 @@ class Shares:
             return one
         E0, N = self.error_share, self.noise_share
         share = float(np.clip((E0 - one.fit.error_share) / max(E0 - N, 1e-300), 0, 1))
-        if one.fit.error_share > E0 and one.fit.division.measured:
-            # least squares took gusts of the loop for the parent's answers: powers do not tell what it left
+        if share < EXPLAINED and one.fit.division.measured and self._powers_mean_little(one.fit):
             share = self._by_the_noise(one)
         if self.validation is None or one.validation_error is None:
             return replace(one, explained_share=share)
         there, slack = self.validation.share(one)
         return replace(one, explained_share=share, validation_share=there, validation_slack=slack)
+
+    def _powers_mean_little(self, fit: Candidate) -> bool:
+        """Whether powers do not tell what it left: the parent's least squares took gusts of the loop for answers, or
+        its own numbers are known too vaguely."""
+        wrong = fit.error_share > self.error_share
+        return wrong or _left_by_chance(fit) > (1 - EXPLAINED) * (self.error_share - self.noise_share)
 
     def enough(self, one: Ranked) -> bool:
         """Whether it explains what can be explained, on fitted and on validation runs."""
@@ -222,6 +227,19 @@ def _new_share(candidates: Sequence[Ranked], reference: Reference) -> float:
     left = reference.parent.division
     explained = [left.chi_squared - left.degrees, *(one.chi_squared - one.added for one in candidates)]
     return max(0.0, *explained) / max(reference.stepped.residual.size, 1)
+
+
+def _left_by_chance(fit: Candidate) -> float:
+    """Error share that the standard errors of its numbers leave to be expected."""
+    names = fit.model.structure.names
+    free = [names.index(name) for name in fit.free]
+    variance, axes = np.linalg.eigh(fit.estimate.covariance[np.ix_(free, free)])
+    moves = (axes * np.sqrt(np.maximum(variance, 0))).T
+    power = sum(
+        np.sum(np.abs(group.scale * np.tensordot(moves, J, 1)) ** 2, axis=(0, 2))
+        for group, J in zip(fit.dataset.stacks, fit.J, strict=True)
+    )
+    return float(np.sum(power / fit.estimate.error.measured_power))
 
 
 def _shares(error: OutputError) -> FloatArray:

@@ -266,8 +266,9 @@ def _of_unexplained(winner: Ranked | None, chance: float, named: float, referenc
 
 
 def _compared(winner: Ranked, reference: Reference) -> tuple[Size, ...]:
-    """Its sizes on the fitted and the validation runs."""
-    if winner.fit is None or reference.validation is None:
+    """Its sizes on the fitted and the validation runs, where these tell what it explains; where noise drowns that, the
+    few bins of a slow channel tell its size no better, whatever their standard errors."""
+    if winner.fit is None or winner.validation_share is None or reference.validation is None:
         return ()
     return sizes(winner.fit, winner.effects, reference.validation)
 

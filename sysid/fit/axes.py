@@ -15,6 +15,8 @@ from sysid.model.structure import COMPLEX_STEP, AnyArray, FloatArray, Model, Str
 LEAST_COMMAND = 2e-4  # rms of full command in the band: one step of a 12-bit servo
 LEAST_INDEPENDENT_SHARE = 0.002
 LARGEST_RELATIVE_ERROR = 0.25
+EFFECTIVE_HZ = (1.0, 2.0, 4.0)
+"""Where a command's effect may be known: behind a slow lag gusts drown what is slower, and the lag what is faster."""
 SHARE_BAND_HZ = 0.5
 OWN_POWER = 0.9
 """Of all rates in the rate of the one axis that was excited, at least: with more in the others they are coupled."""
@@ -116,10 +118,7 @@ def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
     for column, name in enumerate(structure.commands):
         if name not in structure.base_.commands and "elevator" not in structure.effects:
             continue  # an effect of its own says how well it is known
-        values, slopes = _effectiveness(structure, model.values, column)
-        spread = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", slopes, covariance, slopes), 0))
-        known = np.abs(values) > 0
-        best = np.min(spread[known] / np.abs(values[known])) if np.any(known) else np.inf
+        best = min(_relative_error(structure, model.values, column, covariance, hz) for hz in EFFECTIVE_HZ)
         if not best < LARGEST_RELATIVE_ERROR:
             axis = AXIS_OF.get(name, name)
             raise FitError(
@@ -129,13 +128,25 @@ def refuse_vague_axes(model: Model, covariance: FloatArray) -> None:
             )
 
 
-def _effectiveness(structure: Structure, values: FloatArray, column: int) -> tuple[FloatArray, FloatArray]:
+def _relative_error(
+    structure: Structure, values: FloatArray, column: int, covariance: FloatArray, frequency_hz: float
+) -> float:
+    """Of what one command does to the measured state that shows it best; infinite where it does nothing."""
+    size, slopes = _effectiveness(structure, values, column, frequency_hz)
+    spread = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", slopes, covariance, slopes), 0))
+    known = size > 0
+    return float(np.min(spread[known] / size[known], initial=np.inf))
+
+
+def _effectiveness(
+    structure: Structure, values: FloatArray, column: int, frequency_hz: float
+) -> tuple[FloatArray, FloatArray]:
     """What one command does to the measured states: entries (k,) and their slopes (k, parameters).
 
-    Servo states stand between command and base, so the response at 1 Hz is taken instead of B where there are any.
+    Servo states stand between command and base, so a response is taken instead of B.
     """
     matrices = structure.matrices(stepped(values))
-    s = 2j * np.pi
+    s = 2j * np.pi * frequency_hz
     n = matrices.A.shape[-1]
 
     def reach(A: AnyArray, B: AnyArray) -> AnyArray:

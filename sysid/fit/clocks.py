@@ -19,8 +19,8 @@ from sysid.errors import FitError
 from sysid.fit.check_kinds import CommandsLate, CommandsThinned
 from sysid.fit.estimate import estimate
 from sysid.fit.gauss_newton import gauss_newton_step, normal_equations
-from sysid.fit.output_error import OutputError, axis_weights, output_error
-from sysid.fit.start import START_THINNING
+from sysid.fit.output_error import OutputError, output_error
+from sysid.fit.weights import spectral_weights
 from sysid.model.acting import divided, linear_dynamics
 from sysid.model.effect import Effect, Stage
 from sysid.model.parameter import Parameter
@@ -166,10 +166,11 @@ def thinned_commands(
 
 
 def _first_look(model: Model, wider: Structure, stacks: tuple[Stack, ...]) -> float:
-    """How late the commands act, s, as one step of all parameters from the model has it."""
-    few = [group.thinned(START_THINNING) for group in stacks]
+    """How late the commands act, s, as one step of all parameters from the model has it; in the spectrum of what is
+    left, for gusts that are strong where the vehicle answers most turn the sign."""
     values = wider.vector({**model.by_name, "command_time": 0.0})
-    here = normal_equations(wider, values, few, axis_weights(few, output_error(model, few).residual_power), True)
+    weights = spectral_weights(output_error(model, stacks), stacks, None)
+    here = normal_equations(wider, values, stacks, weights, True)
     return float(gauss_newton_step(here, np.ones(values.size, dtype=bool))[wider.names.index("command_time")])
 
 

@@ -1,0 +1,58 @@
+"""Training strangers whose one effect was named wrongly, or not at all."""
+
+from __future__ import annotations
+
+import pytest
+from strangers.asking import ask, records
+from strangers.flights import fly
+
+from sysid.data.dataset import prepared
+from sysid.diagnose import shares, verdict
+from sysid.diagnose.verdict import Diagnosis
+from sysid.fit import axes
+from sysid.fit.clocks import thinned_loop
+from sysid.fit.estimate import estimate
+from sysid.model.paper import TPP
+
+PITCHED_BY_COLLECTIVE = 8029
+"""A helicopter of 90 kg whose collective turns it a little, in coloured gusts; every second sample is logged."""
+SLOW_MOTORS = 8180
+"""A quadrotor whose motors lag by 88 ms, in strong white gusts."""
+
+
+def asked(seed: int) -> Diagnosis:
+    return ask(fly(seed)).first
+
+
+def test_gusts_do_not_hide_that_a_log_thinned_the_commands() -> None:
+    flown = fly(PITCHED_BY_COLLECTIVE)
+    on = prepared(records(flown)[: flown.plan.fitted], (0.0, 15.0))
+    thinned = thinned_loop(estimate(TPP, on.viewed(TPP.inputs), weights="constant").model, on)
+    assert thinned is not None
+    early_s = 0.5 * (1 / flown.plan.log_hz - 1 / flown.plan.loop_hz)
+    assert thinned[0].early_s == pytest.approx(early_s, abs=3 * thinned[0].error_s)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("input_coupling",)], indirect=True)
+def test_runs_that_cannot_tell_what_it_explains_do_not_judge_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = asked(PITCHED_BY_COLLECTIVE)
+    assert (found.verdict, found.effect) == ("missing", "input_coupling")
+    assert found.winner is not None
+    assert found.winner.validation_share is None
+    monkeypatch.setattr(verdict, "_compared", lambda one, at: verdict.sizes(one.fit, one.effects, at.validation))
+    assert asked(PITCHED_BY_COLLECTIVE).verdict == "unexplained"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("motor_lag", "structural_mode", "transport_delay")], indirect=True)
+def test_slow_motors_in_strong_gusts_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the commands do is known best at 2 Hz, and its numbers too vaguely for powers to tell what it explains."""
+    found = asked(SLOW_MOTORS)
+    assert (found.verdict, found.effect) == ("missing", "motor_lag")
+    with monkeypatch.context() as patch:
+        patch.setattr(shares, "_left_by_chance", lambda _: 0.0)
+        assert asked(SLOW_MOTORS).verdict == "unexplained"
+    monkeypatch.setattr(axes, "EFFECTIVE_HZ", (1.0,))
+    (motors,) = [one for one in asked(SLOW_MOTORS).candidates if one.effect == "motor_lag"]
+    assert motors.fit is None
