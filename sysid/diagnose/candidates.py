@@ -371,6 +371,18 @@ def _explained(fit: Candidate, parent: Candidate, metric: Whitening) -> float:
 def ranked(one: Ranked, reference: Reference) -> Ranked:
     """The candidate with how much likelier than the parent it is, what of it physics does not allow, and its error on
     the validation runs."""
+    if one.fit is None or reference.validation is None:
+        return compared(one, reference)
+    try:
+        error = validation_error(one.fit.model, reference.validation)
+    except (RelaxationError, np.linalg.LinAlgError):
+        return replace(one, fit=None, not_testable="its response does not settle on the validation runs")
+    validated = dict(zip(one.fit.model.structure.outputs, map(float, error.nrmse_percent), strict=True))
+    return replace(compared(one, reference), validation_nrmse_percent=validated, validation_error=error)
+
+
+def compared(one: Ranked, reference: Reference) -> Ranked:
+    """The candidate held against this reference, whatever it was before."""
     if one.fit is None:
         return one
     own = instrumental_step(one.fit.asked_in(reference.whitening), reference.whitening)
@@ -380,13 +392,6 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
     now = _implausible(one.fit.asked, reference.whitening)
     if not now - before and out_of_reach(one.fit, outside - before):
         now |= outside
-    validated = error = None
-    if reference.validation is not None:
-        try:
-            error = validation_error(model, reference.validation)
-        except (RelaxationError, np.linalg.LinAlgError):
-            return replace(one, fit=None, not_testable="its response does not settle on the validation runs")
-        validated = dict(zip(model.structure.outputs, map(float, error.nrmse_percent), strict=True))
     return replace(
         one,
         stepped=own,
@@ -396,8 +401,6 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
         implausible=tuple(name for name in model.structure.names if name in now - before),
         outside=tuple(name for name in model.structure.names if name in outside - before),
         resolved=tuple(sorted(_implausible(parent.asked, reference.whitening) - outside)),
-        validation_nrmse_percent=validated,
-        validation_error=error,
     )
 
 

@@ -24,6 +24,7 @@ from sysid.diagnose.candidates import (
     Ranked,
     Reference,
     chance_of_noise,
+    compared,
     of_all_questions,
     rank,
     ranked,
@@ -38,6 +39,8 @@ from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, held, telling
 from sysid.diagnose.verdict import Diagnosis, verdict_on
 from sysid.fit.estimate import estimate
+from sysid.fit.innovations import Innovations
+from sysid.fit.whitening import Whitening
 from sysid.model.effect import Effect
 from sysid.model.structure import Model, Structure
 
@@ -87,8 +90,13 @@ def diagnose(
     if chains and chance < SIGNIFICANT:
         answered = answer.verdict == "missing"
         chained = chains_of_two(answer.candidates, reference, say, limit=limit, answered=answered)
-    if chained.pairs:
-        answer = verdict_on(candidates, chained.pairs, chance, reference)
+    pairs = chained.pairs
+    if pairs:
+        answer = verdict_on(candidates, pairs, chance, reference)
+    likelier = _likelier(answer, reference)
+    if likelier is not None:
+        candidates, pairs = (sorted((compared(one, likelier) for one in each), key=rank) for each in (candidates, pairs))
+        answer = verdict_on(candidates, pairs, chance, likelier)
     return replace(answer, unsearched=chained.unsearched, thinned=thinned)
 
 
@@ -110,8 +118,26 @@ def _reference(
     """The parent under the noise that the candidate of least error leaves."""
     fits = [one.fit for one in candidates if one.fit is not None]
     best = min([parent, *fits], key=lambda one: one.error_share)
-    whitening = best.metric
+    return _under(best.metric, parent, users, validation)
 
+
+def _likelier(answer: Diagnosis, reference: Reference) -> Reference | None:
+    """The parent under the noise that the answer leaves; None where that foretells no better, or powers tell.
+
+    In a loop without a logged excitation what leaves least power need not foretell best, and in the metric of a noise
+    that commands still foretell an effect that takes up some of that seems likelier than the right one.
+    """
+    told = None if answer.winner is None or answer.winner.fit is None else answer.winner.fit.metric
+    if not isinstance(told, Innovations) or not isinstance(reference.whitening, Innovations):
+        return None
+    if told.log_likelihood <= reference.whitening.log_likelihood:
+        return None
+    return _under(told, reference.parent, reference.users, reference.validation)
+
+
+def _under(
+    whitening: Whitening, parent: Candidate, users: Sequence[Effect], validation: Dataset | None
+) -> Reference:
     @cache
     def simple(one: Candidate) -> Selection:
         return select(one.asked_in(whitening), whitening)

@@ -43,6 +43,11 @@ class Innovations(Whitening):
     model: Model
     """Where model and noise together predict best."""
 
+    @property
+    def log_likelihood(self) -> float:
+        """Of what its model leaves, but for what is the same of all on these bins: rows have unit variance."""
+        return float(sum(np.sum(np.log(np.abs(np.linalg.det(one)) ** 2)) for one in self.whitener))
+
     def surprise(self, residual: FloatArray, J: FloatArray, commands: Sequence[str]) -> tuple[float, int]:
         """Of the residual (N,) what the commands of the last MEMORY_S explain, whatever the vehicle, less what the
         model's own parameters, sensitivities J (free, N), do: chi squared, and its degrees of freedom."""

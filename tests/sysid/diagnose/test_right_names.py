@@ -7,7 +7,7 @@ from strangers.asking import ask, records
 from strangers.flights import fly
 
 from sysid.data.dataset import prepared
-from sysid.diagnose import shares, verdict
+from sysid.diagnose import diagnose, shares, verdict
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import axes
 from sysid.fit.clocks import thinned_loop
@@ -18,6 +18,8 @@ PITCHED_BY_COLLECTIVE = 8029
 """A helicopter of 90 kg whose collective turns it a little, in coloured gusts; every second sample is logged."""
 SLOW_MOTORS = 8180
 """A quadrotor whose motors lag by 88 ms, in strong white gusts."""
+DELAY_AND_COUPLING = 7016
+"""A helicopter with a delay and a turning collective, in a loop whose excitation is not logged."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -56,3 +58,12 @@ def test_slow_motors_in_strong_gusts_are_named(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(axes, "EFFECTIVE_HZ", (1.0,))
     (motors,) = [one for one in asked(SLOW_MOTORS).candidates if one.effect == "motor_lag"]
     assert motors.fit is None
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("transport_delay", "servo_lag", "input_coupling")], indirect=True)
+def test_in_a_loop_candidates_are_ranked_under_the_noise_of_the_likeliest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not under that of what leaves least power, which was the coupling alone."""
+    assert set(asked(DELAY_AND_COUPLING).chain) == {"transport_delay", "input_coupling"}
+    monkeypatch.setattr(diagnose, "_likelier", lambda *_: None)
+    assert set(asked(DELAY_AND_COUPLING).chain) == {"servo_lag", "input_coupling"}
