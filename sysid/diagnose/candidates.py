@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
-from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step, predicting, refit
+from sysid.diagnose.evidence import Candidate, Stepped, by_the_noise, gain, instrumental_step, predicting, refit
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
@@ -321,7 +321,11 @@ def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
         explained = 0.0 if fit is None or _astray(fit, parent) else _explained(fit, parent, parent.metric)
         again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
         if again is not None and _explained(again, parent, parent.metric) > explained:
-            fit = again
+            fit, explained = again, _explained(again, parent, parent.metric)
+        if fit is not None and explained < KEPT * one.score.chi_squared and parent.division.measured:
+            again = by_the_noise(fit, begin, parent.metric)
+            if again is not None and _explained(again, parent, parent.metric) > max(0.0, explained):
+                fit = again
     if fit is None:
         return replace(one, fit=None, not_testable=failure)
     if one.score is not None and one.score.log_p_there < WORTH_THE_TIME and _doubtful(fit, parent, one.score):

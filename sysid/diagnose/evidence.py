@@ -34,6 +34,7 @@ WORST_SETTLING = 1.01
 MOST_MOVES = 3
 DAMPED = 1e-2
 """Of each parameter's own weight: what the runs hardly determine does not run away."""
+MOST_MOVES_BY_NOISE = 8
 SHY = 0.9
 """Of the way to a bound, that a move may go."""
 SURELY_BETTER = 4.0
@@ -299,6 +300,40 @@ def predicting(fit: Candidate, parent: Candidate) -> Candidate:
         return candidate(found, fit.held, fit.dataset, fit.added)
     except (RelaxationError, np.linalg.LinAlgError):
         return fit
+
+
+def by_the_noise(fit: Candidate, begin: Model, metric: Whitening) -> Candidate | None:
+    """The fit's structure moved, from these values, to where the imposed commands leave nothing of its parameters in
+    the noise's white rows; None where no response leads there.
+
+    Least squares weighs what is small and narrow no more than gusts of the same power, and goes where these are.
+    """
+    here = replace(fit, estimate=replace(fit.estimate, at_bound=()))._at(begin.values)
+    for _ in range(MOST_MOVES_BY_NOISE if here is not None else 0):
+        step = _instrumented_move(here, metric)
+        for part in (1.0, 0.5, 0.25):
+            values = here.model.values.copy()
+            values[[here.model.structure.names.index(name) for name in here.free]] += part * step
+            there = here._at(values)
+            if there is not None and _new(there, metric) < _new(here, metric) - LITTLE_MOVED:
+                here = there
+                break
+        else:
+            break
+    if here is None:
+        return None
+    moved = replace(
+        here.estimate,
+        error=output_error(here.model, here.dataset.stacks),
+        covariance=_covariance(here, metric),
+    )
+    return candidate(moved, fit.held, fit.dataset, fit.added)
+
+
+def _instrumented_move(one: Candidate, metric: Whitening) -> FloatArray:
+    """Of the free parameters, less than all the way to their bounds: a bound itself may have no response."""
+    J, Z, e = metric(one.J), metric(one.J_imposed), metric(_residual(one))[0]
+    return SHY * _within_bounds(one, Z @ J.T, Z @ e)
 
 
 def _covariance(one: Candidate, metric: Whitening) -> FloatArray:

@@ -7,7 +7,7 @@ from strangers.asking import ask, records
 from strangers.flights import fly
 
 from sysid.data.dataset import prepared
-from sysid.diagnose import diagnose, shares, verdict
+from sysid.diagnose import candidates, diagnose, shares, verdict
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import axes
 from sysid.fit.clocks import thinned_loop
@@ -20,6 +20,8 @@ SLOW_MOTORS = 8180
 """A quadrotor whose motors lag by 88 ms, in strong white gusts."""
 DELAY_AND_COUPLING = 7016
 """A helicopter with a delay and a turning collective, in a loop whose excitation is not logged."""
+LAGGING_BLADES = 8090
+"""A helicopter of 90 kg whose blades lag at 4.3 Hz, far below slow gusts of four times the usual."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -67,3 +69,16 @@ def test_in_a_loop_candidates_are_ranked_under_the_noise_of_the_likeliest(monkey
     assert set(asked(DELAY_AND_COUPLING).chain) == {"transport_delay", "input_coupling"}
     monkeypatch.setattr(diagnose, "_likelier", lambda *_: None)
     assert set(asked(DELAY_AND_COUPLING).chain) == {"servo_lag", "input_coupling"}
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("lead_lag", "gyro_filter")], indirect=True)
+def test_a_narrow_mode_far_below_the_gusts_is_fitted_by_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where least squares by constant weights went after the gusts, and ended without any of it."""
+    flown, found = fly(LAGGING_BLADES), asked(LAGGING_BLADES)
+    assert (found.verdict, found.effect) == ("missing", "lead_lag")
+    assert found.winner is not None
+    frequency_hz = flown.hidden.sizes[0]["frequency_lag"]
+    assert found.winner.values["frequency_lag"] == pytest.approx(frequency_hz, rel=0.01)
+    monkeypatch.setattr(candidates, "by_the_noise", lambda *_: None)
+    assert asked(LAGGING_BLADES).effect == "gyro_filter"
