@@ -82,34 +82,45 @@ Steps = Sequence[tuple[str, float]]
 def score(effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, whitening: Whitening) -> Score | None:
     """None where the effect does nothing on these runs that the parent's own parameters would not do as well."""
     question = _Question.asked(effect, composed, of, stepped, whitening)
-    points = _points(composed, of)
-    tried = len(points)
+    first, lines, ways = _points(composed, of)
+    tried = math.prod(1 + len(line) for line in lines) * len(ways)
+    if tried == 1:
+        return question.at(first, ways[0], tried)
     # what an effect does to the commands as flown tells only how large it is: it is worked out where it explains most
-    if len(points) > 1:
-        best: tuple[Score, int] | None = None
-        for number, (point, steps) in enumerate(points):
-            found = question.at(point, steps, tried, sized=False)
-            if found is not None and (best is None or found.log_p < best[0].log_p or _more(found, best[0])):
-                best = found, number
-        if best is None:
-            return None
-        return question.at(*points[best[1]], tried) or best[0]
-    return question.at(*points[0], tried)
+    best: tuple[Score, Mapping[str, float], Steps] | None = None
+    here = first
+    for line in ([{}], *lines):  # each from the best of the ones before: a mode in pitch beside the one in roll
+        for change in line:
+            for steps in ways:
+                point = {**here, **change}
+                found = question.at(point, steps, tried, sized=False)
+                if found is not None and (best is None or found.log_p < best[0].log_p or _more(found, best[0])):
+                    best = found, point, steps
+        here = here if best is None else best[1]
+    return None if best is None else question.at(*best[1:], tried) or best[0]
 
 
 def _more(one: Score, other: Score) -> bool:
     return one.log_p == other.log_p and one.chi_squared > other.chi_squared
 
 
-def _points(composed: Structure, of: Candidate) -> list[tuple[dict[str, float], Steps]]:
-    """Values of all new parameters, and which of them step by how much from there; none where the point itself does."""
+def _points(
+    composed: Structure, of: Candidate
+) -> tuple[dict[str, float], list[list[dict[str, float]]], list[Steps]]:
+    """Values of all new parameters to begin with; the lines along which each is changed, one after the other; and the
+    ways in which some step from each point by how much, none where the point itself does."""
     known = set(of.model.structure.names)
     new = [one for one in composed.parameters if one.name not in known]
     sizes = [one for one in new if _begins_at_null(one, composed.linear)]
-    grids = _grids([one for one in new if one not in sizes], _begun_from(composed, of))
+    begin = _begun_from(composed, of)
+    held = [one for one in new if one not in sizes]
+    first = {one.name: begin.get(one.name, one.typical) for one in held}
+    lines = [
+        [{one.name: value} for value in one.grid if value != first[one.name]] for one in held if one.name not in begin
+    ]
     steps = [(one.name, SMALL_STEP * (one.typical - float(one.null or 0.0))) for one in sizes]
     nulls = {one.name: float(one.null or 0.0) for one in sizes}
-    return [({**nulls, **point}, some) for point in grids for some in (steps, *_whole_steps(sizes, steps))]
+    return {**nulls, **first}, [line for line in lines if line], [steps, *_whole_steps(sizes, steps)]
 
 
 def _begins_at_null(one: Parameter, linear: bool) -> bool:
@@ -125,16 +136,6 @@ def _begun_from(composed: Structure, of: Candidate) -> dict[str, float]:
             started = effect.start(named, dict(composed.constants))
             begin.update({name: value for name, value in started.items() if name not in named})
     return begin
-
-
-def _grids(parameters: Sequence[Parameter], begin: Mapping[str, float]) -> list[dict[str, float]]:
-    """Parameters at their beginnings, and one after the other along its grid."""
-    first = {one.name: begin.get(one.name, one.typical) for one in parameters}
-    grids = [first]
-    for one in parameters:
-        if one.name not in begin:
-            grids += [{**first, one.name: value} for value in one.grid if value != first[one.name]]
-    return grids
 
 
 def _whole_steps(sizes: Sequence[Parameter], steps: Steps) -> list[Steps]:

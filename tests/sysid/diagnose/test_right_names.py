@@ -22,6 +22,8 @@ DELAY_AND_COUPLING = 7016
 """A helicopter with a delay and a turning collective, in a loop whose excitation is not logged."""
 LAGGING_BLADES = 8090
 """A helicopter of 90 kg whose blades lag at 4.3 Hz, far below slow gusts of four times the usual."""
+TWO_MODES = 7001
+"""A small helicopter with modes at 11.9 Hz in roll and 6.4 Hz in pitch."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -82,3 +84,13 @@ def test_a_narrow_mode_far_below_the_gusts_is_fitted_by_the_noise(monkeypatch: p
     assert found.winner.values["frequency_lag"] == pytest.approx(frequency_hz, rel=0.01)
     monkeypatch.setattr(candidates, "by_the_noise", lambda *_: None)
     assert asked(LAGGING_BLADES).effect == "gyro_filter"
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("structural_mode", "angular_damping")], indirect=True)
+def test_a_mode_in_pitch_is_looked_for_beside_that_in_roll() -> None:
+    flown, found = fly(TWO_MODES), asked(TWO_MODES)
+    assert (found.verdict, found.effect) == ("missing", "structural_mode")
+    assert found.winner is not None
+    for name in ("frequency_roll", "frequency_pitch"):
+        assert found.winner.values[name] == pytest.approx(flown.hidden.sizes[0][name], rel=0.02)
