@@ -65,7 +65,7 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
     rivals = [
         one
         for one in candidates
-        if one.stepped is not None and one is not winner and set(one.implausible) <= set(winner.implausible)
+        if one.stepped is not None and one is not winner and _impossible(one) <= set(winner.implausible)
     ]
     weights = {one.effects: _beside(one, winner) for one in (winner, *rivals)}
     families = _families(winner, rivals, weights)
@@ -83,6 +83,12 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
         named=shares[0],
         whole=held[count - 1],
     )
+
+
+def _impossible(one: Ranked) -> set[str]:
+    """Its parameters that physics does not allow; what is none in free flight alone, a tether or a stand may be."""
+    tied = {each.name for effect in one.own for each in effect.parameters if each.plausible == (each.null, each.null)}
+    return set(one.implausible) - tied
 
 
 def _families(winner: Ranked, rivals: Sequence[Ranked], weights: Mapping[tuple[str, ...], float]) -> list[list[Ranked]]:

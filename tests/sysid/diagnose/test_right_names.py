@@ -24,6 +24,8 @@ LAGGING_BLADES = 8090
 """A helicopter of 90 kg whose blades lag at 4.3 Hz, far below slow gusts of four times the usual."""
 TWO_MODES = 7001
 """A small helicopter with modes at 11.9 Hz in roll and 6.4 Hz in pitch."""
+TETHERED = 3007
+"""A helicopter that its angles push back, as on a tether."""
 
 
 def asked(seed: int) -> Diagnosis:
@@ -94,3 +96,11 @@ def test_a_mode_in_pitch_is_looked_for_beside_that_in_roll() -> None:
     assert found.winner is not None
     for name in ("frequency_roll", "frequency_pitch"):
         assert found.winner.values[name] == pytest.approx(flown.hidden.sizes[0][name], rel=0.02)
+
+
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("attitude_stiffness", "stabiliser_bar")], indirect=True)
+def test_a_tether_is_told_beside_what_is_like_it_in_free_flight() -> None:
+    found = asked(TETHERED)
+    assert (found.verdict, found.effect) == ("missing", "stabiliser_bar")
+    assert found.indistinguishable == ("attitude_stiffness",)
