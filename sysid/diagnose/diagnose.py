@@ -95,7 +95,8 @@ def diagnose(
         answer = verdict_on(candidates, pairs, chance, reference)
     likelier = _likelier(answer, reference)
     if likelier is not None:
-        candidates, pairs = (sorted((compared(one, likelier) for one in each), key=rank) for each in (candidates, pairs))
+        candidates = sorted((compared(one, likelier) for one in candidates), key=rank)
+        pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
         answer = verdict_on(candidates, pairs, chance, likelier)
     return replace(answer, unsearched=chained.unsearched, thinned=thinned)
 
@@ -135,9 +136,7 @@ def _likelier(answer: Diagnosis, reference: Reference) -> Reference | None:
     return _under(told, reference.parent, reference.users, reference.validation)
 
 
-def _under(
-    whitening: Whitening, parent: Candidate, users: Sequence[Effect], validation: Dataset | None
-) -> Reference:
+def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], validation: Dataset | None) -> Reference:
     @cache
     def simple(one: Candidate) -> Selection:
         return select(one.asked_in(whitening), whitening)

@@ -35,6 +35,8 @@ MOST_MOVES = 3
 DAMPED = 1e-2
 """Of each parameter's own weight: what the runs hardly determine does not run away."""
 MOST_MOVES_BY_NOISE = 8
+PARTS = (1.0, 0.5, 0.25)
+"""Of a step, tried one after the other."""
 SHY = 0.9
 """Of the way to a bound, that a move may go."""
 SURELY_BETTER = 4.0
@@ -309,25 +311,31 @@ def by_the_noise(fit: Candidate, begin: Model, metric: Whitening) -> Candidate |
     Least squares weighs what is small and narrow no more than gusts of the same power, and goes where these are.
     """
     here = replace(fit, estimate=replace(fit.estimate, at_bound=()))._at(begin.values)
-    for _ in range(MOST_MOVES_BY_NOISE if here is not None else 0):
-        step = _instrumented_move(here, metric)
-        for part in (1.0, 0.5, 0.25):
-            values = here.model.values.copy()
-            values[[here.model.structure.names.index(name) for name in here.free]] += part * step
-            there = here._at(values)
-            if there is not None and _new(there, metric) < _new(here, metric) - LITTLE_MOVED:
-                here = there
-                break
-        else:
-            break
     if here is None:
         return None
+    for _ in range(MOST_MOVES_BY_NOISE):
+        better = _moved(here, _instrumented_move(here, metric), metric)
+        if better is None:
+            break
+        here = better
     moved = replace(
         here.estimate,
         error=output_error(here.model, here.dataset.stacks),
         covariance=_covariance(here, metric),
     )
     return candidate(moved, fit.held, fit.dataset, fit.added)
+
+
+def _moved(one: Candidate, step: FloatArray, metric: Whitening) -> Candidate | None:
+    """So far along a step of the free parameters that it leaves less; None where it does not."""
+    loose = [one.model.structure.names.index(name) for name in one.free]
+    for part in PARTS:
+        values = one.model.values.copy()
+        values[loose] += part * step
+        there = one._at(values)
+        if there is not None and _new(there, metric) < _new(one, metric) - LITTLE_MOVED:
+            return there
+    return None
 
 
 def _instrumented_move(one: Candidate, metric: Whitening) -> FloatArray:

@@ -87,9 +87,10 @@ def score(effect: Effect, composed: Structure, of: Candidate, stepped: Stepped, 
     if tried == 1:
         return question.at(first, ways[0], tried)
     # what an effect does to the commands as flown tells only how large it is: it is worked out where it explains most
-    best: tuple[Score, Mapping[str, float], Steps] | None = None
+    best: tuple[Score, dict[str, float], Steps] | None = None
     here = first
-    for line in ([{}], *lines):  # each from the best of the ones before: a mode in pitch beside the one in roll
+    unchanged: list[dict[str, float]] = [{}]
+    for line in (unchanged, *lines):  # each from the best of the ones before: a mode in pitch beside the one in roll
         for change in line:
             for steps in ways:
                 point = {**here, **change}
@@ -104,9 +105,7 @@ def _more(one: Score, other: Score) -> bool:
     return one.log_p == other.log_p and one.chi_squared > other.chi_squared
 
 
-def _points(
-    composed: Structure, of: Candidate
-) -> tuple[dict[str, float], list[list[dict[str, float]]], list[Steps]]:
+def _points(composed: Structure, of: Candidate) -> tuple[dict[str, float], list[list[dict[str, float]]], list[Steps]]:
     """Values of all new parameters to begin with; the lines along which each is changed, one after the other; and the
     ways in which some step from each point by how much, none where the point itself does."""
     known = set(of.model.structure.names)
