@@ -87,7 +87,8 @@ def declared(winner: Ranked, candidates: Sequence[Ranked]) -> Class:
 
 def _impossible(one: Ranked) -> set[str]:
     """Its parameters that physics does not allow; what is none in free flight alone, a tether or a stand may be."""
-    tied = {each.name for effect in one.own for each in effect.parameters if each.plausible == (each.null, each.null)}
+    added = [catalogue()[name] for name in one.effects if name in catalogue()]
+    tied = {each.name for effect in added for each in effect.parameters if each.plausible == (each.null, each.null)}
     return set(one.implausible) - tied
 
 
