@@ -71,6 +71,8 @@ class Diagnosis:
     """Simple terms beside the best candidate, where something is missing."""
     lead: float | None
     """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
+    outdone: bool = False
+    """Whether the winner only resembles what is there: others, or simple terms, explain so much more."""
     sizes: tuple[Size, ...] = ()
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
@@ -199,6 +201,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
         log_chance=chance,
         terms=shares.terms,
         lead=answer.lead,
+        outdone=answer.outdone,
         sizes=answer.sizes,
     )
 
@@ -216,6 +219,7 @@ class _Answer:
     confidence: float
     explained_share: float | None = None
     lead: float | None = None
+    outdone: bool = False
     sizes: tuple[Size, ...] = ()
 
 
@@ -250,6 +254,7 @@ def _answer(
         confidence=confidence,
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
+        outdone=shares.outdone(winner),
         sizes=compared,
     )
 

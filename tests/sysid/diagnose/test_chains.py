@@ -52,6 +52,7 @@ def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
 def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chains, "CRUMBS", 100.0)
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
+    monkeypatch.setattr(shares, "OF_MOST", 0.0)
     found = asked(flight)
     assert found.pairs == ()
     assert isinstance(found.unsearched, LittleLeft)
@@ -73,6 +74,7 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
     monkeypatch.setattr(chains, "seen", lambda _: MarginChange(gain_db=0.0, phase_deg=0.0))
     assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
+    monkeypatch.setattr(shares, "OF_MOST", 0.0)
     assert asked(flight).pairs == ()
 
 
