@@ -10,8 +10,9 @@ import pytest
 from planted import PLANTED, fly_many
 from planted_fits import records
 
+from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
-from sysid.diagnose import chains, shares
+from sysid.diagnose import chains, shares, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
 from sysid.diagnose.diagnose import diagnose
@@ -45,6 +46,16 @@ def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
     assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
     assert found.unsearched is None
     assert found.to_json()["unsearched_chains"] is None
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
+def test_a_chain_that_is_more_likely_wrong_is_not_named(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "of_named", lambda *_: 0.45)
+    found = asked(flight)
+    assert (found.verdict, found.effect) == ("unexplained", None)
+    assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
+    assert "more likely only resembles" in answer(found)
 
 
 @EFFECTS
