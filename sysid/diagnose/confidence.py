@@ -35,6 +35,10 @@ NAMED_IN_A_LOOP = 0.55
 """At least, to name what the loop alone could make: a clean flight in a stronger loop showed a name at 0.50, one in
 fourfold gusts and a double loop at 0.67; right names began at 0.59."""
 
+CHAIN_NAMED = 0.5
+"""At least, to name a chain of two: of 22 training strangers from 3000 to 9020, four of four below were wrong, and
+right ones began at 0.90, unstable ones apart; of hundreds of chains one resembles nearly anything."""
+
 
 def lead(winner: Ranked, alike: Collection[str], singles: Sequence[Ranked]) -> float:
     """How far the winner is ahead of the best rival, beside what it leaves itself."""

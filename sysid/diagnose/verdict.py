@@ -12,7 +12,15 @@ from sysid.data.dataset import Dataset
 from sysid.diagnose import choice
 from sysid.diagnose.candidates import SIGNIFICANT, Ranked, Reference
 from sysid.diagnose.chains import Unsearched
-from sysid.diagnose.confidence import IN_A_LOOP_RIGHT, NAMED_IN_A_LOOP, lead, of_complete, of_named, of_unexplained
+from sysid.diagnose.confidence import (
+    CHAIN_NAMED,
+    IN_A_LOOP_RIGHT,
+    NAMED_IN_A_LOOP,
+    lead,
+    of_complete,
+    of_named,
+    of_unexplained,
+)
 from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, declared, near
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares
@@ -71,6 +79,9 @@ class Diagnosis:
     """Simple terms beside the best candidate, where something is missing."""
     lead: float | None
     """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
+    outdone: bool = False
+    """Whether the winner only resembles what is there: others, or simple terms, explain so much more; or a chain of two
+    is little ahead of others."""
     sizes: tuple[Size, ...] = ()
     """The winner's on fitted and validation runs, where both determine them; the most different first."""
     unsearched: Unsearched | None = None
@@ -199,6 +210,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
         log_chance=chance,
         terms=shares.terms,
         lead=answer.lead,
+        outdone=answer.outdone,
         sizes=answer.sizes,
     )
 
@@ -216,6 +228,7 @@ class _Answer:
     confidence: float
     explained_share: float | None = None
     lead: float | None = None
+    outdone: bool = False
     sizes: tuple[Size, ...] = ()
 
 
@@ -235,7 +248,8 @@ def _answer(
     among = declared(winner, _answers(peers, shares, enough))
     ratio = lead(winner, near(winner, peers), singles)
     confidence = of_named(ratio, shares.short(winner), among)
-    missing = missing and not _made_by_the_loop(winner, confidence, shares, reference, chance)
+    doubtful = len(chain) > 1 and confidence < CHAIN_NAMED
+    missing = missing and not doubtful and not _made_by_the_loop(winner, confidence, shares, reference, chance)
     if not missing:
         confidence = _of_unexplained(winner, chance, confidence, reference)
     if not winner.fit.model.stable:
@@ -250,6 +264,7 @@ def _answer(
         confidence=confidence,
         explained_share=winner.explained_share or 0.0,
         lead=ratio if missing else None,
+        outdone=doubtful or shares.outdone(winner),
         sizes=compared,
     )
 

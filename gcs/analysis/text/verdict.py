@@ -73,6 +73,8 @@ def answer(last: Diagnosis) -> str:
         return f"unexplained: {names} would do it, but only at implausible values: it stands in"
     if last.sizes_that_differ:
         return f"unexplained: {names} is nearest, and its size does not hold on the validation runs"
+    if last.outdone:
+        return f"unexplained: {names} is nearest, and more likely only resembles what is there"
     if (winner.explained_share or 0.0) >= EXPLAINED:
         return f"unexplained: {names} explains the fitted runs, but not the validation runs"
     return f"unexplained: {names} does most, and that is too little"

@@ -10,8 +10,9 @@ import pytest
 from planted import PLANTED, fly_many
 from planted_fits import records
 
+from gcs.analysis.text.verdict import answer
 from sysid.data.record import Record
-from sysid.diagnose import chains, shares
+from sysid.diagnose import chains, shares, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft, price
 from sysid.diagnose.diagnose import diagnose
@@ -49,9 +50,20 @@ def test_two_effects_are_found_where_much_is_left(flight: list[Record]) -> None:
 
 @EFFECTS
 @pytest.mark.usefixtures("only_effects")
+def test_a_chain_that_is_more_likely_wrong_is_not_named(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verdict, "of_named", lambda *_: 0.45)
+    found = asked(flight)
+    assert (found.verdict, found.effect) == ("unexplained", None)
+    assert set(found.chain) == {"servo_lag", "gyro_misalignment"}
+    assert "more likely only resembles" in answer(found)
+
+
+@EFFECTS
+@pytest.mark.usefixtures("only_effects")
 def test_crumbs_are_not_searched_for_and_that_is_said(flight: list[Record], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chains, "CRUMBS", 100.0)
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
+    monkeypatch.setattr(shares, "OF_MOST", 0.0)
     found = asked(flight)
     assert found.pairs == ()
     assert isinstance(found.unsearched, LittleLeft)
@@ -73,6 +85,7 @@ def test_beside_an_effect_that_is_no_answer_a_chain_is_looked_for_however_little
     monkeypatch.setattr(chains, "seen", lambda _: MarginChange(gain_db=0.0, phase_deg=0.0))
     assert set(asked(flight).chain) == {"servo_lag", "gyro_misalignment"}
     monkeypatch.setattr(shares, "EXPLAINED", 0.0)
+    monkeypatch.setattr(shares, "OF_MOST", 0.0)
     assert asked(flight).pairs == ()
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import planted
@@ -100,6 +101,27 @@ def test_rough_air_hides_no_vehicle_that_lacks_the_effect() -> None:
 
 
 @pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize("only_effects", [("hub_gyroscopics", "gyro_misalignment")], indirect=True)
+def test_what_only_resembles_is_not_named_where_little_power_hides_how_much_it_leaves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A product of rates and their size, which no entry is: the hub's gyroscopics explain a tenth of its evidence."""
+
+    def with_product(*words: Any) -> planted._Equations:
+        E = equations(*words)
+        E.nonlinear = lambda s: {"p": 1.2 * s["q"] * np.abs(s["p"]), "q": -1.2 * s["p"] * np.abs(s["q"])}
+        return E
+
+    equations = planted.equations
+    monkeypatch.setattr(planted, "equations", with_product)
+    found = asked(fly_many(None, {}, seeds=[5], duration_s=SECONDS)[0])
+    assert (found.verdict, found.effect, found.chain) == ("unexplained", None, ("hub_gyroscopics",))
+    assert found.terms is not None
+    assert found.terms.terms[0].entry.names == ("L_q_abs_p", "M_p_abs_q")
+    assert "only resembles what is there" in answer(found)
+
+
+@pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("servo_lag", "inertia_coupling")], indirect=True)
 def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPatch) -> None:
     """A vehicle that lacks nothing, in doubled gusts and a loop of double gain, whose excitation nobody logged."""
@@ -119,6 +141,7 @@ def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPa
         validation=None,
         new_share=0.01,
         most_explained=0.0,
+        most_paid=0.0,
     )
     weak, plain, strong = (math.log(chance) for chance in (1e-7, 1e-20, 1e-60))
     assert left.by_feedback(found.division, plain)
