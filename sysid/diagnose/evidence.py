@@ -150,7 +150,8 @@ class Candidate:
             return self.model, self.standard_errors
         there = self.asked_in(self.metric)
         J = self.metric(there.J)
-        errors = np.sqrt(np.diag(np.linalg.pinv(J @ J.T))) if len(J) else ()
+        variances = np.diag(np.linalg.pinv(J @ J.T, hermitian=True)) if len(J) else np.zeros(0)
+        errors = np.sqrt(np.maximum(variances, 0.0))  # what is not determined comes out below 0 by rounding
         found = dict(zip(there.free, map(float, errors), strict=True))
         return there.model, {name: found.get(name, 0.0) for name in there.model.structure.names}
 
