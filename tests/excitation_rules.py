@@ -30,6 +30,7 @@ vehicle's own that could have told were lost meanwhile, nobody can know better: 
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import itertools
 import math
@@ -56,6 +57,7 @@ from gcs.flight.live import LiveWindow
 from gcs.flight.log_health import Capacity
 from gcs.flight.preflight import LAG_LIMIT_S
 from gcs.flight.recorder import RecordingSummary
+from gcs.flight.resume import FlownBefore
 from gcs.link.clock import LOST_AFTER_S, SWAP_S
 from gcs.link.encode import DO_SET_MODE, BlockStatus, Command, ParamRead, ParamWrite, Ping, Send
 from gcs.link.events import (
@@ -1845,8 +1847,9 @@ def _fly(world: World) -> str:
 
     if history.whole:
         world.advance(2.0)
-        made = sweep._Flight
+        made, alone = sweep._Flight, sweep.flown_into
         sweep._Flight = lambda **more: _kept(world, made(**more))
+        sweep.flown_into = lambda *_: contextlib.nullcontext()
         try:
             sweep.fly_card(
                 world, card, _profile(), limits, folder=folder, on_progress=on_progress, aborted=aborted,
@@ -1854,9 +1857,11 @@ def _fly(world: World) -> str:
                 log="card" if history.card else "stream",
             )  # fmt: skip
         finally:
-            sweep._Flight = made
+            sweep._Flight, sweep.flown_into = made, alone
         return world.flight.stopped
     planned = tuple((run, _profile().plan(run.maneuver)) for run in card.runs())
+    own = _parameters(history.own)
+    asked = {name: own[name] for name in _profile().settings}
     flight = sweep._Flight(
         session=world,
         card=card,
@@ -1869,14 +1874,14 @@ def _fly(world: World) -> str:
         clock=clock,
         on_progress=on_progress,
         log="card" if history.card else "stream",
+        before=FlownBefore(own=asked),
     )
     world.flight = flight
     with flight:
         world.advance(2.5)
-        own = _parameters(history.own)
         if world.snapshot().mode != history.mode_before:
             raise TippathError("another mode than the pilot's: nothing is flown")
-        flight.fly({name: own[name] for name in _profile().settings}, aborted, lambda: world.pressed)
+        flight.fly(asked, aborted, lambda: world.pressed)
     return flight.stopped
 
 

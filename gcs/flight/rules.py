@@ -268,6 +268,11 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
     if not state.excited and waited > UNKNOWN_S:
         reason = joined(state.reason, "the vehicle does not tell whether it is out of the excitation: pilot, look")
         return given_up(state, state.ending or Ending.LINK, reason), None
+    return _asked_again(state, seen)
+
+
+def _asked_again(state: RunState, seen: Seen) -> tuple[RunState, Order | None]:
+    """The order back, while the vehicle shows that it is excited."""
     # A vehicle that said that it starts is excited also before a heartbeat shows it.
     newly_started = not state.confirmed and state.accepted_after == seen.heartbeats and seen.now >= state.settled_at
     fresh = state.excited and state.excited_number > max(state.fresh_after, state.held)

@@ -99,7 +99,7 @@ def test_nothing_and_a_station_alone_are_no_vehicle(until: Callable[..., Any]) -
         mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
         station.sendto(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(mav), ground)
         until(lambda: session._transport.strangers)
-        with pytest.raises(LinkError, match="none of an autopilot"):
+        with pytest.raises(LinkError, match="no autopilot's heartbeat among them"):
             session.wait_for_vehicle(0.05)
 
 

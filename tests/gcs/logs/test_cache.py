@@ -176,11 +176,10 @@ def test_a_full_disk_leaves_nothing_half_written(
 ) -> None:
     path = saved(two_chirps, "flight.BIN")
 
-    def full(self: Path, data: bytes) -> int:
-        self.touch()
+    def full(self: Path, target: Path) -> Path:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Path, "replace", full)
     assert len(ingest([path]).usable) == 2
     assert kept(path.parent) == []
 
