@@ -116,8 +116,10 @@ class Candidate:
             return here
         low, high = np.array([one.bounds for one in self.model.structure.parameters]).T
         loose = [self.model.structure.names.index(name) for name in here.free]
-        if metric.model.structure == self.model.structure and (told := here._at(metric.model.values)) is not None:
-            here = min(here, told, key=lambda one: _new(one, metric))  # a step may not lead there
+        # A step may not lead there. An unstable vehicle can foretell anything that its pilot and controller hold.
+        known = metric.model.structure == self.model.structure and metric.model.stable
+        if known and (told := here._at(metric.model.values)) is not None:
+            here = min(here, told, key=lambda one: _new(one, metric))
         for _ in range(MOST_MOVES):
             J, e = metric(here.J), metric(_residual(here))[0]
             for step in _steps(J, e):
@@ -290,7 +292,7 @@ def predicting(fit: Candidate, parent: Candidate) -> Candidate:
     try:
         with np.errstate(all="ignore"):  # from where a model is not stable
             there = there.asked_in(metric)
-            if not _new(there, metric) < _new(fit.asked_in(metric), metric) - SURELY_BETTER:
+            if not (there.model.stable and _new(there, metric) < _new(fit.asked_in(metric), metric) - SURELY_BETTER):
                 return fit
         found = replace(
             fit.estimate,

@@ -243,7 +243,7 @@ def _answer(
     chain, enough = choice.larger_first(winner, singles), shares.enough(winner)
     stands_in = bool(winner.implausible) and enough
     compared = _compared(winner, reference) if enough and not stands_in else ()
-    missing = enough and not stands_in and all(one.off <= LARGEST_DIFFERENCE for one in compared)
+    missing = enough and not stands_in and _hold(compared)
     peers = singles if len(chain) == 1 else pairs
     among = declared(winner, _answers(peers, shares, enough))
     ratio = lead(winner, near(winner, peers), singles)
@@ -267,6 +267,11 @@ def _answer(
         outdone=doubtful or shares.outdone(winner),
         sizes=compared,
     )
+
+
+def _hold(sizes: Sequence[Size]) -> bool:
+    """Whether sizes are on validation runs what they are on those that were fitted."""
+    return all(one.off <= LARGEST_DIFFERENCE for one in sizes)
 
 
 def _made_by_the_loop(winner: Ranked, confidence: float, shares: Shares, reference: Reference, chance: float) -> bool:
