@@ -248,7 +248,11 @@ def _steps(J: FloatArray, e: FloatArray) -> Iterator[FloatArray]:
     determine runs away with the first."""
     if not len(J):
         return
-    yield np.asarray(np.linalg.lstsq(J @ J.T, J @ e, rcond=1e-10)[0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        information, slope = J @ J.T, J @ e
+    if not (np.isfinite(information).all() and np.isfinite(slope).all()):
+        return  # of a model that is not stable, and leads nowhere
+    yield np.asarray(np.linalg.lstsq(information, slope, rcond=1e-10)[0])
     scale = np.maximum(np.linalg.norm(J, axis=1), 1e-300)
     rows = J / scale[:, None]
     yield np.asarray(np.linalg.solve(rows @ rows.T + DAMPED * np.eye(len(rows)), rows @ e) / scale)

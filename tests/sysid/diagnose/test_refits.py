@@ -16,7 +16,7 @@ from sysid.diagnose import candidates, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.choice import larger_first
 from sysid.diagnose.diagnose import diagnose
-from sysid.diagnose.evidence import candidate
+from sysid.diagnose.evidence import _steps, candidate
 from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import Score
 from sysid.diagnose.verdict import Diagnosis
@@ -147,3 +147,8 @@ def test_values_that_each_may_be_plausible_may_not_be_so_together() -> None:
     assert not together(0.9)
     assert together(-0.9)
     assert not out_of_reach(fit, ())
+
+
+def test_rows_beyond_all_numbers_move_nothing_and_lapack_says_nothing_of_them() -> None:
+    assert list(_steps(np.full((2, 3), 1e200), np.ones(3))) == []
+    assert len(list(_steps(np.eye(2, 3), np.ones(3)))) == 2
