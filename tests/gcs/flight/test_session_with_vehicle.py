@@ -59,12 +59,12 @@ def test_record_push_and_revert(
         assert push(session, second).previous_crc == first.crc
         assert revert(session).crc == first.crc
         assert session.call(ReadParameter("LQR_K11")).bits == first.bits[0]
-        until(lambda: session.samples(5.0).t.size > 500)
+        until(lambda: session.samples(5.0).t.size > 1000)
         until(lambda: (health := session.log_health()) and health.capacity and health.clock_s is not None)
         health = session.log_health()
         assert health is not None
         assert health.capacity is not None
-        assert health.capacity.per_log_s == pytest.approx(48_200, rel=0.05)
+        assert health.capacity.per_log_s == pytest.approx(48_200, rel=0.1)
         window = session.samples(5.0)
         assert np.diff(window.t) == pytest.approx(0.002)
         summary = session.stop_recording()

@@ -102,6 +102,15 @@ def test_hardware_wants_the_typed_word(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert "This vehicle is real" in capsys.readouterr().err
 
 
+@pytest.fixture
+def ctrl_c_is_heard() -> Iterator[None]:
+    """As in a terminal, and not as a shell starts a suite in its background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c_is_heard")
 def test_ctrl_c_is_a_wish_first_and_an_exception_only_the_third_time(capsys: pytest.CaptureFixture[str]) -> None:
     before = signal.getsignal(signal.SIGINT)
     with interrupts() as wishes:
@@ -199,6 +208,7 @@ def test_a_lost_link_is_told_with_the_wait_the_way_out_and_who_takes_over(tmp_pa
 
 
 @pytest.mark.usefixtures("hang_ups_are_heard")
+@pytest.mark.usefixtures("ctrl_c_is_heard", "hang_ups_are_heard")
 def test_only_ctrl_c_counts_as_pressed() -> None:
     with interrupts() as wishes:
         os.kill(os.getpid(), signal.SIGHUP)
