@@ -207,7 +207,6 @@ def test_a_lost_link_is_told_with_the_wait_the_way_out_and_who_takes_over(tmp_pa
     assert "Ctrl-C ends the wait" in text
 
 
-@pytest.mark.usefixtures("hang_ups_are_heard")
 @pytest.mark.usefixtures("ctrl_c_is_heard", "hang_ups_are_heard")
 def test_only_ctrl_c_counts_as_pressed() -> None:
     with interrupts() as wishes:
