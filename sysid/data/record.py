@@ -11,7 +11,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -192,27 +192,7 @@ class Record:
             raise RecordError(
                 f"{self.id}: no samples between {first} and {last}; it runs from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
             )
-        return self._with({name: values[keep] for name, values in self.channels.items()})
-
-    def _with(self, channels: Mapping[str, FloatArray]) -> Record:
-        return Record(
-            self.id,
-            channels,
-            maneuver=self.maneuver,
-            axis=self.axis,
-            rate_source=self.rate_source,
-            path=self.path,
-            sha256=self.sha256,
-            swept_band_hz=self.swept_band_hz,
-            chirp_noise=self.chirp_noise,
-            airframe=self.airframe,
-            notes=self.notes,
-            vehicle=self.vehicle,
-            loop_dt_s=self.loop_dt_s,
-            loop_told_by=self.loop_told_by,
-            excitation_from=self.excitation_from,
-            onboard=self.onboard,
-        )
+        return replace(self, channels={name: values[keep] for name, values in self.channels.items()})
 
     def save(self, path: Path) -> None:
         """Write as a compressed NumPy archive, whole or not at all; the description travels as JSON inside.

@@ -151,11 +151,9 @@ class Candidate:
         if not self.dataset.in_a_loop:
             return self.model, self.standard_errors
         there = self.asked_in(self.metric)
-        J = self.metric(there.J)
-        variances = np.diag(np.linalg.pinv(J @ J.T, hermitian=True)) if len(J) else np.zeros(0)
+        variances = np.diag(_covariance(there, self.metric))
         errors = np.sqrt(np.maximum(variances, 0.0))  # what is not determined comes out below 0 by rounding
-        found = dict(zip(there.free, map(float, errors), strict=True))
-        return there.model, {name: found.get(name, 0.0) for name in there.model.structure.names}
+        return there.model, dict(zip(there.model.structure.names, map(float, errors), strict=True))
 
     @cached_property
     def metric(self) -> Whitening:
@@ -356,7 +354,7 @@ def _covariance(one: Candidate, metric: Whitening) -> FloatArray:
     names, J = one.model.structure.names, metric(one.J)
     free = [names.index(name) for name in one.free]
     found = np.zeros((len(names), len(names)))
-    found[np.ix_(free, free)] = np.linalg.pinv(J @ J.T)
+    found[np.ix_(free, free)] = np.linalg.pinv(J @ J.T, hermitian=True)
     return found
 
 
