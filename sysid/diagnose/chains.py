@@ -369,12 +369,19 @@ class _Chains:
         return sorted(like, key=lambda one: self.twins(one.effect, half))
 
     def like_beside(self, other: str, half: str) -> list[Ranked]:
-        """What scores nearly as much as this half beside the other one, and is cheap to fit there."""
+        """What is significant and scores nearly as much as this half beside the other one, and is cheap to fit there;
+        the first SECONDS of them."""
         seconds = self.seconds.get(other, [])
         promised = next((one.score.chi_squared for one in seconds if one.effect == half and one.score), math.inf)
-        like = [one for one in seconds if one.score is not None and one.score.chi_squared >= (1 - ALIKE) * promised]
+        like = [
+            one
+            for one in seconds
+            if one.score is not None
+            and one.score.log_p <= SIGNIFICANT
+            and one.score.chi_squared >= (1 - ALIKE) * promised
+        ]
         begin = self.single[other].fit if like else None
-        return [one for one in like if begin is not None and self.price_of(one, begin) < DEAR]
+        return [one for one in like if begin is not None and self.price_of(one, begin) < DEAR][:SECONDS]
 
 
 def _names(first: str, second: str) -> tuple[str, ...]:
