@@ -15,6 +15,7 @@ from sysid.diagnose.evidence import Candidate, Stepped, by_the_noise, gain, inst
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
+from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection
 from sysid.errors import FitError
 from sysid.fit.identify import beyond_responses
@@ -36,8 +37,8 @@ a hundred is found below it: the noise is not quite what the questions take it f
 IN_A_LOOP = math.log(100)
 """Less surely than that nothing is told where no excitation is logged: short of many runs slow effects, which remember
 the gusts of half a run, are shown by noise more often than chance has it."""
-QUESTIONS = 3
-"""Kinds of them: the commands against the residual, the catalogue, candidate terms."""
+QUESTIONS = 4
+"""Kinds of them: the commands against the residual, the catalogue, slow modes, candidate terms."""
 KEPT = 0.5
 """Of the chi squared that a score promises, what a refit explains at least that was in the right valley."""
 SERIOUS = 0.02
@@ -60,8 +61,6 @@ CRUMBS = 0.1
 """Points of NRMSE: where an effect leaves no output more to explain, nothing slow and no chain is looked for. A stiff
 mode beside a lag that stood in for most of it was worth 0.15."""
 Progress = Callable[[str], None]
-Simple = Callable[[Candidate], Selection]
-"""The simple terms beside a candidate; each is asked once."""
 
 
 def silent(_: str) -> None:
@@ -173,7 +172,10 @@ class Reference:
     users: Sequence[Effect]
     """Effects beside the catalogue's."""
     validation: Dataset | None
-    simple: Simple
+    simple: Callable[[Candidate], Selection]
+    """The simple terms beside a candidate,"""
+    mode: Callable[[Candidate], SlowMode | None]
+    """and the slow mode; each is asked once."""
 
 
 def composed_with(parent: Structure, effect: Effect, on: Dataset) -> Structure:
@@ -249,13 +251,17 @@ def of_all_questions(log_p: float, division: Division) -> float:
     return min(0.0, log_p + math.log(QUESTIONS) + (0.0 if division.measured else IN_A_LOOP))
 
 
-def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Ranked]:
+def refit_serious(
+    asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress, elsewhere: float = 0.0
+) -> list[Ranked]:
     """Refits of what may be the answer, the most promising first: linear entries, which take milliseconds, then others.
+    `elsewhere` is chi squared that something outside the catalogue explains.
 
     An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
     comes near to what the best of them explains; once one leaves noise, no more where its score is far below the best.
     """
-    top = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
+    scored = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
+    top, least_quick = max(scored, elsewhere), SERIOUS if scored > elsewhere else SERIOUS_BESIDE
     found: dict[tuple[str, ...], Ranked] = {}
     best, question_open = parent, True
 
@@ -268,12 +274,12 @@ def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Ef
 
     testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
     for one in testable:
-        if _quick(one) and _share(one, top) >= (SERIOUS if question_open else SERIOUS_BESIDE):
+        if _quick(one) and _share(one, top) >= (least_quick if question_open else SERIOUS_BESIDE):
             fit(one)
     linear_enough = not question_open
     explained = 0.0 if best is parent else _explained(best, parent, best.metric)
     for one in testable:
-        if one.score is None or not _worth_simulating(one, one.score):
+        if one.score is None or _quick(one) or one.score.log_p_there > WORTH_THE_TIME:
             continue
         near = one.score.chi_squared > NEAR * explained
         least = SERIOUS_SLOW if question_open else SERIOUS_SLOW_BESIDE
@@ -300,10 +306,6 @@ def _quick(one: Ranked) -> bool:
     """Whether a refit takes milliseconds: a linear entry without many valleys to search."""
     known = catalogue()
     return one.effect in known and known[one.effect].linear and (one.score is None or one.score.tried <= FEW_POINTS)
-
-
-def _worth_simulating(one: Ranked, scored: Score) -> bool:
-    return not _quick(one) and scored.log_p_there <= WORTH_THE_TIME
 
 
 def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
