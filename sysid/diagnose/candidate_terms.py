@@ -93,7 +93,7 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
         entries=tuple(made),
         flown=flown,
         imposed=imposed,
-        transfer=[_transfer(parent, at, group.frequency_hz) for group in on.stacks],
+        transfer=transfers(parent, at),
         plain=_plain(parent),
         first=numbered([one.parts[0] for one in made]),
         second=numbered([one.parts[1] for one in made if len(one.parts) == 2]),
@@ -182,8 +182,8 @@ def _listening(parent: Candidate) -> _Probe:
     return _Probe(_opened(parent, [_probing("listening", Stage.DYNAMICS, listen, channels)]), heard)
 
 
-def _transfer(parent: Candidate, at: Sequence[str], frequency_hz: FloatArray) -> ComplexArray:
-    """(rows, k, bins) from what is added to a row to the outputs."""
+def transfers(parent: Candidate, at: Sequence[str]) -> list[ComplexArray]:
+    """For every stack (rows, k, bins), from what is added to a row to the outputs."""
 
     def into(rows: Sequence[str]) -> Any:
         return lambda s: {row: getattr(s, row) + getattr(s, f"into_{row}") for row in rows}
@@ -198,9 +198,13 @@ def _transfer(parent: Candidate, at: Sequence[str], frequency_hz: FloatArray) ->
     named = parent.model.by_name
     A, B, C, D = rest.matrices(rest.vector(named))
     columns = [rest.inputs.index(f"into_{row}") for row in at]
-    s = 2j * np.pi * frequency_hz
-    inside = np.linalg.solve(s[:, None, None] * np.eye(A.shape[0]) - A, B[:, columns].astype(complex))
-    return np.asarray(np.moveaxis(C @ inside + D[:, columns], 0, -1).transpose(1, 0, 2))
+
+    def answer(frequency_hz: FloatArray) -> ComplexArray:
+        s = 2j * np.pi * frequency_hz
+        inside = np.linalg.solve(s[:, None, None] * np.eye(A.shape[0]) - A, B[:, columns].astype(complex))
+        return np.asarray(np.moveaxis(C @ inside + D[:, columns], 0, -1).transpose(1, 0, 2))
+
+    return [answer(group.frequency_hz) for group in parent.dataset.stacks]
 
 
 def _probing(name: str, stage: Stage, equations: Any, channels: Sequence[str]) -> Effect:

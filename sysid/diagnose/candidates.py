@@ -1,4 +1,4 @@
-"""Effects that the model may lack: every testable entry scored, the serious refitted, validated and ranked."""
+"""Effects that the model may lack: every testable entry scored; what was refitted, validated and ranked."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 
 from sysid.data.airframe import Airframe
 from sysid.data.dataset import Dataset
-from sysid.diagnose.evidence import Candidate, Stepped, by_the_noise, gain, instrumental_step, predicting, refit
+from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.plausible import out_of_reach
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
+from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection
-from sysid.errors import FitError
 from sysid.fit.identify import beyond_responses
 from sysid.fit.noise import Division
 from sysid.fit.output_error import OutputError
@@ -24,11 +24,11 @@ from sysid.fit.result import finite
 from sysid.fit.whitening import Whitening
 from sysid.model.airframe import not_offered
 from sysid.model.compose import acts_on, adapted, compose, not_testable
-from sysid.model.effect import Effect, EffectError, catalogue, named_effect
+from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import SURELY
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Model, Structure
+from sysid.model.structure import FloatArray, Structure
 
 SIGNIFICANT = math.log(1e-4)
 """Of all questions asked together; logarithm of the nominal chance that noise alone answers so. On clean flights one in
@@ -36,33 +36,14 @@ a hundred is found below it: the noise is not quite what the questions take it f
 IN_A_LOOP = math.log(100)
 """Less surely than that nothing is told where no excitation is logged: short of many runs slow effects, which remember
 the gusts of half a run, are shown by noise more often than chance has it."""
-QUESTIONS = 3
-"""Kinds of them: the commands against the residual, the catalogue, candidate terms."""
-KEPT = 0.5
-"""Of the chi squared that a score promises, what a refit explains at least that was in the right valley."""
-SERIOUS = 0.02
-"""Share of the best score from which on a candidate is refitted,"""
-SERIOUS_BESIDE = 0.1
-"""the same beside one that leaves noise: of 24 training flights none below 0.12 explained half of what the best did,"""
-SERIOUS_SLOW = 0.1
-"""and where a refit takes simulations or a long search."""
-SERIOUS_SLOW_BESIDE = 0.3
-"""and beside one that leaves noise: a lower score is not that of an effect that explains all. From there on, always,
-what acts on samples is simulated: of 27 training flights with such an effect none had less than half of the best."""
-WORTH_THE_TIME = math.log(0.01)
-"""Chance that noise alone shows as much at an entry's best point, above which it is neither simulated nor refitted
-twice. All points counted in, a mode that explained chi squared of 130 was above it."""
-FEW_POINTS = 8
-NEAR = 0.7
-"""Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
+QUESTIONS = 4
+"""Kinds of them: the commands against the residual, the catalogue, slow modes, candidate terms."""
 REMAINDER = 0.05
 """Share of what can be explained, left by the best effect, from which on a second one is looked for."""
 CRUMBS = 0.1
 """Points of NRMSE: where an effect leaves no output more to explain, nothing slow and no chain is looked for. A stiff
 mode beside a lag that stood in for most of it was worth 0.15."""
 Progress = Callable[[str], None]
-Simple = Callable[[Candidate], Selection]
-"""The simple terms beside a candidate; each is asked once."""
 
 
 def silent(_: str) -> None:
@@ -174,7 +155,10 @@ class Reference:
     users: Sequence[Effect]
     """Effects beside the catalogue's."""
     validation: Dataset | None
-    simple: Simple
+    simple: Callable[[Candidate], Selection]
+    """The simple terms beside a candidate,"""
+    mode: Callable[[Candidate], SlowMode | None]
+    """and the slow mode; each is asked once."""
 
 
 def composed_with(parent: Structure, effect: Effect, on: Dataset) -> Structure:
@@ -250,128 +234,7 @@ def of_all_questions(log_p: float, division: Division) -> float:
     return min(0.0, log_p + math.log(QUESTIONS) + (0.0 if division.measured else IN_A_LOOP))
 
 
-def refit_serious(asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress) -> list[Ranked]:
-    """Refits of what may be the answer, the most promising first: linear entries, which take milliseconds, then others.
-
-    An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
-    comes near to what the best of them explains; once one leaves noise, no more where its score is far below the best.
-    """
-    top = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
-    found: dict[tuple[str, ...], Ranked] = {}
-    best, question_open = parent, True
-
-    def fit(one: Ranked) -> None:
-        nonlocal best, question_open
-        found[one.effects] = again = refitted(one, parent, users)
-        say(one.effect)
-        if again.fit is not None and again.fit.error_share < best.error_share:
-            best, question_open = again.fit, _leaves_more(again.fit, parent)
-
-    testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
-    for one in testable:
-        if _quick(one) and _share(one, top) >= (SERIOUS if question_open else SERIOUS_BESIDE):
-            fit(one)
-    linear_enough = not question_open
-    explained = 0.0 if best is parent else _explained(best, parent, best.metric)
-    for one in testable:
-        if one.score is None or not _worth_simulating(one, one.score):
-            continue
-        near = one.score.chi_squared > NEAR * explained
-        least = SERIOUS_SLOW if question_open and not _on_samples(one) else SERIOUS_SLOW_BESIDE
-        if _share(one, top) >= least and (near or not linear_enough):
-            fit(one)
-    return [found.get(one.effects, one) for one in asked]
-
-
-def _share(one: Ranked, top: float) -> float:
-    """Of the best score; of what has none, because it goes by another base, more than all."""
-    return math.inf if one.score is None else one.score.chi_squared / max(top, 1e-300)
-
-
-def _leaves_more(best: Candidate, parent: Candidate) -> bool:
-    """Whether the best of the quick ones leaves more than noise, and more than crumbs."""
-    left, whole = best.division, residual_shares(best)
-    if float(np.max(100 * (1 - np.sqrt(left.noise_share)) * np.sqrt(whole))) < CRUMBS:
-        return False
-    explained = parent.error_share - best.error_share
-    return explained <= 0 or float(np.sum((1 - left.noise_share) * whole)) > REMAINDER * explained
-
-
-def _quick(one: Ranked) -> bool:
-    """Whether a refit takes milliseconds: a linear entry without many valleys to search."""
-    known = catalogue()
-    return one.effect in known and known[one.effect].linear and (one.score is None or one.score.tried <= FEW_POINTS)
-
-
-def _on_samples(one: Ranked) -> bool:
-    known = catalogue()
-    return one.effect in known and known[one.effect].samples is not None
-
-
-def _worth_simulating(one: Ranked, scored: Score) -> bool:
-    return not _quick(one) and scored.log_p_there <= WORTH_THE_TIME
-
-
-def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
-    """The refit; where it explains far less than the score promised, or fails, a better one from where the score was.
-
-    Valleys are told apart by what is left of all power; what is small beside gusts shows in the noise's measure alone.
-    """
-    try:
-        composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
-    except (FitError, EffectError) as error:
-        return replace(one, fit=None, not_testable=str(error))
-    fit, failure = _refit(composed, parent, one, None)
-    begin = _where_scored(one, composed, parent)
-    if begin is not None and one.score is not None and one.score.log_p_there < WORTH_THE_TIME:
-        explained = 0.0 if fit is None or _astray(fit, parent) else _explained(fit, parent, parent.metric)
-        again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
-        if again is not None and _explained(again, parent, parent.metric) > explained:
-            fit, explained = again, _explained(again, parent, parent.metric)
-        if fit is not None and explained < KEPT * one.score.chi_squared and parent.division.measured:
-            again = by_the_noise(fit, begin, parent.metric)
-            if again is not None and _explained(again, parent, parent.metric) > max(0.0, explained):
-                fit = again
-    if fit is None:
-        return replace(one, fit=None, not_testable=failure)
-    if one.score is not None and one.score.log_p_there < WORTH_THE_TIME and _doubtful(fit, parent, one.score):
-        fit = predicting(fit, parent)
-    return replace(one, fit=fit, not_testable=None)
-
-
-def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:
-    """Whether feedback may have led least squares elsewhere: to values that it should not have, or to where it explains
-    far less than the score promised."""
-    if not fit.dataset.in_a_loop:
-        return False
-    return bool(_outside(fit) - _outside(parent)) or _explained(fit, parent, parent.metric) < KEPT * score.chi_squared
-
-
-def _astray(fit: Candidate, parent: Candidate) -> bool:
-    """Whether a refit ended where it leaves more than the parent, whatever a step from there promises; where feedback
-    makes no powers."""
-    return parent.division.measured and fit.error_share > parent.error_share
-
-
-def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | None) -> tuple[Candidate | None, str]:
-    try:
-        return refit(composed, parent, one.effects, near), ""
-    except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
-        return None, str(error)
-
-
-def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
-    """The parent with the sizes of the score; None where it takes simulations, or they are not all known, or one is
-    beyond what it may be: that size of a score says that there is none."""
-    values = parent.model.by_name | ({} if one.score is None else dict(one.score.at))
-    if not composed.linear or not set(composed.names) <= set(values):
-        return None
-    if any(not each.bounds[0] < values[each.name] < each.bounds[1] for each in composed.parameters):
-        return None
-    return Model(composed, composed.vector({name: values[name] for name in composed.names}))
-
-
-def _explained(fit: Candidate, parent: Candidate, metric: Whitening) -> float:
+def explained_by(fit: Candidate, parent: Candidate, metric: Whitening) -> float:
     """Chi squared by which a fit is likelier than the parent."""
     known = metric is parent.metric
     before = parent.stepped if known else instrumental_step(parent.asked_in(metric), metric)
@@ -398,7 +261,7 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
     own = instrumental_step(one.fit.asked_in(reference.whitening), reference.whitening)
     likelier, _ = gain(own, reference.stepped)
     model, parent = one.fit.model, reference.parent
-    before, outside = _outside(parent), _outside(one.fit)
+    before, outside = values_outside(parent), values_outside(one.fit)
     now = _implausible(one.fit.asked, reference.whitening)
     if not now - before and out_of_reach(one.fit, outside - before):
         now |= outside
@@ -414,7 +277,7 @@ def compared(one: Ranked, reference: Reference) -> Ranked:
     )
 
 
-def _outside(one: Candidate) -> set[str]:
+def values_outside(one: Candidate) -> set[str]:
     """Parameters outside what physics allows, whatever their errors, or at a bound: what would be more is another
     effect, as a second-order lag of damping ratio 1 would be two lags."""
     parameters = zip(one.model.structure.parameters, one.model.values, strict=True)

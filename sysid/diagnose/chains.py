@@ -14,7 +14,6 @@ import numpy as np
 
 from sysid.diagnose.candidates import (
     CRUMBS,
-    NEAR,
     REMAINDER,
     SIGNIFICANT,
     Progress,
@@ -25,13 +24,13 @@ from sysid.diagnose.candidates import (
     noise_shares,
     rank,
     ranked,
-    refitted,
     residual_shares,
     score_effects,
     silent,
 )
 from sysid.diagnose.evidence import Candidate, gain
 from sysid.diagnose.loop_change import Limit, seen
+from sysid.diagnose.refits import NEAR, refitted
 from sysid.diagnose.term_search import Selection
 from sysid.fit.grow import looks
 from sysid.model.acting import divided, linear_dynamics

@@ -28,13 +28,14 @@ from sysid.diagnose.candidates import (
     of_all_questions,
     rank,
     ranked,
-    refit_serious,
     score_effects,
     silent,
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
 from sysid.diagnose.loop_change import Limit
+from sysid.diagnose.refits import refit_serious
+from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
 from sysid.diagnose.thinned import as_held, held, telling
 from sysid.diagnose.verdict import Diagnosis, verdict_on
@@ -78,12 +79,17 @@ def diagnose(
 
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
+    elsewhere = 0.0
+    if chance >= SIGNIFICANT and (mode := slow_mode(asked_of, stepped, parent.metric)) is not None:
+        chance = min(chance, of_all_questions(mode.log_p, parent.division))
+        elsewhere = mode.chi_squared if chance < SIGNIFICANT else 0.0
+        say("slow modes")
     if chance >= SIGNIFICANT:
         simple = search(asked_of, stepped, parent.metric, most=1)
         chance = min([chance, *(of_all_questions(one.log_p, parent.division) for one in simple)])
         say("simple terms")
     if chance < SIGNIFICANT:
-        candidates = refit_serious(candidates, parent, effects, say)
+        candidates = refit_serious(candidates, parent, effects, say, elsewhere)
     reference = _reference(parent, candidates, effects, validated_on)
     candidates = sorted((ranked(one, reference) for one in candidates), key=rank)
     answer, chained = verdict_on(candidates, (), chance, reference), ChainSearch()
@@ -141,6 +147,11 @@ def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], val
     def simple(one: Candidate) -> Selection:
         return select(one.asked_in(whitening), whitening)
 
+    @cache
+    def mode(one: Candidate) -> SlowMode | None:
+        asked = one.asked_in(whitening)
+        return slow_mode(asked, instrumental_step(asked, whitening), whitening)
+
     return Reference(
         parent=parent,
         stepped=instrumental_step(parent.asked_in(whitening), whitening),
@@ -148,4 +159,5 @@ def _under(whitening: Whitening, parent: Candidate, users: Sequence[Effect], val
         users=users,
         validation=validation,
         simple=simple,
+        mode=mode,
     )

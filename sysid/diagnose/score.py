@@ -248,13 +248,13 @@ class _Question:
     def _explained(self, Z: FloatArray) -> tuple[float, int, float]:
         """Chi squared of the residual along these rows, its degrees of freedom, and what of it is sure (`at_least`)."""
         residual = self.stepped.residual
-        chi_squared, degrees = _along(Z, residual)
+        chi_squared, degrees = along(Z, residual)
         if log_chance(chi_squared, degrees) > WORTH_A_LOOK:
             return chi_squared, degrees, math.inf
         told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
-        at_least = math.inf if told is None else _along(Z * told, residual * told)[0]
+        at_least = math.inf if told is None else along(Z * told, residual * told)[0]
         if self.envelope.rough:
-            at_least = min(at_least, _along(Z, residual, self.envelope.gram(Z))[0])
+            at_least = min(at_least, along(Z, residual, self.envelope.gram(Z))[0])
         return chi_squared, degrees, at_least
 
     def _moves(
@@ -272,7 +272,7 @@ class _Question:
         return moves, {name: error * abs(width[name]) for name, _, error in each if name}
 
 
-def _along(Z: FloatArray, residual: FloatArray, covariance: FloatArray | None = None) -> tuple[float, int]:
+def along(Z: FloatArray, residual: FloatArray, covariance: FloatArray | None = None) -> tuple[float, int]:
     """Chi squared of a residual (N,) along rows (c, N), and its degrees of freedom; `covariance` (c, c) of their inner
     products with noise where that is not white."""
     gram = Z @ Z.T

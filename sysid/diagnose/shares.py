@@ -15,6 +15,7 @@ from sysid.diagnose.evidence import Candidate, error_share
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.likely import misfit
 from sysid.diagnose.score import log_chance
+from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection
 from sysid.fit.noise import WINDOW_HZ, Division, divide
 from sysid.fit.output_error import OutputError
@@ -57,13 +58,16 @@ class Shares:
     """N, of it what nothing recorded explains."""
     noise_floor_percent: dict[str, float]
     terms: Selection | None
+    mode: SlowMode | None
+    """A slow mode beside the likeliest candidate, where it is surely no noise."""
     validation: _Validation | None
     new_share: float
     """Of what past noise does not foretell, what is no noise: by the commands, or by the likeliest candidate."""
     most_explained: float
     """Chi squared, by any candidate;"""
     most_paid: float
-    """and by any, less what its parameters cost, or by the likeliest with the simple terms that stand beside it."""
+    """and by any, less what its parameters cost, or by the likeliest with what simple terms or a slow mode explain
+    beside it."""
 
     @classmethod
     def of(cls, candidates: Sequence[Ranked], significant: bool, reference: Reference) -> Shares:
@@ -74,6 +78,9 @@ class Shares:
             likeliest = None
         best = parent if likeliest is None or likeliest.fit is None else likeliest.fit
         terms = reference.simple(best) if significant else None
+        mode = reference.mode(best) if significant and parent.division.measured else None
+        if mode is not None and mode.log_p >= SIGNIFICANT:
+            mode = None
         noise = noise_shares(best, terms) if significant else residual_shares(best)
         floor = dict(zip(parent.model.structure.outputs, map(float, 100 * (1 - np.sqrt(noise))), strict=True))
         on = reference.validation
@@ -82,10 +89,11 @@ class Shares:
             noise_share=float(np.sum(noise)),
             noise_floor_percent=floor,
             terms=terms,
+            mode=mode,
             validation=None if on is None else _Validation.of(parent, fits, on),
             new_share=_new_share(candidates, reference),
             most_explained=max((one.chi_squared for one in fits), default=0.0),
-            most_paid=max([_paid_with(terms, likeliest, parent), *(-one.delta_bic for one in fits)]),
+            most_paid=max([_paid_with(terms, mode, likeliest, parent), *(-one.delta_bic for one in fits)]),
         )
 
     def by_feedback(self, left: Division, chance: float) -> bool:
@@ -236,13 +244,15 @@ class _Validation:
         return float(np.clip((self.before - error_share(after)) / change, -1, 1)), slack
 
 
-def _paid_with(terms: Selection | None, likeliest: Ranked | None, parent: Candidate) -> float:
-    """Chi squared of the simple terms beside the likeliest candidate, and of that, less what its parameters cost. How
-    many terms there were to choose from is paid by their significance; in a loop they explain gusts, too."""
+def _paid_with(terms: Selection | None, mode: SlowMode | None, likeliest: Ranked | None, parent: Candidate) -> float:
+    """Chi squared of the simple terms, or a slow mode, beside the likeliest candidate, and of that, less what its
+    parameters cost. How many there were to choose from is paid by their significance; in a loop they explain gusts,
+    too."""
     own = 0.0 if likeliest is None else -likeliest.delta_bic
-    if terms is None or not parent.division.measured:
+    if not parent.division.measured:
         return own
-    return own + sum(one.chi_squared for one in terms.terms)
+    simple = 0.0 if terms is None else sum(one.chi_squared for one in terms.terms)
+    return own + max(simple, 0.0 if mode is None else mode.chi_squared)
 
 
 def _new_share(candidates: Sequence[Ranked], reference: Reference) -> float:

@@ -22,10 +22,11 @@ from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray, Model
 
 TOLD_BY = "by these runs"
-SAMPLES_OF_A_PERIOD = 12.0
+SAMPLES_OF_A_PERIOD = 20.0
 """That a thinned log must have of commands to tell how large small ones are: noise on the excitation moves them between
 samples, too, and what is small seems to be answered less than what is large, as in play. Clean flights of small
-helicopters logged at 50 Hz showed play, or a term, at up to log10 p -18 by all commands, and -3 by these."""
+helicopters logged at 50 Hz showed play, or a term, at up to log10 p -18 by all commands, and -3 by these; one logged
+at 100 Hz -7 by those with 12, and -2 by these."""
 FOLDED = 0.01
 """Of a command's power in the band, just below half the log's rate, from which on what folds back from beyond cannot be
 neglected: doublets at 50 Hz had 0.025 to 0.07, and left 20 to 35 % of their answer unexplained by the truth itself;

@@ -25,6 +25,7 @@ from sysid.diagnose.evidence import Candidate, Stepped, gain
 from sysid.diagnose.likely import SAME, declared, near
 from sysid.diagnose.shares import A_LOOP_MAKES, Shares
 from sysid.diagnose.size_check import Size, sizes
+from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection, select
 from sysid.fit.check_kinds import CommandsThinned
 from sysid.fit.noise import Division
@@ -76,7 +77,9 @@ class Diagnosis:
     log_chance: float
     """That noise alone shows as much; all questions counted in."""
     terms: Selection | None
-    """Simple terms beside the best candidate, where something is missing."""
+    """Simple terms beside the best candidate, where something is missing;"""
+    mode: SlowMode | None
+    """and a slow mode beside it, where there surely is one."""
     lead: float | None
     """Logarithm of how far the winner is ahead, which the confidence is made from; None where nothing is named."""
     outdone: bool = False
@@ -209,6 +212,7 @@ def verdict_on(singles: Sequence[Ranked], pairs: Sequence[Ranked], chance: float
         validation_nrmse_percent=None if shares.validation is None else shares.validation.nrmse_percent,
         log_chance=chance,
         terms=shares.terms,
+        mode=shares.mode,
         lead=answer.lead,
         outdone=answer.outdone,
         sizes=answer.sizes,

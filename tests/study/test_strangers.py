@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from strangers.hiding import CATALOGUE, FOREIGN, NEWER, NOTHING, Hidden, may_sta
 
 CLEAN = 21
 """Seed of a short flight with nothing hidden."""
+UNTOLD = 276
+"""Seed of one whose log has every tenth sample of a loop of 500 Hz, and does not tell it."""
 
 
 def test_only_the_question_knows_the_package() -> None:
@@ -75,6 +78,15 @@ def test_the_same_seed_gives_the_same_flight() -> None:
 def test_a_size_is_as_detectable_as_was_asked_for() -> None:
     flight = fly(CLEAN, ("servo_lag",))
     assert flight.detectability == pytest.approx(flight.plan.targets[0], rel=0.3)
+
+
+def test_lateness_that_an_untold_loop_leaves_open_is_not_detectable() -> None:
+    plan = planned(UNTOLD, ("servo_lag",))
+    assert (plan.loop_hz, plan.log_hz, plan.loop_told) == (500, 50, False)
+    a_little, more = (Hidden(("servo_lag",), ({"tau_s": tau},)) for tau in (0.004, 0.03))
+    untold, told = ground_of(plan), ground_of(replace(plan, loop_told=True))
+    assert untold.chi_squared(a_little) < 0.1 * told.chi_squared(a_little)
+    assert untold.chi_squared(more) > 10 * DETECTABLE
 
 
 def test_a_log_has_the_rate_and_the_channels_of_its_plan() -> None:

@@ -95,7 +95,10 @@ def candidates_text(last: Diagnosis, most: int) -> list[str]:
 def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
     """The maneuver that would tell rivals apart, and a simple term where nothing known explains."""
     lines: list[Line] = []
-    terms = found.last.terms
+    terms, mode = found.last.terms, found.last.mode
+    if mode is not None and found.last.verdict == "unexplained":
+        said = f"a slow mode at {mode.frequency_hz:.2g} Hz would do much: a load that swings, fuel that sloshes"
+        lines.append(Sentence(said, " ", "   "))
     if terms is not None and terms.terms and found.last.verdict == "unexplained" and not of_responses(found.last):
         term = terms.terms[0]
         others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""

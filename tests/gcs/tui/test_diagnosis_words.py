@@ -20,6 +20,7 @@ from sysid.diagnose.explain import Explanation
 from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
 from sysid.diagnose.proposals import FurtherApart, HalfAndFull, LinearHalves
+from sysid.diagnose.slow_modes import SlowMode
 from sysid.model.effect import catalogue
 
 CHIRP = Plan(kind="chirp", axis="roll", amplitude=0.1, f_start_hz=0.5, f_stop_hz=10.0, duration_s=30.0)
@@ -40,8 +41,8 @@ def unexplained(proposal: NextManeuver) -> Any:
     parent = SimpleNamespace(nrmse_percent=nrmse, model=SimpleNamespace(structure=structure, values=()))
     last = SimpleNamespace(
         verdict="unexplained", winner=None, chain=(), candidates=(), pairs=(), indistinguishable=(), parent=parent,
-        noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, stands_in=False, effect=None,
-        reason=None,
+        noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, mode=None, stands_in=False,
+        effect=None, reason=None,
     )  # fmt: skip
     return SimpleNamespace(
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
@@ -95,6 +96,12 @@ def test_without_validation_runs_the_app_names_its_keys_and_a_shell_the_option()
     assert "--" not in words
     shell = " ".join(diagnosis_text(diagnosis).split())
     assert "whether it holds on others is open; name some with --validate" in shell
+
+
+def test_a_slow_mode_is_told_with_its_frequency() -> None:
+    diagnosis = unexplained(HALVES)
+    diagnosis.last.mode = SlowMode(frequency_hz=0.759, chi_squared=85.0, log_p=-35.0)
+    assert "a slow mode at 0.76 Hz would do much: a load that swings, fuel that sloshes" in shown(diagnosis)
 
 
 def test_an_error_at_the_ends_is_cut_off_in_a_shell_and_looked_at_in_the_app() -> None:

@@ -2,7 +2,9 @@
 
 The vehicle with the effect flies its maneuvers in its loop in still air; the base answers to the same commands, and
 what is left is divided by the spectrum of what gusts and gyro noise leave of the base. What the base's own
-parameters could make of it is taken away. The sum is chi squared, expected above the noise; DETECTABLE of it counts 1.
+parameters could make of it is taken away, and so is lateness of all commands that the log leaves open: where it has not
+every sample of the loop and does not tell it, commands held for a sample of the log act later than they did. The sum is
+chi squared, expected above the noise; DETECTABLE of it counts 1.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from planted import Array, in_numbers
+from scipy.optimize import minimize_scalar
 
 from strangers.flying import Air, Loop, flown
 from strangers.hiding import NOTHING, Hidden
@@ -36,9 +39,11 @@ class Ground:
     """Of the spectra, inside the band."""
     noise: Array
     """(bins, 2): power of what gusts and gyro noise leave."""
+    untold_s: float
+    """By which commands may have acted later than they did, for all that the log tells."""
 
     @classmethod
-    def of(cls, vehicle: Vehicle, air: Air, loop: Loop, high_hz: float) -> Ground:
+    def of(cls, vehicle: Vehicle, air: Air, loop: Loop, high_hz: float, untold_s: float = 0.0) -> Ground:
         n = air.excitation.shape[0]
         frequencies = np.fft.rfftfreq(n, loop.dt)
         inside = np.flatnonzero((frequencies >= vehicle.band_hz[0]) & (frequencies <= high_hz))
@@ -48,7 +53,7 @@ class Ground:
         width = max(1, round(SMOOTH_HZ * n * loop.dt))
         kernel = np.ones(width) / width
         smooth = np.stack([np.convolve(power[:, i], kernel, mode="same") for i in range(2)], axis=1)
-        return cls(vehicle=vehicle, still=air.still, loop=loop, bins=inside, noise=smooth[inside])
+        return cls(vehicle=vehicle, still=air.still, loop=loop, bins=inside, noise=smooth[inside], untold_s=untold_s)
 
     def chi_squared(self, hidden: Hidden) -> float:
         """Infinite where the vehicle does not hold."""
@@ -58,18 +63,27 @@ class Ground:
         commanded = replace(self.still, excitation=effect.commands - self.loop.trim_of(effect.commands))
         base = flown(self.vehicle, NOTHING, commanded, replace(self.loop, closed=False))
         weight = np.sqrt(2 / self.noise)[..., None]
-        error = np.fft.rfft(effect.measured - base.measured, axis=0)[self.bins] * weight
+        seen, expected = (np.fft.rfft(one.measured, axis=0)[self.bins] for one in (effect, base))
         moved = np.fft.rfft(commanded.excitation[:, :2], axis=0)[self.bins]
         slopes = [np.einsum("kij,kjr->kir", slope, moved) * weight for slope in self._slopes()]
         rows = np.stack([_real(one) for one in slopes], axis=1)
-        wanted = _real(error)
-        scale = np.linalg.norm(rows, axis=0) + 1e-300
-        found = np.linalg.lstsq(rows / scale, wanted, rcond=None)[0]
-        return float(np.sum((wanted - rows / scale @ found) ** 2))
+        own = np.linalg.qr(rows / (np.linalg.norm(rows, axis=0) + 1e-300))[0]
 
-    def _slopes(self) -> list[Array]:
-        n = self.still.excitation.shape[0]
-        s = 2j * np.pi * self.bins / (n * self.loop.dt)
+        def left(late_s: float) -> float:
+            wanted = _real((seen - np.exp(-self._s * late_s)[:, None, None] * expected) * weight)
+            return float(np.sum((wanted - own @ (own.T @ wanted)) ** 2))
+
+        if not self.untold_s:
+            return left(0.0)
+        return float(minimize_scalar(left, bounds=(0.0, self.untold_s), method="bounded").fun)
+
+    @property
+    def _s(self) -> NDArray[np.complex128]:
+        """(bins,), 1/s."""
+        return np.asarray(2j * np.pi * self.bins / (self.still.excitation.shape[0] * self.loop.dt))
+
+    def _slopes(self) -> list[NDArray[np.complex128]]:
+        s = self._s
         hold = (1 - np.exp(-s * self.loop.dt)) / (s * self.loop.dt)
         table = self.vehicle.table
         here = _response(dict(table), s)
@@ -80,7 +94,7 @@ class Ground:
         ]
 
 
-def _response(table: dict[str, float], s: Array) -> Array:
+def _response(table: dict[str, float], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """(bins, 2, 2): p, q from x, y."""
     A, B, C = in_numbers(base_of(table))
     n = len(A) - 2  # the attitude comes last, and moves nothing

@@ -9,8 +9,9 @@ from typing import Any, cast
 
 import pytest
 
-from sysid.diagnose import candidates
-from sysid.diagnose.candidates import Ranked, refit_serious, silent
+from sysid.diagnose import candidates, refits
+from sysid.diagnose.candidates import Ranked, silent
+from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.score import Score
 
 
@@ -31,7 +32,7 @@ def scored(effect: str, chi_squared: float) -> Ranked:
     return Ranked(effects=(effect,), score=score, not_testable=None)
 
 
-def refits(monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str | None) -> list[str]:
+def order(monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str | None) -> list[str]:
     """Effects in the order in which they were refitted, where `enough` leaves noise."""
     made: list[str] = []
 
@@ -39,8 +40,8 @@ def refits(monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str
         made.append(one.effect)
         return replace(one, fit=cast("Any", Left(0.1 if one.effect == enough else 0.5)))
 
-    monkeypatch.setattr(candidates, "refitted", refitted)
-    monkeypatch.setattr(candidates, "_leaves_more", lambda best, _: best.error_share > 0.2)
+    monkeypatch.setattr(refits, "refitted", refitted)
+    monkeypatch.setattr(refits, "_leaves_more", lambda best, _: best.error_share > 0.2)
     monkeypatch.setattr(candidates, "instrumental_step", lambda *_: None)
     monkeypatch.setattr(candidates, "gain", lambda *_: (1000.0, 0.0))
     refit_serious(asked, cast("Any", Left(1.0)), (), silent)
@@ -52,23 +53,32 @@ SLOW = [scored("quadratic_damping", 250.0), scored("servo_backlash", 800.0)]
 
 
 def test_the_most_promising_first_and_all_while_the_question_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = refits(monkeypatch, [*ASKED, *SLOW], None)
+    names = order(monkeypatch, [*ASKED, *SLOW], None)
     assert names == ["gyro_lag", "servo_lag", "hub_gyroscopics", "servo_backlash", "quadratic_damping"]
 
 
 def test_beside_one_that_leaves_noise_nothing_slow_that_could_not_be_as_good(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = refits(monkeypatch, [*ASKED, *SLOW], "gyro_lag")
+    names = order(monkeypatch, [*ASKED, *SLOW], "gyro_lag")
     assert names == ["gyro_lag", "servo_lag", "hub_gyroscopics", "servo_backlash"]
     slow = [scored("servo_rate_limit", 200.0), scored("servo_backlash", 800.0)]
-    assert refits(monkeypatch, slow, "servo_backlash") == ["servo_backlash"]
-    assert refits(monkeypatch, SLOW, "servo_backlash") == ["servo_backlash", "quadratic_damping"]
+    assert order(monkeypatch, slow, "servo_backlash") == ["servo_backlash"]
+    assert order(monkeypatch, SLOW, "servo_backlash") == ["servo_backlash", "quadratic_damping"]
+
+
+def test_what_acts_on_samples_is_simulated_where_it_scores_near_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = [scored("servo_deadband", 250.0), scored("servo_backlash", 350.0), scored("quadratic_damping", 250.0)]
+    assert order(monkeypatch, [scored("gyro_lag", 1000.0), *slow], None) == [
+        "gyro_lag",
+        "servo_backlash",
+        "quadratic_damping",
+    ]
 
 
 def test_a_refit_that_fails_leaves_none_of_an_earlier_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(candidates, "composed_with", lambda *_: None)
-    monkeypatch.setattr(candidates, "_refit", lambda *_: (None, "the response does not settle"))
-    monkeypatch.setattr(candidates, "_where_scored", lambda *_: None)
+    monkeypatch.setattr(refits, "composed_with", lambda *_: None)
+    monkeypatch.setattr(refits, "_refit", lambda *_: (None, "the response does not settle"))
+    monkeypatch.setattr(refits, "_where_scored", lambda *_: None)
     before = replace(scored("servo_lag", 900.0), fit=cast("Any", Left(0.1)))
     parent = SimpleNamespace(model=SimpleNamespace(structure=None), dataset=None)
-    after = candidates.refitted(before, cast("Any", parent), ())
+    after = refits.refitted(before, cast("Any", parent), ())
     assert (after.fit, after.not_testable) == (None, "the response does not settle")

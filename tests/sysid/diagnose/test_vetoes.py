@@ -138,6 +138,7 @@ def test_what_the_loop_alone_could_make_is_no_alarm(monkeypatch: pytest.MonkeyPa
         noise_share=0.01,
         noise_floor_percent={},
         terms=None,
+        mode=None,
         validation=None,
         new_share=0.01,
         most_explained=0.0,

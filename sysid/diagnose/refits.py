@@ -1,0 +1,168 @@
+"""Refits of the effects that may be the answer: which, in what order, and from where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.diagnose.candidates import (
+    CRUMBS,
+    REMAINDER,
+    Progress,
+    Ranked,
+    composed_with,
+    explained_by,
+    residual_shares,
+    values_outside,
+)
+from sysid.diagnose.evidence import Candidate, by_the_noise, predicting, refit
+from sysid.diagnose.score import Score
+from sysid.errors import FitError
+from sysid.model.effect import Effect, EffectError, catalogue, named_effect
+from sysid.model.relaxation import RelaxationError
+from sysid.model.structure import Model, Structure
+
+KEPT = 0.5
+"""Of the chi squared that a score promises, what a refit explains at least that was in the right valley."""
+SERIOUS = 0.02
+"""Share of the best score from which on a candidate is refitted,"""
+SERIOUS_BESIDE = 0.1
+"""the same beside one that leaves noise: of 24 training flights none below 0.12 explained half of what the best did,"""
+SERIOUS_SLOW = 0.1
+"""and where a refit takes simulations or a long search."""
+SERIOUS_SLOW_BESIDE = 0.3
+"""and beside one that leaves noise: a lower score is not that of an effect that explains all. What acts on samples is
+simulated from there on only: of 27 training flights with such an effect none had less than half of the best score."""
+WORTH_THE_TIME = math.log(0.01)
+"""Chance that noise alone shows as much at an entry's best point, above which it is neither simulated nor refitted
+twice. All points counted in, a mode that explained chi squared of 130 was above it."""
+FEW_POINTS = 8
+NEAR = 0.7
+"""Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
+
+
+def refit_serious(
+    asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress, elsewhere: float = 0.0
+) -> list[Ranked]:
+    """Refits of what may be the answer, the most promising first: linear entries, which take milliseconds, then others.
+    `elsewhere` is chi squared that something outside the catalogue explains.
+
+    An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
+    comes near to what the best of them explains; once one leaves noise, no more where its score is far below the best.
+    """
+    scored = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
+    top, least_quick = max(scored, elsewhere), SERIOUS if scored > elsewhere else SERIOUS_BESIDE
+    found: dict[tuple[str, ...], Ranked] = {}
+    best, question_open = parent, True
+
+    def fit(one: Ranked) -> None:
+        nonlocal best, question_open
+        found[one.effects] = again = refitted(one, parent, users)
+        say(one.effect)
+        if again.fit is not None and again.fit.error_share < best.error_share:
+            best, question_open = again.fit, _leaves_more(again.fit, parent)
+
+    testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
+    for one in testable:
+        if _quick(one) and _share(one, top) >= (least_quick if question_open else SERIOUS_BESIDE):
+            fit(one)
+    linear_enough = not question_open
+    explained = 0.0 if best is parent else explained_by(best, parent, best.metric)
+    for one in testable:
+        if one.score is None or _quick(one) or one.score.log_p_there > WORTH_THE_TIME:
+            continue
+        near = one.score.chi_squared > NEAR * explained
+        least = SERIOUS_SLOW if question_open and not _on_samples(one) else SERIOUS_SLOW_BESIDE
+        if _share(one, top) >= least and (near or not linear_enough):
+            fit(one)
+    return [found.get(one.effects, one) for one in asked]
+
+
+def _share(one: Ranked, top: float) -> float:
+    """Of the best score; of what has none, because it goes by another base, more than all."""
+    return math.inf if one.score is None else one.score.chi_squared / max(top, 1e-300)
+
+
+def _leaves_more(best: Candidate, parent: Candidate) -> bool:
+    """Whether the best of the quick ones leaves more than noise, and more than crumbs."""
+    left, whole = best.division, residual_shares(best)
+    if float(np.max(100 * (1 - np.sqrt(left.noise_share)) * np.sqrt(whole))) < CRUMBS:
+        return False
+    explained = parent.error_share - best.error_share
+    return explained <= 0 or float(np.sum((1 - left.noise_share) * whole)) > REMAINDER * explained
+
+
+def _quick(one: Ranked) -> bool:
+    """Whether a refit takes milliseconds: a linear entry without many valleys to search."""
+    known = catalogue()
+    return one.effect in known and known[one.effect].linear and (one.score is None or one.score.tried <= FEW_POINTS)
+
+
+def _on_samples(one: Ranked) -> bool:
+    known = catalogue()
+    return one.effect in known and known[one.effect].samples is not None
+
+
+def refitted(one: Ranked, parent: Candidate, users: Sequence[Effect]) -> Ranked:
+    """The refit; where it explains far less than the score promised, or fails, a better one from where the score was.
+
+    Valleys are told apart by what is left of all power; what is small beside gusts shows in the noise's measure alone.
+    """
+    try:
+        composed = composed_with(parent.model.structure, named_effect(one.effect, users), parent.dataset)
+    except (FitError, EffectError) as error:
+        return replace(one, fit=None, not_testable=str(error))
+    fit, failure = _refit(composed, parent, one, None)
+    begin = _where_scored(one, composed, parent)
+    if begin is not None and one.score is not None and one.score.log_p_there < WORTH_THE_TIME:
+        explained = 0.0 if fit is None or _astray(fit, parent) else explained_by(fit, parent, parent.metric)
+        again = _refit(composed, parent, one, begin)[0] if explained < KEPT * one.score.chi_squared else None
+        if again is not None and explained_by(again, parent, parent.metric) > explained:
+            fit, explained = again, explained_by(again, parent, parent.metric)
+        if fit is not None and explained < KEPT * one.score.chi_squared and parent.division.measured:
+            again = by_the_noise(fit, begin, parent.metric)
+            if again is not None and explained_by(again, parent, parent.metric) > max(0.0, explained):
+                fit = again
+    if fit is None:
+        return replace(one, fit=None, not_testable=failure)
+    if one.score is not None and one.score.log_p_there < WORTH_THE_TIME and _doubtful(fit, parent, one.score):
+        fit = predicting(fit, parent)
+    return replace(one, fit=fit, not_testable=None)
+
+
+def _doubtful(fit: Candidate, parent: Candidate, score: Score) -> bool:
+    """Whether feedback may have led least squares elsewhere: to values that it should not have, or to where it explains
+    far less than the score promised."""
+    if not fit.dataset.in_a_loop:
+        return False
+    return (
+        bool(values_outside(fit) - values_outside(parent))
+        or explained_by(fit, parent, parent.metric) < KEPT * score.chi_squared
+    )
+
+
+def _astray(fit: Candidate, parent: Candidate) -> bool:
+    """Whether a refit ended where it leaves more than the parent, whatever a step from there promises; where feedback
+    makes no powers."""
+    return parent.division.measured and fit.error_share > parent.error_share
+
+
+def _refit(composed: Structure, parent: Candidate, one: Ranked, near: Model | None) -> tuple[Candidate | None, str]:
+    try:
+        return refit(composed, parent, one.effects, near), ""
+    except (FitError, EffectError, RelaxationError, np.linalg.LinAlgError) as error:
+        return None, str(error)
+
+
+def _where_scored(one: Ranked, composed: Structure, parent: Candidate) -> Model | None:
+    """The parent with the sizes of the score; None where it takes simulations, or they are not all known, or one is
+    beyond what it may be: that size of a score says that there is none."""
+    values = parent.model.by_name | ({} if one.score is None else dict(one.score.at))
+    if not composed.linear or not set(composed.names) <= set(values):
+        return None
+    if any(not each.bounds[0] < values[each.name] < each.bounds[1] for each in composed.parameters):
+        return None
+    return Model(composed, composed.vector({name: values[name] for name in composed.names}))
