@@ -12,7 +12,7 @@ from strangers.flights import Stranger, fly
 from sysid.data.band import USUAL, swept_band
 from sysid.data.dataset import dataset
 from sysid.data.record import Record
-from sysid.diagnose import candidates, verdict
+from sysid.diagnose import refits, verdict
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.choice import larger_first
 from sysid.diagnose.diagnose import diagnose
@@ -50,7 +50,7 @@ def test_a_mode_below_the_gusts_is_found_where_its_score_is(flown: Stranger, mon
     assert found.winner is not None
     frequency_hz = flown.hidden.sizes[0]["frequency_roll"]
     assert found.winner.values["frequency_roll"] == pytest.approx(frequency_hz, rel=0.01)
-    monkeypatch.setattr(candidates, "_where_scored", lambda *_: None)
+    monkeypatch.setattr(refits, "_where_scored", lambda *_: None)
     assert asked(runs).verdict == "unexplained"
 
 
@@ -67,7 +67,7 @@ def test_a_refit_that_leaves_more_than_the_parent_begins_again(monkeypatch: pyte
     assert found.winner.fit.error_share < found.parent.error_share
     lag = next(one for one in found.candidates if one.effect == "servo_lag")
     assert lag.chi_squared < 1
-    monkeypatch.setattr(candidates, "_astray", lambda *_: False)
+    monkeypatch.setattr(refits, "_astray", lambda *_: False)
     again = asked(runs).winner
     assert again is not None
     assert again.fit is not None
@@ -111,7 +111,7 @@ def test_values_that_feedback_led_astray_are_looked_for_anew(monkeypatch: pytest
     assert (found.verdict, found.effect) == ("missing", "dynamic_inflow")
     assert found.winner is not None
     assert not found.winner.outside
-    monkeypatch.setattr(candidates, "predicting", lambda fit, _: fit)
+    monkeypatch.setattr(refits, "predicting", lambda fit, _: fit)
     again = asked(runs)
     assert again.verdict == "unexplained"
     assert next(one for one in again.candidates if one.effect == "dynamic_inflow").implausible

@@ -7,7 +7,7 @@ from strangers.asking import ask, records
 from strangers.flights import fly
 
 from sysid.data.dataset import prepared
-from sysid.diagnose import candidates, diagnose, shares, verdict
+from sysid.diagnose import diagnose, refits, shares, verdict
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit import axes
 from sysid.fit.clocks import thinned_loop
@@ -84,7 +84,7 @@ def test_a_narrow_mode_far_below_the_gusts_is_fitted_by_the_noise(monkeypatch: p
     assert found.winner is not None
     frequency_hz = flown.hidden.sizes[0]["frequency_lag"]
     assert found.winner.values["frequency_lag"] == pytest.approx(frequency_hz, rel=0.01)
-    monkeypatch.setattr(candidates, "by_the_noise", lambda *_: None)
+    monkeypatch.setattr(refits, "by_the_noise", lambda *_: None)
     assert asked(LAGGING_BLADES).effect == "gyro_filter"
 
 
