@@ -25,12 +25,12 @@ SECONDS = 15.0
 SPREAD = 0.1
 COVERAGE = (0.93, 0.99)
 """Of two full bounds."""
-FIXED = ("tau_l", "frequency_roll", "frequency_pitch", "zeta_roll", "zeta_pitch", "Y_v", "X_u")
+FIXED = ("exponent", "tau_l", "frequency_roll", "frequency_pitch", "zeta_roll", "zeta_pitch", "Y_v", "X_u")
 LARGEST = {
     "dynamic_inflow": {"k_l": 0.05, "tau_l": 0.015},
     "hub_gyroscopics": {"h_p": 0.07, "h_q": 1.26},
     "angular_damping": {"L_p": -0.11, "M_q": -0.45},
-    "quadratic_damping": {"L_pp": -0.16, "M_qq": -0.54},
+    "quadratic_damping": {"L_pp": -0.16, "M_qq": -0.54, "exponent": 2.0},
     "servo_lag": {"tau_s": 0.0005},
     "gyro_lag": {"tau_g": 0.0005},
     "structural_mode": {
