@@ -17,12 +17,12 @@ import numpy as np
 
 from gcs.analysis.ladder import Step
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
-from gcs.vehicle.sweeps import flies_cards
+from gcs.vehicle.sweeps import chirps_only, flies_cards
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.data.preprocess import RESPONSE
-from sysid.data.record import RATES, Record
+from sysid.data.record import Record
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.chains import BudgetSpent, LittleLeft
 from sysid.diagnose.clocks import clocks
@@ -331,7 +331,7 @@ def _suggested(answer: Diagnosis, fit: Fit, runs: int) -> Suggestion | None:
         return None
     structure = fit.model.structure
     with contextlib.suppress(SuggestionError):
-        return suggest(answer.simple().terms, structure.title, runs)
+        return suggest(answer.simple().terms, structure, runs)
     return None
 
 
@@ -351,12 +351,10 @@ def _by_card_or_hand(found: Diagnosis) -> NextManeuver | None:
 def _next(found: Diagnosis) -> NextManeuver | None:
     """Between the winner and what the data cannot tell from it, or the best two; for an unknown, linear or not.
 
-    None for measured responses: nothing tells how large a command flew them; and of yaw and thrust, which no maneuver
-    that is imagined here sweeps.
+    None for measured responses: nothing tells how large a command flew them.
     """
     winner = found.winner
-    swept = set(found.parent.model.structure.outputs) & set(RATES)
-    if found.verdict == "complete" or of_responses(found) or not swept:
+    if found.verdict == "complete" or of_responses(found):
         return None
     if winner is None or winner.fit is None or (found.verdict == "unexplained" and not found.stands_in):
         return linear_or_not(found.parent, found.division)
@@ -366,7 +364,9 @@ def _next(found: Diagnosis) -> NextManeuver | None:
         rivals = [second.fit]
     if not rivals:
         return None
-    return next_maneuver([one.asked for one in (winner.fit, *rivals)], winner.fit.division, found.whitening)
+    asked = [one.asked for one in (winner.fit, *rivals)]
+    doublets = not any(chirps_only(one) for one in found.parent.dataset.records)
+    return next_maneuver(asked, winner.fit.division, found.whitening, doublets=doublets)
 
 
 def rival(found: Diagnosis) -> Ranked | None:

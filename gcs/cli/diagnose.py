@@ -61,12 +61,12 @@ here ("equivalent": a lag of the servos and one of the gyros) count as one.
 "explained_share", "delta_bic", "nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors",
 "implausible", "not_testable", ...}], best first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter",
 "fitted", "validation", "off", ...}], "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates",
-"why", "card"} or null, "explanation", "suspicions", "warnings", "within_points" (of NRMSE fit, that could still be
-gained), "remainder" (what that could do: "seen" and "margins" with "gain_db", "phase_deg", "modes" with
-"frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing by name, "reason" (where the data
-are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs": [{"effects", "nrmse_percent",
-"validation_nrmse_percent", "verdict", "effect", "confidence"}], "unsearched_chains": {"reason": "little left",
-"points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or null}.
+"why", "sigma", "card", "how" (where no card flies it)} or null, "explanation", "suspicions", "warnings",
+"within_points" (of NRMSE fit, that could still be gained), "remainder" (what that could do: "seen" and "margins" with
+"gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing
+by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs":
+[{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}], "unsearched_chains":
+{"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or null}.
 """
 
 

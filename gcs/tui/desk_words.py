@@ -15,7 +15,7 @@ from gcs.analysis.ladder import RungNumbers, short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.analysis.text.hidden import hidden_sentences
-from gcs.analysis.text.maneuvers import proposal_text, why_text
+from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
@@ -381,9 +381,8 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
     if found.next is not None:
         lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
         lines += [f"   {proposal_text(found.next.proposal)}", f"   {why_text(found.next.why)}"]
-        lines.append(
-            "   6, then W writes it as a test card" if found.next.card is not None else "   no card can hold that"
-        )
+        how = how_text(found.next.proposal, found.runs.records) or "no card can hold that"
+        lines.append(f"   {how}" if found.next.card is None else "   6, then W writes it as a test card")
     else:
         lines.append(" no maneuver would tell more")
     if desk.card is not None:

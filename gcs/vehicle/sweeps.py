@@ -7,7 +7,9 @@ SystemID; betaflight/betaflight pull requests 13105 and 15113; PX4's multicopter
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+from sysid.data.record import Record
 
 AXES = "roll, then pitch (and elevator in forward flight)"
 ARDUPILOT = f"fly a chirp: tippath sweep --connect LINK --axis {AXES}"
@@ -28,7 +30,7 @@ CRAZYFLIE = (
     "command, what is added and the gyro with the uSD deck at 500 Hz or more"
 )
 PAPARAZZI = "fly a chirp: Paparazzi's module sys_id_chirp adds one to a command, and its message CHIRP tells the runs"
-PAPARAZZI_RATES = "IMU_GYRO"
+PAPARAZZI_RATES = ("IMU_GYRO", "STAB_ATTITUDE")
 BY_PROFILE: Mapping[str, str] = {
     "arducopter": ARDUPILOT,
     "blackbox_rotorflight": ANY,
@@ -42,6 +44,29 @@ BY_PROFILE: Mapping[str, str] = {
 }
 """The beginning of a bundled log profile's name -> what to do; the first that fits."""
 BY_KIND: Mapping[str, str] = {"dataflash": ARDUPILOT, "tlog": ARDUPILOT, "ulog": PX4}
+ARDUPILOT_THRUST = (
+    "SID_AXIS 13 sweeps thrust: SID_MAGNITUDE {amplitude:.3g}, SID_F_START_HZ {start_hz:g}, SID_F_STOP_HZ {stop_hz:g}, "
+    "SID_T_REC {duration_s:g}, then mode SystemID out of Stabilize, the pilot holding the height; no card does that"
+)
+BY_STICK = "by that stick: a pulse each way, {pulse_s:g} s each, with rest until the answer has died out"
+BY_RATES: Mapping[Sequence[str], Mapping[str, str]] = {
+    ("gyroADC",): {
+        **dict.fromkeys(
+            ("roll", "pitch", "yaw"), "mode CHIRP sweeps roll, pitch and yaw, one each time it is switched on"
+        ),
+        "thrust": "mode CHIRP does not sweep thrust: by the throttle stick, slow to fast",
+    },
+    ("vehicle_angular_velocity", "sensor_combined", "fmu_out", "mavros"): dict.fromkeys(
+        ("roll", "pitch", "yaw", "thrust"), "PX4 has no chirp: by that stick, from slow to fast, for as long"
+    ),
+    ("fixedFrequency", "controller"): dict.fromkeys(
+        ("roll", "pitch", "yaw", "thrust"), "by an app of the Crazyflie's firmware, which adds it to that command"
+    ),
+    PAPARAZZI_RATES: dict.fromkeys(
+        ("roll", "pitch", "yaw", "thrust"), "by module sys_id_chirp, with that axis among its CHIRP_AXES"
+    ),
+}
+"""The beginning of what a run's rates come from -> axis -> how a chirp on it is flown, where no card flies it."""
 
 
 def flies_cards(rate_source: str) -> bool:
@@ -52,7 +77,23 @@ def flies_cards(rate_source: str) -> bool:
     return rate_source.isupper() and not rate_source.startswith(PAPARAZZI_RATES)
 
 
+def chirps_only(record: Record) -> bool:
+    """Whether it was flown by ArduPilot, which flies nothing but chirps, and these by its own law, without noise."""
+    return flies_cards(record.rate_source) and record.chirp_noise == 0
+
+
 def how_to_sweep(profile: str, kind: str) -> str:
     """For a log of this kind that was read by this profile."""
     named = (words for name, words in BY_PROFILE.items() if profile == name or profile.startswith(f"{name}_"))
     return next(named, BY_KIND.get(kind, ANY))
+
+
+def how_to_fly(
+    rate_source: str, axis: str, *, amplitude: float, band_hz: tuple[float, float], duration_s: float
+) -> str | None:
+    """How a chirp is flown that no card holds, by whoever flew runs with these rates; None where nobody knows."""
+    if flies_cards(rate_source):
+        numbers = {"amplitude": amplitude, "start_hz": band_hz[0], "stop_hz": band_hz[1], "duration_s": duration_s}
+        return ARDUPILOT_THRUST.format(**numbers) if axis == "thrust" else None
+    ways = (ways for begins, ways in BY_RATES.items() if rate_source.startswith(tuple(begins)))
+    return next(ways, {}).get(axis)

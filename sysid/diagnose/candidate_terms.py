@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray, Spectrum
-from sysid.data.record import COMMANDS, CYCLIC, RATES
+from sysid.data.record import COMMANDS, RATES
 from sysid.diagnose.evidence import Candidate
-from sysid.diagnose.terms import CONDITIONS, Entry, Expression, entries, expressions
+from sysid.diagnose.terms import CONDITIONS, CORE, CORE_OF, ROWS, STATES, Entry, Expression, entries, expressions
 from sysid.fit.rows import rows
 from sysid.fit.whitening import Whitening
 from sysid.model.acting import divided, in_time
@@ -27,7 +27,10 @@ from sysid.model.predict import respond
 from sysid.model.relaxation import RELAXATION_HZ
 from sysid.model.structure import AnyArray, FloatArray, Structure
 
-STAGES = {"delta_x": Stage.COMMAND, "delta_y": Stage.COMMAND, "p_m": Stage.MEASUREMENT, "q_m": Stage.MEASUREMENT}
+STAGES = {
+    **dict.fromkeys(("delta_x", "delta_y", "delta_r", "delta_c"), Stage.COMMAND),
+    **dict.fromkeys(("p_m", "q_m"), Stage.MEASUREMENT),
+}
 """Of rows that are redefined instead of added to."""
 SETTLING = 20
 SETTLED = 1e-4
@@ -78,9 +81,9 @@ def candidate_terms(parent: Candidate) -> CandidateTerms:
     """Every expression in every row, on the parent's runs. Which there are depends on the channels that move there."""
     on, model = parent.dataset, parent.model
     found, flown, imposed = _spectra(parent)
-    at = [f"{name}_dot" for name in ("p", "q", "a", "b") if name in model.structure.states]
+    at = [f"{name}_dot" for name in _states(model.structure) if f"{name}_dot" in ROWS]
     # a measurement reaches the command of its own sample: there no past tells which was first
-    at += [name for name in CYCLIC if name in model.structure.commands]
+    at += [name for name in ROWS if name in model.structure.base_.commands]
     at += [f"{name}_m" for name in RATES if name in model.structure.states and not on.beyond]
     made = entries(found, at)
     place = {one: i for i, one in enumerate(found)}
@@ -106,7 +109,7 @@ def _spectra(parent: Candidate) -> tuple[list[Expression], list[ComplexArray], l
     constants = dict(parent.model.structure.constants)
     with np.errstate(all="ignore"):  # a parent that is not linear may run away: nothing is finite then, nor ranked
         flown = [[_signals(probe, named, one) for one in group.spectra] for group in on.stacks]
-        found = _expressions_on([one for group in flown for one in group])
+        found = _expressions_on([one for group in flown for one in group], parent.model.structure)
 
         def bins(signals: Sequence[Sequence[Mapping[str, FloatArray]]]) -> list[ComplexArray]:
             return [
@@ -131,11 +134,20 @@ def _within_reach(
     return [np.where(far[:, None], 0.0, Z) for Z in flown], [np.where(far[:, None], 0.0, Z) for Z in imposed]
 
 
-def _expressions_on(segments: Sequence[Mapping[str, FloatArray]]) -> list[Expression]:
+def _expressions_on(segments: Sequence[Mapping[str, FloatArray]], structure: Structure) -> list[Expression]:
     moving = [name for name in segments[0] if any(bool(np.ptp(one[name]) > 0) for one in segments)]
     rms = {name: max(float(np.sqrt(np.mean(one[name] ** 2))) for one in segments) for name in moving}
     t = np.concatenate([one["t"] for one in segments])
-    return expressions(moving, rms, float(np.mean(t)), float(np.ptp(t)))
+    return expressions(moving, rms, float(np.mean(t)), float(np.ptp(t)), core_of=_core(structure))
+
+
+def _core(structure: Structure) -> Sequence[str]:
+    return next((CORE_OF[name] for name in structure.base_.outputs if name in CORE_OF), CORE)
+
+
+def _states(structure: Structure) -> list[str]:
+    """Those that terms are made of."""
+    return [name for name in _core(structure) if name in STATES and name in structure.states]
 
 
 def _bins(
@@ -168,11 +180,12 @@ class _Probe:
 
 def _listening(parent: Candidate) -> _Probe:
     on, constants = parent.dataset, dict(parent.model.structure.constants)
-    channels = [name for name in (*COMMANDS[2:], "r") if name in on.available]
+    base = parent.model.structure.base_
+    known = {*base.commands, *base.states, *COMMANDS[:2]}
+    channels = [name for name in (*COMMANDS[2:], "r") if name in on.available and name not in known]
     channels += [name for name, mean in CONDITIONS.items() if name in on.available and mean in constants]
-    rotor = [name for name in ("a", "b") if name in parent.model.structure.states]
-    states = ["p", "q", *rotor]
-    wanted = [*states, *(f"{name}_dot" for name in states), *COMMANDS[:2], "theta_s", "theta_c", *channels]
+    states = _states(parent.model.structure)
+    wanted = [*states, *(f"{name}_dot" for name in states), *base.commands, "theta_s", "theta_c", *channels]
     heard: dict[str, Any] = {}
 
     def listen(s: Signals) -> Mapping[str, Any]:

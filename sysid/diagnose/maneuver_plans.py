@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.chirp import Chirp
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import Spectrum
-from sysid.data.record import RATES
+from sysid.data.record import CYCLIC, RATES
 from sysid.diagnose.evidence import Candidate
 from sysid.model.structure import FloatArray, recursion
 
@@ -22,8 +22,12 @@ LARGEST_RATE = 0.8 * 3.0
 """rad/s, of what a card's default limits allow;"""
 LARGEST_ATTITUDE = 0.8 * math.radians(25)
 LARGEST_COMMAND = 0.8 * 0.9
+LARGEST_FORCE = 0.8 * 0.5 * 9.81
+"""m/s^2 beside the weight: rotors stay loaded."""
+LARGEST_CLIMB = 0.8 * 2.0
+"""m/s, at which the pilot still holds the height."""
 SLOWEST_HZ = 0.25
-"""Below it, rates are not integrated to attitude: noise would drift."""
+"""Below it, rates are not integrated to attitude, nor forces to climb: noise would drift."""
 LAW_NOISE = 0.2
 SWEPT_HZ = (0.5, 10.0)
 REST_S = 1.0
@@ -32,7 +36,7 @@ RISK = 1.0
 """How much dearer a flight is for each amplitude beyond the flown one."""
 ELEVATOR_AMPLITUDE = 0.3
 """Where none was flown: the bundled forward card's."""
-LETTERS = {"roll": "x", "pitch": "y", "elevator": "e"}
+LETTERS = {"roll": "x", "pitch": "y", "elevator": "e", "yaw": "r", "thrust": "c"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,14 +50,20 @@ class Flown:
     dt: float
     most_times: float
     """The amplitude that the envelope allows, over the flown one."""
+    axes: tuple[str, ...]
+    """That a plan may move: those of the structure, and the elevator beside roll and pitch."""
     dataset: Dataset
 
     @classmethod
-    def of(cls, dataset: Dataset) -> Flown:
+    def of(cls, one: Candidate) -> Flown:
+        """By what flew, and the axes of a structure's base."""
+        dataset, base, outputs = one.dataset, one.model.structure.base_, one.model.structure.outputs
+        wanted = {*base.commands, *(["delta_e"] if set(CYCLIC) <= set(base.commands) else [])}
+        axes = tuple(axis for axis, letter in LETTERS.items() if f"delta_{letter}" in wanted)
         segments = [one.segment for one in dataset.spectra]
         amplitude: dict[str, float] = {}
-        for segment in segments:
-            moved = {axis: _excitation(segment.channels, letter) for axis, letter in LETTERS.items()}
+        for segment in segments if axes else ():
+            moved = {axis: _excitation(segment.channels, LETTERS[axis]) for axis in axes}
             sizes = {axis: float(np.std(values)) for axis, values in moved.items() if values is not None}
             axis = max(sizes, key=lambda name: sizes[name])
             values = moved[axis]
@@ -67,7 +77,8 @@ class Flown:
             band_hz=band,
             duration_s=float(max(10.0, round(longest.duration_s - 2 * REST_S))),
             dt=longest.dt,
-            most_times=min(MOST_TIMES, _headroom(dataset.spectra)),
+            most_times=min(MOST_TIMES, *(_headroom(each, axes, outputs) for each in dataset.spectra)),
+            axes=axes,
             dataset=dataset,
         )
 
@@ -82,6 +93,11 @@ class Flown:
             f_stop_hz=high,
             duration_s=self.duration_s,
         )
+
+    @property
+    def moved(self) -> frozenset[str]:
+        """Commands that a plan may move."""
+        return frozenset(f"delta_{LETTERS[axis]}" for axis in self.axes)
 
     @property
     def logged(self) -> frozenset[str]:
@@ -106,16 +122,21 @@ def _rounded(size: float) -> float:
     return round(size, 2) if abs(round(size, 2) - size) <= 0.05 * size else round(size, 3)
 
 
-def _headroom(found: Sequence[Spectrum]) -> float:
-    """How much larger the flown peaks may grow."""
-    rate = attitude = command = 1e-9
-    for one in found:
-        channels = one.segment.channels
-        rate = max(rate, *(float(np.max(np.abs(channels[name]))) for name in RATES if name in channels))
-        command = max(command, *(float(np.max(np.abs(channels[name]))) for name in ("delta_x", "delta_y")))
-        slow = np.where(one.frequency_hz >= SLOWEST_HZ, one.Y / (2j * np.pi * one.frequency_hz), 0)
-        attitude = max(attitude, float(np.max(np.abs(one.in_time(slow)))))
-    return min(LARGEST_RATE / rate, LARGEST_ATTITUDE / attitude, LARGEST_COMMAND / command)
+def _headroom(one: Spectrum, axes: Sequence[str], outputs: Sequence[str]) -> float:
+    """How much larger the flown peaks of these axes may grow."""
+    channels = one.segment.channels
+    slow = np.where(one.frequency_hz >= SLOWEST_HZ, one.Y / (2j * np.pi * one.frequency_hz), 0)
+    summed = dict(zip(outputs, one.in_time(slow), strict=True))
+    rates = {"roll": RATES, "pitch": RATES, "yaw": ("r",)}
+    peaks = [(LARGEST_RATE, channels[name]) for axis in axes for name in rates.get(axis, ()) if name in channels]
+    peaks += [(LARGEST_ATTITUDE, summed[name]) for name in RATES if name in summed]
+    for command in (f"delta_{LETTERS[axis]}" for axis in axes if axis not in ("elevator", "thrust")):
+        peaks.append((LARGEST_COMMAND, channels[command]))
+    if "thrust" in axes:
+        hover, force = (float(np.mean(channels[name])) for name in ("delta_c", "az"))
+        peaks += [(LARGEST_COMMAND - abs(hover), channels["delta_c"] - hover)]
+        peaks += [(LARGEST_FORCE, channels["az"] - force), (LARGEST_CLIMB, summed["az"])]
+    return min(largest / max(float(np.max(np.abs(values))), 1e-9) for largest, values in peaks)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +160,11 @@ class Plan:
     """and on which channel."""
     by_hand: bool = False
     """Whether the pilot does that meanwhile: no card holds it."""
+
+    @property
+    def on_card(self) -> bool:
+        """Whether a card can hold it: none sweeps thrust, for the pilot holds the height."""
+        return not self.by_hand and self.axis != "thrust"
 
     @property
     def cost(self) -> float:
@@ -165,10 +191,10 @@ class Plan:
         )
 
     def excitation(self, dt: float) -> FloatArray:
-        """Samples (3, n) on roll, pitch, elevator, with a second of rest before and after."""
+        """Samples (axes, n) in the order of `LETTERS`, with a second of rest before and after."""
         n, rest = round(self.duration_s / dt), round(REST_S / dt)
         row = list(LETTERS).index(self.axis)
-        found = np.zeros((3, n + 2 * rest))
+        found = np.zeros((len(LETTERS), n + 2 * rest))
         if self.kind == "doublet":
             found[row, rest : rest + n] = _doublets(self.amplitude, n, dt)
         else:
@@ -178,11 +204,12 @@ class Plan:
 
 
 def _noise(plan: Plan, n: int, dt: float) -> FloatArray:
-    """Table 1's noise, independent on every axis, the same each time it is asked for."""
+    """Table 1's noise, independent on roll, pitch and its own axis, the same each time it is asked for."""
     corner = 2 * np.pi * plan.f_stop_hz * dt
     part = corner / (1 + corner)
-    white = np.random.default_rng(1).normal(0.0, LAW_NOISE * plan.amplitude, (3, n))
-    white[2] *= plan.axis == "elevator"
+    white = np.random.default_rng(1).normal(0.0, LAW_NOISE * plan.amplitude, (len(LETTERS), n))
+    for row, axis in enumerate(LETTERS):
+        white[row] *= axis in ("roll", "pitch", plan.axis)
     return recursion(np.array([[1 - part]]), part * white[:, None])[:, 0]
 
 
@@ -191,8 +218,8 @@ def _doublets(amplitude: float, n: int, dt: float) -> FloatArray:
     return np.asarray(amplitude * (np.where(phase == 0, 1.0, 0.0) - np.where(phase == 1, 1.0, 0.0)))
 
 
-def possible_plans(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
-    """What to imagine: fewer where answers must be simulated in time."""
+def possible_plans(flown: Flown, rivals: Sequence[Candidate], *, doublets: bool = True) -> list[Plan]:
+    """What to imagine, doublets where the vehicle flies them: fewer where answers must be simulated in time."""
     linear = all(one.model.structure.linear for one in rivals)
     larger = [times for times in (1.5, math.floor(10 * flown.most_times) / 10) if 1 < times <= flown.most_times]
     top = max(float(one.frequency_hz[-1]) for one in flown.dataset.spectra)
@@ -200,7 +227,7 @@ def possible_plans(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
     found = []
     for axis, size in flown.amplitude.items():
         same = flown.chirp(axis)
-        found += [same, replace(same, kind="doublet", duration_s=DOUBLET_S)]
+        found += [same, *([replace(same, kind="doublet", duration_s=DOUBLET_S)] if doublets else [])]
         if linear:
             wide = replace(same, f_stop_hz=round(min(1.5 * high, top), 2))
             found += [wide, *(replace(wide, amplitude=times * size, times=times) for times in larger)]
@@ -211,7 +238,7 @@ def possible_plans(flown: Flown, rivals: Sequence[Candidate]) -> list[Plan]:
         found += [
             replace(same, amplitude=times * size, times=times) for times in (larger if linear else (0.5, *larger[-1:]))
         ]
-    if linear and found and "elevator" not in flown.amplitude and "delta_e" in flown.logged:
+    if linear and found and "elevator" in {*flown.axes} - {*flown.amplitude} and "delta_e" in flown.logged:
         found.append(
             replace(found[0], axis="elevator", amplitude=ELEVATOR_AMPLITUDE, effect="elevator", channel="delta_e")
         )

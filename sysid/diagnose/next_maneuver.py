@@ -75,14 +75,19 @@ class NextManeuver:
         return None if self.card is None else _toml(self.card)
 
 
-def next_maneuver(rivals: Sequence[Candidate], division: Division, whitening: Whitening) -> NextManeuver | None:
-    """For the winner and what the data cannot tell from it, the winner first; None where nothing imagined helps."""
+def next_maneuver(
+    rivals: Sequence[Candidate], division: Division, whitening: Whitening, *, doublets: bool = True
+) -> NextManeuver | None:
+    """For the winner and what the data cannot tell from it, the winner first; None where nothing imagined helps.
+
+    doublets: whether the vehicle flies them, besides chirps.
+    """
     if len(rivals) < 2:
         return None
     winner, *others = rivals
-    flown = Flown.of(winner.dataset)
+    flown = Flown.of(winner)
     pairs = [Rivals.of(winner, other, whitening) for other in others]
-    found = _imagined(possible_plans(flown, rivals), pairs, flown, division)
+    found = _imagined(possible_plans(flown, rivals, doublets=doublets), pairs, flown, division)
     chosen = _cheapest(found)
     if chosen is not None:
         return _proposal(*chosen, pairs)
@@ -120,7 +125,7 @@ def linear_or_not(parent: Candidate, division: Division) -> NextManeuver | None:
 
     A linear error halves; one that grows with the square is a quarter. `division` is that of the parent's residual.
     """
-    flown = Flown.of(parent.dataset)
+    flown = Flown.of(parent)
     axis = max(flown.amplitude, key=lambda name: flown.amplitude[name], default=None)
     if axis is None:
         return None
@@ -131,10 +136,10 @@ def linear_or_not(parent: Candidate, division: Division) -> NextManeuver | None:
     axis = wanted if wanted in flown.amplitude else axis
     plans = [flown.chirp(axis, part) for part in (0.5, 1)]
     sigma = 0.25 * math.sqrt(beyond)
-    half_and_full = HalfAndFull(axis, (plans[0].amplitude, plans[1].amplitude))
-    card = _card("half and full", [replace(one, repeats=2).table() for one in plans])
+    tables = [replace(one, repeats=2).table() for one in plans]
+    card = _card("half and full", tables) if all(one.on_card for one in plans) else None
     why = LinearHalves(float(share))
-    return NextManeuver(half_and_full, ("linear", "nonlinear"), why, sigma if sigma > 0 else None, card)
+    return NextManeuver(HalfAndFull(plans[1]), ("linear", "nonlinear"), why, sigma if sigma > 0 else None, card)
 
 
 Told = tuple[float, int]
@@ -162,7 +167,7 @@ def _proposal(plan: Plan, each: Sequence[Told], pairs: Sequence[Rivals]) -> Next
     usual = tuple((one, one.typical) for one in acting) if len(acting) <= MOST_USUAL else ()
     why = FurtherApart(sigma=least, before=before, usual=usual, rest=tuple(rest))
     names = (pairs[0].names[0], *(pair.names[1] for pair, _ in told))
-    card = None if plan.by_hand else _card(f"separate {' from '.join(names)}", [plan.table()])
+    card = None if not plan.on_card else _card(f"separate {' from '.join(names)}", [plan.table()])
     return NextManeuver(plan, names, why, least, card)
 
 
@@ -206,7 +211,9 @@ def _own_signal(pairs: Sequence[Rivals]) -> NextManeuver | None:
     for pair in pairs:
         for one in (pair.truth, pair.rival):
             known = one.dataset.available
-            own = [name for name in one.model.structure.states if name in CHANNELS and name not in ("p", "q", "a", "b")]
+            structure = one.model.structure
+            base = (*structure.base_.states, "a", "b")
+            own = [name for name in structure.states if name in CHANNELS and name not in base]
             missing = [name for name in own if name not in known]
             if missing:
                 why = MeasuredNotGuessed(name_of(one))

@@ -18,10 +18,9 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True, slots=True)
 class HalfAndFull:
-    """Chirps on an axis at half the amplitude and at the flown one, twice each."""
+    """A chirp as flown, twice, and twice at half its amplitude."""
 
-    axis: str
-    amplitudes: tuple[float, float]
+    full: Plan
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import spectra
-from sysid.data.record import RATES, Record
+from sysid.data.record import CYCLIC, RATES, Record
 from sysid.data.stacks import Stack, stack
 from sysid.diagnose.evidence import Candidate
 from sysid.diagnose.maneuver_plans import LETTERS, Flown, Plan, moved_by_hand
@@ -76,8 +76,7 @@ class Rivals:
         """As `_imagined`; where all that answers is linear, and moved by the plan alone, from the same at full command,
         imagined once."""
         structures = [one.model.structure for one in (self.truth, self.rival)]
-        moved = {f"delta_{letter}" for letter in LETTERS.values()}
-        if plan.effect is not None or not all(one.linear and moved.issuperset(one.inputs) for one in structures):
+        if plan.effect is not None or not all(one.linear and flown.moved.issuperset(one.inputs) for one in structures):
             return self._imagined(plan, flown, division)
         full = replace(plan, amplitude=1.0, times=1.0)
         if full not in self._known:
@@ -133,13 +132,12 @@ def _synthesised(plan: Plan, flown: Flown, structures: Sequence[Structure], trut
     """The plan's run as the truth would answer it."""
     excitation = plan.excitation(flown.dt)
     n = excitation.shape[1]
-    names = list(dict.fromkeys(("delta_x", "delta_y", *(name for one in structures for name in one.inputs))))
+    names = list(dict.fromkeys(name for one in structures for name in one.inputs))
     channels: dict[str, FloatArray] = {"t": np.asarray(flown.dt * np.arange(n))}
-    channels |= {name: np.zeros(n) for name in (*RATES, *truth.structure.outputs)}
+    channels |= {name: np.zeros(n) for name in (*RATES, *CYCLIC, *truth.structure.outputs)}
     for name in names:
-        letter = name.removeprefix("delta_")
-        if letter in LETTERS.values():
-            channels[name] = excitation[list(LETTERS.values()).index(letter)]
+        if name in flown.moved:
+            channels[name] = excitation[list(LETTERS.values()).index(name.removeprefix("delta_"))]
         elif name == plan.channel:
             channels[name] = moved_by_hand(name, flown, n, flown.dt)
         else:

@@ -18,6 +18,7 @@ from sysid.diagnose.terms import Entry, Expression, code, text, value
 from sysid.errors import SysidError
 from sysid.model.effect import Effect, Signals, Stage
 from sysid.model.parameter import Parameter
+from sysid.model.structure import Structure
 
 WIDE = 100.0
 """Bounds, as multiples of the size found."""
@@ -51,10 +52,10 @@ class Suggestion:
     """Where other terms do as well on these runs."""
 
 
-def suggest(terms: Sequence[Term], parent: str, runs: int) -> Suggestion:
+def suggest(terms: Sequence[Term], parent: Structure, runs: int) -> Suggestion:
     """The first term, and those of the others that fit into one file with it.
 
-    parent: words for the structure whose residual was searched; runs: how many showed it. Raises SuggestionError
+    parent: the structure whose residual was searched; runs: how many showed it. Raises SuggestionError
     where no term is significant.
     """
     telling = [term for term in terms if term.significant]
@@ -71,10 +72,10 @@ def suggest(terms: Sequence[Term], parent: str, runs: int) -> Suggestion:
         if room and _stage(term.entry) is stage and not set(names) & set(term.entry.names):
             taken.append(term)
     warning = _warning(taken)
-    effect = _effect(taken)
+    effect = _effect(taken, parent)
     return Suggestion(
         effect,
-        _file(effect, taken, parent, runs, warning),
+        _file(effect, taken, parent.title, runs, warning),
         tuple(taken),
         tuple(term for term in telling if term not in taken),
         warning,
@@ -111,9 +112,10 @@ def _bare(entry: Entry) -> str:
     return " with ".join(f"{text(expression)} in {row}" for row, expression in entry.parts)
 
 
-def _effect(terms: Sequence[Term]) -> Effect:
+def _effect(terms: Sequence[Term], parent: Structure) -> Effect:
     parts = _parts(terms)
     factors = [factor for _, _, expression in parts for factor in expression]
+    signals = {factor.signal for factor in factors} - {*parent.base_.commands, *parent.base_.states}
     sums = _sums(parts, lambda name, expression: f"{name} {text(expression)}")
     redefined = [row for row, _, _ in parts if row in STAGES]
 
@@ -133,7 +135,7 @@ def _effect(terms: Sequence[Term]) -> Effect:
         parameters=tuple(one for term in terms for one in _parameters(term)),
         stage=_stage(terms[0].entry),
         equations=equations,
-        channels=tuple(name for name in OWN_CHANNELS if any(factor.signal == name for factor in factors)),
+        channels=tuple(name for name in OWN_CHANNELS if name in signals),
         order=AFTER_OTHERS if redefined or any(factor.signal.endswith("_dot") for factor in factors) else 0.0,
         linear=all(len(expression) == 1 and expression[0].form == "plain" for _, _, expression in parts),
     )

@@ -47,7 +47,7 @@ MOST_TERMS = 4
 
 def _score(known: CandidateTerms, stepped: Stepped, whitening: Whitening) -> FloatArray:
     """Chi squared of every entry; NaN where the parent's own parameters do the same, or the terms of a pair do."""
-    if not known.entries:  # of a base without p and q
+    if not known.entries:  # of a user's base that moves something else
         return np.empty(0)
     products = _products(known, stepped, whitening)
     single, first, second = known.single, known.first_of_pairs, known.second

@@ -23,9 +23,16 @@ MIRROR |= {other: name for name, other in MIRROR.items()} | {"p_m": "q_m", "q_m"
 CONDITIONS = {"omega": "Omega_0", "airspeed": "V_0"}
 """Channels that count by how far they are from their means, and the names of those."""
 POWERS = {"p": 1, "q": 1, "r": 1, "p_m": 1, "q_m": 1, "p_dot": 2, "q_dot": 2, "a_dot": 1, "b_dot": 1, "t": -1}
+POWERS |= {"r_dot": 2, "w": 1, "az": 2, "az_dot": 3}
 """Of 1/s in the unit of a signal; angles and commands have none."""
+METRES = ("w", "az", "az_dot")
+"""Signals that have a metre in their unit."""
+STATES = ("p", "q", "a", "b", "r", "w", "az")
+"""Of bases, that terms are made of."""
 CORE = ("p", "q", "a", "b", "delta_x", "delta_y", "theta_s", "theta_c")
-"""Signals of which there are all products of two and three."""
+"""Signals of which there are all products of two and three, where roll and pitch are simulated;"""
+CORE_OF = {"r": ("r", "delta_r"), "az": ("w", "az", "delta_c")}
+"""and where yaw or heave alone is, by its output."""
 FARTHEST = 2.0
 """Spans of the runs' time that its zero may be off."""
 SMOOTHED = 0.1
@@ -142,8 +149,10 @@ class Entry:
         return tuple(_unit(row, expression) for row, expression in self.parts)
 
 
-_LETTERS = {"p_dot": "L", "q_dot": "M", "a_dot": "A", "b_dot": "B"}
-_LETTERS |= {"p_m": "P", "q_m": "Q", "delta_x": "X", "delta_y": "Y"}
+_LETTERS = {"p_dot": "L", "q_dot": "M", "a_dot": "A", "b_dot": "B", "r_dot": "N", "az_dot": "Z"}
+_LETTERS |= {"p_m": "P", "q_m": "Q", "delta_x": "X", "delta_y": "Y", "delta_r": "R", "delta_c": "C"}
+ROWS = tuple(_LETTERS)
+"""To which terms are added."""
 _SHORT = {"plain": "", "magnitude": "abs_", "sign": "sign_", "deviation": "d"}
 
 
@@ -159,26 +168,42 @@ def _short(expression: Expression) -> str:
 
 
 def _unit(row: str, expression: Expression) -> str:
-    power = POWERS.get(row, 0)
+    seconds, metres = POWERS.get(row, 0), int(row in METRES)
     for factor in expression:
         if factor.form != "sign" and (factor.form != "deviation" or factor.signal == "t"):
-            power -= POWERS.get(factor.signal, 0)
-    seconds = "s" if abs(power) == 1 else f"s^{abs(power)}"
-    return "-" if power == 0 else seconds if power < 0 else f"1/{seconds}"
+            seconds -= POWERS.get(factor.signal, 0)
+            metres -= factor.signal in METRES
+    powers = {"m": metres, "s": -seconds}
+    above, below = (
+        " ".join(
+            unit if abs(power) == 1 else f"{unit}^{abs(power)}" for unit, power in powers.items() if side * power > 0
+        )
+        for side in (1, -1)
+    )
+    if not below:
+        return above or "-"
+    return f"{above or 1}/{below if ' ' not in below else f'({below})'}"
 
 
 def expressions(
-    names: Sequence[str], rms: Mapping[str, float], mean_time_s: float = 0.0, span_s: float = 0.0
+    names: Sequence[str],
+    rms: Mapping[str, float],
+    mean_time_s: float = 0.0,
+    span_s: float = 0.0,
+    *,
+    core_of: Sequence[str] = CORE,
 ) -> list[Expression]:
     """Every expression of these signals; of rates of states only what few terms of physics have."""
-    core = [name for name in names if name in CORE]
+    core = [name for name in names if name in core_of]
     moving = [name for name in names if name not in (*CONDITIONS, "t")]
     found = [*_products(moving, core), *_uneven(moving, core, rms), *_conditional(names, core)]
     if "t" in names:
         off = Factor("t", "deviation", rounded(mean_time_s, 4))
         # matrices are those of t = 0: a state's coefficient must not run away on the way there
         near = abs(mean_time_s) < FARTHEST * span_s
-        found += [(off, Factor(x)) for x in core if near or x not in ("p", "q", "a", "b")]
+        found += [(off, Factor(x)) for x in core if near or x not in STATES]
+    if "r" in core_of:
+        return found
     # a gyro that is tilted a little shows p and q in r, gusts and all: r alone explains noise by itself
     return [one for one in found if any(factor.signal != "r" for factor in one)]
 
@@ -223,7 +248,7 @@ def entries(found: Sequence[Expression], at: Sequence[str]) -> list[Entry]:
         for one in ordered if row in COMMANDS else found:
             other = mirrored[one]
             made.append(Entry(((row, one),)))
-            if other is not None and row in ("p_dot", "a_dot", "p_m", "delta_x"):
+            if other is not None and row in ("p_dot", "a_dot", "p_m", "delta_x") and MIRROR[row] in at:
                 pairs.append(Entry(((row, one), (MIRROR[row], other))))
     return made + pairs
 

@@ -55,11 +55,11 @@ def _slope(model: Model, name: str, signal: str, group: Stack, here: ComplexArra
 
 
 def _signal(model: Model, signal: str, group: Stack) -> ComplexArray | None:
-    """A signal that is not logged, two rows on a stack's bins; None where the model does not foretell it."""
+    """A signal that is not logged, a row for each axis on a stack's bins; None where the model does not foretell it."""
     structure = model.structure
     U = _acting(model, group)
     if signal == "servo":
-        return U[:2]
+        return U[: len(structure.base_.commands)]
     if not structure.linear:
         return None
     outer = replace(structure, composed=tuple(one for one in structure.composed if one.stage is not Stage.COMMAND))
@@ -68,7 +68,8 @@ def _signal(model: Model, signal: str, group: Stack) -> ComplexArray | None:
     X = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, (B @ U).T[..., None])[..., 0].T
     at = {name: X[i] for i, name in enumerate(outer.states)}
     if signal == "attitude":
-        return np.stack([at["p"] / s, at["q"] / s])
+        rates = [at[name] / s for name in ("p", "q", "r") if name in at]
+        return np.stack(rates) if rates else None
     return np.stack([at["a"], at["b"]]) if "a" in at else None
 
 

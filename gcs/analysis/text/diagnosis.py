@@ -18,7 +18,7 @@ from gcs.analysis.text.explanation import explanation_lines
 from gcs.analysis.text.findings import finding_sentence, suspicion_text
 from gcs.analysis.text.hidden import consequences, hidden_sentences, up_to
 from gcs.analysis.text.ladder import cut, ladder_text
-from gcs.analysis.text.maneuvers import proposal_text, why_text
+from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from gcs.analysis.text.remarks import remark_sentence
 from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
 from sysid.control.regulator import designs_on
@@ -107,6 +107,8 @@ def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
         told = f"to tell {' from '.join(short_names(found.next.separates))}: {proposal_text(found.next.proposal)}"
         why = f" ({why_text(found.next.why)})" if full else ""
         lines.append(Sentence(told + why, " ", "   ", offer="" if found.next.card is None else "card"))
+        how = None if found.next.card is not None else how_text(found.next.proposal, found.runs.records)
+        lines += [] if how is None else [Sentence(f"how: {how}", "   ", "     ")]
     return lines
 
 

@@ -13,10 +13,11 @@ from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.hidden import hidden_sentences
-from gcs.analysis.text.maneuvers import proposal_text, why_text
+from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from gcs.analysis.text.remarks import remark_text
 from sysid.compare.finding_kinds import Suspicion
 from sysid.compare.values import Comparison
+from sysid.data.record import Record
 from sysid.diagnose.next_maneuver import NextManeuver
 from sysid.fit.result import finite
 
@@ -71,7 +72,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = ()) -> dic
         },
         "explanation": explanation_document(found.explanation),
         "could_hide": list(hidden_sentences(found.hiding)),
-        "next_maneuver": None if found.next is None else next_maneuver_document(found.next),
+        "next_maneuver": None if found.next is None else next_maneuver_document(found.next, found.runs.records),
         "terms": [
             {"equation": term.entry.equation, "error_share": term.error_share, "as_well": len(term.as_well)}
             for term in (() if terms is None else terms.terms)
@@ -89,14 +90,16 @@ def grown_document(found: FitDiagnosis, folder: Path) -> dict[str, Any] | None:
     return None if grown is None else {**grown.to_json(folder), **judgement_document(assess(grown, found.runs))}
 
 
-def next_maneuver_document(next_maneuver: NextManeuver) -> dict[str, Any]:
-    """`maneuver`, `separates`, `why`, `sigma`, `card`."""
+def next_maneuver_document(next_maneuver: NextManeuver, records: Sequence[Record] = ()) -> dict[str, Any]:
+    """`maneuver`, `separates`, `why`, `sigma`, `card`, and `how` it is flown where no card does it, by these runs."""
+    proposal, card = next_maneuver.proposal, next_maneuver.card
     return {
-        "maneuver": proposal_text(next_maneuver.proposal),
+        "maneuver": proposal_text(proposal),
         "separates": list(next_maneuver.separates),
         "why": why_text(next_maneuver.why),
         "sigma": None if next_maneuver.sigma is None else finite(next_maneuver.sigma),
-        "card": None if next_maneuver.card is None else dict(next_maneuver.card),
+        "card": None if card is None else dict(card),
+        "how": how_text(proposal, records) if card is None else None,
     }
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, assert_never
 
 from gcs.analysis.quantities import quantity
+from gcs.vehicle.sweeps import BY_STICK, how_to_fly
 from sysid.diagnose.proposals import (
     FurtherApart,
     HalfAndFull,
@@ -17,6 +19,7 @@ from sysid.diagnose.proposals import (
 )
 
 if TYPE_CHECKING:
+    from sysid.data.record import Record
     from sysid.diagnose.maneuver_plans import Plan
     from sysid.diagnose.proposals import Proposal
 
@@ -39,14 +42,35 @@ FAR = 100.0
 def proposal_text(proposal: Proposal) -> str:
     """`roll chirp 0.5-10 Hz, 30 s, amplitude 0.1 twice`."""
     match proposal:
-        case HalfAndFull(axis, (half, _)):
-            return f"{axis} chirps at half the amplitude ({half:.3g}) and at the flown one, twice each"
+        case HalfAndFull(full):
+            half = full.amplitude / 2
+            return f"{full.axis} chirps at half the amplitude ({half:.3g}) and at the flown one, twice each"
         case LogSignal(signal):
             return f"{SIGNALS[signal]}, and fly the same again"
         case LogChannels(channels):
             return f"log {' and '.join(channels)}, and fly the same again"
         case _:
             return _plan(proposal)
+
+
+def how_text(proposal: Proposal, records: Sequence[Record]) -> str | None:
+    """How whoever flew these runs flies it, where no card does; None where that is not known."""
+    if isinstance(proposal, LogSignal | LogChannels):
+        return None
+    plan = proposal.full if isinstance(proposal, HalfAndFull) else proposal
+    if plan.kind != "chirp":
+        return BY_STICK.format(pulse_s=plan.pulse_s)
+    ways = {
+        how_to_fly(
+            source,
+            plan.axis,
+            amplitude=plan.amplitude,
+            band_hz=(plan.f_start_hz, plan.f_stop_hz),
+            duration_s=plan.duration_s,
+        )
+        for source in {one.rate_source for one in records}
+    }
+    return ways.pop() if len(ways) == 1 else None
 
 
 def why_text(why: Why) -> str:
@@ -60,7 +84,7 @@ def why_text(why: Why) -> str:
                 f"noise; {100 * share:.0f} % of what is left now looks like a linear answer to the commands"
             )
         case SignalTells(sigma, same_whatever):
-            alike = "whatever these inputs do, they answer alike in p and q"
+            alike = "whatever these inputs do, they answer alike"
             apart = f"{sigma:.0f} standard errors apart" if sigma < FAR else f"more than {FAR:g} standard errors apart"
             return f"{alike if same_whatever else 'no maneuver of a card does enough'}; that signal sets them {apart}"
         case MeasuredNotGuessed(rival):

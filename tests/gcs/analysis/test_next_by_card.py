@@ -20,7 +20,17 @@ def test_ardupilot_flies_them(source: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "source", ["gyroADC", "vehicle_angular_velocity", "sensor_combined", "fixedFrequency", "IMU_GYRO", "csv", ""]
+    "source",
+    [
+        "gyroADC",
+        "vehicle_angular_velocity",
+        "sensor_combined",
+        "fixedFrequency",
+        "IMU_GYRO",
+        "STAB_ATTITUDE",
+        "csv",
+        "",
+    ],
 )
 def test_others_and_nobody_knows_whose_do_not(source: str) -> None:
     assert not flies_cards(source)

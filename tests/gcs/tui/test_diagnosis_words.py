@@ -31,7 +31,7 @@ PLANS = [
     )
 ]
 WHY = FurtherApart(sigma=4.0, before=1.0)
-HALVES = NextManeuver(HalfAndFull("roll", (0.05, 0.1)), ("linear", "nonlinear"), LinearHalves(0.2), 4.0, None)
+HALVES = NextManeuver(HalfAndFull(CHIRP), ("linear", "nonlinear"), LinearHalves(0.2), 4.0, None)
 
 
 def unexplained(proposal: NextManeuver) -> Any:
@@ -48,7 +48,7 @@ def unexplained(proposal: NextManeuver) -> Any:
         fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
         hiding=SimpleNamespace(harmful=(), others=()), explanation=Explanation(effects=(), what=()),
-        remainder=None,
+        remainder=None, runs=SimpleNamespace(records=()),
     )  # fmt: skip
 
 

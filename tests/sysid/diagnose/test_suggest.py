@@ -20,12 +20,13 @@ from sysid.model.compose import compose
 from sysid.model.effect import Stage, load
 
 PLANTED = tuple(term for term in TERMS if term != "none")
+TPP = compose("tpp")
 LIKE_ANOTHER = ("cubic_control", "quadratic_damping")
 """Of commands as two others are, and of moments."""
 
 
 def suggested(term: str) -> Suggestion:
-    return suggest(searched(term)[2].terms[:1], "tpp", 4)
+    return suggest(searched(term)[2].terms[:1], TPP, 4)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def test_the_effect_in_memory_is_the_one_in_the_file(with_file: Callable[[str], 
 
 
 def test_several_terms_go_into_one_file(tmp_path: Path) -> None:
-    written = suggest([searched(term)[2].terms[0] for term in ("quadratic_damping", "cubic_hub")], "tpp", 4)
+    written = suggest([searched(term)[2].terms[0] for term in ("quadratic_damping", "cubic_hub")], TPP, 4)
     assert len(written.terms) == 2
     effect = load(_written(written, tmp_path / "both.py"))
     assert len(effect.parameters) == sum(term.degrees for term in written.terms)
@@ -93,7 +94,7 @@ def test_rivals_are_named_in_the_file_and_beside_it() -> None:
 
 def test_nothing_significant_is_not_written() -> None:
     with pytest.raises(SuggestionError, match="nothing to write"):
-        suggest(searched("none")[2].terms, "tpp", 4)
+        suggest(searched("none")[2].terms, TPP, 4)
 
 
 # ------------------------------------------------------------------------------------------ every kind of term
@@ -131,7 +132,7 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_term_makes_a_file_that_composes(kind: str, tmp_path: Path) -> None:
-    written = suggest([KINDS[kind]], "tpp", 1)
+    written = suggest([KINDS[kind]], TPP, 1)
     path = _written(written, tmp_path / "mine.py")
     structure = compose("tpp", [str(path)], {"t", "p", "q", "omega", "delta_c"}, {"Omega_0": 170.0})
     assert set(written.effect.names) <= set(structure.names)
@@ -148,7 +149,7 @@ def test_every_kind_of_term_makes_a_file_that_composes(kind: str, tmp_path: Path
 
 def test_terms_of_another_stage_or_without_room_are_left_out() -> None:
     pair = [term(("p_dot", (P, P, B)), ("q_dot", (Q, Q, Factor("a")))), term(("p_dot", (P, Q)), ("q_dot", (P, Q)))]
-    written = suggest([KINDS["friction"], KINDS["sensor"], *pair], "tpp", 1)
+    written = suggest([KINDS["friction"], KINDS["sensor"], *pair], TPP, 1)
     assert written.terms == (KINDS["friction"], pair[0])
     assert written.left_out == (KINDS["sensor"], pair[1])
     assert max(map(len, written.text.splitlines())) <= 120
@@ -156,19 +157,19 @@ def test_terms_of_another_stage_or_without_room_are_left_out() -> None:
 
 def test_a_coefficient_is_written_once() -> None:
     pair, half = term(("p_dot", (B, B)), ("q_dot", (Factor("a"),) * 2)), term(("p_dot", (B, B)))
-    written = suggest([pair, half], "tpp", 1)
+    written = suggest([pair, half], TPP, 1)
     assert written.terms == (pair,)
     assert written.left_out == (half,)
 
 
 def test_names_of_the_base_are_left_alone(tmp_path: Path) -> None:
-    written = suggest([term(("a_dot", (B,)), ("b_dot", (Factor("a"),)))], "tpp", 1)
+    written = suggest([term(("a_dot", (B,)), ("b_dot", (Factor("a"),)))], TPP, 1)
     assert compose("tpp", [str(_written(written, tmp_path / "mine.py"))]).names[-2:] == ("A_b1", "B_a1")
 
 
 def test_many_rivals_are_counted() -> None:
     rivals = tuple(Entry((("p_dot", (P,) * n),)) for n in (2, 3)) * 4
-    written = suggest([term(("p_dot", (P, Q)), as_well=rivals)], "tpp", 1)
+    written = suggest([term(("p_dot", (P, Q)), as_well=rivals)], TPP, 1)
     assert written.warning is not None
     assert "6 more" in written.warning
     assert len(written.text.splitlines()) <= 26
