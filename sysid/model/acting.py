@@ -142,10 +142,11 @@ def _acting_bins(
 
 
 def either_side(structure: Structure, named: Mapping[str, float], name: str) -> tuple[float, float]:
-    """A little more and a little less of a parameter, inside its bounds."""
+    """A little more and a little less of a parameter, inside its bounds: a lag of zero divides by zero."""
     parameter = structure.parameters[structure.names.index(name)]
     step = STEP * max(abs(named[name]), 1e-2 * abs(parameter.typical))
-    return min(named[name] + step, parameter.bounds[1]), max(named[name] - step, parameter.bounds[0])
+    here, (low, high) = named[name], parameter.bounds
+    return min(here + step, 0.5 * (here + high)), max(here - step, 0.5 * (here + low))
 
 
 def in_time(

@@ -15,7 +15,7 @@ from sysid.data.record import Record
 from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
 from sysid.model import predict, relaxation
-from sysid.model.acting import divided, in_time, jumping
+from sysid.model.acting import divided, either_side, in_time, jumping
 from sysid.model.compose import compose
 from sysid.model.effect import find
 from sysid.model.paper import CD, TPP
@@ -269,3 +269,11 @@ def test_the_logged_bins_of_a_thinned_log_are_worked_out_once(
         respond(structure, np.append(TRUTH, half_width), group, False)
     samples = group.spectra[0].samples
     assert lengths == [samples, 4 * samples, 4 * samples, 4 * samples]
+
+
+@pytest.mark.parametrize("value", [1e-9, 4e-4, 0.02, 0.9999999])
+def test_a_lag_near_its_bound_is_changed_without_reaching_it(value: float) -> None:
+    """A yaw fit's motor lag went to zero, and users read of a division by zero."""
+    structure = compose("cd", ["motor_lag"])
+    above, below = either_side(structure, {"tau_m": value}, "tau_m")
+    assert 0 < below < value < above < 1
