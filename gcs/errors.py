@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+
+
+def to_install(*packages: str) -> str:
+    """The command that installs packages for the Python that runs: another's pip would not help."""
+    return shlex.join([sys.executable, "-m", "pip", "install", *packages])
+
 
 class TippathError(Exception):
     """The data or the vehicle says no: exit status 1."""

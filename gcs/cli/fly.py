@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.cli.push import add_vehicle_option, add_voice_options
-from gcs.errors import TippathError, UsageError
+from gcs.errors import TippathError, UsageError, to_install
 
 if TYPE_CHECKING:
     from gcs.tui.connections import Connection
@@ -238,7 +238,8 @@ def _serve(args: argparse.Namespace) -> int:
     try:
         from textual_serve.server import Server
     except ImportError as error:
-        raise TippathError("--serve needs textual-serve, which is not installed: pip install 'tippath[web]'") from error
+        told = f"--serve needs textual-serve, which is not installed: {to_install('textual-serve')}"
+        raise TippathError(told) from error
     words = [sys.executable, "-m", "gcs.cli", "fly", *_again(args)]
     print(f"serving on http://{SERVED}:{args.serve}; Ctrl-C ends it", file=sys.stderr)
     Server(shlex.join(words), host=SERVED, port=args.serve, title="tippath").serve()

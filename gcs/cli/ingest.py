@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gcs.cli.options import add_loop_option
+from gcs.cli.options import add_loop_option, refuse_existing, write_text
 
 if TYPE_CHECKING:
     from gcs.logs import Ingest
@@ -84,7 +84,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--join", action="store_true", help="the CSVs named are one flight's, joined by time; -o writes its record"
     )
-    parser.add_argument("-o", dest="output", metavar="DIR", type=Path, help="write the usable runs there as records")
+    parser.add_argument(
+        "-o",
+        dest="output",
+        metavar="DIR",
+        type=Path,
+        help="write the usable runs there as records; with --explain a FILE.toml, the proposed profile",
+    )
     parser.add_argument("--explain", action="store_true", help="channels found, not found, and what to write")
     parser.add_argument("--profile", metavar="FILE.toml", type=Path, help="where the channels come from")
     parser.add_argument(
@@ -101,12 +107,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where no run is usable. Raises TippathError for what a user can put right."""
-    from gcs.cli.listing import write_records
+    from gcs.cli.listing import explanation, proposed_profile, write_records
     from gcs.logs import Ingest, UnreadableError
     from gcs.logs.runs.health import F_HIGH_HZ
     from gcs.logs.runs.of_flight import of_flight
     from gcs.logs.words import printable
 
+    profile = _asked_profile(args)
+    refuse_existing(profile, args.force)
     try:
         found = _read(args)
     except UnreadableError as error:
@@ -119,7 +127,10 @@ def run(args: argparse.Namespace) -> int:
     if flight is not None:
         found = replace(found, runs=flight.runs)
     written: dict[str, str] = {}
-    if args.output is not None:
+    if profile is not None:
+        write_text(proposed_profile(explanation(found, joined_csvs)), profile)
+        print(f"wrote {profile}", file=sys.stderr)
+    elif args.output is not None:
         written = write_records(found, args.output, args.force)
     if args.json:
         print(json.dumps(_document(found, written, flight, explain=args.explain), indent=1, allow_nan=False))
@@ -135,6 +146,12 @@ def run(args: argparse.Namespace) -> int:
         print(f"no run is usable{f' up to {F_HIGH_HZ:g} Hz' if lower else ''}", file=sys.stderr)
         return 1
     return 0
+
+
+def _asked_profile(args: argparse.Namespace) -> Path | None:
+    """Where the proposed profile goes; None where records, or nothing, are to be written."""
+    toml = args.explain and args.output is not None and args.output.suffix == ".toml"
+    return args.output if toml else None
 
 
 def _read(args: argparse.Namespace) -> Ingest:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,7 +20,7 @@ from gcs.logs.formats.csv_join import labels
 from gcs.logs.formats.dataflash_table import EVENTS
 from gcs.logs.opening import Opened, open_log
 from gcs.logs.profile.profiles import ChannelSource
-from gcs.logs.profile.proposal import Values, propose
+from gcs.logs.profile.proposal import FIRST_LINE, Values, propose
 from gcs.logs.profile.sources import found_in
 from gcs.logs.runs.health import Health, up_to_words
 from gcs.logs.words import printable
@@ -266,6 +267,15 @@ def explanation(found: Ingest, joined: Sequence[Path] = ()) -> list[str]:
     for path, reason in found.refused.items():
         lines += _of_refused_join(joined, reason) if joined else _of_refused(Path(path), reason)
     return lines
+
+
+def proposed_profile(lines: Sequence[str]) -> str:
+    """The one profile that an explanation proposes, as a file. Raises UsageError where it proposes none, or several."""
+    starts = [number for number, line in enumerate(lines) if line == FIRST_LINE]
+    if len(starts) != 1:
+        raise UsageError(f"a profile is written for one log; {len(starts)} are proposed here: name one log")
+    body = itertools.takewhile(lambda line: not line.startswith("\n"), lines[starts[0] :])
+    return "\n".join(body).rstrip() + "\n"
 
 
 def _latency(runs: Iterable[Run]) -> list[str]:

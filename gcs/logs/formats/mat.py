@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from gcs.errors import TippathError
+from gcs.errors import TippathError, to_install
 from gcs.logs.formats import mat5
 from gcs.logs.formats.raw import most_inflated, unreadable
 from gcs.logs.words import printable
 
 MARK = b"MATLAB 5.0 MAT-file"
 MARK_73 = b"MATLAB 7.3 MAT-file"
-INSTALL = "install it: pip install 'tippath[mat]' (or pip install h5py)"
+INSTALL = f"install it: {to_install('h5py')}"
 TOO_MUCH = "far more in it than what is measured packs to"
 MOST_ARRAYS = 20_000
 _NUMBERED = re.compile(r"\[\d+\]$")

@@ -19,14 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from gcs.errors import TippathError
+from gcs.errors import TippathError, to_install
 from gcs.logs.formats.damage import Damage
 from gcs.logs.formats.raw import most_inflated, unreadable
 from gcs.logs.formats.tables import FloatArray
 from gcs.logs.words import printable
 
 MARK = b"\x89MCAP0\r\n"
-INSTALL = "pip install 'tippath[mcap]' (or pip install mcap mcap-ros2-support)"
+INSTALL = to_install("mcap", "mcap-ros2-support")
 LARGEST_MESSAGE = 1 << 16
 """Bytes: larger ones are pictures and clouds of points."""
 LARGEST_RECORD = 1 << 28

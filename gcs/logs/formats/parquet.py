@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.errors import TippathError
+from gcs.errors import TippathError, to_install
 from gcs.logs.formats.raw import most_inflated, unreadable
 from gcs.logs.formats.tables import FloatArray
 from gcs.logs.words import printable
 
 MARK = b"PAR1"
-INSTALL = "pip install 'tippath[parquet]' (or pip install pyarrow)"
+INSTALL = to_install("pyarrow")
 PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 

@@ -20,7 +20,10 @@ from gcs.logs.profile.units import factor
 from gcs.logs.words import printable
 from sysid.data.record import CHANNELS, REQUIRED
 
+FIRST_LINE = "# save as mine.toml (-o mine.toml does), correct it, and name it: --profile mine.toml"
 _LETTERS = {"p": ("p", "x", "roll"), "q": ("q", "y", "pitch"), "r": ("r", "z", "yaw")}
+ARRAYS = ("mat", "parquet")
+"""Kinds of log whose names say where an array stands: `flight.imu.tout`."""
 _CONTROL = r"(cmd|command|ctrl|control|out|output|cyclic|cyc|servo|stick|input|delta|u)"
 
 
@@ -72,7 +75,7 @@ _TIMES = (
     (re.compile(r"(time|stamp|^t)\w*_?(us|usec|micros)$|^(micros|timeus)$"), 1e-6),
     (re.compile(r"(time|stamp|^t)\w*_?(ms|msec|millis)$|^(millis|timems)$"), 1e-3),
     (re.compile(r"(time|stamp|^t)\w*_?(ns|nsec)$"), 1e-9),
-    (re.compile(r"^(t|time|time_?s|seconds|secs?|elapsed)$"), 1.0),
+    (re.compile(r"^(t|tout|time|time_?s|seconds|secs?|elapsed)$"), 1.0),
     (re.compile(r"^timestamp$"), 1e-6),
     (re.compile(r"time|stamp"), 1.0),
     (re.compile(r"(^|[ ._])ticks?$"), 1e-3),
@@ -109,7 +112,7 @@ def propose(
     found: channel -> where it came from, for those that were found; they stay as they are. time: source and scale, as
     the profile in use has them. values: of a field, by which scales are guessed that no name tells.
     """
-    lines = ["# save as mine.toml, correct it, and name it: --profile mine.toml", 'name = "mine"', ""]
+    lines = [FIRST_LINE, 'name = "mine"', ""]
     looked = values or _unseen
     lines += _time(fields, kind, time, looked)
     guesses = _of_one_gyro({channel: _guess(channel, fields, looked) for channel in (*REQUIRED[1:], "r", "omega")})
@@ -157,7 +160,10 @@ def _time(fields: Sequence[str], kind: str, time: tuple[str | None, float | None
         clock = "each topic's own clock" if kind == "mcap" else "the log's own clock"
         return [f"# time: {clock}, no [time] needed", ""]
     if source is None or source not in (*fields, *(_plain(name) for name in fields)):
-        guess = next(((f, s) for pattern, s in _TIMES for f in fields if pattern.search(_plain(f).lower())), None)
+        named = [(field, _plain(field).lower()) for field in fields]
+        if kind in ARRAYS:
+            named = [(field, name.rpartition(".")[2]) for field, name in named]
+        guess = next(((field, s) for pattern, s in _TIMES for field, name in named if pattern.search(name)), None)
         if guess is None:
             return ["[time]   # no name in this log looks like it", 'source = "TIME_COLUMN"', "scale = 1.0", ""]
         source, scale = guess
