@@ -74,7 +74,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("runs", nargs="+", metavar="RUN")
     parser.add_argument(
         "--model",
-        required=True,
         metavar="BASE",
         help=f"the structure to fit: {', '.join(NAMES)}, or the path of a base of your own (its code runs)",
     )
@@ -137,8 +136,8 @@ def run(args: argparse.Namespace) -> int:
     refuse_existing(args.output, args.force)
     vehicle = None if args.vehicle is None else load_vehicle(Path(args.vehicle))
     words = parse_words(args.effects)
-    held = parse_fixed(args.fix, args.fix_from, [word for word in (args.model, *words) if word.endswith(".py")])
     base = parse_base(args.model)
+    held = parse_fixed(args.fix, args.fix_from, [word for word in (args.model, *words) if word.endswith(".py")])
     part, effects = parse_axes(base, args.axes, words, held)
     records, validation = runs_to_fit(args, profile, window, (asked or USUAL).hz[1])
     records, validation = of_axes(records, part), of_axes(validation, part)
@@ -212,11 +211,14 @@ def with_warnings(text: str, doubts: Sequence[str]) -> str:
     return "\n".join([*lines, text])
 
 
-def parse_base(word: str) -> Base:
+def parse_base(word: str | None) -> Base:
     """A base by its name or path. Raises UsageError for a word that names none, BaseError for a file that is none."""
     from gcs.errors import UsageError
     from sysid.model.base import BaseError, find_base
 
+    if word is None:
+        told = "multirotor for a multirotor, tpp or cd for a helicopter; roll, pitch, yaw, heave for one axis alone"
+        raise UsageError(f"which structure? Give --model: {told}")
     try:
         return find_base(word)
     except BaseError as error:

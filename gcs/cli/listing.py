@@ -274,8 +274,8 @@ def proposed_profile(lines: Sequence[str]) -> str:
     starts = [number for number, line in enumerate(lines) if line == FIRST_LINE]
     if len(starts) != 1:
         raise UsageError(f"a profile is written for one log; {len(starts)} are proposed here: name one log")
-    body = itertools.takewhile(lambda line: not line.startswith("\n"), lines[starts[0] :])
-    return "\n".join(body).rstrip() + "\n"
+    body = itertools.takewhile(lambda line: not line.startswith("\n"), lines[starts[0] + 1 :])
+    return "\n".join(["# proposed by --explain: correct what is guessed", *body]).rstrip() + "\n"
 
 
 def _latency(runs: Iterable[Run]) -> list[str]:

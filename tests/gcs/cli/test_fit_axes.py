@@ -88,6 +88,12 @@ def test_axes_that_make_no_sense_are_refused_before_a_log_is_read(tippath: Tippa
         assert told in err
 
 
+def test_who_names_no_structure_is_told_which_there_are(tippath: Tippath) -> None:
+    status, out, err = tippath("fit", "nowhere.csv")
+    assert (status, out) == (2, "")
+    assert "which structure? Give --model: multirotor for a multirotor, tpp or cd for a helicopter" in err
+
+
 def test_a_quadrotor_s_single_roll_sweep_is_fitted(tippath: Tippath, shared_data: Path) -> None:
     status, out, err = tippath("fit", shared_data / "ardupilot" / "quad_roll_sweep.BIN", "--model", "cd")
     assert status == 0
