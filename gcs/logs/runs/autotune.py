@@ -4,6 +4,8 @@ By its message autotune_attitude_control_status. PX4 adds a train of steps to th
 axis, and identifies rate per torque setpoint, which is a second opinion. The numbers of its states have changed
 (STATE_ROLL is 2 in 1.13 and 3 since amplitudes are looked for), so the axis is read from rate_sp, which all versions
 have; in a state that excites two axes gains are tried out.
+Fixed wings, and VTOLs in forward flight, tell the same topic of their own autotune: it identifies rate per command
+scaled with airspeed, so its model is of other commands than those that are logged, and no second opinion.
 Source: msg/AutotuneAttitudeControlStatus.msg and src/modules/mc_autotune_attitude_control of PX4-Autopilot.
 """
 
@@ -25,6 +27,8 @@ ACTIVE = 0.5
 """Share of the samples of a state in which the axis's rate_sp is not zero."""
 COEFFICIENTS = 5
 TOLD_BY = "PX4's autotune"
+FLOWN_AS = "vehicle_status.vehicle_type"
+FIXED_WING = 2
 
 
 def find(log: Log) -> list[Span]:
@@ -41,7 +45,8 @@ def find(log: Log) -> list[Span]:
         if stop - start < SHORTEST_S or active.count(True) != 1:
             continue
         axis, output, command = AXES[active.index(True)]
-        model = _identified(log, behind - 1, output, command)
+        wings = flown_as(log, start) == FIXED_WING
+        model = None if wings else _identified(log, behind - 1, output, command)
         found.append(
             Span(
                 start_s=start,
@@ -51,11 +56,26 @@ def find(log: Log) -> list[Span]:
                 maneuver="doublet",
                 axis=axis,
                 excites_command=False,
-                notes=(_note(model),),
+                notes=(ON_WINGS if wings else _note(model),),
                 onboard=model,
             )
         )
     return found
+
+
+ON_WINGS = (
+    f"excited by {TOLD_BY} while it flew as a fixed wing: rates per command go with airspeed there, and what it "
+    "identified is of commands scaled with it; fit such runs apart from those of hover"
+)
+
+
+def flown_as(log: Log, at_s: float) -> int | None:
+    """PX4's vehicle_type at a time, which a VTOL changes in flight: 1 rotary wing, 2 fixed wing; None where untold."""
+    if not log.has(FLOWN_AS):
+        return None
+    told = log.series(FLOWN_AS)
+    value = float(told.values[max(0, int(np.searchsorted(told.t, at_s, "right")) - 1)])
+    return int(value) if np.isfinite(value) else None
 
 
 def _identified(log: Log, at: int, output: str, command: str) -> OnboardModel | None:

@@ -12,17 +12,23 @@ import numpy as np
 
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import Log
+from gcs.logs.runs.autotune import flown_as
 from gcs.logs.words import printable
 from gcs.vehicle import own_log
 from gcs.vehicle.autopilots import airframe_of_type
 from sysid.data.airframe import Airframe
 
+FLOWN_AS = {1: "rotary wing", 2: "fixed wing"}
+"""PX4's vehicle_type."""
 _FRAME = re.compile(r"Frame: (\S+)")
 _FIRMWARE = re.compile(r"(Ardu[A-Z]\w+|APM:\w+|PX4)\b")
 
 
 def vehicle_of(log: Log, at_s: float) -> dict[str, str]:
     """What a log says of the vehicle and how it was set up at a time, by name; empty where it says nothing."""
+    if log.kind == "ulog":
+        flown = FLOWN_AS.get(flown_as(log, at_s) or 0)
+        return {} if flown is None else {"flown as": flown}
     if not isinstance(log, DataFlashTables):
         return {}
     known: dict[str, str] = {}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from gcs.analysis.vehicles import different_vehicles
 from gcs.logs import ingest
 from sysid.data.record import Record
 
@@ -63,8 +64,9 @@ def identified(rates: Array, torques: Array) -> list[float]:
     return np.linalg.lstsq(past, y[3:], rcond=None)[0].tolist()
 
 
-def log_of(version: str, wrong: float = 1.0) -> bytes:
-    """The flight as PX4 logs it; the gain it identified `wrong` by that factor."""
+def log_of(version: str, wrong: float = 1.0, wings: bool = False) -> bytes:
+    """The flight as PX4 logs it; the gain it identified `wrong` by that factor. With `wings` it says that it flew as a
+    fixed wing from 45 s on."""
     rates, torques, added, doing = flight()
     pieces = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)]
 
@@ -72,15 +74,18 @@ def log_of(version: str, wrong: float = 1.0) -> bytes:
         pieces.append(struct.pack("<HB", len(body), ord(kind)) + body)
 
     add("B", bytes(40))
-    for name, fields in TOPICS.items():
+    topics = {**TOPICS, **({"vehicle_status": "uint64_t timestamp;uint8_t vehicle_type;"} if wings else {})}
+    for name, fields in topics.items():
         add("F", f"{name}:{fields}".encode())
-    for id, name in enumerate(TOPICS):
+    for id, name in enumerate(topics):
         add("A", struct.pack("<BH", 0, id) + name.encode())
     began = {what: doing.index(what) for what in ("roll", "pitch")}
     for i, what in enumerate(doing):
         us = 30_000_000 + round(1e6 * DT * i)
         add("D", struct.pack("<HQQ3f", 0, us, us, *rates[i], 0.0))
         add("D", struct.pack("<HQQ3f", 1, us, us, *torques[i], 0.0))
+        if wings and i % 400 == 0:
+            add("D", struct.pack("<HQB", 3, us, 1 + (us > 45_000_000)))
         if i % 40 == 0:
             numbers = [0.0] * 5
             if what in began and i - began[what] > 400:
@@ -109,6 +114,18 @@ def test_each_axis_is_a_run(saved: Saved, version: str) -> None:
     assert [run.start_s for run in runs] == pytest.approx([32.0, 49.0], abs=0.11)
     assert [run.duration_s for run in runs] == pytest.approx([15.0, 15.0], abs=0.15)
     assert "excited by PX4's autotune, which identified p per delta_x" in " ".join(runs[0].notes)
+
+
+def test_a_vtol_on_its_wings_is_no_multirotor(saved: Saved) -> None:
+    """Its own autotune tells the same topic, of commands that are scaled with airspeed."""
+    hover, forward = ingest([saved(log_of("since amplitudes", wings=True), "a.ulg")]).runs
+    assert hover.record is not None
+    assert forward.record is not None
+    assert (hover.record.onboard is None, forward.record.onboard is None) == (False, True)
+    assert "while it flew as a fixed wing" in " ".join(forward.notes)
+    told = different_vehicles([hover.record, forward.record])
+    assert told is not None
+    assert "flown as rotary wing: a.ulg#1; flown as fixed wing: a.ulg#2" in told
 
 
 def test_its_model_stands_beside_the_fit(saved: Saved, tippath: Tippath, new: bytes) -> None:
