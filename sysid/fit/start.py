@@ -5,6 +5,7 @@ Koerner), gives a start from which the output error is minimised."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -41,12 +42,12 @@ def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) 
 
     It begins at the equation error, reweighted by its own last denominator; where that ends in a poor fit, and the
     search is `thorough`, at others as well. A base without a matrix polynomial begins at its stable point without
-    coupling. Raises FitError where the commands hardly move, or move together.
+    coupling and at each point of its parameters' grids. Raises FitError where the commands hardly move, or move
+    together.
     """
     form = closed_form(structure)
     if form is None:
-        begin = _without_form(structure, stacks, thorough)
-        return minimise(begin, stacks, output_error(begin, stacks).residual_power)[0]
+        return _best(_without_form(structure, stacks, thorough), stacks)
     equations = _Equations.of(form, structure, stacks)
     found = equations.first()
     first = min(found, key=lambda one: one.cost)
@@ -63,13 +64,24 @@ def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) 
     return best
 
 
-def _without_form(structure: Structure, stacks: Sequence[Stack], thorough: bool) -> Model:
-    """Where p and q alone begin, which may have a form; else the base's stable point without coupling."""
+def _best(beginnings: Sequence[Model], stacks: Sequence[Stack]) -> Model:
+    """The optimum that least is left of; only where there are several, the others are not followed to their ends."""
+    found = [minimise(one, stacks, output_error(one, stacks).residual_power, tolerance=ROUGH) for one in beginnings]
+    best, left = min(found, key=lambda one: float(np.sum(np.log(one[1]))))
+    return minimise(best, stacks, left)[0]
+
+
+def _without_form(structure: Structure, stacks: Sequence[Stack], thorough: bool) -> list[Model]:
+    """Where p and q alone begin, which may have a form; else the base's stable point without coupling, and beside it
+    each point of its grids."""
     rates = replace(structure, outputs=RATES)
     if structure.outputs == RATES or not set(RATES) <= set(structure.outputs) or closed_form(rates) is None:
-        return Model(structure, np.array(structure.base_.uncoupled, dtype=float))
+        base = structure.base_
+        grids = [(one.grid or (value,)) for one, value in zip(base.parameters, base.uncoupled, strict=True)]
+        points = dict.fromkeys((base.uncoupled, *itertools.product(*grids)))
+        return [Model(structure, np.array(point, dtype=float)) for point in points]
     at = [structure.outputs.index(name) for name in RATES]
-    return Model(structure, start(rates, [replace(group, Y=group.Y[at]) for group in stacks], thorough).values)
+    return [Model(structure, start(rates, [replace(group, Y=group.Y[at]) for group in stacks], thorough).values)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,7 @@ BASE = Base(
             plausible=(0.0, 0.5),
             bounds=(1e-4, 2.0),
             typical=0.05,
+            grid=(0.01, 0.03, 0.1),
         ),
     ),
     equations=equations,

@@ -49,7 +49,7 @@ BASE = Base(
             plausible=(0.002, 0.3),  # 0.21 R/v_0: a small propeller, a full-sized rotor
             bounds=(5e-4, 3.0),
             typical=0.05,
-            grid=(0.02, 0.05, 0.15),
+            grid=(0.006, 0.02, 0.06, 0.2),
         ),
     ),
     equations=equations,

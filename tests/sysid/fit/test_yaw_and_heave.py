@@ -110,6 +110,20 @@ def test_inflow_that_follows_the_thrust_is_found(radius_m: float, mass_kg: float
     assert without.nrmse_percent["az"] < fit.nrmse_percent["az"] - 5
 
 
+@pytest.mark.parametrize(
+    ("radius_m", "mass_kg", "damping"), [(0.44, 6.7, 2.7), (0.55, 8.2, 2.9), (0.85, 46.9, 2.6), (0.44, 2.8, 3.6)]
+)
+def test_a_small_rotor_s_inflow_is_found_beside_the_lag_of_its_thrust(
+    radius_m: float, mass_kg: float, damping: float
+) -> None:
+    """Inflow and thrust settle in as many milliseconds: from one beginning the search ended with tau_i at its bound."""
+    run, theory = lifted(radius_m, mass_kg, damping, seed=8)
+    fit = sysid.fit_model([run], "heave_inflow", band_hz=BAND_HZ)
+    assert fit.nrmse_percent["az"] > 98.9
+    assert fit.model["tau_i"] == pytest.approx(theory["tau_i"], rel=0.15)
+    assert [fit.model[name] for name in theory] == pytest.approx(list(theory.values()), rel=0.5)
+
+
 def test_what_yaw_and_heave_need_is_named_where_it_is_not_logged() -> None:
     run = flown("delta_r", "r", [50.0], [1.0, 3.0], seed=5)
     with pytest.raises(FitError, match="az, delta_c is not logged, which HEAVE"):
