@@ -33,6 +33,8 @@ POOR_SHARE = 0.25
 MOST_BEGINNINGS = 8
 START_THINNING = 4
 CORNER = 3.0  # rad/s
+AS_GOOD = 0.01
+"""In summed logarithms of residual power: what optima that were not followed to their ends may differ by."""
 ROUGH = 1e-3
 """Where Gauss-Newton ends, in summed logarithms of residual power: on all bins it goes on from there."""
 
@@ -65,10 +67,19 @@ def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) 
 
 
 def _best(beginnings: Sequence[Model], stacks: Sequence[Stack]) -> Model:
-    """The optimum that least is left of; only where there are several, the others are not followed to their ends."""
+    """The optimum that least is left of, followed to its end. Of optima as good as it (poles may change places) the one
+    of most plausible values."""
     found = [minimise(one, stacks, output_error(one, stacks).residual_power, tolerance=ROUGH) for one in beginnings]
-    best, left = min(found, key=lambda one: float(np.sum(np.log(one[1]))))
+    costs = [float(np.sum(np.log(left))) for _, left in found]
+    near = [one for one, cost in zip(found, costs, strict=True) if cost <= min(costs) + AS_GOOD]
+    best, left = min(near, key=lambda one: _implausible(one[0]))
     return minimise(best, stacks, left)[0]
+
+
+def _implausible(model: Model) -> int:
+    """How many of its values physics does not allow."""
+    parameters = model.structure.parameters
+    return sum(one.implausible(float(value)) for one, value in zip(parameters, model.values, strict=True))
 
 
 def _without_form(structure: Structure, stacks: Sequence[Stack], thorough: bool) -> list[Model]:

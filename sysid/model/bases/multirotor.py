@@ -31,6 +31,7 @@ TAU_M = Parameter(
     plausible=(0.0, 0.15),  # as `motor_lag`
     bounds=(1e-4, 1.0),
     typical=0.05,
+    grid=(0.015, 0.05, 0.15),
 )
 BASE = Base(
     name="multirotor",

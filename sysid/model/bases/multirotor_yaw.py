@@ -30,7 +30,15 @@ BASE = Base(
     parameters=(
         Parameter("N_r", "1/s", "yaw damping"),
         Parameter("N_ped", "1/s^2", "yaw acceleration per yaw command, once the motors have settled"),
-        Parameter("T_r", "s", "lead of the rotors' reaction", plausible=(0.0, 2.0), bounds=(-20.0, 20.0), typical=0.1),
+        Parameter(
+            "T_r",
+            "s",
+            "lead of the rotors' reaction",
+            plausible=(0.0, 2.0),
+            bounds=(-20.0, 20.0),
+            typical=0.1,
+            grid=(0.1, 0.4),  # shorter than the damping's time, and longer: two valleys
+        ),
         TAU_M,
     ),
     equations=equations,

@@ -135,3 +135,16 @@ def test_a_helicopter_is_told_that_it_has_no_motors_to_lag() -> None:
     helicopter = Record("run", run.channels, maneuver="chirp", axis="yaw", airframe=Airframe.HELICOPTER)
     fit = sysid.fit_model([helicopter], "multirotor_yaw", band_hz=BAND_HZ)
     assert any("a helicopter has no yaw behind motors" in warning for warning in fit.warnings)
+
+
+@pytest.mark.parametrize(
+    ("damping", "gain", "lead_s", "lag_s"),
+    [(5.7, 33.0, 0.59, 0.012), (4.3, 57.0, 0.4, 0.014), (5.5, 50.0, 0.49, 0.055), (3.0, 11.0, 0.54, 0.14)],
+)
+def test_a_lead_beyond_the_damping_s_time_is_found(damping: float, gain: float, lead_s: float, lag_s: float) -> None:
+    """From no lead at all the search ended with one at its bound, or with motors of half a second."""
+    denominator = np.polymul([1.0, damping], [lag_s, 1.0]).tolist()
+    run = flown("delta_r", "r", [gain * lead_s, gain], denominator, seed=9)
+    fit = sysid.fit_model([run], "multirotor_yaw", band_hz=BAND_HZ)
+    found = [fit.model[name] for name in ("N_r", "N_ped", "T_r", "tau_m")]
+    assert found == pytest.approx([-damping, gain, lead_s, lag_s], rel=0.2)
