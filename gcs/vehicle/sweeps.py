@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from sysid.data.airframe import Airframe
 from sysid.data.record import Record
 
 AXES = "roll, then pitch (and elevator in forward flight)"
@@ -89,11 +90,13 @@ def how_to_sweep(profile: str, kind: str) -> str:
 
 
 def how_to_fly(
-    rate_source: str, axis: str, *, amplitude: float, band_hz: tuple[float, float], duration_s: float
+    run: Record, axis: str, *, amplitude: float, band_hz: tuple[float, float], duration_s: float
 ) -> str | None:
-    """How a chirp is flown that no card holds, by whoever flew runs with these rates; None where nobody knows."""
-    if flies_cards(rate_source):
+    """How a chirp is flown that no card holds, by whoever flew this run; None where nobody knows."""
+    if flies_cards(run.rate_source):
         numbers = {"amplitude": amplitude, "start_hz": band_hz[0], "stop_hz": band_hz[1], "duration_s": duration_s}
         return ARDUPILOT_THRUST.format(**numbers) if axis == "thrust" else None
-    ways = (ways for begins, ways in BY_RATES.items() if rate_source.startswith(tuple(begins)))
+    if run.airframe is Airframe.HELICOPTER:  # Rotorflight logs as Betaflight, and has no such mode
+        return None
+    ways = (ways for begins, ways in BY_RATES.items() if run.rate_source.startswith(tuple(begins)))
     return next(ways, {}).get(axis)

@@ -62,13 +62,13 @@ def how_text(proposal: Proposal, records: Sequence[Record]) -> str | None:
         return BY_STICK.format(pulse_s=plan.pulse_s)
     ways = {
         how_to_fly(
-            source,
+            one,
             plan.axis,
             amplitude=plan.amplitude,
             band_hz=(plan.f_start_hz, plan.f_stop_hz),
             duration_s=plan.duration_s,
         )
-        for source in {one.rate_source for one in records}
+        for one in records
     }
     return ways.pop() if len(ways) == 1 else None
 

@@ -13,6 +13,7 @@ from scipy.signal import cont2discrete, lfilter
 from gcs.analysis.text.documents import next_maneuver_document
 from gcs.analysis.text.maneuvers import how_text, proposal_text
 from gcs.cards.maneuver import parse_card
+from sysid.data.airframe import Airframe
 from sysid.data.chirp import Chirp
 from sysid.data.dataset import dataset
 from sysid.data.record import FloatArray, Record
@@ -133,6 +134,8 @@ def test_thrust_is_swept_by_parameters_and_by_no_card() -> None:
     assert theirs["csv"] is None
     assert "throttle stick" in str(theirs["gyroADC"])
     assert how_text(chirp, [run, replace(run, rate_source="csv")]) is None
+    rotorflight = replace(run, rate_source="gyroADC", airframe=Airframe.HELICOPTER)
+    assert how_text(chirp, [rotorflight]) is None
     assert "a pulse each way" in str(how_text(replace(chirp, kind="doublet"), [run]))
 
 
