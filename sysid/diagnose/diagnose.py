@@ -32,7 +32,7 @@ from sysid.diagnose.candidates import (
     silent,
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
-from sysid.diagnose.evidence import Candidate, candidate, instrumental_step
+from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
@@ -79,15 +79,7 @@ def diagnose(
 
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
-    elsewhere = 0.0
-    if chance >= SIGNIFICANT and (mode := slow_mode(asked_of, stepped, parent.metric)) is not None:
-        chance = min(chance, of_all_questions(mode.log_p, parent.division))
-        elsewhere = mode.chi_squared if chance < SIGNIFICANT else 0.0
-        say("slow modes")
-    if chance >= SIGNIFICANT:
-        simple = search(asked_of, stepped, parent.metric, most=1)
-        chance = min([chance, *(of_all_questions(one.log_p, parent.division) for one in simple)])
-        say("simple terms")
+    chance, elsewhere = _beyond_the_catalogue(chance, asked_of, stepped, parent, say)
     if chance < SIGNIFICANT:
         candidates = refit_serious(candidates, parent, effects, say, elsewhere)
     reference = _reference(parent, candidates, effects, validated_on)
@@ -105,6 +97,24 @@ def diagnose(
         pairs = tuple(sorted((compared(one, likelier) for one in pairs), key=rank))
         answer = verdict_on(candidates, pairs, chance, likelier)
     return replace(answer, unsearched=chained.unsearched, thinned=thinned)
+
+
+def _beyond_the_catalogue(
+    chance: float, asked_of: Candidate, stepped: Stepped, parent: Candidate, say: Progress
+) -> tuple[float, float]:
+    """The chance once a slow mode and simple terms are asked for, too, where nothing was significant before; and chi
+    squared of the slow mode, where that is what shows."""
+    if chance < SIGNIFICANT:
+        return chance, 0.0
+    mode = slow_mode(asked_of, stepped, parent.metric)
+    say("slow modes")
+    if mode is not None:
+        chance = min(chance, of_all_questions(mode.log_p, parent.division))
+        if chance < SIGNIFICANT:
+            return chance, mode.chi_squared
+    simple = search(asked_of, stepped, parent.metric, most=1)
+    say("simple terms")
+    return min([chance, *(of_all_questions(one.log_p, parent.division) for one in simple)]), 0.0
 
 
 def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin: Model | None) -> Candidate:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -66,19 +66,22 @@ def refit_serious(
             best, question_open = again.fit, _leaves_more(again.fit, parent)
 
     testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
-    for one in testable:
-        if _quick(one) and _share(one, top) >= (least_quick if question_open else SERIOUS_BESIDE):
+    for one in filter(_quick, testable):
+        if _share(one, top) >= (least_quick if question_open else SERIOUS_BESIDE):
             fit(one)
     linear_enough = not question_open
     explained = 0.0 if best is parent else explained_by(best, parent, best.metric)
-    for one in testable:
-        if one.score is None or _quick(one) or one.score.log_p_there > WORTH_THE_TIME:
-            continue
-        near = one.score.chi_squared > NEAR * explained
+    for one, score in _worth_simulating(testable):
         least = SERIOUS_SLOW if question_open and not _on_samples(one) else SERIOUS_SLOW_BESIDE
-        if _share(one, top) >= least and (near or not linear_enough):
+        if _share(one, top) >= least and (score.chi_squared > NEAR * explained or not linear_enough):
             fit(one)
     return [found.get(one.effects, one) for one in asked]
+
+
+def _worth_simulating(asked: Sequence[Ranked]) -> Iterator[tuple[Ranked, Score]]:
+    for one in asked:
+        if one.score is not None and not _quick(one) and one.score.log_p_there <= WORTH_THE_TIME:
+            yield one, one.score
 
 
 def _share(one: Ranked, top: float) -> float:
