@@ -22,8 +22,6 @@ FEWEST = 6
 """and over how many bins' worth of time at least."""
 ROUGH = 1.5
 """Times the scatter of steady noise's power from one such time to the next, from which on it comes in bursts."""
-LEAST_USUAL = 0.1
-"""Of steady noise, that a test must leave at a time for its power to be known there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,34 +35,17 @@ class Envelope:
     """Whether it comes and goes more than chance makes it."""
 
     @classmethod
-    def of(cls, rows: FloatArray, stacks: Sequence[Stack], steady: FloatArray | None = None) -> Envelope:
-        """Of what is left, (N,), in the rows of a whitening on these stacks; `steady` (d, N) is what is left of steady
-        noise, where that has not the same power all the time."""
+    def of(cls, rows: FloatArray, stacks: Sequence[Stack]) -> Envelope:
+        """Of what is left, (N,), in the rows of a whitening on these stacks."""
         outputs = stacks[0].Y.shape[0]
         spectra = [one for group in stacks for one in group.spectra]
         widths = [_width(one) for one in spectra]
         sizes = [one.frequency_hz.size for one in spectra]
-        found = [_around(each, width) for each, width in zip(_power(rows[None], outputs, sizes), widths, strict=True)]
-        usual = [np.ones(size) for size in sizes]
-        if steady is not None:
-            usual = [_around(each, width) for each, width in zip(_power(steady, outputs, sizes), widths, strict=True)]
-        whole = sum(float(np.sum(one)) for one in found) / max(sum(float(np.sum(one)) for one in usual), 1e-300)
-        power = [
-            one / (max(whole, 1e-300) * np.maximum(his, LEAST_USUAL)) for one, his in zip(found, usual, strict=True)
-        ]
+        found = [_around(each, width) for each, width in zip(_power(rows, outputs, sizes), widths, strict=True)]
+        whole = sum(float(np.sum(one)) for one in found) / sum(sizes)
+        power = [one / max(whole, 1e-300) for one in found]
         scatter = [(one - 1) ** 2 * (width * outputs) for one, width in zip(power, widths, strict=True)]
         return cls(tuple(power), outputs, float(np.mean(np.concatenate(scatter))) > ROUGH**2)
-
-    def drawn(self, times: int) -> Iterator[ComplexArray]:
-        """White noise of this power over time, (outputs, bins) segment after segment; the same every time."""
-        rng = np.random.default_rng(0)
-        for _ in range(times):
-            parts = []
-            for power in self.power:
-                noise = rng.standard_normal((2, self.outputs, power.size))
-                in_time = (noise[0] + 1j * noise[1]) * np.sqrt(power)
-                parts.append(np.fft.fft(in_time, axis=1, norm="ortho"))
-            yield np.concatenate(parts, axis=1)
 
     def gram(self, rows: FloatArray) -> FloatArray:
         """The covariance of inner products of rows (c, N) with such noise, (c, c)."""
@@ -77,8 +58,8 @@ class Envelope:
 
 
 def _power(rows: FloatArray, outputs: int, sizes: Sequence[int]) -> list[FloatArray]:
-    """Of rows (c, N) together over time, of every segment (n,)."""
-    return [np.mean(np.abs(part) ** 2, axis=(0, 1)) for part in _in_time(rows, outputs, sizes)]
+    """Of a row (N,) over time, of every segment (n,)."""
+    return [np.mean(np.abs(part[0]) ** 2, axis=0) for part in _in_time(rows[None], outputs, sizes)]
 
 
 def _width(one: Spectrum) -> int:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray, gusts_kept_out
 from sysid.data.stacks import Stack, Windows
-from sysid.fit.bursts import Envelope, as_steady
+from sysid.fit.bursts import as_steady
 from sysid.fit.output_error import OutputError
 from sysid.fit.rows import orthonormal_each
 from sysid.model.structure import FloatArray
@@ -35,11 +35,9 @@ REFERENCES_RANK = 1e-9
 LEAST_FREEDOM = 4
 """Bins beyond the unknowns that a window needs."""
 WORTH_A_LOOK = 2.0
-"""Standard deviations of chi squared, from which on it is asked what bursts alone would make of it,"""
-DRAWN = 60
-"""of so many draws,"""
-STEADY_DRAWN = 16
-"""and what of steady noise, of so many."""
+"""Standard deviations of chi squared, from which on it is asked what chance alone would make of it,"""
+SHIFTS = 60
+"""by so many draws of when each run's references were."""
 LEAST_LEVEL = 1e-12
 
 
@@ -138,10 +136,18 @@ class _Asked:
 
     edges_hz: FloatArray
     explained: _Explained
-    span: _Span
+    residual: ComplexArray
+    """(k, bins), window after window;"""
+    reference: ComplexArray
+    """(m, bins), the references there,"""
+    place: FloatArray
+    """(bins,), where each bin is within its window, -1..1,"""
     segment: NDArray[np.int64]
-    """(bins,), window after window, that each belongs to."""
-    stacks: Sequence[Stack]
+    """(bins,), that it belongs to,"""
+    starts: NDArray[np.int64]
+    """(w + 1,), where windows begin,"""
+    turns: FloatArray
+    """(bins,), and how often the bin's frequency turns in the time of its segment."""
 
     @classmethod
     def of(cls, y: ComplexArray, stacks: Sequence[Stack], by: Causes, window_hz: float) -> _Asked:
@@ -156,9 +162,16 @@ class _Asked:
         half = 0.5 * (edges[1] - edges[0])
         place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
         y, x, z = (each[:, order] for each in (y, x, z))
-        span = _Span.of(z, place, segment[order], starts)
+        seconds = np.array([one.samples * one.dt for group in stacks for one in group.spectra])
         return cls(
-            edges_hz=edges, explained=_explained(y, x, place, span), span=span, segment=segment[order], stacks=stacks
+            edges_hz=edges,
+            explained=_explained(y, x, place, _Span.of(z, place, segment[order], starts)),
+            residual=y,
+            reference=z,
+            place=place,
+            segment=segment[order],
+            starts=starts,
+            turns=(frequency * seconds[segment])[order],
         )
 
     def surprise(self, tiny: float) -> tuple[float, int]:
@@ -166,10 +179,18 @@ class _Asked:
         asked = self.explained
         chi_squared, degrees = _surprise(asked.found, asked.rest, asked.unknown, asked.free, tiny)
         if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
-            chance = _in_bursts(self.explained, self.span, self.segment, self.stacks)
-            if chance is not None:
-                chi_squared = as_steady(chi_squared, degrees, *chance)
+            by_chance = [self._shifted(rng, tiny) for rng in np.random.default_rng(1).spawn(SHIFTS)]
+            chi_squared = as_steady(chi_squared, degrees, float(np.mean(by_chance)), float(np.std(by_chance)))
         return chi_squared, degrees
+
+    def _shifted(self, rng: np.random.Generator, tiny: float) -> float:
+        """Chi squared of references that were at another time in each run: they explain nothing, and meet the noise as
+        it comes and goes."""
+        late = rng.uniform(0.0, 1.0, int(self.segment.max()) + 1)
+        shifted = self.reference * np.exp(-2j * np.pi * self.turns * late[self.segment])
+        span = _Span.of(shifted, self.place, self.segment, self.starts)
+        found, rest = span.shares(span.windows.of(span.ends.less(self.residual)))
+        return _surprise(found, rest, span.unknown.astype(float), span.free.astype(float), tiny)[0]
 
 
 def _cut(frequency_hz: FloatArray, edges_hz: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -204,18 +225,11 @@ class _Span(NamedTuple):
         unknown = unknown * enough
         return cls(windows, ends, basis * enough[:, None, None], unknown, bins - unknown - ends.unknown)
 
-    def shares(self, Y: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Of rows in windows (w, k, bins) the coefficients (w, k, unknowns), and the spectral matrices (w, k, k) of
-        what they explain and of what they leave."""
+    def shares(self, Y: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Of rows in windows (w, k, bins) the spectral matrices (w, k, k) of what is explained and of what is left."""
         there = Y @ self.basis.conj().swapaxes(1, 2)
         found = there @ there.conj().swapaxes(1, 2)
-        return there, found, Y @ Y.conj().swapaxes(1, 2) - found
-
-    def leaves(self, rows: ComplexArray) -> ComplexArray:
-        """Of rows (k, n) what neither references nor ends explain."""
-        rows = self.ends.less(rows)
-        there, _, _ = self.shares(self.windows.of(rows))
-        return np.asarray(rows - self.windows.back(there @ self.basis))
+        return found, Y @ Y.conj().swapaxes(1, 2) - found
 
 
 class _Explained(NamedTuple):
@@ -229,8 +243,6 @@ class _Explained(NamedTuple):
     """(w, k, k), what they explain together, a spectral matrix;"""
     rest: ComplexArray
     """and what they leave, (w, k, k)."""
-    left: ComplexArray
-    """(k, n), that by bins."""
     unknown: FloatArray
     """(w,), unknowns that explain, for each output,"""
     free: FloatArray
@@ -243,7 +255,7 @@ def _explained(y: ComplexArray, x: ComplexArray, place: FloatArray, span: _Span)
     power = np.sum(np.abs(windows.of(y)) ** 2, axis=2)
     y, x = ends.less(y), ends.less(x)
     Y = windows.of(y)
-    there, found, rest = span.shares(Y)
+    found, rest = span.shares(Y)
     alone = []
     for row in x:
         line = orthonormal_each(windows.of(np.stack([row, place * row])), REFERENCES_RANK)
@@ -254,41 +266,9 @@ def _explained(y: ComplexArray, x: ComplexArray, place: FloatArray, span: _Span)
         by_command=np.stack(alone, axis=2),
         found=found,
         rest=rest,
-        left=y - windows.back(there @ span.basis),
         unknown=unknown.astype(float),
         free=span.free.astype(float),
     )
-
-
-def _in_bursts(
-    explained: _Explained, span: _Span, segment: NDArray[np.int64], stacks: Sequence[Stack]
-) -> tuple[float, float] | None:
-    """Mean and deviation of what the references seem to explain of noise that comes and goes as this does, and in
-    which they explain nothing; None where it is steady."""
-    level = explained.rest / np.maximum(explained.free, 1.0)[:, None, None]
-    whole = np.max(np.real(np.einsum("wkk->wk", level)), initial=1e-300)
-    white = np.linalg.inv(np.linalg.cholesky(level + LEAST_LEVEL * whole * np.eye(level.shape[1])))
-    order = np.argsort(segment, kind="stable")
-    sizes = np.cumsum(np.bincount(segment))[:-1]
-
-    def in_rows(bins: ComplexArray) -> FloatArray:
-        parts = np.split(bins[:, order], sizes, axis=1)
-        return np.concatenate([np.ascontiguousarray(part).view(float).ravel() for part in parts])
-
-    rng = np.random.default_rng(1)
-    shape = (STEADY_DRAWN, 2, *explained.left.shape)
-    usual = [span.leaves(noise[0] + 1j * noise[1]) for noise in rng.standard_normal(shape)]
-    left = span.windows.back(white @ span.windows.of(explained.left))
-    envelope = Envelope.of(in_rows(left), stacks, np.stack([in_rows(one) for one in usual]))
-    if not envelope.rough:
-        return None
-    found = []
-    for drawn in envelope.drawn(DRAWN):
-        noise = np.empty_like(drawn)
-        noise[:, order] = drawn
-        _, there, rest = span.shares(span.windows.of(span.ends.less(noise)))
-        found.append(_surprise(there, rest, explained.unknown, explained.free, LEAST_LEVEL)[0])
-    return float(np.mean(found)), float(np.std(found))
 
 
 def _surprise(

@@ -29,6 +29,7 @@ BLOCK = 512
 """Bins whose sensitivities are worked out together: what lies between stays in the processor's cache."""
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def respond(
     structure: Structure,
     values: FloatArray,
@@ -42,6 +43,7 @@ def respond(
 
     `of` numbers the parameters whose sensitivities are wanted, where not all are; a closed form gives all the same.
     The free motion from `ends`, the last estimate of them, counts in the sensitivities: it changes with the parameters.
+    Of a model that runs away, or that has no response, what comes out is not finite.
     """
     if not linear_dynamics(structure):
         return relaxed_response(structure, values, stack, sensitivities=sensitivities, U=U, of=of)

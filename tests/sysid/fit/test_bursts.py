@@ -56,7 +56,7 @@ def deviations(flown: tuple[tuple[Stack, ...], Causes], calm: float) -> np.ndarr
 
 def test_bursts_alone_explain_nothing(flown: tuple[tuple[Stack, ...], Causes], monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.max(deviations(flown, BURSTS)) < 3.5
-    monkeypatch.setattr("sysid.fit.bursts.ROUGH", np.inf)  # taken as steady
+    monkeypatch.setattr("sysid.fit.noise.WORTH_A_LOOK", np.inf)  # taken as steady
     assert np.max(deviations(flown, BURSTS)) > 5
 
 
@@ -74,11 +74,13 @@ def test_inner_products_with_bursts_scatter_as_said(flown: tuple[tuple[Stack, ..
     assert envelope.rough
     burst = np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, 1, 0.0)])
     asked = np.stack([burst, np.random.default_rng(2).standard_normal(rows.size)])
-    sizes = np.cumsum([2 * one.frequency_hz.size * 2 for group in stacks for one in group.spectra])[:-1]
-    drawn = []
-    for bins in envelope.drawn(400):
-        parts = np.split(bins, sizes // 4, axis=1)
-        drawn.append(np.concatenate([np.ascontiguousarray(part).view(float).ravel() for part in parts]))
+    rng, drawn = np.random.default_rng(0), []
+    for _ in range(400):
+        parts = []
+        for power in envelope.power:
+            white = rng.standard_normal((2, power.size)) + 1j * rng.standard_normal((2, power.size))
+            parts.append(np.fft.fft(np.sqrt(power) * white, axis=1, norm="ortho"))
+        drawn.append(np.concatenate([part.view(float).ravel() for part in parts]))
     products = np.array(drawn) @ asked.T
     gram = envelope.gram(asked)
     np.testing.assert_allclose(np.diag(products.T @ products / len(drawn)), np.diag(gram), rtol=0.25)
