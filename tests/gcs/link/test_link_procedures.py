@@ -88,6 +88,25 @@ def test_reading_what_is_not_there_ends_with_a_reason() -> None:
     assert "does not exist" in told.reason
 
 
+@pytest.mark.parametrize(
+    "procedure", [lambda: ReadParameter("A"), lambda: WriteParameter("A", 2.5)], ids=["read", "write"]
+)
+def test_thirty_percent_lost_each_way_fails_no_flight(procedure: Callable[[], Any]) -> None:
+    """A flight has some sixty such conversations; three hundred make five flights."""
+    chance = random.Random(16)
+
+    def lossy(send: Send, now: float) -> list[Event]:
+        return [value("A", 2.5)] if chance.random() < 0.7 * 0.7 else []
+
+    assert all(isinstance(run(procedure(), lossy), Done) for _ in range(300))
+
+
+def test_silence_is_given_up_within_ten_seconds() -> None:
+    for procedure in (ReadParameter("A"), WriteParameter("A", 2.5)):
+        silent = run(procedure, lambda send, now: [], limit_s=10.0)
+        assert isinstance(silent, Failed)
+
+
 @pytest.mark.parametrize("number", [0.1, -0.0, 1e-42, 3.4e38, 16777215.0, float("inf")])
 def test_a_write_is_done_only_by_the_same_32_bits(number: float) -> None:
     sent: list[Send] = []
