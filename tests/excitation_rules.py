@@ -1290,6 +1290,9 @@ class World:
             raise procedure.outcome.error()
         return procedure.outcome.value
 
+    def send(self, *sends: Send) -> None:
+        self._send(sends)
+
     def texts_since(self, cursor: int) -> tuple[int, list[Text]]:
         texts = self._texts[cursor:]
         return len(self._texts), texts
