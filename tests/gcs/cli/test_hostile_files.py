@@ -199,6 +199,29 @@ def test_every_kind_is_asked(flight: Flight, tmp_path: Path) -> None:
     assert tuple(kinds(flight, tmp_path)) == KINDS
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"signs": [1]},
+        {"signs": [{"name": "a", "text": "b", "seen": "yes"}]},
+        {"signs": [{"name": "a", "seen": True}]},
+        {"signs": "none"},
+        {"noise_floor_percent": 5.0},
+        {"noise_floor_percent": {"p": "much", "q": 1.0}},
+        {"noise_floor_percent": {"z": 1.0}},
+    ],
+    ids=str,
+)
+def test_what_an_addition_left_in_a_fit_is_checked_before_a_report_shows_it(
+    damage: dict[str, Any], flight: Flight, tmp_path: Path, tippath: Callable[..., tuple[int, str, str]]
+) -> None:
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(json.loads(flight.fit.read_text()) | damage))
+    status, out, err = tippath("report", path, "-o", tmp_path / "r.html", "--no-diagnosis")
+    assert (status, out, len(err.splitlines())) == (1, "", 1)
+    assert next(iter(damage)) in err
+
+
 JSON_WORDS: dict[str, tuple[Any, ...]] = {
     "compare": (),
     "design": (),
