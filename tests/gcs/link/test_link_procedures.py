@@ -516,6 +516,23 @@ def test_blocks_of_the_log_before_that_come_late_are_not_taken_into_the_new_one(
     assert receiver.open == 1_440
 
 
+def test_what_came_twice_of_the_log_before_is_not_taken_for_formats_of_the_new_one() -> None:
+    disk = Disk()
+    receiver = LogBlocks(disk.store)
+    receiver.start(0.0)
+    for number in range(50):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 1)), 0.1)
+    for twice in (2, 45):  # a format, and not one: beyond the first that differs
+        receiver.on_event(LogBlock(1, 155, twice, block(twice, 1)), 0.2)
+    for number in range(10, 20):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.3)
+    for number in range(20, 50):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.4)
+    assert receiver.file == 1
+    assert disk.files[1][45] == block(45, 2)
+    assert disk.files[1][2] == block(2, 2)
+
+
 def test_one_block_with_other_bytes_is_counted_and_begins_no_new_file() -> None:
     """Damaged past its checksum, or forged: the log goes on, and the sender is not kept asking."""
     disk = Disk()
