@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.link.signing import SIGNED, Signing
+from gcs.link.signing import SIGNATURE, SIGNED, Signing, is_signed
 
 
 class Frame(NamedTuple):
@@ -23,7 +23,7 @@ class Frame(NamedTuple):
     @property
     def signed(self) -> bool:
         """Whether it carries a signature, right or not."""
-        return self.raw[0] == 0xFD and bool(self.raw[2] & SIGNED)
+        return is_signed(self.raw)
 
 
 class FrameFinder:
@@ -65,7 +65,7 @@ class FrameFinder:
         return frames
 
     def _judge(self, buffer: bytearray, at: int, length: int) -> Any:
-        if buffer[at] == 0xFD and buffer[at + 2] & ~1:
+        if buffer[at] == 0xFD and buffer[at + 2] & ~SIGNED:
             return None  # flags that nobody may ignore
         try:
             message = self._mav.decode(buffer[at : at + length])
@@ -81,4 +81,4 @@ class FrameFinder:
 def _frame_length(buffer: bytearray, at: int) -> int:
     if buffer[at] == 0xFE:
         return 8 + buffer[at + 1]
-    return 12 + buffer[at + 1] + (13 if buffer[at + 2] & 1 else 0)
+    return 12 + buffer[at + 1] + (SIGNATURE if buffer[at + 2] & SIGNED else 0)
