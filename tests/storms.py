@@ -285,8 +285,10 @@ class _Watcher:
 # ------------------------------------------------------------------------------------------------ flown
 
 
-def play(storm: Storm, folder: Path, card: str = CARD) -> Outcome:
-    """Fly it in fake time, with its files in a new `folder`, and judge it."""
+def play(
+    storm: Storm, folder: Path, card: str = CARD, prepare: Callable[[SlowFlight], None] = lambda flown: None
+) -> Outcome:
+    """Fly it in fake time, with its files in a new `folder`, and judge it; `prepare` does more to the flight."""
     folder.mkdir()
     with pytest.MonkeyPatch.context() as patched:
         flown = SlowFlight(
@@ -299,6 +301,7 @@ def play(storm: Storm, folder: Path, card: str = CARD) -> Outcome:
             script=storm.script,
             seed=storm.seed,
         )
+        prepare(flown)
         (folder / "card.toml").write_text(card)
         return _push(storm, flown, folder) if storm.kind == "push" else _fly(storm, flown, folder)
 
