@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import random
 import tomllib
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -193,6 +194,22 @@ def test_a_damaged_file_is_read_or_refused(
         out, err = capsys.readouterr()
         assert harmless_lines(out + err)
         assert "Traceback" not in out + err
+
+
+@pytest.mark.parametrize("damage", ["a later zip", "an open bracket"])
+def test_an_archive_that_only_looks_like_a_record_is_refused(damage: str, flight: Flight, tmp_path: Path) -> None:
+    """Both once ended in a traceback: of zipfile, and of numpy's reader of headers."""
+    asked = kinds(flight, tmp_path)["record"]
+    with zipfile.ZipFile(asked.path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(asked.path, "w") as archive:
+        for name, content in entries.items():
+            archive.writestr(name, content.replace(b",)", b",(", 1) if damage == "an open bracket" else content)
+    if damage == "a later zip":
+        raw = asked.path.read_bytes()
+        asked.path.write_bytes(raw.replace(b"PK\x01\x02\x14\x03\x14", b"PK\x01\x02\x14\x03\x6d"))
+        assert asked.path.read_bytes() != raw
+    assert main(["ingest", str(asked.path)]) == 1
 
 
 def test_every_kind_is_asked(flight: Flight, tmp_path: Path) -> None:
