@@ -386,8 +386,8 @@ MUTATIONS = tuple(
         ("what the vehicle tells of settings is not heard", "if (flying or awaited) and ", "if False and "),
         (
             "settings are not asked for where the log stays on the card",
-            "if on_card and self.state.flying_since is not None",
-            "if False and self.state.flying_since is not None",
+            "if flown and log is not None and log.on_card:",
+            "if False:",
         ),
         (
             "settings that were not told of are as planned",

@@ -14,6 +14,7 @@ from typing import Self
 from gcs.cards.envelope import Limits, Peaks, violations
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.connection import Clock, Connection, WallClock
+from gcs.flight.log_health import LogHealth
 from gcs.flight.rules import (
     ASK_EVERY_S,
     FRESH_S,
@@ -134,7 +135,7 @@ class Excitation:
         now = self._clock.now()
         sweep_s = self._look(snapshot) if look_at_log else None
         log = self._session.log_health()
-        self._look_at_settings(snapshot, now, on_card=log is not None and log.on_card)
+        self._look_at_settings(snapshot, now, log)
         seen = Seen(
             now=now,
             mode=snapshot.mode,
@@ -183,10 +184,11 @@ class Excitation:
         """Those that the vehicle did not tell of since the start; all where its own record of the maneuver tells."""
         return self._settings.unanswered
 
-    def _look_at_settings(self, snapshot: VehicleSnapshot, now: float, *, on_card: bool) -> None:
+    def _look_at_settings(self, snapshot: VehicleSnapshot, now: float, log: LogHealth | None) -> None:
         flying = self.state.phase in (Phase.STARTING, Phase.FLYING)
         self._settings.hear(snapshot.said, flying=flying)
-        if on_card and self.state.flying_since is not None and self.state.phase is not Phase.ENDED:
+        flown = self.state.flying_since is not None and self.state.phase is not Phase.ENDED
+        if flown and log is not None and log.on_card:
             self._session.send(*self._settings.ask(now))
 
     def _enter_by_clock(self, now: float, vehicle_s: float | None) -> None:
