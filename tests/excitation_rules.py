@@ -17,6 +17,8 @@ a model here, in fake time, and the rules are judged from what happened, not fro
   known and short; no more once the vehicle said that it starts, nor after a silence of the link or of ourselves.
 - **run on**: a run whose log is dead (or, where that stays on the vehicle's card, its telemetry), whose link is late,
   or whose vehicle does not answer is ended within seconds, as long as anything is heard.
+- **flown**: a run that ends as finished was flown by the vehicle for as long as it takes, by the settings that were
+  shown: as far as the vehicle told of others, and where its log stays on the card of those that it began with.
 - **hang**: every history ends.
 
 The link keeps what `gcs.link.clock` takes for granted, and no more: each way is a queue that holds everything back by
@@ -87,6 +89,8 @@ LATE_S = 1.2
 LONGEST_S = 900.0
 LOOKED_S = 3.5
 """So long at least a vehicle is looked at after a silence before it is taken for cleared."""
+ONE_WAY_S = 8.0
+"""A link on which no question was answered for so long carries one way."""
 FIRST_START_S = 4.5
 """About when the first start is due."""
 NOT_KNOWN = ("not known", "does not tell", "must take it", "tippath abort", "could not be told")
@@ -369,6 +373,32 @@ def _compiled(name: str, source: str) -> CodeType:
 MUTATIONS = tuple(
     Mutation(*row)
     for row in (
+        ("an early word finishes a run", "            if early_s > EARLY_S:", "            if False:"),
+        ("stamps that ran ahead finish a run", "over_s < seen.sweep_s <= since + LATE_S", "over_s < seen.sweep_s"),
+        ("a link of one way counts against stuck", "- since > LOST_PATIENCE_S", "- since > STUCK_S"),
+        (
+            "a link of one way is waited for without end",
+            "    if _deaf(seen):\n        return seen.now - since > LOST_PATIENCE_S\n",
+            "",
+        ),
+        ("time without answers counts against stuck", "max(since, state.deaf_until)", "since"),
+        ("one that shows itself excited counts as silent", "if not state.excited and waited > ", "if waited > "),
+        ("what the vehicle tells of settings is not heard", "if (flying or awaited) and ", "if False and "),
+        (
+            "settings are not asked for where the log stays on the card",
+            "if flown and log is not None and log.on_card:",
+            "if False:",
+        ),
+        (
+            "settings that were not told of are as planned",
+            "if not interruption and flown.unanswered_settings:",
+            "if False:",
+        ),
+        (
+            "settings told of after the end change nothing",
+            "if ending is Ending.FINISHED and flown.other_settings:",
+            "if False:",
+        ),
         (
             "a heartbeat from before the start is believed",
             "if state.asks and not state.confirmed and beat.mode == state.mode_before and beat.known_s",
@@ -719,12 +749,12 @@ SEEN_IN = {
     "the way back is asked for on the start's word again and again": ("hard", 2764),
     "the way back is one mode for all": ("random", 9),
     "axis and magnitude in any order": ("random", 2),
-    "an unanswered write counts as not done": ("random", 1081),
     "a dangerous magnitude is put back": ("random", 1),
     "written while the excitation shows": ("random", 65),
     "given back while the excitation shows": ("random", 153),
     "not read back before the start": ("random", 1),
     "given back before it is cleared": ("random", 71),
+    "given back although one was not taken": ("hard", 608),
     "given back right after a write": ("random", 8020353),
     "started on a dead log": ("random", 5003214),
     "no last look": ("hard", 1346),
@@ -734,9 +764,13 @@ SEEN_IN = {
 }
 """A history that shows a guard to be gone: its kind and its seed."""
 
-SEEN_TOGETHER = {
+SEEN_TOGETHER: dict[tuple[str, ...], History | tuple[str, int]] = {
     ("an acceptance that changed nothing is believed", "cleared at once without a word of the log"): ("hard", 5003098),
     ("cleared at once without a word of the log", "cleared with the start's proof alone"): ("hard", 5002088),
+    (
+        "settings are not asked for where the log stays on the card",
+        "settings that were not told of are as planned",
+    ): History(card=True, acts=(Act(-0.5, "write", 0.15, 1),)),
     ("no room for swaps at the vehicle", "no room for swaps on the way there"): ("hard", 5023824),
     ("the last look believes contradicting heartbeats", "the last look does not wait for proof"): ("hard", 5009977),
 }
@@ -753,6 +787,18 @@ HEARD_AGAIN = History(
 """Given up while nothing was heard, and heard again, still excited, while the rest of the log arrives."""
 
 MADE_FOR = {
+    "an early word finishes a run": History(acts=(Act(4.0, "finished"),), runs=(3,)),
+    "stamps that ran ahead finish a run": History(acts=(Act(4.0, "jump", 60.0),), runs=(3,)),
+    "a link of one way counts against stuck": History(up=Way(outages=((4.0, 48.0),)), runs=(3,)),
+    "a link of one way is waited for without end": History(up=Way(outages=((4.0, math.inf),)), runs=(3,)),
+    "time without answers counts against stuck": History(
+        up=Way(outages=((4.0, 48.0),)), down=Way(delay_s=0.2), runs=(3,)
+    ),
+    "one that shows itself excited counts as silent": History(up=Way(outages=((4.0, 48.0),)), runs=(3,)),
+    "what the vehicle tells of settings is not heard": History(acts=(Act(4.0, "told", 0.15),), runs=(3,)),
+    "settings told of after the end change nothing": History(
+        card=True, up=Way(outages=((0.2, 3.4),)), acts=(Act(-0.5, "write", 0.15, 1),)
+    ),
     "asked again where it started and left": History(
         seed=157,
         up=Way(loss=0.1, delays=((-0.001, 4.6726694770962265),)),
@@ -792,10 +838,11 @@ MADE_FOR = {
         acts=(Act(1.1217, "reboot"),),
     ),
     "no end where nothing is known": History(seed=107352, up=Way(outages=((-0.01, math.inf),))),
-    "given back although one was not taken": History(
-        seed=54124,
-        up=Way(outages=((3.368, 7.152),)),
-        acts=(Act(1.12, "abort"),),
+    "an unanswered write counts as not done": History(
+        seed=986,
+        own=1,
+        down=Way(outages=((7.174, 17.045),)),
+        runs=(0, 1),
     ),
     "an answer need not be later than the question": History(
         seed=514858,
@@ -886,6 +933,18 @@ def _latest(steps: Sequence[tuple[float, float]], now: float, base: float) -> fl
     return value
 
 
+@dataclass(slots=True)
+class _Sweep:
+    """A stay in the excitation that we asked for."""
+
+    entered_s: float
+    otherwise: set[str]
+    """Settings that were not as shown when it began;"""
+    told: set[str]
+    """and those of which the vehicle said so while it was flown."""
+    over_s: float = math.inf
+
+
 class _Vehicle:
     """The truth: mode, parameters, and who excites it."""
 
@@ -906,6 +965,9 @@ class _Vehicle:
         self.refuses = world.history.refuses
         self.foreign: dict[str, float] = {}
         """When another station wrote a parameter last."""
+        self.sweeps: list[_Sweep] = []
+        self.ahead_s = 0.0
+        """So far its log's stamps have jumped."""
         self._beats = 0
         self._blocks = 0
         world.at(world.chance.random(), self._beat, self._beats)
@@ -954,8 +1016,8 @@ class _Vehicle:
         if self.streams and world.now >= self.log_silent_until:
             message = _Message(LogBlock(1, 1, self._blocks, b""), world.now)
             self._blocks += 1
-            message.newest_s = self._boot_s()
-            message.sweep_s = world.now - self.entered_s if self.mode == EXCITED else None
+            message.newest_s = self._boot_s() + self.ahead_s
+            message.sweep_s = world.now - self.entered_s + self.ahead_s if self.mode == EXCITED else None
             message.mode = self.mode
             world.downlink.send(message)
 
@@ -968,23 +1030,41 @@ class _Vehicle:
         world.tell("vehicle", f"mode {mode}, by {who}")
         self.mode = mode
         self.excited_by = ""
+        self._over()
         if mode == EXCITED:
             self.excited_by = "us" if who == "us" else "other"
             self.entered_s, self.sweep_over = world.now, False
             self.text(f"SystemID Starting: axis={self.parameters['SID_AXIS']:.0f}")
             flown = None if world.flight is None else world.flight.handback.flown
             world.at(world.now + (3.5 if flown is None else flown.plan.finished_s), self._finish, self.entered_s)
+            if flown is not None and self.excited_by == "us":
+                writes = flown.plan.writes
+                otherwise = {name for name, value in writes if self.parameters[name] != _float32(value)}
+                self.sweeps.append(_Sweep(world.now, otherwise, set()))
         if self._history.shows_at_once:
             self.show()
+
+    def _over(self) -> None:
+        if self.sweeps:
+            self.sweeps[-1].over_s = min(self.sweeps[-1].over_s, self._world.now)
+
+    def flies_otherwise(self, name: str, *, told: bool = False) -> None:
+        """Another station wrote it, and everybody was told, or that was lost."""
+        if told:
+            self._echo(name)
+        if told and self.sweeps and self.sweeps[-1].over_s == math.inf:
+            self.sweeps[-1].told.add(name)
 
     def _finish(self, entered_s: float) -> None:
         if self.mode == EXCITED and self.entered_s == entered_s and not self.sweep_over:
             self.sweep_over = True
+            self._over()
             self.text("SystemID Finished")
 
     def stop_by_lean(self) -> None:
         if self.mode == EXCITED and not self.sweep_over:
             self.sweep_over = True
+            self._over()
             self.text("SystemID Stopped: lean=31.1 max=30")
 
     def reboot(self) -> None:
@@ -1150,6 +1230,14 @@ class World:
             case "write":
                 name, value = ("SID_MAGNITUDE", act.value) if act.more else ("SID_F_START_HZ", 1.0 + act.value)
                 vehicle.parameters[name], vehicle.foreign[name] = _float32(value), self.now
+                vehicle.flies_otherwise(name)
+            case "told":  # as ArduPilot does, to all stations
+                vehicle.parameters["SID_MAGNITUDE"] = vehicle.foreign["SID_MAGNITUDE"] = _float32(act.value)
+                vehicle.flies_otherwise("SID_MAGNITUDE", told=True)
+            case "finished":
+                self.downlink.send(_Message(StatusText(1, 1, 6, "SystemID Finished"), self.now, own=False))
+            case "jump":
+                vehicle.ahead_s = act.value
             case "log":
                 vehicle.log_silent_until = self.now + act.value
             case "lean":
@@ -1288,6 +1376,9 @@ class World:
         if hasattr(procedure.outcome, "error"):
             raise procedure.outcome.error()
         return procedure.outcome.value
+
+    def send(self, *sends: Send) -> None:
+        self._send(sends)
 
     def texts_since(self, cursor: int) -> tuple[int, list[Text]]:
         texts = self._texts[cursor:]
@@ -1465,6 +1556,12 @@ class _Judge:
         self._ended: tuple[Any, int] = (None, 0)
         """The run that was last seen to end, and the heartbeats heard until then."""
         self._stuck_run: Any = None
+        self._unknown_run: Any = None
+        self._answered_s = 0.0
+        self._answers_since_s = 0.0
+        """The last answer to a ping, and the first after a break of `ONE_WAY_S`."""
+        self._flown_by: list[tuple[Any, float, _Sweep | None]] = []
+        """Of each run that ended its plan, when, and what the vehicle had flown last."""
         self._read_s: dict[str, float] = {}
         self._written_s: dict[str, float] = {}
         self._held_values: dict[str, float] = {}
@@ -1552,6 +1649,9 @@ class _Judge:
         self._heard_s = now
         if now - message.made_s <= LATE_S and message.own:
             self._fresh_down_s = now
+        if isinstance(event, TimeReply):
+            self._answers_since_s = now if now - self._answered_s > ONE_WAY_S else self._answers_since_s
+            self._answered_s = now
         if isinstance(event, TimeReply) and message.up_s <= LATE_S:
             self._fresh_up_s = now
         if isinstance(event, Attitude if self._world.history.card else LogBlock) and message.own:
@@ -1707,9 +1807,16 @@ class _Judge:
         state = flown.state
         if state.ending is not None and self._ended[0] is not flown:
             self._ended = flown, self._beats
+            sweeps = self._world.vehicle.sweeps
+            began = sweeps and sweeps[-1].entered_s >= self._first_ask_s
+            self._flown_by.append((flown.plan, now, sweeps[-1] if began else None))
         if state.ending is not None and state.ending.value == "stuck" and self._stuck_run is not flown:
             self._stuck_run = flown
             self._stuck(now, state)
+        if "does not tell whether it is out" in state.reason and self._unknown_run is not flown:
+            self._unknown_run = flown
+            if state.excited:
+                self.broken("end", "given up as if it did not tell, while it shows the excitation")
         if self._world.pressed:
             self._pressed_s = min(self._pressed_s, now)
         phase = state.phase.value
@@ -1728,6 +1835,11 @@ class _Judge:
         heard_since = max(self._silence_s, state.returning_since)
         if now - heard_since < 25.0:
             self.broken("end", f"given up as stuck after {now - heard_since:.1f} s of hearing it")
+        one_way_s, answered_s = now - self._answered_s, now - self._answers_since_s
+        if ONE_WAY_S < one_way_s < 55.0:
+            self.broken("end", f"given up as stuck after {one_way_s:.1f} s of a link of one way")
+        if one_way_s <= ONE_WAY_S and answered_s < 25.0:
+            self.broken("end", f"given up as stuck after {answered_s:.1f} s of answers")
 
     def _cleared_now(self, now: float, state: Any) -> None:
         world = self._world
@@ -1782,8 +1894,23 @@ class _Judge:
         given_up = "must take it" in said or "pilot, look" in said  # after half a minute of orders
         if excited and self._unanswered >= 3 and not given_up:
             self.broken("end", f"{self._unanswered} heartbeats with the excitation were not answered with an order")
+        for run in world.flight.runs:
+            self._as_flown(run)
         if not said.strip("; ") and not vehicle.foreign and not excited:
             self._settings_are_back()
+
+    def _as_flown(self, run: Any) -> None:
+        card = self._world.history.card
+        if run.ending.value != "finished" or (card and run.verdict is not None and not run.verdict.clean):
+            return
+        ended_s, sweep = next((when, sweep) for plan, when, sweep in self._flown_by if plan is run.plan)
+        if sweep is None:
+            return  # somebody else excited it, or a stranger says so
+        if min(sweep.over_s, ended_s) - sweep.entered_s < run.plan.over_s - 1.0 and sweep.over_s >= ended_s:
+            self.broken("flown", f"it is finished {ended_s - sweep.entered_s:.1f} s after it began")
+        elif sweep.told or (card and sweep.otherwise):
+            names = ", ".join(sorted(sweep.told | (sweep.otherwise if card else set())))
+            self.broken("flown", f"it is finished, and {names} were not as shown")
 
     def _settings_are_back(self) -> None:
         own, vehicle = _parameters(self._world.history.own), self._world.vehicle
@@ -1937,9 +2064,9 @@ def shown_by(name: str) -> tuple[History, tuple[str, ...]] | None:
         return MADE_FOR[name], (name,)
     if name in SEEN_IN:
         return history_of(*SEEN_IN[name]), (name,)
-    for names, (kind, seed) in SEEN_TOGETHER.items():
+    for names, seen_in in SEEN_TOGETHER.items():
         if name in names:
-            return history_of(kind, seed), names
+            return seen_in if isinstance(seen_in, History) else history_of(*seen_in), names
     return None
 
 

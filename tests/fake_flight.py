@@ -27,7 +27,7 @@ from gcs.link.log_answer import AnsweredRate, LogClient
 from gcs.link.log_end import Cause, EndState, LogEnd
 from gcs.link.procedures import NoAnswerError, Procedure, ProcedureError
 from gcs.vehicle.autopilots import mode_name
-from gcs.vehicle.snapshot import Beat, Text, VehicleSnapshot
+from gcs.vehicle.snapshot import Beat, Said, Text, VehicleSnapshot
 
 T = TypeVar("T")
 
@@ -220,6 +220,8 @@ class FakeSession:
         self.answered: list[bool] = []
         """The log was to be answered; whether at once."""
         self.rate: AnsweredRate | None = None
+        self.said: list[Said] = []
+        """Values of parameters that the vehicle told."""
         self._texts: list[Text] = []
 
     # the clock
@@ -289,7 +291,25 @@ class FakeSession:
             recording=self.log_path if self.recordings else None,
             blocks_received=blocks,
             log_client=self.log_client,
+            said=tuple(self.said[-64:]),
         )
+
+    def written_by_another(self, name: str, value: float, *, told: bool = True) -> None:
+        """Another station's write, and the vehicle's word to all about it, unless that is lost."""
+        self.vehicle.parameters[name] = value
+        if told:
+            self._tell(name)
+
+    def _tell(self, name: str) -> None:
+        if not self._deaf:
+            self.said.append(Said(len(self.said) + 1, name, self.vehicle.parameters[name]))
+
+    def send(self, *sends: Send) -> None:
+        for send in sends if not self.one_way else ():
+            if isinstance(send, ParamRead) and self.drop_answers.get(send.name, 0) > 0:
+                self.drop_answers[send.name] -= 1
+            elif isinstance(send, ParamRead):
+                self._tell(send.name)
 
     def _known(self, at: float) -> float:
         """A ping every 0.2 s, answered at once unless the link is deaf; see `gcs.link.clock`."""

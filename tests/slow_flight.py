@@ -36,8 +36,28 @@ from sitl.protocol.signatures import Signatures
 BYTES_S = 5760.0
 """57,600 baud."""
 TURN_S = 0.02
+TWO_CHIRPS = """
+name = "two"
+rest_s = 1
+[[maneuver]]
+kind = "chirp"
+axis = "roll"
+amplitude = 0.08
+duration_s = 6
+f_start_hz = 1
+noise_fraction = 0
+fade_in_s = 1
+repeat = 2
+"""
+"""A card that a flight over a slow radio still ends in a minute."""
 RADIO, ANOTHER = ("radio", 1), ("another", 1)
 """Addresses as of datagrams: whole frames."""
+
+
+def in_one_line(text: str) -> str:
+    """What was said, without the line breaks that a terminal's width makes; no traceback is among it."""
+    assert "Traceback" not in text
+    return " ".join(text.split())
 
 
 class Wire:

@@ -14,6 +14,7 @@ from typing import Self
 from gcs.cards.envelope import Limits, Peaks, violations
 from gcs.cards.maneuver import Maneuver
 from gcs.flight.connection import Clock, Connection, WallClock
+from gcs.flight.log_health import LogHealth
 from gcs.flight.rules import (
     ASK_EVERY_S,
     FRESH_S,
@@ -26,7 +27,7 @@ from gcs.flight.rules import (
     step,
 )
 from gcs.flight.run_state import Answer, Ending, Order, Phase, RunState, Seen
-from gcs.flight.settings import flown_otherwise
+from gcs.flight.settings import SettingsInFlight, flown_otherwise
 from gcs.link.clock import UNKNOWN
 from gcs.link.procedures import NoAnswerError, ProcedureError, RefusedError, SetMode
 from gcs.vehicle.autopilots import STABILIZE, SYSTEMID
@@ -81,6 +82,8 @@ class Excitation:
         self._looked_at_log_s = UNKNOWN
         self._log_mode: int | None = None
         self._other_settings = ""
+        said = self.snapshot.said
+        self._settings = SettingsInFlight(plan, said[-1].number if said else 0)
 
     def __enter__(self) -> Self:
         window = self._session.samples(0.5)
@@ -132,6 +135,7 @@ class Excitation:
         now = self._clock.now()
         sweep_s = self._look(snapshot) if look_at_log else None
         log = self._session.log_health()
+        self._look_at_settings(snapshot, now, log)
         seen = Seen(
             now=now,
             mode=snapshot.mode,
@@ -152,7 +156,7 @@ class Excitation:
             answer=self._answer,
             sweep_s=sweep_s,
             violations=violations(self.limits, self.peaks),
-            other_settings=self._other_settings,
+            other_settings=self.other_settings,
             abort=abort,
             given_up=given_up,
         )
@@ -169,6 +173,23 @@ class Excitation:
             self.orders += 1
             self._answer = self._ask(order)
         return self.out_of_hand
+
+    @property
+    def other_settings(self) -> str:
+        """How what the vehicle flies differs from what was planned; empty where it does not, or is not known."""
+        return self._other_settings or self._settings.otherwise
+
+    @property
+    def unanswered_settings(self) -> tuple[str, ...]:
+        """Those that the vehicle did not tell of since the start; all where its own record of the maneuver tells."""
+        return self._settings.unanswered
+
+    def _look_at_settings(self, snapshot: VehicleSnapshot, now: float, log: LogHealth | None) -> None:
+        flying = self.state.phase in (Phase.STARTING, Phase.FLYING)
+        self._settings.hear(snapshot.said, flying=flying)
+        flown = self.state.flying_since is not None and self.state.phase is not Phase.ENDED
+        if flown and log is not None and log.on_card:
+            self._session.send(*self._settings.ask(now))
 
     def _enter_by_clock(self, now: float, vehicle_s: float | None) -> None:
         """It entered the mode after the first start was sent, and before it was heard to: half way, give or take."""

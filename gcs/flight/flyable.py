@@ -13,7 +13,7 @@ from gcs.flight.connection import Clock, Connection, WallClock
 from gcs.flight.preflight import AGAIN, Check
 from gcs.flight.readiness import client_words
 from gcs.flight.rules import TICK_S
-from gcs.flight.settings import ask_all, ask_together, recognise
+from gcs.flight.settings import ask_together, recognise
 from gcs.link.transport import carries
 from gcs.vehicle.autopilots import SWITCH
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile
@@ -127,7 +127,7 @@ def controller(session: Connection, clock: Clock, card: TestCard) -> tuple[Check
     """Which controller follows the rates that a card commands; nothing where it commands none."""
     if all(maneuver.target != "rate" for maneuver in card.maneuvers):
         return ()
-    return preflight.controller(ask_all(session, clock, [SWITCH]).get(SWITCH))
+    return preflight.controller(ask_together(session, clock, [SWITCH]).get(SWITCH))
 
 
 def free_bytes(path: Path) -> int | None:

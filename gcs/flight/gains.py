@@ -282,7 +282,7 @@ def _require_disarmed(session: Session, then: str) -> None:
 
 def _require_bank(session: Session) -> None:
     try:
-        session.call(ReadParameter(BANK_KNOWN_BY, 4))
+        session.call(ReadParameter(BANK_KNOWN_BY))
     except ProcedureError as error:
         _require_link(session, error)
         raise GainsError(NO_BANK, reason="no bank") from error

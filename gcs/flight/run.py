@@ -155,14 +155,17 @@ def fly_run(
                 on_progress(Note(contradiction(flown)))
             on_progress(_progress(run, flown))
             clock.sleep(TICK_S)
-    state = flown.state
-    assert state.ending is not None
-    verdict = None if state.flying_since is None else _verdict(session, flown, rate_hz)
+    state, ending, reason = flown.state, flown.state.ending, flown.state.reason
+    assert ending is not None
+    if ending is Ending.FINISHED and flown.other_settings:  # its answer came after the end
+        ending, reason = Ending.SETTINGS, joined(reason, flown.other_settings)
+    interruption = "" if ending is Ending.FINISHED else f"{ending.value}: {reason}"
+    verdict = None if state.flying_since is None else _verdict(session, flown, rate_hz, interruption)
     return RunResult(
         run=run,
         plan=flown.plan,
-        ending=state.ending,
-        reason=joined(state.reason, contradiction(flown)),
+        ending=ending,
+        reason=joined(reason, contradiction(flown)),
         mode_after=state.mode_after,
         started=started,
         duration_s=flown.elapsed_s,
@@ -189,18 +192,19 @@ def _progress(run: CardRun, flown: Excitation) -> RunProgress:
     )
 
 
-def _verdict(session: Connection, flown: Excitation, rate_hz: float | None) -> Verdict:
-    state, plan, start = flown.state, flown.plan, flown.log_start_s
+def _verdict(session: Connection, flown: Excitation, rate_hz: float | None, interruption: str) -> Verdict:
+    plan, start = flown.plan, flown.log_start_s
     health = session.log_health()
     window = session.samples(flown.elapsed_s + 5.0)
     first = math.inf if start is None else start + plan.lead_s
-    finished = state.ending is None or state.ending is Ending.FINISHED
-    interruption = None if finished or state.ending is None else f"{state.ending.value}: {state.reason}"
     if health is not None and health.on_card:
         came = window.t.size if start is None else int((window.t >= start).sum())
-        return judge_by_telemetry(flown.limits, flown.peaks, came, flown.elapsed_s, interruption=interruption)
+        if not interruption and flown.unanswered_settings:
+            names = ", ".join(flown.unanswered_settings)
+            interruption = f"whether it was flown as planned is not known: the vehicle no longer told its {names}"
+        return judge_by_telemetry(flown.limits, flown.peaks, came, flown.elapsed_s, interruption=interruption or None)
     samples = cut(window, first, first + plan.maneuver.duration_s)
-    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption=interruption, start_s=first)
+    return judge(plan, flown.limits, flown.peaks, samples, rate_hz, interruption=interruption or None, start_s=first)
 
 
 def locked(

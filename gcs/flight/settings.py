@@ -12,24 +12,31 @@ magnitude that would be dangerous on the axis that stays in the vehicle is not p
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Protocol, TypeVar
 
 from gcs.errors import LinkError, TippathError
 from gcs.flight.live import SweepSettings
+from gcs.link.encode import ParamRead
 from gcs.link.events import bits_of_float
 from gcs.link.procedures import NoAnswerError, Procedure, ReadParameter, ReadSeveral, RefusedError, WriteParameter
 from gcs.vehicle.autopilots import AROUND_A_MANEUVER, RENAMED
 from gcs.vehicle.profile import Plan, VehicleProfile, choose_profile, wanted_parameters
-from gcs.vehicle.snapshot import VehicleSnapshot
+from gcs.vehicle.snapshot import Said, VehicleSnapshot
 
 T = TypeVar("T")
 
-SILENCES = 4
-"""So many unanswered questions, each with a later one answered, until a vehicle is believed to lack a parameter."""
+SILENCES = 6
+"""So many unanswered questions, each with a later one answered, until a vehicle is believed to lack a parameter: on a
+link that loses 30 % each way one in 3,000 is believed that is there."""
 SILENCES_OF_NEEDED = 8
 """So many where the vehicle was recognised by having such parameters: a poor link is likelier than a lack."""
+CONFIRM_EVERY_S = 0.25
+CONFIRM_AT_ONCE = 6
+"""Two hundred bytes: an order to end the maneuver waits 35 ms behind them on a slow radio."""
 MOST_QUESTIONS = 12
 """So many questions without an answer to anything, and the vehicle counts as one that does not answer."""
 
@@ -99,14 +106,11 @@ def _needed(session: Asking, clock: Clock, name: str) -> float:
     return value
 
 
-def ask_all(session: Asking, clock: Clock, names: Sequence[str]) -> dict[str, float]:
-    """Those of `names` that the vehicle has. Raises as `ask`."""
-    answers = {name: ask(session, clock, name) for name in names}
-    return {name: value for name, value in answers.items() if value is not None}
-
-
 def ask_together(session: Asking, clock: Clock, names: Sequence[str]) -> dict[str, float]:
-    """As `ask_all`, all at once: what a vehicle lacks costs the time of one. Raises as `ask`."""
+    """Those of `names` that the vehicle has. All are asked for at once: what it lacks costs the time of one.
+
+    Raises as `ask`.
+    """
     held: dict[str, float] = {}
     silences = dict.fromkeys(names, 0)
     for _ in range(MOST_QUESTIONS):
@@ -136,10 +140,7 @@ def read_settings(session: Asking, clock: Clock, profile: VehicleProfile) -> dic
     as `ask`.
     """
     settings = {name: _needed(session, clock, name) for name in profile.settings}
-    settings |= ask_all(session, clock, AROUND_A_MANEUVER)
-    for pair in RENAMED:
-        settings |= ask_all(session, clock, pair[:1]) or ask_all(session, clock, pair[1:])
-    return settings
+    return settings | ask_together(session, clock, (*AROUND_A_MANEUVER, *chain.from_iterable(RENAMED)))
 
 
 # ------------------------------------------------------------------------------------------------ writing
@@ -203,6 +204,50 @@ def changed_since(session: Asking, plan: Plan) -> str:
                 "nothing was started"
             )
     return ""
+
+
+class SettingsInFlight:
+    """What the vehicle says, once a maneuver is about to start, of the settings that it flies by.
+
+    Vehicles tell all stations what one of them wrote. Such a word may be lost, and the vehicle's own record of the
+    maneuver does not come where its log stays on the card: there all are asked for once more, after the start.
+    """
+
+    def __init__(self, plan: Plan, heard: int) -> None:
+        """`heard` is the number of the last word that is not to be listened to."""
+        self.otherwise = ""
+        """What is not as planned; empty as far as all is."""
+        self._planned = dict(plan.writes)
+        self._open = deque(self._planned)
+        self._asked_at = -math.inf
+        self._heard = heard
+
+    @property
+    def unanswered(self) -> tuple[str, ...]:
+        """Those that were not told of since the start."""
+        return tuple(self._open)
+
+    def hear(self, said: Sequence[Said], *, flying: bool) -> None:
+        """What was said until now. After the maneuver only answers count that it was waited for: others may change
+        what is flown no more."""
+        new = [one for one in said if one.number > self._heard and one.name in self._planned]
+        self._heard = said[-1].number if said else self._heard
+        for one in new:
+            awaited = one.name in self._open and self._asked_at > -math.inf
+            if (flying or awaited) and bits_of_float(one.value) != bits_of_float(planned := self._planned[one.name]):
+                self.otherwise = (
+                    f"{one.name} is {one.value:g} in the vehicle, not {planned:g}: somebody else changed it"
+                )
+            if awaited:
+                self._open.remove(one.name)
+
+    def ask(self, now: float) -> list[ParamRead]:
+        """Some of what was not told of yet, in turn."""
+        if now - self._asked_at < CONFIRM_EVERY_S:
+            return []
+        self._asked_at = now
+        self._open.rotate(-CONFIRM_AT_ONCE)
+        return [ParamRead(name) for name in tuple(self._open)[-CONFIRM_AT_ONCE:]]
 
 
 _RECORDED = {

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.link.signing import SIGNED, Signing
+from gcs.link.signing import SIGNATURE, SIGNED, Signing, is_signed
 
 
 class Frame(NamedTuple):
@@ -23,7 +23,7 @@ class Frame(NamedTuple):
     @property
     def signed(self) -> bool:
         """Whether it carries a signature, right or not."""
-        return self.raw[0] == 0xFD and bool(self.raw[2] & SIGNED)
+        return is_signed(self.raw)
 
 
 class FrameFinder:
@@ -65,20 +65,33 @@ class FrameFinder:
         return frames
 
     def _judge(self, buffer: bytearray, at: int, length: int) -> Any:
-        if buffer[at] == 0xFD and buffer[at + 2] & ~1:
+        message = self._decoded(buffer, at, length)
+        if isinstance(message, dialect.MAVLink_unknown):
+            # Its checksum cannot be known, so it counts as a frame only where another one, or nothing, follows, and
+            # none that is known begins inside it: that would be what is left of a damaged one.
+            end = at + length
+            follows = end == len(buffer) or buffer[end] in (0xFD, 0xFE)
+            return message if follows and not self._begins_another(buffer, at + 1, end) else None
+        return message
+
+    def _decoded(self, buffer: bytearray, at: int, length: int) -> Any:
+        if buffer[at] == 0xFD and buffer[at + 2] & ~SIGNED:
             return None  # flags that nobody may ignore
         try:
-            message = self._mav.decode(buffer[at : at + length])
+            return self._mav.decode(buffer[at : at + length])
         except dialect.MAVError:
             return None
-        if isinstance(message, dialect.MAVLink_unknown):
-            # Its checksum cannot be known, so it counts as a frame only where another one, or nothing, follows.
-            end = at + length
-            return message if end == len(buffer) or buffer[end] in (0xFD, 0xFE) else None
-        return message
+
+    def _begins_another(self, buffer: bytearray, start: int, end: int) -> bool:
+        for at in range(start, min(end, len(buffer) - 2)):
+            if buffer[at] in (0xFD, 0xFE):
+                message = self._decoded(buffer, at, _frame_length(buffer, at))
+                if message is not None and not isinstance(message, dialect.MAVLink_unknown):
+                    return True
+        return False
 
 
 def _frame_length(buffer: bytearray, at: int) -> int:
     if buffer[at] == 0xFE:
         return 8 + buffer[at + 1]
-    return 12 + buffer[at + 1] + (13 if buffer[at + 2] & 1 else 0)
+    return 12 + buffer[at + 1] + (SIGNATURE if buffer[at + 2] & SIGNED else 0)

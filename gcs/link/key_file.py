@@ -11,12 +11,13 @@ import json
 import os
 import secrets
 import stat
+import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from gcs.errors import LinkError, UsageError
 from gcs.files import put_in_place
-from gcs.link.signing import AHEAD, Signing
+from gcs.link.signing import AHEAD, UNITS_PER_S, Signing
 
 KEY_BYTES = 32
 LATEST = (1 << 48) - 1
@@ -84,6 +85,8 @@ class KeptStamps:
     def __init__(self, key_file: Path) -> None:
         self._path = key_file.with_name(key_file.name + ".state")
         self._kept, self.link_id = self._read()
+        self._writing: threading.Thread | None = None
+        self._tried = -UNITS_PER_S
 
     def _read(self) -> tuple[int, int]:
         try:
@@ -100,12 +103,24 @@ class KeptStamps:
         return self._kept
 
     def keep(self, stamp: int) -> None:
-        """Writes ahead of `stamp`, and nothing while what stands there is still ahead of it by half."""
-        if stamp + AHEAD // 2 <= self._kept:
+        """Writes ahead of `stamp`, and nothing while what stands there is still ahead of it by half.
+
+        It is on the disk itself after the first time; later ones have ten seconds for that, and nobody waits.
+        """
+        first, busy = self._writing is None, self._writing is not None and self._writing.is_alive()
+        if busy or stamp + AHEAD // 2 <= self._kept or stamp < self._tried + UNITS_PER_S:
             return
+        self._tried = stamp
         kept = min(stamp + AHEAD, LATEST)
+        self._writing = threading.Thread(target=self._write, args=(kept,), name="tippath key state", daemon=True)
+        self._writing.start()
+        if first:
+            self._writing.join()
+
+    def _write(self, kept: int) -> None:
         try:
-            put_in_place(json.dumps({"latest": kept, "link_id": self.link_id}).encode(), self._path)
+            state = json.dumps({"latest": kept, "link_id": self.link_id}).encode()
+            put_in_place(state, self._path, durable=True)
         except OSError:
             return  # the next start takes the clock's time, which is later unless somebody set it back
         self._kept = kept

@@ -359,9 +359,11 @@ class LogBlocks:
         versions = self._stream.versions
         self._stream = _Stream(file=self._stream.file + 1, settled_at=now + self.LEFT_OVER_S)
         self._renewed = False
-        doubles, self._doubles = self._doubles | versions, {}
+        alike = min(versions, default=number + self.LOW)  # beyond it what came twice was the log's before
+        formats = {earlier: data for earlier, data in self._doubles.items() if earlier < alike}
+        self._doubles = {}
         sends: list[Send] = []
-        for earlier, data in sorted(doubles.items()):
+        for earlier, data in sorted((formats | versions).items()):
             if earlier < number + self.LOW and earlier != number:
                 sends += self._keep(earlier, data, zlib.crc32(data), now)
         return [send for send in sends if isinstance(send, BlockStatus) and send.number in versions]

@@ -48,6 +48,9 @@ FIRST_RETRY_S = 0.2
 RETRY_S = 0.5
 """Twice a slow radio's round trip."""
 TRIES = 6
+PARAMETER_TRIES = 20
+"""Ten seconds. Half of all questions, or their answers, are lost where 30 % are lost each way, and a flight asks some
+sixty: six tries were too few in four flights of ten, and these are in one of ten thousand."""
 TEXT_WAIT_S = 0.3
 """How long after a refusal its reason, a text of its own, may still be under way."""
 
@@ -192,7 +195,7 @@ class _Conversation(Generic[T]):
 class ReadParameter(_Conversation[Parameter]):
     """Ask for one parameter by name."""
 
-    def __init__(self, name: str, tries: int = TRIES) -> None:
+    def __init__(self, name: str, tries: int = PARAMETER_TRIES) -> None:
         super().__init__(tries)
         self.name = name
 
@@ -213,7 +216,7 @@ class ReadParameter(_Conversation[Parameter]):
 class ReadSeveral:
     """Ask for several parameters by name at once; the value has those that were answered, None where it was no."""
 
-    def __init__(self, names: Sequence[str], tries: int = TRIES) -> None:
+    def __init__(self, names: Sequence[str], tries: int = PARAMETER_TRIES) -> None:
         self.outcome: Done[Mapping[str, Parameter | None]] | None = None
         self._reads = {name: ReadParameter(name, tries) for name in names}
 
@@ -249,7 +252,7 @@ class WriteParameter(_Conversation[Parameter]):
     """
 
     def __init__(self, name: str, value: float, *, repeat: bool = True) -> None:
-        super().__init__(TRIES if repeat else 1, RETRY_S if repeat else RETRY_S * 3)
+        super().__init__(PARAMETER_TRIES if repeat else 1, RETRY_S if repeat else RETRY_S * 3)
         self.name = name
         self.value = value
         self._kind: int | None = None

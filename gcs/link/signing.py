@@ -60,6 +60,11 @@ class Stamps(Protocol):
         ...
 
 
+def is_signed(frame: bytes) -> bool:
+    """Whether a whole frame carries a signature, right or not."""
+    return frame[0] == 0xFD and bool(frame[2] & SIGNED)
+
+
 class Signing:
     """One key on one link: signs, judges, counts. `wall_clock` gives seconds since 1970."""
 
@@ -113,7 +118,7 @@ class Signing:
     def _judge(self, frame: bytes) -> Refusal | None:
         if frame[0] != 0xFD:
             return Refusal.MAVLINK_1
-        if not frame[2] & SIGNED:
+        if not is_signed(frame):
             return Refusal.UNSIGNED
         told = hashlib.sha256(self._key + frame[:-6]).digest()[:6]
         if not hmac.compare_digest(told, frame[-6:]):

@@ -30,7 +30,7 @@ from gcs.logs.runs.loop import TOLD
 from gcs.logs.runs.run import AnyWindow, Run
 from gcs.logs.source import Source
 from gcs.logs.words import printable
-from sysid.data.record import Record, RecordError
+from sysid.data.record import DAMAGED, Record, RecordError
 
 SIDE_BY_SIDE_BYTES = 64 << 20  # below it, starting processes costs more than they save
 MOST_PROCESSES = 8
@@ -101,10 +101,10 @@ def _is_record(path: Path) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             return "about.npy" in archive.namelist()
-    except zipfile.BadZipFile:
-        return False
     except OSError as error:
         raise unreadable(path, error) from error
+    except DAMAGED:
+        return False
 
 
 def _of_responses(path: Path, how: Reading) -> Content | None:

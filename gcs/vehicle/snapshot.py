@@ -20,6 +20,7 @@ from gcs.link.events import (
     Event,
     Heartbeat,
     LocalPosition,
+    ParamValue,
     RadioStatus,
     RotorSpeed,
     StatusText,
@@ -31,6 +32,7 @@ from gcs.vehicle.autopilots import mode_name
 
 KEPT_TEXTS = 50
 KEPT_BEATS = 20
+KEPT_SAID = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,16 @@ class Text:
     severity: int
     """0 emergency to 7 debug."""
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A parameter's value as the vehicle said it, to whomever."""
+
+    number: int
+    """From 1, in the order heard."""
+    name: str
+    value: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,6 +135,8 @@ class VehicleSnapshot:
 
     texts: tuple[Text, ...] = ()
     """The last `KEPT_TEXTS`."""
+    said: tuple[Said, ...] = ()
+    """The last `KEPT_SAID` values of parameters: vehicles tell all stations what one of them wrote."""
 
     other_stations: int = 0
     """Ground stations heard on this link that are not this one."""
@@ -214,6 +228,10 @@ def reduce(
             return replace(snapshot, battery_v=event.voltage_v, battery_remaining=event.remaining, logs=event.logs)
         case AutopilotVersion():
             return replace(snapshot, capabilities=event.capabilities, version=event.version)
+        case ParamValue():
+            number = snapshot.said[-1].number + 1 if snapshot.said else 1
+            said = Said(number, event.name, event.value(snapshot.encoding))
+            return replace(snapshot, said=(*snapshot.said, said)[-KEPT_SAID:])
         case _:
             return snapshot
 

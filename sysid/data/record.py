@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -67,7 +68,7 @@ LARGEST = 192 << 20
 """Bytes of all channels of a record: 20 of them at 1 kHz for 20 minutes."""
 DAMAGED = (
     *(ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, zlib.error, struct.error, OverflowError),
-    *(MemoryError, NotImplementedError, RuntimeError, SyntaxError),
+    *(MemoryError, NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError),
 )
 """What readers of archives and arrays raise of one that is damaged."""
 

@@ -4,16 +4,26 @@ the test that has it already. Whatever is said is compared with the vehicle's ow
 from __future__ import annotations
 
 import ast
+import itertools
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from slow_flight import SlowFlight
 from storms import CARD, Storm, play
+
+from gcs.link.frames import FrameFinder
+from sitl.protocol.links import Address
 
 TESTS = Path(__file__).parents[1]
 ONE_RUN = CARD[: CARD.rindex("[[maneuver]]")]
+HERE, STOPPED = "end_to_end/test_link_rows.py", "end_to_end/test_stopped_processes.py"
 SWEEP, LINK, LOG = "gcs/flight/test_sweep.py", "gcs/flight/test_session.py", "gcs/flight/test_recording_end.py"
 BLOCKS, RECORDER = "gcs/link/test_link_procedures.py", "gcs/flight/test_recorder.py"
 
@@ -48,7 +58,7 @@ FLOWN = (
     Flown("held", "loss 2 %", "loss = 0.02", "keep", thorough=True),
     Flown("held", "loss 10 %", "loss = 0.1", "keep", thorough=True),
     Flown("held", "loss 30 %", "loss = 0.3", "keep"),
-    Flown("held", "loss 60 %", "loss = 0.6", "not ready", "", False, True),
+    Flown("held", "loss 60 %", "loss = 0.6", "not ready|answers nothing", "", False, True),
     Flown("held", "outage 1 s", 'outage = "both@sweep+1:2"', "keep", thorough=True),
     Flown("held", "outage 5 s", 'outage = "both@sweep+1:6"', "link lost", "link lost"),
     Flown("held", "outage 5 s, uplink alone", 'outage = "up@sweep+1:6"', "", "link lost", True, True),
@@ -100,12 +110,17 @@ HELD = (
     Held("A7", "a full disk", SWEEP, "test_a_disk_that_gets_full_in_flight_swallows_no_verdict_and_ends_no_card"),
     Held("A7", "half a block", RECORDER, "test_half_a_block_is_not_left_at_the_end"),
     Held("A10", "file descriptors", RECORDER, "test_a_log_that_another_follows_is_closed"),
-    Held("held", "MAVLink 1", "gcs/link/test_signing.py", "test_bad_frames_are_refused_and_counted_on_the_ground"),
+    Held("held", "MAVLink 1", HERE, "test_a_vehicle_that_speaks_mavlink_1_is_flown_and_its_log_whole"),
     Held("held", "stations beside", LINK, "test_another_station_and_another_vehicle_change_nothing_and_are_counted"),
     Held("held", "hostile texts", LINK, "test_hostile_text_arrives_harmless_and_in_order"),
     Held("held", "random frames", LINK, "test_a_hundred_random_peers_worth_of_noise_does_not_stop_the_engine"),
     Held("held", "an abort in loss", SWEEP, "test_an_abort_is_repeated_until_it_arrives"),
-    Held("held", "the wall clock", "gcs/link/test_signing.py", "test_no_time_is_used_twice_though_the_clock_goes_back"),
+    Held("held", "the wall clock", HERE, "test_a_wall_clock_that_jumps_leaves_the_log_whole_and_the_record_readable"),
+    Held("held", "the ground stopped", STOPPED, "test_the_ground_stopped_for_some_seconds_loses_nothing"),
+    Held("held", "the vehicle stopped", STOPPED, "test_a_vehicle_stopped_for_ten_seconds_is_a_lost_link"),
+    Held("held", "kill -9", STOPPED, "test_a_flight_killed_in_mid_run_leaves_the_beginning_of_the_log_and_goes_on"),
+    Held("held", "two pushes at once", STOPPED, "test_two_pushes_at_once_leave_one_whole_set"),
+    Held("held", "10 minutes", "study/study_log_streams.py", "study_ten_minutes_are_recorded_whole"),
     Held("held", "Ctrl-C", SWEEP, "test_ctrl_c_in_mid_chirp_ends_the_excitation_and_the_card"),
     Held("held", "a full disk before it", SWEEP, "test_a_full_disk_is_said_before_the_start"),
     Held("held", "a failsafe in an outage", SWEEP, "test_a_failsafe_during_a_lost_link_is_not_talked_over"),
@@ -134,6 +149,59 @@ def test_a_row_that_another_test_has_is_there(row: Held) -> None:
     tree = ast.parse((TESTS / row.file).read_text())
     names = [one.name for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)]
     assert any(name.startswith(row.test) for name in names)
+
+
+def test_a_vehicle_that_speaks_mavlink_1_is_flown_and_its_log_whole(tmp_path: Path) -> None:
+    """As one whose SERIALn_PROTOCOL is 1: all that it says is said so, the log's blocks, too."""
+    reader, versions = mavlink.MAVLink(None), set[int]()
+
+    def prepare(flown: SlowFlight) -> None:
+        send = flown.wire.send
+
+        def sent(address: Address, data: bytes) -> None:
+            message = reader.decode(bytearray(data))
+            mav = mavlink.MAVLink(None, message.get_srcSystem(), message.get_srcComponent())
+            mav.seq = message.get_seq()
+            frame = bytes(message.pack(mav, force_mavlink1=True))
+            versions.add(frame[0])
+            send(address, frame)
+
+        flown.wire.send = sent  # type: ignore[method-assign]
+
+    outcome = play(Storm(5, "card", ""), tmp_path / "storm", ONE_RUN, prepare)
+    assert versions == {0xFE}
+    assert (outcome.status, outcome.breaches) == (0, []), outcome.told()
+    assert outcome.claims["complete"] is outcome.claims["recording"]["complete"] is True
+
+
+def test_a_wall_clock_that_jumps_leaves_the_log_whole_and_the_record_readable(tmp_path: Path) -> None:
+    """An hour back, and ten days ahead, while it is recorded."""
+
+    shown: list[float] = []
+    swept: list[float] = []
+
+    def prepare(flown: SlowFlight) -> None:
+        def jumping() -> float:
+            sweep_s = flown.now() - swept[0] if swept else -math.inf
+            if not swept and flown.vehicle.sweeping:
+                swept.append(flown.now())
+            jump_s = 0.0 if sweep_s < 1 else -3600.0 if sweep_s < 2 else 864_000.0
+            shown.append(1.7e9 + flown.now() + jump_s)
+            return shown[-1]
+
+        flown._wall_clock = jumping  # type: ignore[method-assign]
+
+    outcome = play(Storm(5, "card", ""), tmp_path / "storm", ONE_RUN, prepare)
+    assert (outcome.status, outcome.breaches) == (0, []), outcome.told()
+    assert outcome.claims["recording"]["complete"] is True
+    steps = [late - early for early, late in itertools.pairwise(shown)]
+    assert min(steps) == pytest.approx(-3600.0, abs=1.0)
+    assert max(steps) == pytest.approx(867_600.0, abs=1.0)
+    tlog = tmp_path / "storm" / "flight" / "flight.tlog"
+    frames = FrameFinder().feed(tlog.read_bytes())
+    reader: Any = mavutil.mavlink_connection(str(tlog))
+    assert sum(1 for _ in iter(reader.recv_msg, None)) > 0.9 * len(frames) > 200
+    reader.close()
 
 
 def test_no_row_is_left_out() -> None:

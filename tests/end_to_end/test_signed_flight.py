@@ -8,32 +8,11 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from slow_flight import SlowFlight
+from slow_flight import TWO_CHIRPS, SlowFlight, in_one_line
 
 from gcs.cli import main
 from gcs.link.key_file import read_key
 from sitl.autopilot.modes import Mode
-
-CARD = """
-name = "two"
-rest_s = 1
-[[maneuver]]
-kind = "chirp"
-axis = "roll"
-amplitude = 0.08
-duration_s = 4
-f_start_hz = 1
-noise_fraction = 0
-fade_in_s = 1
-repeat = 2
-"""
-
-
-def plain(capsys: pytest.CaptureFixture[str]) -> str:
-    """What was said, in one line."""
-    text = " ".join("".join(capsys.readouterr()).split())
-    assert "Traceback" not in text
-    return text
 
 
 def forged(message: Any, key: bytes | None = None, version: int = 2) -> bytes:
@@ -54,7 +33,7 @@ def test_a_card_is_flown_with_the_key_and_nobody_without_it_moves_or_hears_anyth
     flown = SlowFlight(
         monkeypatch, "hover-ideal", None, tmp_path / "sd", bytes_s=300_000.0, on_ground=False, key=secret
     )
-    (tmp_path / "card.toml").write_text(CARD)
+    (tmp_path / "card.toml").write_text(TWO_CHIRPS)
     stabilize = mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, int(Mode.STABILIZE), 0, 0, 0, 0, 0)
     loud = mavlink.MAVLink_param_set_message(1, 1, b"SID_MAGNITUDE", 0.5, 9)
     orders = [forged(one, with_key) for one in (stabilize, loud) for with_key in (None, read_key(other).secret)]
@@ -84,11 +63,13 @@ def test_a_card_is_flown_with_the_key_and_nobody_without_it_moves_or_hears_anyth
         )
 
     assert flown.tippath("abort", "--key", other) == 1
-    assert "the vehicle has another key: compare ids" in plain(capsys)
+    assert "the vehicle has another key: compare ids" in in_one_line("".join(capsys.readouterr()))
     assert flown.tippath("check") == 1
-    assert "it signs what it says, and obeys only who has its key: --key FILE" in plain(capsys)
+    assert "it signs what it says, and obeys only who has its key: --key FILE" in in_one_line(
+        "".join(capsys.readouterr())
+    )
     assert flown.tippath("abort", "--key", tmp_path / "no.key") == 2
     assert flown.tippath("abort", "--key", key, "--system", "7") == 1
-    assert "no heartbeat of an autopilot with system id 7" in plain(capsys)
+    assert "no heartbeat of an autopilot with system id 7" in in_one_line("".join(capsys.readouterr()))
     assert flown.tippath("abort", "--key", key) == 0
     flown.close()

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from gcs import documents
 from gcs.analysis.comparison import flown, flown_with_validation
 from gcs.analysis.diagnosis import diagnose_fit
 from gcs.analysis.fits import assess, runs_of
@@ -93,6 +94,22 @@ def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
 # ------------------------------------------------------------------------------------------------ a whole flight
 
 
+class SignDocument(documents.Open, frozen=True, kw_only=True):
+    """What spoke for an addition, or against it."""
+
+    name: str
+    text: str
+    seen: bool | None
+
+
+class AddedDocument(documents.Open, frozen=True, kw_only=True):
+    """What `tippath add` leaves in a fit's file beside the fit."""
+
+    noise_floor_percent: dict[str, float] | None = None
+    """Of each output."""
+    signs: tuple[SignDocument, ...] | None = None
+
+
 def flight_report(
     paths: Sequence[Path],
     named: Sequence[str] = (),
@@ -108,23 +125,24 @@ def flight_report(
     file that is no fit, GainsError for one that holds no gains.
     """
     fits = [Fit.load(path, named) for path in paths]
+    main = max(range(len(fits)), key=lambda number: len(fits[number].lineage))
+    path, fit = paths[main], fits[main]
+    added = _added(path, fit)
     designed = [] if gains is None else [_gains_section(gains, list(zip(paths, fits, strict=True)), warn)]
     steps = len(fits) + 2 + diagnosing
     sections: list[Section] = []
     runs: dict[tuple[str, str], Record] = {}
     fitted: list[Dataset] = []
-    for number, (path, fit) in enumerate(zip(paths, fits, strict=True)):
-        say(path.name, number / steps)
-        fitted.append(prepared(runs_of(fit, fit.records), fit.band_hz))
-        for record in [*fitted[-1].records, *runs_of(fit, fit.validation)]:
+    for number, (one_path, one) in enumerate(zip(paths, fits, strict=True)):
+        say(one_path.name, number / steps)
+        fitted.append(prepared(runs_of(one, one.records), one.band_hz))
+        for record in [*fitted[-1].records, *runs_of(one, one.validation)]:
             runs[record.path, record.id] = record
-        judged = assess(fit, fitted[-1])
-        sections.append((path.name, fit_text(fit, judged.checks, judged.responses), []))
-    main = max(range(len(fits)), key=lambda number: len(fits[number].lineage))
-    path, fit = paths[main], fits[main]
+        judged = assess(one, fitted[-1])
+        sections.append((one_path.name, fit_text(one, judged.checks, judged.responses), []))
     say("where it fails", len(fits) / steps)
     found = compare(fit.model, fitted[main], fit.band_hz, flown(fit)[1])
-    sections += _ladder_section(path, fit, found.noise_floor_percent)
+    sections += _ladder_section(path, fit, added, found.noise_floor_percent)
     sections.append((f"Where {path.name} fails", compare_text(found, fit), [svg(compare_picture(found))]))
     if diagnosing:
         sections.append(_diagnosis_section(path, fit, fitted[main], lambda what: say(what, (len(fits) + 1) / steps)))
@@ -161,17 +179,26 @@ def _head(paths: Sequence[Path], log: str) -> tuple[str, str]:
     return title, "\n".join(lines)
 
 
-def _ladder_section(path: Path, fit: Fit, floor: Nrmse | None) -> list[Section]:
+def _added(path: Path, fit: Fit) -> AddedDocument:
+    """Raises DocumentError for what is none."""
+    added = documents.read_json(path, AddedDocument, what="a fit")
+    if added.noise_floor_percent is not None and added.noise_floor_percent.keys() != fit.nrmse_percent.keys():
+        outputs = ", ".join(fit.nrmse_percent)
+        raise documents.DocumentError(
+            f"{path}: noise_floor_percent is not of this fit's outputs ({outputs}); add again"
+        )
+    return added
+
+
+def _ladder_section(path: Path, fit: Fit, added: AddedDocument, floor: Nrmse | None) -> list[Section]:
     """Rung by rung, with the signs that the last addition left in its file."""
     if len(fit.lineage) < 2:
         return []
     rungs = rungs_of(fit.model.structure.base_, fit.lineage)
-    document = json.loads(path.read_text(encoding="utf-8"))
-    floor = document.get("noise_floor_percent") or floor
+    floor = added.noise_floor_percent or floor
     lines = ladder_text(rungs, floor)
-    signs = document.get("signs")
-    for one in signs if isinstance(signs, list) else ():
-        lines += wrapped(f"{MARKS.get(one.get('seen'), '?')} {one.get('name')}: {one.get('text')}", " ", "   ")
+    for one in added.signs or ():
+        lines += wrapped(f"{MARKS[one.seen]} {one.name}: {one.text}", " ", "   ")
     return [(f"The ladder to {path.name}", "\n".join(lines), [svg(ladder_picture(rungs, floor))])]
 
 

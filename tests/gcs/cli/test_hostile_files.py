@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import random
 import tomllib
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -195,8 +196,47 @@ def test_a_damaged_file_is_read_or_refused(
         assert "Traceback" not in out + err
 
 
+@pytest.mark.parametrize("damage", ["a later zip", "an open bracket"])
+def test_an_archive_that_only_looks_like_a_record_is_refused(damage: str, flight: Flight, tmp_path: Path) -> None:
+    """Both once ended in a traceback: of zipfile, and of numpy's reader of headers."""
+    asked = kinds(flight, tmp_path)["record"]
+    with zipfile.ZipFile(asked.path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(asked.path, "w") as archive:
+        for name, content in entries.items():
+            archive.writestr(name, content.replace(b",)", b",(", 1) if damage == "an open bracket" else content)
+    if damage == "a later zip":
+        raw = asked.path.read_bytes()
+        asked.path.write_bytes(raw.replace(b"PK\x01\x02\x14\x03\x14", b"PK\x01\x02\x14\x03\x6d"))
+        assert asked.path.read_bytes() != raw
+    assert main(["ingest", str(asked.path)]) == 1
+
+
 def test_every_kind_is_asked(flight: Flight, tmp_path: Path) -> None:
     assert tuple(kinds(flight, tmp_path)) == KINDS
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"signs": [1]},
+        {"signs": [{"name": "a", "text": "b", "seen": "yes"}]},
+        {"signs": [{"name": "a", "seen": True}]},
+        {"signs": "none"},
+        {"noise_floor_percent": 5.0},
+        {"noise_floor_percent": {"p": "much", "q": 1.0}},
+        {"noise_floor_percent": {"z": 1.0}},
+    ],
+    ids=str,
+)
+def test_what_an_addition_left_in_a_fit_is_checked_before_a_report_shows_it(
+    damage: dict[str, Any], flight: Flight, tmp_path: Path, tippath: Callable[..., tuple[int, str, str]]
+) -> None:
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(json.loads(flight.fit.read_text()) | damage))
+    status, out, err = tippath("report", path, "-o", tmp_path / "r.html", "--no-diagnosis")
+    assert (status, out, len(err.splitlines())) == (1, "", 1)
+    assert next(iter(damage)) in err
 
 
 JSON_WORDS: dict[str, tuple[Any, ...]] = {

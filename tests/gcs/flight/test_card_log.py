@@ -14,7 +14,7 @@ from fake_flight import SYSTEMID, FakeSession, FakeVehicle
 from gcs.cards.maneuver import Maneuver, TestCard
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import FlightFolder, create
-from gcs.flight.run import RunReady
+from gcs.flight.run import Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending
 from gcs.flight.sweep import NotReadyError, fly_card
 
@@ -59,6 +59,43 @@ def test_a_card_is_flown_and_the_vehicle_left_as_found(
     assert not any(mode == SYSTEMID for *_, mode in vehicle.written)
     assert (result.done, result.complete) == (True, False), "complete is only what a log shows"
     assert result.missing_words == "log on the vehicle's card"
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["its echo is heard", "its echo is lost"])
+def test_what_another_station_writes_between_reading_back_and_the_start_is_not_flown_to_the_end(
+    told: bool, vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    """No record of the vehicle's own tells of it: its log stays on the card."""
+
+    def on_progress(progress: Progress) -> None:
+        if isinstance(progress, RunProgress) and vehicle.parameters["SID_MAGNITUDE"] != 0.2:
+            session.written_by_another("SID_MAGNITUDE", 0.2, told=told)
+
+    result = fly(session, folder, on_progress=on_progress)
+    assert "SID_MAGNITUDE is 0.2 in the vehicle, not 0.1: somebody else changed it" in result.stopped
+    assert result.ending is Ending.SETTINGS
+    assert modes(vehicle) == ([] if told else [SYSTEMID, STABILIZE])
+    assert told or vehicle.asked[1][0] - vehicle.asked[0][0] < 1.0, "before anything is excited"
+
+
+def test_settings_that_the_vehicle_does_not_tell_in_flight_are_asked_for_again_and_else_said(
+    session: FakeSession, folder: FlightFolder
+) -> None:
+    def fly_losing(answers: int, into: FlightFolder) -> RunResult:
+        def on_progress(progress: Progress) -> None:
+            if isinstance(progress, RunProgress):
+                session.drop_answers.setdefault("SID_AXIS", answers)
+            elif isinstance(progress, RunResult):
+                session.drop_answers.clear()
+
+        return fly(session, into, on_progress=on_progress).runs[0]
+
+    assert fly_losing(3, folder).clean
+    run = fly_losing(1000, create(folder.path / "second"))
+    assert run.verdict is not None
+    assert run.verdict.reasons == (
+        "whether it was flown as planned is not known: the vehicle no longer told its SID_AXIS",
+    )
 
 
 def test_nothing_is_claimed_that_needs_the_log(session: FakeSession, folder: FlightFolder) -> None:

@@ -88,6 +88,25 @@ def test_reading_what_is_not_there_ends_with_a_reason() -> None:
     assert "does not exist" in told.reason
 
 
+@pytest.mark.parametrize(
+    "procedure", [lambda: ReadParameter("A"), lambda: WriteParameter("A", 2.5)], ids=["read", "write"]
+)
+def test_thirty_percent_lost_each_way_fails_no_flight(procedure: Callable[[], Any]) -> None:
+    """A flight has some sixty such conversations; three hundred make five flights."""
+    chance = random.Random(16)
+
+    def lossy(send: Send, now: float) -> list[Event]:
+        return [value("A", 2.5)] if chance.random() < 0.7 * 0.7 else []
+
+    assert all(isinstance(run(procedure(), lossy), Done) for _ in range(300))
+
+
+def test_silence_is_given_up_within_ten_seconds() -> None:
+    for procedure in (ReadParameter("A"), WriteParameter("A", 2.5)):
+        silent = run(procedure, lambda send, now: [], limit_s=10.0)
+        assert isinstance(silent, Failed)
+
+
 @pytest.mark.parametrize("number", [0.1, -0.0, 1e-42, 3.4e38, 16777215.0, float("inf")])
 def test_a_write_is_done_only_by_the_same_32_bits(number: float) -> None:
     sent: list[Send] = []
@@ -495,6 +514,23 @@ def test_blocks_of_the_log_before_that_come_late_are_not_taken_into_the_new_one(
     assert receiver.open == 0
     receiver.on_event(LogBlock(1, 155, 1_500, block(1_500, 2)), 30.0)  # long after: an outage of this log
     assert receiver.open == 1_440
+
+
+def test_what_came_twice_of_the_log_before_is_not_taken_for_formats_of_the_new_one() -> None:
+    disk = Disk()
+    receiver = LogBlocks(disk.store)
+    receiver.start(0.0)
+    for number in range(50):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 1)), 0.1)
+    for twice in (2, 45):  # a format, and not one: beyond the first that differs
+        receiver.on_event(LogBlock(1, 155, twice, block(twice, 1)), 0.2)
+    for number in range(10, 20):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.3)
+    for number in range(20, 50):
+        receiver.on_event(LogBlock(1, 155, number, block(number, 2)), 0.4)
+    assert receiver.file == 1
+    assert disk.files[1][45] == block(45, 2)
+    assert disk.files[1][2] == block(2, 2)
 
 
 def test_one_block_with_other_bytes_is_counted_and_begins_no_new_file() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import threading
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -183,16 +184,50 @@ def test_the_same_link_id_is_kept_and_damage_of_the_state_begins_anew(tmp_path: 
         assert KeptStamps(path).at_least() == 0
 
 
+def test_the_time_is_on_the_disk_itself_and_only_the_first_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.key"
+    write_key(drawn(), path)
+    asked, answered = threading.Event(), threading.Event()
+    answered.set()
+
+    def slow_disk(_: int) -> None:
+        asked.set()
+        answered.wait(30.0)
+
+    monkeypatch.setattr(os, "fsync", slow_disk)
+    stamps = KeptStamps(path)
+    stamps.keep(units(NOW))
+    assert asked.is_set()
+    first = stamps.at_least()
+    assert KeptStamps(path).at_least() == first == units(NOW) + AHEAD
+    answered.clear()
+    stamps.keep(units(NOW + 15))
+    stamps.keep(units(NOW + 16))
+    assert stamps.at_least() == KeptStamps(path).at_least() == first, "what is not there yet is not counted on"
+    answered.set()
+    for thread in threading.enumerate():
+        if thread.name == "tippath key state":
+            thread.join(30.0)
+    assert stamps.at_least() == KeptStamps(path).at_least() == units(NOW + 15) + AHEAD
+
+
 def test_a_disk_that_is_full_stops_no_signature(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.key"
     write_key(drawn(), path)
     signing = signing_with(path)
 
-    def full(*_: object) -> None:
+    tries: list[int] = []
+
+    def full(*_: object, **__: object) -> None:
+        tries.append(1)
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("gcs.link.key_file.put_in_place", full)
-    signing.keep()
+    for _ in range(100):
+        signing.keep()
+    assert len(tries) == 1, "once a second is enough"
     Encoder(254, signing=signing).encode(StationHeartbeat())
 
 

@@ -343,7 +343,7 @@ def test_no_injury_makes_the_reader_fail_or_invent_times(saved: Saved, count: in
         read += 1
         assert 0 <= file.damage.skipped_bytes <= path.stat().st_size
         for found in file.logs:
-            t = found.series("loopIteration").t
+            t = found.series(next(iter(found.columns))).t  # loopIteration, unless its name is what was damaged
             assert np.all(np.diff(t) > 0)
             kept += len(known & set(np.round(1e6 * t).astype(int).tolist())) / max(t.size, 1)
     assert read > 0.6 * count
