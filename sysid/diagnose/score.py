@@ -254,7 +254,8 @@ class _Question:
         told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
         if self.envelope.rough:
-            at_least = min(at_least, along(Z, residual, self.envelope.gram(Z))[0])
+            by_power = along(Z, residual, self.envelope.gram(Z))[0]
+            at_least = min(at_least, self.envelope.surely(by_power, degrees, Z))
         return chi_squared, degrees, at_least
 
     def _moves(

@@ -92,7 +92,10 @@ def _surely(Z: FloatArray, chi_squared: float, stepped: Stepped, whitening: Whit
     """Chi squared of the residual along rows (c, N), by the noise near them, and by its power when they act."""
     sure = chi_squared / max(1.0, _noise_near(Z, stepped.residual))
     envelope = stepped.envelope(whitening)
-    return min(sure, along(Z, stepped.residual, envelope.gram(Z))[0]) if envelope.rough else sure
+    if not envelope.rough:
+        return sure
+    by_power, degrees = along(Z, stepped.residual, envelope.gram(Z))
+    return min(sure, envelope.surely(by_power, degrees, Z))
 
 
 def _noise_near(Z: FloatArray, residual: FloatArray) -> float:

@@ -29,7 +29,9 @@ class Envelope:
     """Power of white rows over time, 1 on average."""
 
     power: tuple[FloatArray, ...]
-    """Of every segment (n,), at as many times as it has bins."""
+    """Of every segment (n,), at as many times as it has bins,"""
+    widths: tuple[int, ...]
+    """each averaged over so many."""
     outputs: int
     rough: bool
     """Whether it comes and goes more than chance makes it."""
@@ -45,16 +47,30 @@ class Envelope:
         whole = sum(float(np.sum(one)) for one in found) / sum(sizes)
         power = [one / max(whole, 1e-300) for one in found]
         scatter = [(one - 1) ** 2 * (width * outputs) for one, width in zip(power, widths, strict=True)]
-        return cls(tuple(power), outputs, float(np.mean(np.concatenate(scatter))) > ROUGH**2)
+        return cls(tuple(power), tuple(widths), outputs, float(np.mean(np.concatenate(scatter))) > ROUGH**2)
 
     def gram(self, rows: FloatArray) -> FloatArray:
         """The covariance of inner products of rows (c, N) with such noise, (c, c)."""
         count = len(rows)
         found = np.zeros((count, count))
-        parts = _in_time(rows, self.outputs, [one.size for one in self.power])
-        for power, part in zip(self.power, parts, strict=True):
+        for power, part in zip(self.power, self._in_time(rows), strict=True):
             found += np.real((part * power).reshape(count, -1) @ part.reshape(count, -1).conj().T)
         return found
+
+    def surely(self, chi_squared: float, degrees: int, rows: FloatArray) -> float:
+        """The chi squared that noise of known power would exceed as often as noise of this power does this one, along
+        rows (c, N): power followed over little time is known badly, and what meets few bursts hangs on few of those."""
+        whole, spread = 0.0, 0.0
+        size = np.maximum(np.einsum("ij,ij->i", rows, rows), 1e-300)
+        for power, width, part in zip(self.power, self.widths, self._in_time(rows), strict=True):
+            met = power * np.einsum("ckt,c->t", np.abs(part) ** 2, 1 / size)
+            each = np.add.reduceat(met, np.arange(0, met.size, width))
+            whole += float(np.sum(each))
+            spread += float(np.sum(each**2)) / (width * self.outputs)
+        return as_known(chi_squared, degrees, 2 * whole**2 / max(spread, 1e-300))
+
+    def _in_time(self, rows: FloatArray) -> Iterator[ComplexArray]:
+        return _in_time(rows, self.outputs, [one.size for one in self.power])
 
 
 def _power(rows: FloatArray, outputs: int, sizes: Sequence[int]) -> list[FloatArray]:
@@ -91,3 +107,13 @@ def as_steady(chi_squared: float, degrees: int, mean: float, deviation: float) -
     there, here = deviation**2 / (9 * mean**2), 2 / (9 * degrees)
     z = ((chi_squared / mean) ** (1 / 3) - (1 - there)) / np.sqrt(there)
     return float(min(chi_squared, degrees * max(0.0, 1 - here + z * np.sqrt(here)) ** 3))
+
+
+def as_known(chi_squared: float, degrees: int, freedom: float) -> float:
+    """The chi squared that is exceeded as often where noise is known as this one where it is estimated with so many
+    degrees of freedom, by Snedecor's F."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.special import chdtri, fdtrc
+
+    chance = float(fdtrc(degrees, freedom, chi_squared / degrees))
+    return min(chi_squared, float(chdtri(degrees, chance))) if 0 < chance < 1 else chi_squared

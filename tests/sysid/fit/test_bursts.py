@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from planted import fly_many
 from planted_fits import records
+from scipy.stats import chi2
 
 from sysid.data.dataset import prepared
 from sysid.data.instrument import Causes
 from sysid.data.preprocess import ComplexArray
 from sysid.data.stacks import Stack
 from sysid.diagnose.score import log_chance
-from sysid.fit.bursts import Envelope, as_steady
+from sysid.fit.bursts import Envelope, as_known, as_steady
 from sysid.fit.noise import divide
 from sysid.fit.output_error import OutputError
 from sysid.model.paper import TPP
@@ -94,3 +95,22 @@ def test_a_chi_squared_of_its_own_spread_stays_what_it_is() -> None:
     wider = as_steady(500.0, 400, 440.0, 60.0)
     assert log_chance(wider, 400) > np.log(0.1)
     assert as_steady(100.0, 400, 440.0, 60.0) <= 100.0
+
+
+def test_power_followed_over_little_time_is_known_badly(flown: tuple[tuple[Stack, ...], Causes]) -> None:
+    stacks, _ = flown
+    rows = np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, 1, BURSTS)])
+    envelope = Envelope.of(rows, stacks)
+    in_the_burst = np.concatenate([np.ascontiguousarray(one).view(float).ravel() for one in noise(stacks, 1, 0.0)])
+    everywhere = np.random.default_rng(2).standard_normal(rows.size)
+    in_one, in_all = (envelope.surely(30.0, 1, one[None]) for one in (in_the_burst, everywhere))
+    assert in_one < in_all < 30.0
+    assert envelope.surely(1.0, 1, everywhere[None]) == pytest.approx(1.0, rel=0.05)
+
+
+def test_estimated_noise_is_exceeded_as_often_as_f_says() -> None:
+    assert as_known(30.0, 2, 1e7) == pytest.approx(30.0, rel=1e-4)
+    draws = np.random.default_rng(3)
+    estimated = draws.chisquare(2, 200_000) / (draws.chisquare(20, 200_000) / 20)
+    limit = float(np.quantile(estimated, 0.999))
+    assert as_known(limit, 2, 20.0) == pytest.approx(chi2.isf(0.001, 2), rel=0.06)
