@@ -37,7 +37,12 @@ LEAST_FREEDOM = 4
 WORTH_A_LOOK = 2.0
 """Standard deviations of chi squared, from which on it is asked what chance alone would make of it,"""
 SHIFTS = 60
-"""by so many draws of when each run's references were."""
+"""by so many draws of when each run's references were;"""
+FOUND = 1.5
+"""Times what noise alone would have explained, that what is explained counts as noise at most: to references at another
+time it is noise, too, and what is surely none would make itself small;"""
+NO_CHANCE = 5.0
+"""and standard deviations from which on it is none, and chi squared as large as it is."""
 LEAST_LEVEL = 1e-12
 
 
@@ -136,6 +141,7 @@ class _Asked:
 
     edges_hz: FloatArray
     explained: _Explained
+    span: _Span
     residual: ComplexArray
     """(k, bins), window after window;"""
     reference: ComplexArray
@@ -163,9 +169,11 @@ class _Asked:
         place = (frequency[order] - np.repeat(edges[:-1], np.diff(starts)) - half) / half
         y, x, z = (each[:, order] for each in (y, x, z))
         seconds = np.array([one.samples * one.dt for group in stacks for one in group.spectra])
+        span = _Span.of(z, place, segment[order], starts)
         return cls(
             edges_hz=edges,
-            explained=_explained(y, x, place, _Span.of(z, place, segment[order], starts)),
+            explained=_explained(y, x, place, span),
+            span=span,
             residual=y,
             reference=z,
             place=place,
@@ -179,17 +187,28 @@ class _Asked:
         asked = self.explained
         chi_squared, degrees = _surprise(asked.found, asked.rest, asked.unknown, asked.free, tiny)
         if chi_squared > degrees + WORTH_A_LOOK * np.sqrt(2 * degrees):
-            by_chance = [self._shifted(rng, tiny) for rng in np.random.default_rng(1).spawn(SHIFTS)]
-            chi_squared = as_steady(chi_squared, degrees, float(np.mean(by_chance)), float(np.std(by_chance)))
+            noise = self._noise()
+            by_chance = [self._shifted(noise, rng, tiny) for rng in np.random.default_rng(1).spawn(SHIFTS)]
+            steady = as_steady(chi_squared, degrees, float(np.mean(by_chance)), float(np.std(by_chance)))
+            if steady < degrees + NO_CHANCE * np.sqrt(2 * degrees):
+                chi_squared = steady
         return chi_squared, degrees
 
-    def _shifted(self, rng: np.random.Generator, tiny: float) -> float:
+    def _noise(self) -> ComplexArray:
+        """The residual's bins (w, k, bins of the largest window), what is explained counting as much as noise may."""
+        span, explained = self.span, self.explained
+        Y = span.windows.of(span.ends.less(self.residual))
+        by_chance = explained.unknown * _power(explained.rest) / np.maximum(explained.free, 1.0)
+        kept = np.sqrt(np.minimum(1.0, FOUND * by_chance / np.maximum(_power(explained.found), 1e-300)))
+        return np.asarray(Y - (1 - kept)[:, None, None] * (Y @ span.basis.conj().swapaxes(1, 2)) @ span.basis)
+
+    def _shifted(self, noise: ComplexArray, rng: np.random.Generator, tiny: float) -> float:
         """Chi squared of references that were at another time in each run: they explain nothing, and meet the noise as
         it comes and goes."""
         late = rng.uniform(0.0, 1.0, int(self.segment.max()) + 1)
         shifted = self.reference * np.exp(-2j * np.pi * self.turns * late[self.segment])
         span = _Span.of(shifted, self.place, self.segment, self.starts)
-        found, rest = span.shares(span.windows.of(span.ends.less(self.residual)))
+        found, rest = span.shares(noise)
         return _surprise(found, rest, span.unknown.astype(float), span.free.astype(float), tiny)[0]
 
 
@@ -328,3 +347,8 @@ def _neighbours(values: ComplexArray | FloatArray, number: int) -> ComplexArray 
 
 def _between(frequency: FloatArray, centres: FloatArray, values: ComplexArray) -> ComplexArray:
     return np.asarray(np.interp(frequency, centres, values.real) + 1j * np.interp(frequency, centres, values.imag))
+
+
+def _power(spectra: ComplexArray) -> FloatArray:
+    """Of spectral matrices (w, k, k) the sums over the outputs, (w,)."""
+    return np.asarray(np.real(np.einsum("wkk->w", spectra)))
