@@ -54,6 +54,8 @@ def rate_loops(parameters: Mapping[str, float], loop_hz: float | None = None) ->
     Raises TippathError where they are not those of ArduCopter 4.5 or later, or are no numbers.
     """
     if name_of("roll", "P") not in parameters or _SINCE_4_5 not in parameters:
+        if not parameters:
+            raise TippathError("no parameters are told, so that the rate loops are not known: take the whole log")
         missing = next(name for name in (name_of("roll", "P"), _SINCE_4_5) if name not in parameters)
         raise TippathError(
             f"no rate loop that is known here: {missing} is not among the {len(parameters)} parameters, which "

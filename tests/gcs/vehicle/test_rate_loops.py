@@ -102,3 +102,8 @@ def test_what_is_no_such_loop_is_refused_in_a_line(change: dict[str, float | Non
     with pytest.raises(TippathError, match=words) as refusal:
         rate_loops(parameters)
     assert "\n" not in str(refusal.value)
+
+
+def test_without_parameters_the_log_is_to_blame() -> None:
+    with pytest.raises(TippathError, match="no parameters are told"):
+        rate_loops({})

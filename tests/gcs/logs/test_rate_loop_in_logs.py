@@ -1,0 +1,92 @@
+"""ArduPilot's rate loop against what real ArduPilot code put out: RATE's outputs from its targets, rates and PARM."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gcs.errors import TippathError
+from gcs.logs.formats.dataflash_table import DataFlashTables
+from gcs.logs.opening import open_log
+from gcs.logs.runs import systemid
+from gcs.logs.runs.rate_loop import FIELDS, FLOAT32_PERCENT, Repeated, repeats
+
+WHOLE = (
+    "heli_axis7_roll_rate.BIN",
+    "heli_pitch_sweep.BIN",
+    "heli_roll_sweep.BIN",
+    "quad_pitch_sweep.BIN",
+    "quad_roll_pitch.BIN",
+    "quad_roll_sweep.BIN",
+    "quad_sid_magnitude_15_in_mid_sweep.BIN",
+)
+
+
+def opened(path: Path) -> DataFlashTables:
+    (part,) = open_log(path, None).parts
+    assert isinstance(part[0], DataFlashTables)
+    return part[0]
+
+
+def all_runs(log: DataFlashTables, later: int = 1) -> list[Repeated]:
+    """Both axes of every maneuver that lasted."""
+    return [
+        repeats(
+            log,
+            axis,
+            span.start_s,
+            span.stop_s,
+            injected=span.excites_command and span.axis == axis,
+            later=later,
+        )
+        for span in systemid.find(log)
+        if span.stop_s - span.start_s > 3.5
+        for axis in FIELDS
+    ]
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", WHOLE)
+def test_a_whole_log_is_repeated_to_rounding(shared_data: Path, name: str) -> None:
+    """Naive, with targets and excitation of the row itself, 1.6 to 96 % were left: they are the next loop's."""
+    log = opened(shared_data / "ardupilot" / name)
+    runs = all_runs(log)
+    assert len(runs) in (2, 4)
+    for run in runs:
+        assert run.residual_percent < 0.001, run
+        assert run.causes == ()
+        assert run.rows > 700
+    for naive in all_runs(log, later=0):
+        assert naive.residual_percent > 1, naive
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("name", "most", "cause"),
+    [
+        ("heli_bitmask_changed_two_runs.BIN", (2.5, 2.5, 10, 4), ("one loop of 4", "one loop of 4", "gaps", "gaps")),
+        ("heli_axis12_yaw_mixer.BIN", (0.05, 0.3), ("1 gaps of up to 40 ms", "1 gaps of up to 40 ms")),
+    ],
+)
+def test_what_a_log_lacks_is_named_as_the_cause(
+    shared_data: Path, name: str, most: tuple[float, ...], cause: tuple[str, ...]
+) -> None:
+    runs = all_runs(opened(shared_data / "ardupilot" / name))
+    assert len(runs) == len(most)
+    for run, percent, words in zip(runs, most, cause, strict=True):
+        assert FLOAT32_PERCENT < run.residual_percent < percent, run
+        assert words in run.causes[0]
+
+
+@pytest.mark.data
+def test_an_old_firmware_s_log_is_refused_in_a_line(shared_data: Path) -> None:
+    with pytest.raises(TippathError, match="rate loops are not known"):
+        repeats(opened(shared_data / "ardupilot" / "log171.bin"), "roll", 0.0, 1000.0, injected=False)
+
+
+@pytest.mark.data
+def test_too_short_a_stretch_is_refused(shared_data: Path) -> None:
+    log = opened(shared_data / "ardupilot" / "quad_roll_sweep.BIN")
+    with pytest.raises(TippathError, match="no stretch of 3 s"):
+        repeats(log, "roll", 80.0, 81.0, injected=True)
