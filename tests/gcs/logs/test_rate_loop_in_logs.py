@@ -11,6 +11,8 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.opening import open_log
 from gcs.logs.runs import systemid
 from gcs.logs.runs.rate_loop import FIELDS, FLOAT32_PERCENT, Repeated, repeats
+from sitl.autopilot.modes import Mode, Reason
+from sitl.autopilot.vehicle import make_vehicle
 
 WHOLE = (
     "heli_axis7_roll_rate.BIN",
@@ -90,3 +92,36 @@ def test_too_short_a_stretch_is_refused(shared_data: Path) -> None:
     log = opened(shared_data / "ardupilot" / "quad_roll_sweep.BIN")
     with pytest.raises(TippathError, match="no stretch of 3 s"):
         repeats(log, "roll", 80.0, 81.0, injected=True)
+
+
+HELI, QUAD = ("ardupilot-heli", "hover"), ("ardupilot-quad", "quad")
+BUSY = {
+    f"ATC_RAT_{axis}_{name}": value
+    for axis in ("RLL", "PIT")
+    for name, value in {"D_FF": 0.002, "FLTD": 15.0, "PDMX": 0.002, "I": 0.3, "IMAX": 0.01, "ILMI": 0.003}.items()
+}
+
+
+@pytest.mark.parametrize(
+    ("like", "sid_axis", "magnitude", "settings"),
+    [(HELI, 10, 0.05, {}), (HELI, 11, 0.05, BUSY), (HELI, 7, 5.0, {}), (QUAD, 11, 0.05, {}), (QUAD, 8, 5.0, {})],
+)
+def test_the_simulated_vehicle_s_own_loop_is_repeated(
+    tmp_path: Path, like: tuple[str, str], sid_axis: int, magnitude: float, settings: dict[str, float]
+) -> None:
+    """Within 1 %: it was written independently, and its RATE tells the next loop's targets as the real one's does."""
+    sweep = {"SID_AXIS": sid_axis, "SID_MAGNITUDE": magnitude, "SID_F_STOP_HZ": 10.0, "SID_T_REC": 8.0}
+    fades = {"SID_T_FADE_IN": 1.0, "SID_T_FADE_OUT": 0.5, "LOG_BITMASK": 180223.0}
+    vehicle = make_vehicle(like[1], 5, directory=tmp_path, parameters=sweep | fades | settings, like=like[0])
+    assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
+    for _ in range(round(11 / vehicle.dt)):
+        vehicle.step()
+    vehicle.close()
+    (path,) = tmp_path.rglob("*.BIN")
+    runs = all_runs(opened(path))
+    assert len(runs) == 2
+    for run in runs:
+        assert run.residual_percent < 1, run
+        assert run.rows > 2000
+    for naive in all_runs(opened(path), later=0):
+        assert naive.residual_percent > 0.5, naive
