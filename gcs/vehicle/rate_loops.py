@@ -14,6 +14,7 @@ from typing import Final
 
 from gcs.errors import TippathError
 from gcs.vehicle.autopilots import LOOP_RATE
+from gcs.vehicle.readiness import GYRO_FILTER
 from sysid.rate_loop.settings import AxisLoop, Notch
 
 AXES: Final = {"roll": "RLL", "pitch": "PIT"}
@@ -25,6 +26,7 @@ _LEAKY: Final = 1
 """Bit of H_OPTIONS."""
 _NOTCH: Final = 1
 """FILTn_TYPE."""
+_GYRO_NOTCHES: Final = ("INS_HNTCH", "INS_HNTC2", "INS_HNTC3")
 _FIXED: Final = 0
 """INS_HNTCH_MODE of a notch that follows nothing."""
 
@@ -142,7 +144,7 @@ def _active(parameters: Mapping[str, float]) -> list[str]:
     said.extend(
         f"a notch follows throttle, rotor or spectrum ({prefix}_MODE {parameters[f'{prefix}_MODE']:g}), so that its "
         "lag is not one: fix it (0), or switch it off, for the flight that is identified"
-        for prefix in ("INS_HNTCH", "INS_HNTC2", "INS_HNTC3")
+        for prefix in _GYRO_NOTCHES
         if parameters.get(f"{prefix}_ENABLE", 0.0) > 0 and parameters.get(f"{prefix}_MODE", _FIXED) != _FIXED
     )
     return said
@@ -159,3 +161,19 @@ def _in_the_vehicle(parameters: Mapping[str, float], helicopter: bool) -> tuple[
             ("scaling by voltage", told("MOT_BAT_VOLT_MAX", "MOT_BAT_VOLT_MIN")),
         ]
     return tuple(f"{what} ({values})" for what, values in words if values)
+
+
+def gyro_filter_hz(parameters: Mapping[str, float], rate_source: str) -> float:
+    """The corner of the filter between the rates that a model was fitted to and those that the loops get; 0 for none.
+
+    RATE has the rates of the loops, SIDD those before any filter. Raises TippathError where notches act in between.
+    """
+    if rate_source != "SIDD":
+        return 0.0
+    notches = [name for name in (f"{prefix}_ENABLE" for prefix in _GYRO_NOTCHES) if parameters.get(name, 0.0) > 0]
+    if notches:
+        raise TippathError(
+            f"the rates of SIDD are before the notches that the loops are behind ({', '.join(notches)}): fit the rates "
+            "of RATE, with a profile that takes p and q from there"
+        )
+    return max(0.0, parameters.get(GYRO_FILTER, 0.0))

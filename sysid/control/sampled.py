@@ -8,7 +8,7 @@ both commands together, as in `sysid.control.stability`; what they leave out is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +44,7 @@ class SampledLoop:
     rejection_hz: tuple[float, float]
     """Of roll and pitch: up to where a disturbance of the rate is left by less than 3 dB; 0 where nowhere."""
     peak_db: float
-    """The largest that any disturbance is amplified, over both axes and all directions."""
+    """By which a disturbance of either rate is raised at most; ADS-33's peak of disturbance rejection."""
     drifts: bool
     """Whether it drifts off, slower than the hover's drift."""
 
@@ -156,13 +156,29 @@ def sampled_loop(
         margins = margins_by_loci(transfer, w, np.inf)
     f = w / (2 * np.pi)
     left = np.asarray(np.linalg.inv(np.eye(2) - plant.response(f) @ feedback.response(f)), dtype=np.complex128)
-    sizes = np.linalg.svd(left, compute_uv=False)[:, 0]
     return SampledLoop(
         margins=margins,
         rejection_hz=(_rejection(w, left[:, 0, 0]), _rejection(w, left[:, 1, 1])),
-        peak_db=float(20 * np.log10(sizes.max())),
+        peak_db=float(20 * np.log10(np.abs(left[:, [0, 1], [0, 1]]).max())),
         drifts=bool(np.any(unstable & slow)),
     )
+
+
+def rate_step(
+    loops: tuple[AxisLoop, AxisLoop], dt: float, vehicle: Model, gyro_corner_hz: float = 0.0, seconds: float = 2.0
+) -> FloatArray:
+    """Rates after a step of one rate's target, attitude let go: (asked, measured, n), per rad/s asked."""
+    roll, pitch = (replace(loop, angle_p=0.0) for loop in loops)
+    law, plant = controller((roll, pitch), dt), sampled_plant(vehicle, dt, gyro_corner_hz).system
+    rates = np.zeros((2, 2, round(seconds / dt)))
+    for asked in range(2):
+        of_law, of_plant = np.zeros(len(law.A)), np.zeros(len(plant.A))
+        for k in range(rates.shape[2]):
+            rates[asked, :, k] = plant.C @ of_plant
+            seen = np.concatenate([np.eye(2)[asked], rates[asked, :, k]])
+            command = law.C @ of_law + law.D @ seen
+            of_law, of_plant = law.A @ of_law + law.B @ seen, plant.A @ of_plant + plant.B @ command
+    return rates
 
 
 def closed_poles(feedback: Discrete, plant: Discrete) -> AnyArray:
