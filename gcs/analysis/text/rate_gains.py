@@ -48,7 +48,8 @@ def _loop(which: str, loop: SampledLoop, answers: tuple[Answer, Answer]) -> list
     if loop.margins is None:
         return [f"{which}: the model is not held"]
     return [
-        f"{which}: {loop.margins.words}; disturbances raised by {loop.peak_db:.1f} dB at most",
+        f"{which}: {loop.margins.words}",
+        f"  disturbances raised by {loop.peak_db:.1f} dB at most",
         *(
             f"  {axis:5} rejects to {hz:.2f} Hz; step: "
             + ("no rise in 2 s" if answer.rise_ms is None else f"rise {answer.rise_ms:.0f} ms")

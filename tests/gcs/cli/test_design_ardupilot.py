@@ -1,0 +1,128 @@
+"""`tippath design FIT.json --for ardupilot`: from flights of a vehicle with stock loops to a parameter file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs.cli import main
+from sitl.autopilot.modes import Mode, Reason
+from sitl.autopilot.vehicle import make_vehicle
+
+SWEEP = {
+    "SID_MAGNITUDE": 0.05,
+    "SID_F_STOP_HZ": 10.0,
+    "SID_T_REC": 20.0,
+    "SID_T_FADE_IN": 1.0,
+    "SID_T_FADE_OUT": 0.5,
+    "LOG_BITMASK": 180223.0,
+}
+
+
+def flown(folder: Path, like: str, plant: str, **settings: float) -> Path:
+    """The log of a sweep of each axis."""
+    folder.mkdir()
+    vehicle = make_vehicle(plant, 5, directory=folder, parameters=SWEEP | settings, like=like)
+    for axis in (10, 11):
+        vehicle.write_parameter("SID_AXIS", axis)
+        assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
+        for _ in range(round(27 / vehicle.dt)):
+            vehicle.step()
+        assert vehicle.set_mode(Mode.STABILIZE, Reason.GROUND)
+        for _ in range(round(2 / vehicle.dt)):
+            vehicle.step()
+    vehicle.close()
+    (path,) = folder.rglob("*.BIN")
+    return path
+
+
+@pytest.fixture(scope="module")
+def quad_fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("quad")
+    log = flown(folder / "flight", "ardupilot-quad", "quad")
+    path = folder / "fit.json"
+    assert main(["fit", str(log), "--model", "multirotor", "-o", str(path)]) == 0
+    return path
+
+
+def designed(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
+    capsys.readouterr()
+    assert main(["design", *map(str, words), "--for", "ardupilot", "--json"]) == 0
+    document: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return document
+
+
+def test_from_a_quadrotor_s_flight_to_a_parameter_file(
+    quad_fit: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new.param"
+    document = designed(capsys, quad_fit, "-o", path)
+    assert document["format"] == "tippath.rate_gains/1"
+    changes = document["parameters"]
+    assert set(changes) == {f"ATC_RAT_{axis}_{gain}" for axis in ("RLL", "PIT") for gain in "PID"}
+    assert changes["ATC_RAT_RLL_P"]["flown"] == pytest.approx(0.135)
+    assert path.read_text("utf-8").splitlines() == [f"{name},{one['new']:g}" for name, one in changes.items()]
+    for one in changes.values():
+        assert one["new"] <= 1.3001 * one["flown"]
+    margins = document["new"]["margins"]
+    assert margins["gain_db"] >= 6
+    assert margins["phase_deg"] >= 45
+    assert margins["delay_ms"] >= 10
+    assert all(run["residual_percent"] < 1 for run in document["repeated"])
+    for axis in ("roll", "pitch"):
+        assert document["new"][axis]["rejection_hz"] > document["flown"][axis]["rejection_hz"]
+    # the simulated vehicle flies them
+    settings = {name: one["new"] for name, one in changes.items()}
+    vehicle = make_vehicle("quad", 6, parameters=settings, like="ardupilot-quad")
+    lean = 0.0
+    for _ in range(round(10 / vehicle.dt)):
+        vehicle.step()
+        lean = max(lean, abs(vehicle.plant.phi), abs(vehicle.plant.theta))
+    assert lean < 0.05
+
+
+def test_the_text_has_old_and_new(quad_fit: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["design", str(quad_fit), "--for", "ardupilot"]) == 0
+    text = capsys.readouterr().out
+    assert "ATC_RAT_PIT_D            0.0036" in text
+    assert "repeat the commands that the vehicle logged to rounding" in text
+    assert "thrust curve (MOT_THST_EXPO 0.65" in text
+    assert max(map(len, text.splitlines())) <= 78
+
+
+def test_what_acts_and_is_not_modelled_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", ATC_RAT_RLL_SMAX=20.0)
+    fit = tmp_path / "fit.json"
+    assert main(["fit", str(log), "--model", "multirotor", "-o", str(fit)]) == 0
+    capsys.readouterr()
+    assert main(["design", str(fit), "--for", "ardupilot", "-o", str(tmp_path / "no.param")]) == 1
+    said = capsys.readouterr().err
+    assert "ATC_RAT_RLL_SMAX" in said
+    assert "set it to 0" in said
+    assert not (tmp_path / "no.param").exists()
+
+
+def test_measured_goes_with_the_other_design(quad_fit: Path) -> None:
+    assert main(["design", str(quad_fit), "--for", "ardupilot", "--measured"]) == 2
+
+
+@pytest.mark.data
+def test_a_real_autopilot_s_helicopter(shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logs = [str(shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN") for axis in ("roll", "pitch")]
+    fit = tmp_path / "fit.json"
+    assert main(["fit", *logs, "--model", "tpp", "--with", "transport_delay", "-o", str(fit)]) == 0
+    document = designed(capsys, fit)
+    assert document["flown"]["held"], "it flew"
+    assert document["asked"]["delay_ms"] == pytest.approx(25, abs=1), "half of the delay that was found"
+    assert all(run["residual_percent"] < 0.001 for run in document["repeated"])
+    # the feed-forward is told; rates would overshoot with it, so the flown one stays
+    for axis, word in (("roll", "RLL"), ("pitch", "PIT")):
+        told = document["feed_forward"][axis]
+        assert not told["taken"]
+        one = document["parameters"][f"ATC_RAT_{word}_FF"]
+        assert one["new"] == pytest.approx(one["flown"], rel=1e-4)
+        assert 1 / told["rate_per_command"] > one["flown"]
