@@ -23,9 +23,9 @@ from sysid.fit.result import Fit, finite
 from sysid.response.flown import NoResponseError, flown_responses
 
 FORMAT = "tippath.rate_gains/1"
-UNDERSTOOD_PERCENT = 5.0
-"""Of the vehicle's own commands that its loops, by its parameters, may leave unexplained; a log of every fourth loop
-leaves 1 to 2 %."""
+UNDERSTOOD_PERCENT, LACKING_PERCENT = 1.0, 20.0
+"""Of the vehicle's own commands that its loops, by its parameters, may leave; the second where the log lacks loops: one
+of every fourth leaves 2 %, one with a hundred gaps 8 %."""
 STEADY_HZ = 1.0
 """Up to here a helicopter turns as fast as its command says."""
 OVERSHOOT = 0.25
@@ -71,6 +71,7 @@ class ArdupilotGains:
     feed_forward: Mapping[str, FeedForward]
     """By axis; empty where none was flown, or none is measured."""
     gyro_hz: float
+    """Of the filter between the model's rates and the loops; 0 where the model has it."""
     answers: tuple[Pair, Pair]
     """Flown, then new."""
 
@@ -114,6 +115,7 @@ class ArdupilotGains:
                 }
                 for one in self.repeated
             ],
+            "gyro_filter_hz": self.gyro_hz,
             "in_the_vehicle": list(self.loops.in_the_vehicle),
         }
 
@@ -124,6 +126,12 @@ def ardupilot_gains(fit: Fit, asked: Asked | None = None) -> ArdupilotGains:
     Raises TippathError where what acts on board is not known or not modelled, or the loops do not repeat what was
     flown; DesignError and NotSampledError as `faster` does.
     """
+    structure = fit.model.structure
+    if not (set(RATES) <= set(structure.outputs) and set(CYCLIC) <= set(structure.commands)):
+        raise TippathError(
+            f"{structure.title} has not both roll and pitch, and their loops are judged together: fit sweeps of both, "
+            "such as --model multirotor or tpp"
+        )
     records, _ = flown(fit)
     parameters, repeated = _flown_with([Path(one.path) for one in fit.records if one.path])
     loops = rate_loops(parameters)
@@ -131,12 +139,12 @@ def ardupilot_gains(fit: Fit, asked: Asked | None = None) -> ArdupilotGains:
         raise TippathError(
             f"no gains are designed while something acts that no model has: {'; '.join(loops.not_modelled)}"
         )
-    badly = max(repeated, key=lambda one: one.residual_percent, default=None)
-    if badly is not None and not badly.residual_percent <= UNDERSTOOD_PERCENT:
-        raise TippathError(
-            f"the loops that the parameters tell of do not repeat the vehicle's own {badly.axis} command: "
-            f"{badly.residual_percent:.1f} % are left ({'; '.join(badly.causes)}); no gains are designed on them"
-        )
+    for one in repeated:
+        if not one.residual_percent <= (LACKING_PERCENT if one.lacking else UNDERSTOOD_PERCENT):
+            raise TippathError(
+                f"the loops that the parameters tell of do not repeat the vehicle's own {one.axis} command: "
+                f"{one.residual_percent:.1f} % are left ({'; '.join(one.causes)}); no gains are designed on them"
+            )
     gyro_hz = gyro_filter_hz(parameters, records[0].rate_source)
     ff = _feed_forward(records, fit.band_hz, loops)
     dt = 1 / loops.loop_hz
@@ -171,7 +179,7 @@ def _flown_with(paths: Sequence[Path]) -> tuple[dict[str, float], tuple[Repeated
         logs = [log for log, _ in open_log(path, None).parts if isinstance(log, DataFlashTables)]
         for log in logs:
             for span in systemid.find(log):
-                if span.stop_s - span.start_s < BEGINS_AFTER_S + 2 * LEAST_S:
+                if span.reasons or span.stop_s - span.start_s < BEGINS_AFTER_S + 2 * LEAST_S:
                     continue
                 here = log.parameters(span.start_s)
                 _refuse_changed(told or here, here, path)

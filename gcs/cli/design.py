@@ -39,7 +39,7 @@ def add_parser(subparsers: Any) -> None:
         '"frequency_hz"}, or null where the loop does not cross in the measured band; null as a whole where the '
         "runs do not measure it well enough. With --for ardupilot: "
         '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
-        '"feed_forward", "repeated", "in_the_vehicle"}.',
+        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle"}.',
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")

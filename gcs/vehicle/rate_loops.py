@@ -50,8 +50,8 @@ class RateLoops:
     """What an identified model has in it, and must find again: it changes the loop's gain."""
 
 
-def rate_loops(parameters: Mapping[str, float], loop_hz: float | None = None) -> RateLoops:
-    """The loops of these parameters; `loop_hz` where a log shows it better than they tell it.
+def rate_loops(parameters: Mapping[str, float]) -> RateLoops:
+    """The loops of these parameters.
 
     Raises TippathError where they are not those of ArduCopter 4.5 or later, or are no numbers.
     """
@@ -64,8 +64,8 @@ def rate_loops(parameters: Mapping[str, float], loop_hz: float | None = None) ->
             "ArduCopter 4.5 and later have; take a log or a vehicle of such a version"
         )
     helicopter = _HELICOPTERS_OWN in parameters
-    hz = loop_hz if loop_hz is not None else parameters.get(LOOP_RATE, USUAL_LOOP_HZ)
-    if not (math.isfinite(hz) and hz > 0):
+    hz = _number(parameters, LOOP_RATE, USUAL_LOOP_HZ)
+    if hz <= 0:
         raise TippathError(f"{LOOP_RATE} is {hz:g}: a loop's rate is a positive number of Hz")
     filters: list[str] = []
     roll, pitch = (_axis(parameters, axis, helicopter, filters.append) for axis in AXES)
@@ -81,14 +81,10 @@ def rate_loops(parameters: Mapping[str, float], loop_hz: float | None = None) ->
 
 def _axis(parameters: Mapping[str, float], axis: str, helicopter: bool, say: Callable[[str], None]) -> AxisLoop:
     def value(gain: str) -> float:
-        number = parameters.get(name_of(axis, gain), 0.0)
-        if not math.isfinite(number):
-            raise TippathError(f"{name_of(axis, gain)} is {number}: set it to a number")
-        return number
+        return _number(parameters, name_of(axis, gain))
 
     p, i, d, ff, d_ff, i_max, target, error, derivative = (value(gain) for gain in _GAINS)
-    leaks = helicopter and int(parameters.get("H_OPTIONS", _LEAKY)) & _LEAKY
-    angle_p = parameters.get(f"ATC_ANG_{AXES[axis]}_P", 0.0)
+    leaks = helicopter and int(_number(parameters, "H_OPTIONS", _LEAKY)) & _LEAKY
     return AxisLoop(
         p=p,
         i=i,
@@ -103,19 +99,26 @@ def _axis(parameters: Mapping[str, float], axis: str, helicopter: bool, say: Cal
         derivative_hz=derivative,
         target_notch=_notch(parameters, name_of(axis, "NTF"), say),
         error_notch=_notch(parameters, name_of(axis, "NEF"), say),
-        angle_p=angle_p if math.isfinite(angle_p) else 0.0,
+        angle_p=_number(parameters, f"ATC_ANG_{AXES[axis]}_P"),
         output_max=1.0 if helicopter else math.inf,
     )
 
 
+def _number(parameters: Mapping[str, float], name: str, usual: float = 0.0) -> float:
+    value = parameters.get(name, usual)
+    if not math.isfinite(value):
+        raise TippathError(f"{name} is {value}: set it to a number")
+    return value
+
+
 def _notch(parameters: Mapping[str, float], name: str, say: Callable[[str], None]) -> Notch | None:
     """The filter that a parameter points to; one that is not set up acts on nothing, as on board."""
-    number = int(parameters.get(name, 0.0))
+    number = int(_number(parameters, name))
     if number == 0:
         return None
-    kind = parameters.get(f"FILT{number}_TYPE", 0.0)
+    kind = _number(parameters, f"FILT{number}_TYPE")
     frequency, quality, attenuation = (
-        parameters.get(f"FILT{number}_NOTCH_{word}", 0.0) for word in ("FREQ", "Q", "ATT")
+        _number(parameters, f"FILT{number}_NOTCH_{word}") for word in ("FREQ", "Q", "ATT")
     )
     if kind not in (0, _NOTCH):
         say(f"the filter that {name} points to is of a kind that is not known (FILT{number}_TYPE {kind:g}): set 0")
@@ -176,4 +179,4 @@ def gyro_filter_hz(parameters: Mapping[str, float], rate_source: str) -> float:
             f"the rates of SIDD are before the notches that the loops are behind ({', '.join(notches)}): fit the rates "
             "of RATE, with a profile that takes p and q from there"
         )
-    return max(0.0, parameters.get(GYRO_FILTER, 0.0))
+    return max(0.0, _number(parameters, GYRO_FILTER))

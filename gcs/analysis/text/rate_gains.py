@@ -37,6 +37,7 @@ def rate_gains_text(gains: ArdupilotGains, vehicle: Model) -> str:
             for axis, one in gains.feed_forward.items()
         ),
         _repeated(gains),
+        *([f"The gyro filter of {gains.gyro_hz:g} Hz is in the loop."] if gains.gyro_hz else []),
         *(f"The model has it as it was in this flight: {what}" for what in gains.loops.in_the_vehicle),
         "Small motion: limits, the slew limit and what the pilot's inputs are shaped by are not in it. Load the file "
         "on the ground, disarmed; keep the old one.",

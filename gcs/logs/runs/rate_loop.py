@@ -44,6 +44,8 @@ class Repeated:
     """That were compared."""
     causes: tuple[str, ...]
     """Of the residual, where it is more than rounding."""
+    lacking: bool
+    """Whether the log lacks loops, so that the residual is not the model's alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +93,16 @@ def repeats(
     error, own = np.concatenate(errors), np.concatenate(outputs)
     size = float(np.std(own))
     residual = 100 * float(np.sqrt(np.mean(error**2))) / size if size > 0 else math.nan
-    causes = _causes(log, loops, (start_s, stop_s), limited) if not residual < FLOAT32_PERCENT else ()
+    lacks = _lacking(log, loops, (start_s, stop_s))
+    causes = () if residual < FLOAT32_PERCENT else _causes(loops, lacks, limited)
     return Repeated(
-        axis=axis, start_s=start_s, stop_s=stop_s, residual_percent=residual, rows=error.size, causes=causes
+        axis=axis,
+        start_s=start_s,
+        stop_s=stop_s,
+        residual_percent=residual,
+        rows=error.size,
+        causes=causes,
+        lacking=bool(lacks),
     )
 
 
@@ -101,8 +110,10 @@ def _pieces(
     log: DataFlashTables, axis: str, loop_hz: float, start_s: float, stop_s: float, injected: bool, later: int
 ) -> list[_Piece]:
     """Stretches of the log as the loop saw them."""
-    columns = [log.series(f"RATE.{name}").part(start_s, stop_s) for name in FIELDS[axis]]
-    t = columns[0].t
+    series = [log.series(f"RATE.{name}").part(start_s, stop_s) for name in FIELDS[axis]]
+    columns = np.array([one.values for one in series])
+    told = np.all(np.isfinite(columns), axis=0)
+    t, columns = series[0].t[told], columns[:, told]
     if t.size < 2:
         return []
     breaks = np.flatnonzero(np.diff(t) > LONGEST_GAP_S) + 1
@@ -111,7 +122,7 @@ def _pieces(
         if t[rows[-1]] - t[rows[0]] < BEGINS_AFTER_S + LEAST_S:
             continue
         at, logged = _loops(t[rows], loop_hz)
-        target, rate, output = (np.interp(at, t[rows], column.values[rows]) for column in columns)
+        target, rate, output = (np.interp(at, t[rows], column[rows]) for column in columns)
         added = _injected(log, at) if injected else np.zeros(at.size)
         whole = slice(later, None)
         last = at.size - later
@@ -142,16 +153,22 @@ def _injected(log: DataFlashTables, at: FloatArray) -> FloatArray:
     return np.asarray(np.interp(at, series.t, series.values, left=0.0, right=0.0))
 
 
-def _causes(log: DataFlashTables, loops: RateLoops, between: tuple[float, float], limited: int) -> tuple[str, ...]:
+def _lacking(log: DataFlashTables, loops: RateLoops, between: tuple[float, float]) -> list[str]:
+    """What loops the log does not tell of."""
     spacing = np.diff(log.series("RATE.R").part(*between).t) * loops.loop_hz
     usual = float(np.median(spacing))
-    said = list(loops.not_modelled)
+    said = []
     if usual > 1.5:
         said.append(f"RATE has one loop of {usual:.0f}: what was asked for in between is not known")
     gaps = spacing[spacing > max(1.5, 1.5 * usual)]
     if gaps.size:
         longest = 1000 * float(gaps.max()) / loops.loop_hz
         said.append(f"{gaps.size} gaps of up to {longest:.0f} ms in RATE: what was asked for in them is not known")
+    return said
+
+
+def _causes(loops: RateLoops, lacks: list[str], limited: int) -> tuple[str, ...]:
+    said = [*loops.not_modelled, *lacks]
     if limited:
         said.append(f"limits in {limited} loops: whether they held the integrator RATE does not tell")
     return tuple(said) or ("not found: another firmware, or parameters that were changed and not logged",)

@@ -106,6 +106,15 @@ def test_what_acts_and_is_not_modelled_refuses(tmp_path: Path, capsys: pytest.Ca
     assert not (tmp_path / "no.param").exists()
 
 
+def test_one_axis_alone_is_refused_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = flown(tmp_path / "flight", "ardupilot-quad", "quad")
+    fit = tmp_path / "fit.json"
+    assert main(["fit", f"{log}#1", "--model", "roll", "-o", str(fit)]) == 0
+    capsys.readouterr()
+    assert main(["design", str(fit), "--for", "ardupilot"]) == 1
+    assert "not both roll and pitch" in capsys.readouterr().err
+
+
 def test_measured_goes_with_the_other_design(quad_fit: Path) -> None:
     assert main(["design", str(quad_fit), "--for", "ardupilot", "--measured"]) == 2
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from gcs.errors import TippathError
-from gcs.vehicle.rate_loops import AXES, rate_loops
+from gcs.vehicle.rate_loops import AXES, gyro_filter_hz, rate_loops
 
 MULTI = {
     f"ATC_RAT_{axis}_{gain}": value
@@ -45,7 +45,7 @@ def test_a_multicopter_s_loops() -> None:
 
 
 def test_a_helicopter_s_integrator_leaks_as_its_options_say() -> None:
-    loops = rate_loops(HELI, loop_hz=333.0)
+    loops = rate_loops(HELI | {"SCHED_LOOP_RATE": 333.0})
     assert (loops.roll.leak_min, loops.pitch.leak_min) == (0.1, 0.05)
     assert loops.roll.output_max == 1.0
     assert loops.loop_hz == 333.0
@@ -95,6 +95,8 @@ def test_a_notch_that_follows_something_and_an_unknown_filter_are_named() -> Non
         ({"ATC_RAT_RLL_D_FF": None}, "ArduCopter 4.5"),
         ({"ATC_RAT_PIT_I": math.nan}, "ATC_RAT_PIT_I is nan"),
         ({"SCHED_LOOP_RATE": 0.0}, "SCHED_LOOP_RATE is 0"),
+        ({"ATC_RAT_RLL_NTF": math.nan}, "ATC_RAT_RLL_NTF is nan"),
+        ({"ATC_ANG_PIT_P": math.inf}, "ATC_ANG_PIT_P is inf"),
     ],
 )
 def test_what_is_no_such_loop_is_refused_in_a_line(change: dict[str, float | None], words: str) -> None:
@@ -107,3 +109,11 @@ def test_what_is_no_such_loop_is_refused_in_a_line(change: dict[str, float | Non
 def test_without_parameters_the_log_is_to_blame() -> None:
     with pytest.raises(TippathError, match="no parameters are told"):
         rate_loops({})
+
+
+def test_the_gyro_filter_is_in_the_loop_of_rates_before_it() -> None:
+    told = {"INS_GYRO_FILTER": 20.0}
+    assert gyro_filter_hz(told, "SIDD") == 20.0
+    assert gyro_filter_hz(told, "RATE") == 0.0
+    with pytest.raises(TippathError, match="INS_HNTC2_ENABLE"):
+        gyro_filter_hz(told | {"INS_HNTC2_ENABLE": 1.0}, "SIDD")
