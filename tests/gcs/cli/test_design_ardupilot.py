@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gcs.cli import main
+from gcs.logs.formats.dataflash_table import DataFlashTables
+from gcs.logs.opening import open_log
+from gcs.vehicle.rate_loops import rate_loops
 from sitl.autopilot.modes import Mode, Reason
 from sitl.autopilot.vehicle import make_vehicle
+from sysid.control.sampled import sampled_plant
+from sysid.fit.result import Fit
+from sysid.rate_loop.linear import controller
 
 SWEEP = {
     "SID_MAGNITUDE": 0.05,
@@ -22,11 +31,21 @@ SWEEP = {
 }
 
 
-def flown(folder: Path, like: str, plant: str, **settings: float) -> Path:
-    """The log of a sweep of each axis."""
+def flown(
+    folder: Path,
+    like: str,
+    plant: str,
+    *,
+    axes: tuple[int, ...] = (10, 11),
+    between: Mapping[str, float] | None = None,
+    **settings: float,
+) -> Path:
+    """The log of a sweep of each axis; `between` is written before the second."""
     folder.mkdir()
     vehicle = make_vehicle(plant, 5, directory=folder, parameters=SWEEP | settings, like=like)
-    for axis in (10, 11):
+    for number, axis in enumerate(axes):
+        for name, value in (between or {}).items() if number else ():
+            vehicle.write_parameter(name, value)
         vehicle.write_parameter("SID_AXIS", axis)
         assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
         for _ in range(round(27 / vehicle.dt)):
@@ -92,6 +111,37 @@ def test_the_text_has_old_and_new(quad_fit: Path, capsys: pytest.CaptureFixture[
     assert "repeat the commands that the vehicle logged to rounding" in text
     assert "thrust curve (MOT_THST_EXPO 0.65" in text
     assert max(map(len, text.splitlines())) <= 78
+
+
+def test_flown_rates_are_those_that_fit_and_loops_predict(quad_fit: Path, tmp_path: Path) -> None:
+    """Of a flight that the fit has not seen, with its rate target swept: NRMSE above 85 %."""
+    path = flown(tmp_path / "rates", "ardupilot-quad", "quad", axes=(7,), SID_MAGNITUDE=20.0)
+    ((log, _),) = open_log(path, None).parts
+    assert isinstance(log, DataFlashTables)
+    loops = rate_loops(log.parameters())
+    law = controller((replace(loops.roll, angle_p=0.0), replace(loops.pitch, angle_p=0.0)), 1 / loops.loop_hz)
+    plant = sampled_plant(Fit.load(quad_fit).model, 1 / loops.loop_hz, gyro_corner_hz=20.0).system
+    series = [log.series(f"RATE.{name}") for name in ("RDes", "PDes", "R")]
+    among = (series[0].t > 3) & (series[0].t < 24)
+    asked_p, asked_q, flown_p = (np.radians(one.values)[among] for one in series)
+    of_law, of_plant, predicted = np.zeros(len(law.A)), np.zeros(len(plant.A)), []
+    for target in np.stack([asked_p, asked_q], axis=1)[:-1]:  # a row's target is the next loop's
+        of_plant_seen = plant.C @ of_plant
+        predicted.append(of_plant_seen[0])
+        seen = np.concatenate([target, of_plant_seen])
+        command = law.C @ of_law + law.D @ seen
+        of_law, of_plant = law.A @ of_law + law.B @ seen, plant.A @ of_plant + plant.B @ command
+    error = flown_p[1:] - np.array(predicted)
+    assert 100 * (1 - np.std(error) / np.std(flown_p)) > 85
+
+
+def test_runs_of_other_gains_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", between={"ATC_RAT_PIT_P": 0.11})
+    fit = tmp_path / "fit.json"
+    assert main(["fit", str(log), "--model", "multirotor", "-o", str(fit)]) == 0
+    capsys.readouterr()
+    assert main(["design", str(fit), "--for", "ardupilot"]) == 1
+    assert "other gains than in the runs before (ATC_RAT_PIT_P)" in capsys.readouterr().err
 
 
 def test_what_acts_and_is_not_modelled_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
