@@ -113,26 +113,40 @@ def test_the_text_has_old_and_new(quad_fit: Path, capsys: pytest.CaptureFixture[
     assert max(map(len, text.splitlines())) <= 78
 
 
-def test_flown_rates_are_those_that_fit_and_loops_predict(quad_fit: Path, tmp_path: Path) -> None:
-    """Of a flight that the fit has not seen, with its rate target swept: NRMSE above 85 %."""
-    path = flown(tmp_path / "rates", "ardupilot-quad", "quad", axes=(7,), SID_MAGNITUDE=20.0)
+def followed(path: Path, fit: Path, start_s: float, stop_s: float) -> tuple[float, float]:
+    """NRMSE in percent of p and q: a log's rates against those of fit and loops in a loop, for the log's targets."""
     ((log, _),) = open_log(path, None).parts
     assert isinstance(log, DataFlashTables)
-    loops = rate_loops(log.parameters())
+    loops = rate_loops(log.parameters(start_s))
     law = controller((replace(loops.roll, angle_p=0.0), replace(loops.pitch, angle_p=0.0)), 1 / loops.loop_hz)
-    plant = sampled_plant(Fit.load(quad_fit).model, 1 / loops.loop_hz, gyro_corner_hz=20.0).system
-    series = [log.series(f"RATE.{name}") for name in ("RDes", "PDes", "R")]
-    among = (series[0].t > 3) & (series[0].t < 24)
-    asked_p, asked_q, flown_p = (np.radians(one.values)[among] for one in series)
+    plant = sampled_plant(Fit.load(fit).model, 1 / loops.loop_hz, gyro_corner_hz=20.0).system
+    series = [log.series(f"RATE.{name}").part(start_s, stop_s).values for name in ("RDes", "PDes", "R", "P")]
+    targets, rates = np.radians(series[:2]).T, np.radians(series[2:]).T
     of_law, of_plant, predicted = np.zeros(len(law.A)), np.zeros(len(plant.A)), []
-    for target in np.stack([asked_p, asked_q], axis=1)[:-1]:  # a row's target is the next loop's
-        of_plant_seen = plant.C @ of_plant
-        predicted.append(of_plant_seen[0])
-        seen = np.concatenate([target, of_plant_seen])
+    for target in targets[:-1]:  # a row's target is the next loop's
+        measured = plant.C @ of_plant
+        predicted.append(measured)
+        seen = np.concatenate([target, measured])
         command = law.C @ of_law + law.D @ seen
         of_law, of_plant = law.A @ of_law + law.B @ seen, plant.A @ of_plant + plant.B @ command
-    error = flown_p[1:] - np.array(predicted)
-    assert 100 * (1 - np.std(error) / np.std(flown_p)) > 85
+    left = np.std(rates[1:] - predicted, axis=0) / np.std(rates, axis=0)
+    return float(100 * (1 - left[0])), float(100 * (1 - left[1]))
+
+
+def test_flown_rates_are_those_that_fit_and_loops_predict(quad_fit: Path, tmp_path: Path) -> None:
+    """Of a flight that the fit has not seen, with its rate target swept."""
+    path = flown(tmp_path / "rates", "ardupilot-quad", "quad", axes=(7,), SID_MAGNITUDE=20.0)
+    assert followed(path, quad_fit, 3.0, 24.0)[0] > 85
+
+
+@pytest.mark.data
+def test_a_real_autopilot_s_flight_is_as_predicted(shared_data: Path, tmp_path: Path) -> None:
+    """The helicopter's sweep of its rate target, from a fit to sweeps of its mixer: both axes, with their coupling."""
+    logs = [str(shared_data / "ardupilot" / f"heli_{axis}_sweep.BIN") for axis in ("roll", "pitch")]
+    fit = tmp_path / "fit.json"
+    assert main(["fit", *logs, "--model", "tpp", "--with", "transport_delay", "-o", str(fit)]) == 0
+    p, q = followed(shared_data / "ardupilot" / "heli_axis7_roll_rate.BIN", fit, 1025.0, 1055.5)
+    assert min(p, q) > 90
 
 
 def test_runs_of_other_gains_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
