@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import planted
@@ -18,7 +20,7 @@ from sysid.fit.identify import identify
 from sysid.fit.result import Fit
 from sysid.model.compose import compose
 from sysid.model.paper import CD, TPP
-from sysid.model.structure import Structure
+from sysid.model.structure import Model, Structure
 
 EXCITATIONS = ("excitation_x", "excitation_y", "excitation_e")
 BAND = (0.0, 15.0)
@@ -114,3 +116,24 @@ def test_a_vehicle_that_follows_its_commands_is_no_controller() -> None:
     bins = prepared(records(calm, *EXCITATIONS), BAND).viewed(TPP.inputs, TPP.outputs)
     assert np.min(feedback._fed_back(bins, 0.0)[0]) > feedback.ALONE
     feedback.refuse_feedback_alone(TPP, bins)
+
+
+def test_a_step_to_a_bound_that_rounding_loses_ends_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    structure = compose("tpp", ["servo_rate_limit"])
+    model = Model(structure, structure.vector({**dict(planted.TABLE_4), "rate": 1e16}))
+    place = structure.names.index("rate")
+    least = structure.parameters[place].bounds[0]
+    move = np.zeros(model.values.size)
+    move[place] = least - 1e16
+    assert model.values[place] + move[place] == 0, "which has no response"
+    tried: list[Model] = []
+    here = SimpleNamespace(new=np.eye(2), samples=1, cost=0.0)
+
+    def at(one: Model, *_: object) -> SimpleNamespace:
+        tried.append(one)
+        return here
+
+    monkeypatch.setattr(prediction_error.Equations, "at", at)
+    noise = prediction_error.Noise(np.zeros((1, 2, 2)), np.eye(2), 20.0)
+    prediction_error.lower(model, noise, (), cast("Any", here), move, np.zeros((1, 2, 2)))
+    assert tried[0]["rate"] == least
