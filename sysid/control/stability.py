@@ -300,7 +300,7 @@ def _margins(gains: Feedback, loop: Loop) -> Margins:
 
     A common gain, phase or delay in both commands moves every eigenvalue alike, so the first to meet it is the edge.
     """
-    w = _frequencies(gains, loop)
+    w = frequencies(gains, loop)
     values = _eigenvalues(_transfer(gains, loop, 1j * w))
     loci = branches(values)
     for _ in range(ZOOMS):
@@ -327,7 +327,7 @@ def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArra
     """Where loci of the loop have the size 1, which decides its phase margin, and where they are negative and smaller,
     which decides its gain margin."""
     loop = loop_of(gains, vehicle)
-    w = _frequencies(gains, loop)
+    w = frequencies(gains, loop)
     loci = branches(_eigenvalues(_transfer(gains, loop, 1j * w)))
     smaller = np.abs(loci[:-1]) < 1
     units, reals = (np.any(each, axis=1) for each in (unit_passed(loci), negative_axis_met(loci) & smaller))
@@ -342,7 +342,7 @@ def from_rates(gains: Feedback, s: AnyArray) -> ComplexArray:
     return np.asarray(gains.K @ np.linalg.solve(s[:, None, None] * np.eye(len(inner)) - inner, gain))
 
 
-def _frequencies(gains: Feedback, loop: Loop) -> FloatArray:
+def frequencies(gains: Feedback, loop: Loop) -> FloatArray:
     """rad/s: close together, and closest about every resonance of vehicle and controller."""
     end = _end(loop)
     poles = np.concatenate([np.linalg.eigvals(x) for x in (loop.plant.A, _inner(gains))])

@@ -1,0 +1,107 @@
+"""What gains are worth, in words: on the fit, on all that its diagnosis leaves open, and over its bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gcs.analysis.clearance import Clearance
+from gcs.analysis.standing import Standing
+from gcs.analysis.text.blocks import wrapped
+from gcs.flight.gains import GainsError
+from sysid.control.judgement import Judgement, OnModel, Quantity, Shortfall, Verdict
+
+VERDICTS: dict[Verdict, str] = {
+    "holds": "holds: every margin and answer is as asked",
+    "poor": "poor: it holds, and does not fly as asked",
+    "fails": "FAILS: do not fly it",
+}
+NAMES: dict[Quantity, tuple[str, str, float]] = {
+    "held": ("", "", 1.0),
+    "gain_db": ("gain margin", " dB", 1.0),
+    "phase_deg": ("phase", "°", 1.0),
+    "delay_ms": ("delay", " ms", 1.0),
+    "overshoot": ("overshoot", " %", 100.0),
+    "coupling": ("other axis", " %", 100.0),
+}
+"""Name, unit, and the unit's size."""
+
+
+def clearance_text(found: Clearance) -> str:
+    """To stand below a design, or before a push; 78 columns."""
+    return "\n".join(
+        line for name, words in clearance_told(found) for line in wrapped(f"  {name:14}{words}", rest=" " * 16)
+    )
+
+
+def require_cleared(found: Clearance, why: str | None) -> None:
+    """Raises GainsError, reason `margins`, for gains that fail and of which nobody says why they are pushed."""
+    if found.judgement.verdict == "fails" and not (why or "").strip():
+        broken = "; ".join(_broken(found.judgement, only_failing=True))
+        raise GainsError(
+            f"these gains are not cleared: {broken}; nothing was sent. Design others (a higher --input-cost leaves "
+            "more), or say --why",
+            reason="margins",
+        )
+
+
+def standing_words(standing: Standing) -> str:
+    """What is known of what the fit lacks."""
+    sure = "" if standing.confidence is None else f", confidence {standing.confidence:.2f}"
+    if standing.state == "complete":
+        return f"complete{sure}"
+    if standing.state == "missing":
+        lost = standing.not_modelled
+        beside = f"; no model was made of {', '.join(lost)}, as likely: not judged with it" if lost else ""
+        return f"lacks {' + '.join(standing.effects)}{sure}{beside}"
+    if standing.state == "unexplained":
+        return f"incomplete{sure}: something is missing that nothing explains, and the vehicle's margins are others"
+    return "NOT DIAGNOSED: what the fit lacks is not known, and margins are the fit's own; `tippath diagnose` asks"
+
+
+def clearance_told(found: Clearance) -> list[tuple[str, str]]:
+    """The same, unbroken: what each sentence is about, and the sentence."""
+    judgement = found.judgement
+    told = [("diagnosis", standing_words(found.standing))]
+    told += [(_role(one), f"{one.model.structure.title}: {_worth(one)}") for one in judgement.models]
+    bounds = judgement.bounds
+    if bounds is not None:
+        least = "" if bounds.least is None else f", 95 % of them with at least {bounds.least.words}"
+        lost = f"{bounds.not_held} NOT held" if bounds.not_held else "all held"
+        told.append(("bounds", f"{bounds.samples} samples of the fit's errors: {lost}{least}"))
+    broken = _broken(judgement, only_failing=judgement.verdict == "fails")
+    return [*told, ("judged", VERDICTS[judgement.verdict] + (f"; {'; '.join(broken)}" if broken else ""))]
+
+
+def _role(one: OnModel) -> str:
+    return {"fit": "on the fit", "missing": "completed", "not told apart": "or as well"}[one.role]
+
+
+def _worth(one: OnModel) -> str:
+    margins, answer = one.loop.margins, one.answer
+    if margins is None or answer is None:
+        return "NOT held"
+    each = (
+        f"{axis.axis} overshoots {100 * axis.overshoot:.0f} %, other axis {100 * axis.coupling:.0f} %"
+        for axis in (answer.roll, answer.pitch)
+    )
+    return f"{margins.words}; {'; '.join(each)}"
+
+
+def _broken(judgement: Judgement, *, only_failing: bool = False) -> list[str]:
+    """Each model with what it falls short of."""
+    found = [(one.model.structure.title, one.shortfalls) for one in judgement.models]
+    found.append(("over its bounds", judgement.thin_bounds))
+    kept = [(name, [one for one in each if one.fails or not only_failing]) for name, each in found]
+    return [f"{name}: {_short(each)}" for name, each in kept if each]
+
+
+def _short(shortfalls: Sequence[Shortfall]) -> str:
+    words = []
+    for one in shortfalls:
+        name, unit, size = NAMES[one.quantity]
+        if one.value is None or one.limit is None:
+            words.append("not held")
+        else:
+            digits = 1 if one.quantity == "gain_db" else 0
+            words.append(f"{name} {size * one.value:.{digits}f}{unit} (asked {size * one.limit:g})")
+    return ", ".join(words)
