@@ -18,6 +18,7 @@ from gcs.analysis.standing import NOT_ASKED, Standing, State
 from gcs.flight.gains import LARGEST, GainsDocument, GainsError
 from sysid.control.bounds import SAMPLES, SEED, drawn, uncertainty
 from sysid.control.judgement import ROLES, Judgement, Limits, Role, judge
+from sysid.control.measured_margins import MeasuredMargins
 from sysid.control.regulator import Gains
 from sysid.control.stability import ClosedLoop
 from sysid.errors import SysidError
@@ -78,14 +79,22 @@ class ClearedGains(GainsDocument, frozen=True, kw_only=True):
     judged: _Judged | None = None
     diagnosis: _Diagnosis | None = None
     judged_on: _JudgedOn | None = None
+    margins_measured: MeasuredMargins | None = None
+    """The runs may be elsewhere by now: what was measured is taken as it stands."""
 
 
 def clearance(
-    gains: Gains, fit: Fit, standing: Standing, limits: Limits | None = None, samples: int = SAMPLES
+    gains: Gains,
+    fit: Fit,
+    standing: Standing,
+    limits: Limits | None = None,
+    *,
+    measured: MeasuredMargins | None = None,
+    samples: int = SAMPLES,
 ) -> Clearance:
     """Gains that were designed on a fit, on all that its diagnosis and its bounds leave open."""
     models: list[tuple[Role, Model]] = [("fit", fit.model), *standing.models]
-    return _judged(gains, models, standing, uncertainty(fit), limits or Limits(), samples)
+    return _judged(gains, models, standing, uncertainty(fit), limits or Limits(), samples, measured)
 
 
 def cleared_again(path: Path, named: Sequence[str] = ()) -> Clearance:
@@ -103,7 +112,7 @@ def cleared_again(path: Path, named: Sequence[str] = ()) -> Clearance:
         models = [(_role(one.role), saved_model(one.model, path.parent, named)) for one in on.models]
         limits = Limits() if document.judged is None else Limits().or_stricter(document.judged.limits)
         covariance = None if on.covariance is None else _square(on.covariance, models[0][1])
-        return _judged(gains, models, _standing(document), covariance, limits, SAMPLES)
+        return _judged(gains, models, _standing(document), covariance, limits, SAMPLES, document.margins_measured)
     except documents.DocumentError as error:
         raise GainsError(f"{error}; make it with `tippath design`") from error
     except (SysidError, np.linalg.LinAlgError, ValueError) as error:
@@ -117,9 +126,11 @@ def _judged(
     covariance: FloatArray | None,
     limits: Limits,
     samples: int,
+    measured: MeasuredMargins | None = None,
 ) -> Clearance:
     drawing = None if covariance is None else drawn(models[0][1], covariance, np.random.default_rng(SEED), samples)
-    return Clearance(judgement=judge(gains, models, limits, drawing), standing=standing, covariance=covariance)
+    judgement = judge(gains, models, limits, drawing, measured)
+    return Clearance(judgement=judgement, standing=standing, covariance=covariance)
 
 
 def _gains(document: ClearedGains) -> Gains:

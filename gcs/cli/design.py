@@ -40,9 +40,11 @@ def add_parser(subparsers: Any) -> None:
         '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
         '"diagnosis": {"state", "effects", "confidence", '
         '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
-        '"coupling", "rise_ms", "without", "shortfalls"}], "bounds", "bounds_shortfalls"}, "judged_on"}; with '
+        '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
+        '"measured_shortfalls"}, "judged_on"}; with '
         '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
-        '"frequency_hz"}, or null where the loop does not cross in the measured band; null as a whole where the '
+        '"frequency_hz"}, or null where the loop does not cross in the measured band, "unstable_poles" (of the open '
+        'loop, by the model), "sweep_to_hz" (to measure what the model crosses beyond); null as a whole where the '
         "runs do not measure it well enough.",
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
@@ -80,9 +82,9 @@ def run(args: argparse.Namespace) -> int:
     for text in fit.warnings:
         print(f"warning of the fit: {text}", file=sys.stderr)
     gains = design(fit.model, args.input_cost)
-    cleared = clearance(gains, fit, beside(args.fit.parent, fit, words), limits)
-    document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
     measured = by_measurement(fit, gains) if args.measured else None
+    cleared = clearance(gains, fit, beside(args.fit.parent, fit, words), limits, measured=measured)
+    document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
     if args.measured:
         document["margins_measured"] = None if measured is None else measured.to_json()
     if args.output:
@@ -112,8 +114,9 @@ def _limits(words: str | None) -> Limits | None:
 def by_measurement(fit: Fit, gains: Gains) -> MeasuredMargins | None:
     """Margins by the responses that the fit's own runs show. Raises NoResponseError, TippathError."""
     from gcs.analysis.comparison import flown
-    from sysid.control.measured_margins import measured_margins
+    from sysid.control.measured_margins import measured_margins, with_model
     from sysid.response.flown import flown_responses
 
     records, _ = flown(fit)
-    return measured_margins(gains, flown_responses(records, fit.band_hz).responses)
+    found = measured_margins(gains, flown_responses(records, fit.band_hz).responses)
+    return None if found is None else with_model(found, gains, fit.model)

@@ -18,7 +18,9 @@ from typing import Any, Literal, get_args
 
 from sysid.control.bounds import OverBounds, margins_json, over_bounds
 from sysid.control.loop import Following, following
+from sysid.control.measured_margins import MeasuredMargins
 from sysid.control.regulator import Gains
+from sysid.control.robustness import Robustness, robustness
 from sysid.control.stability import (
     SENSIBLE_GAIN_DB,
     SENSIBLE_MS,
@@ -92,7 +94,9 @@ class OnModel:
     model: Model
     loop: ClosedLoop
     answer: Following | None
-    """None where it is not held."""
+    """None where it is not held;"""
+    robustness: Robustness | None
+    """the same."""
     shortfalls: tuple[Shortfall, ...]
 
     @property
@@ -117,6 +121,7 @@ class OnModel:
             "rise_ms": None
             if self.answer is None
             else [_ms(one.rise_s) for one in (self.answer.roll, self.answer.pitch)],
+            "robustness": None if self.robustness is None else self.robustness.to_json(),
             "without": list(self.loop.left_out),
             "shortfalls": [asdict(one) for one in self.shortfalls],
         }
@@ -131,6 +136,8 @@ class Judgement:
     """The fit first."""
     bounds: OverBounds | None
     """Over what the fit's numbers may be; None where nobody drew any."""
+    measured: MeasuredMargins | None = None
+    """By measured responses; None where nobody asked, or they are not known well enough."""
 
     @property
     def thin_bounds(self) -> tuple[Shortfall, ...]:
@@ -142,8 +149,21 @@ class Judgement:
         return tuple(_thin(self.bounds.least, self.models[0].model, self.limits))
 
     @property
+    def thin_measured(self) -> tuple[Shortfall, ...]:
+        """What is measured to be less than asked. What is not measured clears nothing, and refuses nothing."""
+        if self.measured is None:
+            return ()
+        at = {
+            "gain_db": self.measured.gain_db,
+            "phase_deg": self.measured.phase_deg,
+            "delay_ms": self.measured.delay_ms,
+        }
+        gain, phase, delay = (math.inf if one is None else one.value for one in at.values())
+        return tuple(_thin(Margins(gain, phase, delay / 1000), self.models[0].model, self.limits))
+
+    @property
     def verdict(self) -> Verdict:
-        found = [*self.thin_bounds, *(one for model in self.models for one in model.shortfalls)]
+        found = [*self.thin_bounds, *self.thin_measured, *(one for model in self.models for one in model.shortfalls)]
         return "fails" if any(one.fails for one in found) else "poor" if found else "holds"
 
     def to_json(self) -> dict[str, Any]:
@@ -154,6 +174,7 @@ class Judgement:
             "models": [one.to_json() for one in self.models],
             "bounds": None if self.bounds is None else self.bounds.to_json(),
             "bounds_shortfalls": [asdict(one) for one in self.thin_bounds],
+            "measured_shortfalls": [asdict(one) for one in self.thin_measured],
         }
 
 
@@ -162,13 +183,18 @@ def judge(
     models: Sequence[tuple[Role, Model]],
     limits: Limits | None = None,
     draws: FloatArray | None = None,
+    measured: MeasuredMargins | None = None,
 ) -> Judgement:
-    """Gains in the loop with each of these models, delays included; `draws` (n, parameters): values of the first."""
+    """Gains in the loop with each of these models, delays included.
+
+    `draws` (n, parameters) are values of the first model, `measured` the margins by responses without any.
+    """
     limits = limits or Limits()
     return Judgement(
         limits=limits,
         models=tuple(_on(gains, role, model, limits) for role, model in models),
         bounds=None if draws is None or not len(draws) else over_bounds(gains, models[0][1], draws),
+        measured=measured,
     )
 
 
@@ -199,7 +225,8 @@ def parse_limits(words: str) -> Limits:
 def _on(gains: Gains, role: Role, model: Model, limits: Limits) -> OnModel:
     loop = closed_loop(gains, model)
     answer = following(gains, model) if loop.stable else None
-    found = OnModel(role=role, model=model, loop=loop, answer=answer, shortfalls=())
+    holds = robustness(gains, model) if loop.stable else None
+    found = OnModel(role=role, model=model, loop=loop, answer=answer, robustness=holds, shortfalls=())
     return replace(found, shortfalls=tuple(_shortfalls(found, limits)))
 
 

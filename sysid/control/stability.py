@@ -335,6 +335,13 @@ def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArra
     return middle[units], middle[reals]
 
 
+def unstable_poles(gains: Feedback, vehicle: Model) -> int:
+    """How many poles of the open loop, vehicle and controller, have a positive real part; the drift left out."""
+    loop = loop_of(gains, vehicle)
+    poles = np.concatenate([np.linalg.eigvals(loop.plant.A), np.linalg.eigvals(_inner(gains))])
+    return int(np.count_nonzero((poles.real > ON_THE_AXIS) & (np.abs(poles) >= loop.drift)))
+
+
 def from_rates(gains: Feedback, s: AnyArray) -> ComplexArray:
     """Of the controller: what it takes from the commands per rate, (f, commands, rates)."""
     inner = _inner(gains)

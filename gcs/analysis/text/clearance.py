@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from gcs.analysis.clearance import Clearance
@@ -61,15 +62,17 @@ def standing_words(standing: Standing) -> str:
 def clearance_told(found: Clearance) -> list[tuple[str, str]]:
     """The same, unbroken: what each sentence is about, and the sentence."""
     judgement = found.judgement
-    told = [("diagnosis", standing_words(found.standing))]
+    broken = _broken(judgement, only_failing=judgement.verdict == "fails")
+    told = [("judged", VERDICTS[judgement.verdict] + (f"; {'; '.join(broken)}" if broken else ""))]
+    told.append(("diagnosis", standing_words(found.standing)))
     told += [(_role(one), f"{one.model.structure.title}: {_worth(one)}") for one in judgement.models]
+    told += _robust(judgement.models[0])
     bounds = judgement.bounds
     if bounds is not None:
         least = "" if bounds.least is None else f", 95 % of them with at least {bounds.least.words}"
         lost = f"{bounds.not_held} NOT held" if bounds.not_held else "all held"
         told.append(("bounds", f"{bounds.samples} samples of the fit's errors: {lost}{least}"))
-    broken = _broken(judgement, only_failing=judgement.verdict == "fails")
-    return [*told, ("judged", VERDICTS[judgement.verdict] + (f"; {'; '.join(broken)}" if broken else ""))]
+    return told
 
 
 def _role(one: OnModel) -> str:
@@ -87,10 +90,28 @@ def _worth(one: OnModel) -> str:
     return f"{margins.words}; {'; '.join(each)}"
 
 
+def _robust(one: OnModel) -> list[tuple[str, str]]:
+    """Disk margin and handling on the fit."""
+    if one.robustness is None:
+        return []
+    disk, crossover = one.robustness.disk, one.robustness.crossover_hz
+    crossing = "no crossover" if crossover is None else f"crossover {crossover:.1f} Hz"
+    gain = f"{disk.gain_db:.1f} dB" if math.isfinite(disk.gain_db) else "any gain"
+    told = [("disk margin", f"{gain} or {disk.phase_deg:.0f}° in both commands, each its own way, {crossing}")]
+    for axis in one.robustness.handling:
+        no_bandwidth = "no bandwidth up to 200 Hz"
+        words = [no_bandwidth if axis.bandwidth_hz is None else f"bandwidth {axis.bandwidth_hz:.1f} Hz"]
+        words += [] if axis.phase_delay_ms is None else [f"phase delay {axis.phase_delay_ms:.0f} ms"]
+        rejected = "not rejected" if axis.rejection_hz is None else f"rejected to {axis.rejection_hz:.1f} Hz"
+        peak = f"raised by {axis.rejection_peak_db:.1f} dB at {axis.rejection_peak_hz:.1f} Hz"
+        told.append((axis.axis, f"{', '.join(words)}; disturbances {rejected}, {peak}"))
+    return told
+
+
 def _broken(judgement: Judgement, *, only_failing: bool = False) -> list[str]:
     """Each model with what it falls short of."""
     found = [(one.model.structure.title, one.shortfalls) for one in judgement.models]
-    found.append(("over its bounds", judgement.thin_bounds))
+    found += [("over its bounds", judgement.thin_bounds), ("measured", judgement.thin_measured)]
     kept = [(name, [one for one in each if one.fails or not only_failing]) for name, each in found]
     return [f"{name}: {_short(each)}" for name, each in kept if each]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -167,8 +168,10 @@ def test_a_model_that_promises_more_than_was_measured_is_told_so() -> None:
     promised, kept = (Margins(gain_db=17.0, phase_deg=one, delay_s=0.03) for one in (99.0, 22.0))
     text = measured_text(found, promised)
     words = " ".join(text.split())
-    assert words.startswith("measured phase 21 ± 4° at 4.8 Hz; delay 12 ± 2 ms at 4.8 Hz; gain margin: does not cross")
-    assert "between 0.5 and 10 Hz, not measured: sweep further" in words
+    assert words.startswith("measured phase 21 ± 4° at 4.8 Hz; delay 12 ± 2 ms at 4.8 Hz; gain margin: not measured")
+    assert "not measured between 0.5 and 10 Hz: the model has none beyond; no unstable poles" in words
+    further = " ".join(measured_text(replace(found, sweep_to_hz=14, unstable_poles=2), promised).split())
+    assert "not measured between 0.5 and 10 Hz: sweep to 14 Hz; 2 unstable poles in the open loop" in further
     assert "The model promises more: it lacks something" in words
     assert all(len(line) <= 78 for line in text.splitlines())
     assert "promises more" not in measured_text(found, kept)
