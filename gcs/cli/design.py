@@ -41,7 +41,8 @@ def add_parser(subparsers: Any) -> None:
         '"diagnosis": {"state", "effects", "confidence", '
         '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
         '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
-        '"measured_shortfalls"}, "judged_on"}; with '
+        '"measured_shortfalls"}, "judged_on"}, with --costs "over_costs": [{"input_cost", "K", "verdict", "margins", '
+        '"overshoot", "coupling"}]; with '
         '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
         '"frequency_hz"}, or null where the loop does not cross in the measured band, "unstable_poles" (of the open '
         'loop, by the model), "sweep_to_hz" (to measure what the model crosses beyond); null as a whole where the '
@@ -60,6 +61,11 @@ def add_parser(subparsers: Any) -> None:
         help="what is asked (6dB,45deg,10ms,overshoot=25,coupling=25, percent, where left out; of delay at least half "
         "of what the model has)",
     )
+    parser.add_argument(
+        "--costs",
+        action="store_true",
+        help="K and margins over input costs from 1 to 100, on every model that is left open",
+    )
     add_effects_option(parser, NAMED)
     add_output_options(parser, "GAINS.json")
     parser.set_defaults(run=run)
@@ -68,9 +74,10 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.clearance import clearance
     from gcs.analysis.standing import beside
-    from gcs.analysis.text.clearance import clearance_text
+    from gcs.analysis.text.clearance import clearance_text, costs_text
     from gcs.analysis.text.gains import gains_text, measured_text
     from gcs.errors import UsageError
+    from sysid.control.over_costs import over_costs
     from sysid.control.regulator import design
     from sysid.fit.result import Fit
 
@@ -87,6 +94,9 @@ def run(args: argparse.Namespace) -> int:
     document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
     if args.measured:
         document["margins_measured"] = None if measured is None else measured.to_json()
+    costs = over_costs(fit.model, cleared.models, limits, args.input_cost) if args.costs else ()
+    if costs:
+        document["over_costs"] = [one.to_json() for one in costs]
     if args.output:
         write_json(document, args.output)
         print(f"wrote {args.output}; `tippath push {args.output} --connect LINK` writes it", file=sys.stderr)
@@ -97,6 +107,8 @@ def run(args: argparse.Namespace) -> int:
         print(clearance_text(cleared))
         if args.measured:
             print(measured_text(measured, gains.margins))
+        if costs:
+            print(costs_text(costs, args.input_cost))
     return 0
 
 

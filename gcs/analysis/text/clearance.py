@@ -10,6 +10,7 @@ from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import wrapped
 from gcs.flight.gains import GainsError
 from sysid.control.judgement import Judgement, OnModel, Quantity, Shortfall, Verdict
+from sysid.control.over_costs import AtCost
 
 VERDICTS: dict[Verdict, str] = {
     "holds": "holds: every margin and answer is as asked",
@@ -32,6 +33,30 @@ def clearance_text(found: Clearance) -> str:
     return "\n".join(
         line for name, words in clearance_told(found) for line in wrapped(f"  {name:14}{words}", rest=" " * 16)
     )
+
+
+def costs_text(costs: Sequence[AtCost], asked: float) -> str:
+    """A table of gains over input cost: margins are the least on any model, the answer is the fit's."""
+    rows = [
+        "K over input cost (margins: the least on any model above; answer: the fit's)",
+        "    cost   |K| rates  flapping   gain dB  phase °  delay ms  overshoot  coupling",
+    ]
+    for one in costs:
+        fit, least = one.judgement.models[0], one.least
+        mark = ">" if one.gains.input_cost == asked else " "
+        if least is None or fit.overshoot is None or fit.coupling is None:
+            worth = "   not held on every model"
+        else:
+            margins = (_or_any(least.gain_db, 1), _or_any(least.phase_deg, 0), _or_any(least.delay_ms, 0))
+            answer = f"{100 * fit.overshoot:8.0f} %{100 * fit.coupling:8.0f} %"
+            worth = f"{margins[0]:>9}{margins[1]:>9}{margins[2]:>10} {answer}"
+        head = f"  {mark}{one.gains.input_cost:5g} {one.rate_gain:11.3f}{one.flapping_gain:10.2f} "
+        rows.append(f"{head}{worth}  {one.judgement.verdict}")
+    return "\n".join(rows)
+
+
+def _or_any(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "any"
 
 
 def require_cleared(found: Clearance, why: str | None) -> None:
