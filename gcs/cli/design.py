@@ -16,6 +16,7 @@ from gcs.cli.options import (
     print_json,
     refuse_existing,
     write_json,
+    write_text,
 )
 
 if TYPE_CHECKING:
@@ -46,7 +47,9 @@ def add_parser(subparsers: Any) -> None:
         '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
         '"frequency_hz"}, or null where the loop does not cross in the measured band, "unstable_poles" (of the open '
         'loop, by the model), "sweep_to_hz" (to measure what the model crosses beyond); null as a whole where the '
-        "runs do not measure it well enough.",
+        "runs do not measure it well enough. With --for ardupilot: "
+        '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
+        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle"}.',
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
@@ -65,6 +68,14 @@ def add_parser(subparsers: Any) -> None:
         "--costs",
         action="store_true",
         help="K and margins over input costs from 1 to 100, on every model that is left open",
+    )
+    parser.add_argument(
+        "--for",
+        dest="autopilot",
+        choices=("ardupilot",),
+        help="P, I, D and FF for the rate loops that flew (ArduCopter 4.5 and later) instead of the paper's "
+        "controller: from the parameters in the fit's own logs, within 6 dB, 45 degrees and 10 ms, or half of the "
+        "model's delay, none above 1.3 times the flown one; -o NAME.param takes the new values as a parameter file",
     )
     add_effects_option(parser, NAMED)
     add_output_options(parser, "GAINS.json")
@@ -88,6 +99,8 @@ def run(args: argparse.Namespace) -> int:
     fit = Fit.load(args.fit, words)
     for text in fit.warnings:
         print(f"warning of the fit: {text}", file=sys.stderr)
+    if args.autopilot:
+        return _for_ardupilot(args, fit)
     gains = design(fit.model, args.input_cost)
     measured = by_measurement(fit, gains) if args.measured else None
     cleared = clearance(gains, fit, beside(args.fit.parent, fit, words), limits, measured=measured)
@@ -121,6 +134,27 @@ def _limits(words: str | None) -> Limits | None:
         return None if words is None else parse_limits(words)
     except ValueError as error:
         raise UsageError(f"--limits {words}: wants such as 6dB,45deg,10ms,overshoot=25,coupling=25") from error
+
+
+def _for_ardupilot(args: argparse.Namespace, fit: Fit) -> int:
+    from gcs.analysis.rate_gains import ardupilot_gains, parameter_file
+    from gcs.analysis.text.rate_gains import rate_gains_text
+    from gcs.errors import UsageError
+
+    if args.measured:
+        raise UsageError("--measured goes with the paper's controller; leave it out, or --for")
+    gains = ardupilot_gains(fit)
+    if args.output is not None:
+        if args.output.suffix == ".json":
+            write_json(gains.to_json(), args.output)
+        else:
+            write_text(parameter_file(gains.changes), args.output)
+        print(f"wrote {args.output}", file=sys.stderr)
+    if args.json:
+        print_json(gains.to_json())
+    else:
+        print(rate_gains_text(gains, fit.model))
+    return 0
 
 
 def by_measurement(fit: Fit, gains: Gains) -> MeasuredMargins | None:

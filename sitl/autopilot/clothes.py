@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sitl.autopilot.control_laws import ATTITUDE_GAIN, RATE_GAIN, Gain
 from sitl.autopilot.logger import FORMATS, MULTIPLIERS, OWN, UNITS, Dialect, Format
 from sitl.autopilot.parameters import TABLE, Kind, Parameter
 from sitl.autopilot.recording import Recording
@@ -74,8 +73,8 @@ class Clothes:
     """Before arming, as ARMING_CHECK says."""
     recording: Callable[..., Recording] = Recording
     sampler: Callable[..., Sampler] = OwnSampler
-    rate_gain: Gain = RATE_GAIN
-    attitude_gain: Gain = ATTITUDE_GAIN
+    stock_loops: bool = False
+    """Whether the parameters' angle and rate controllers fly it, instead of this vehicle's own laws."""
     vibration: float = 1.0
     """Of the gyro, as a factor on that of a helicopter with two stiff blades."""
     yaw_gain: float = 0.0
@@ -127,9 +126,9 @@ _STOCK_DIALECT = Dialect(
 _REAL = Kind.REAL32
 
 
-def _rate_controller(axis: str, p: float, i: float, d: float, ff: float, imax: float) -> tuple[Parameter, ...]:
-    values = {"P": p, "I": i, "D": d, "FF": ff, "IMAX": imax, "FLTT": 20.0, "SMAX": 0.0}
-    return tuple(Parameter(f"ATC_RAT_{axis}_{name}", value, _REAL) for name, value in values.items())
+def _rate_controller(axis: str, **values: float) -> tuple[Parameter, ...]:
+    usual = dict.fromkeys(("FF", "D_FF", "FLTE", "FLTD", "PDMX", "SMAX", "NTF", "NEF"), 0.0) | {"FLTT": 20.0}
+    return tuple(Parameter(f"ATC_RAT_{axis}_{name}", value, _REAL) for name, value in (usual | values).items())
 
 
 _COPTER = (
@@ -196,8 +195,10 @@ _HELI = (
     Parameter("ATC_ANG_RLL_P", 4.5, _REAL),
     Parameter("ATC_ANG_PIT_P", 4.5, _REAL),
     Parameter("ATC_INPUT_TC", 0.15, _REAL),
-    *_rate_controller("RLL", 0.024, 0.1, 0.001, 0.15, 0.4),
-    *_rate_controller("PIT", 0.024, 0.1, 0.001, 0.15, 0.4),
+    *(
+        _rate_controller("RLL", P=0.024, I=0.15, D=0.001, FF=0.15, IMAX=0.4, ILMI=0.05, FLTE=20.0)
+        + _rate_controller("PIT", P=0.024, I=0.15, D=0.001, FF=0.15, IMAX=0.4, ILMI=0.05, FLTE=20.0)
+    ),
     Parameter("H_COL_MAX", 1740, Kind.INT16),
     Parameter("H_COL_MIN", 1460, Kind.INT16),
     Parameter("H_CYC_MAX", 2500, Kind.INT16),
@@ -221,8 +222,8 @@ _QUAD = (
     Parameter("ATC_ANG_RLL_P", 4.5, _REAL),
     Parameter("ATC_ANG_PIT_P", 4.5, _REAL),
     Parameter("ATC_INPUT_TC", 0.15, _REAL),
-    *_rate_controller("RLL", 0.135, 0.135, 0.0036, 0.0, 0.5),
-    *_rate_controller("PIT", 0.135, 0.135, 0.0036, 0.0, 0.5),
+    *_rate_controller("RLL", P=0.135, I=0.135, D=0.0036, IMAX=0.5, FLTD=20.0),
+    *_rate_controller("PIT", P=0.135, I=0.135, D=0.0036, IMAX=0.5, FLTD=20.0),
     Parameter("MOT_PWM_MAX", 2000, Kind.INT16),
     Parameter("MOT_PWM_MIN", 1000, Kind.INT16),
     Parameter("MOT_SPIN_ARM", 0.1, _REAL),
@@ -239,8 +240,6 @@ def _stock(
     plants: tuple[str, ...],
     mav_type: int,
     table: tuple[Parameter, ...],
-    rate_gain: Gain = RATE_GAIN,
-    attitude_gain: Gain = ATTITUDE_GAIN,
     vibration: float = 1.0,
 ) -> Clothes:
     return Clothes(
@@ -261,8 +260,7 @@ def _stock(
         checks_logging=True,
         recording=StockRecording,
         sampler=StockSampler,
-        rate_gain=rate_gain,
-        attitude_gain=attitude_gain,
+        stock_loops=True,
         vibration=vibration,
         yaw_gain=0.5,
         forwards=True,
@@ -282,8 +280,6 @@ CLOTHES = {
             plants=("quad",),
             mav_type=mavlink.MAV_TYPE_QUADROTOR,
             table=_QUAD,
-            rate_gain=((0.08, 0.0), (0.0, 0.09)),
-            attitude_gain=((0.36, 0.0), (0.0, 0.4)),
             vibration=0.05,  # its rotors' 90 Hz would fold to 10 Hz in a log of 100 Hz
         ),
     )

@@ -23,23 +23,16 @@ HOLD_RATE = 1.2  # 1/s, rate asked for per rad of attitude while the LQR flies
 HOLD_LIMIT = 0.6  # rad/s
 
 
-Gain = tuple[tuple[float, float], tuple[float, float]]
-
-
 class AttitudeController:
     """Level attitude with rate damping; a mixer sweep is added to its output, a sweep of angle or rate to its input."""
-
-    def __init__(self, rate_gain: Gain = RATE_GAIN, attitude_gain: Gain = ATTITUDE_GAIN) -> None:
-        self._rate_gain = rate_gain
-        self._attitude_gain = attitude_gain
 
     def step(
         self, phi: float, theta: float, p: float, q: float, p_command: float, q_command: float
     ) -> tuple[float, float]:
         """Attitude in rad and rates in rad/s -> cyclic commands, unclipped."""
         dp, dq = p - p_command, q - q_command
-        (k11, k12), (k21, k22) = self._rate_gain
-        (a11, a12), (a21, a22) = self._attitude_gain
+        (k11, k12), (k21, k22) = RATE_GAIN
+        (a11, a12), (a21, a22) = ATTITUDE_GAIN
         return (
             -(k11 * dp + k12 * dq + a11 * phi + a12 * theta),
             -(k21 * dp + k22 * dq + a21 * phi + a22 * theta),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sitl.autopilot.control_laws import AttitudeController, Gain, LqrController, LqrGains, attitude_hold
+from sitl.autopilot.control_laws import AttitudeController, LqrController, LqrGains, attitude_hold
 from sitl.autopilot.systemid import Added
 from sitl.plants import Plant
 from sitl.plants.actuators import clip
@@ -13,8 +13,8 @@ from sitl.plants.actuators import clip
 class Controllers:
     """Both, and which of them flies."""
 
-    def __init__(self, rate_gain: Gain, attitude_gain: Gain) -> None:
-        self._attitude = AttitudeController(rate_gain, attitude_gain)
+    def __init__(self) -> None:
+        self._attitude = AttitudeController()
         self._lqr: LqrController | None = None
         self._lqr_flies = False
 

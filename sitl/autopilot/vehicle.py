@@ -26,6 +26,7 @@ from sitl.autopilot.modes import FLYING, MANUAL_THROTTLE, LogEvent, Mode, Phase,
 from sitl.autopilot.parameters import Answer, Parameters, period_us
 from sitl.autopilot.recording import Recording
 from sitl.autopilot.samples import Rates, Sample, SweepSample
+from sitl.autopilot.stock_laws import StockControllers
 from sitl.autopilot.storage import LogStorage
 from sitl.autopilot.systemid import NOTHING, Added, SystemId
 from sitl.hidden import Hidden
@@ -128,7 +129,7 @@ class Vehicle:
         self.rate_sensor = Gyro(seed, self._mounts, clothes.vibration)
         self._gyro_filter = RateFilter(self.parameters.__getitem__, self.dt)
         self._sampler = clothes.sampler(self.time_us, self.parameters.__getitem__, 1 / self.dt)
-        self._controllers = Controllers(clothes.rate_gain, clothes.attitude_gain)
+        self._controllers = StockControllers(self.parameters, self.dt) if clothes.stock_loops else Controllers()
         self._controllers.take_bank(self.parameters.active_bank())
         self._rotor_angle = 0.0
         self._phase_since_us = self.time_us

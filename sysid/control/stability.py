@@ -18,6 +18,7 @@ it, the pilot holds it, and it does not count; that it is there is said.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -161,7 +162,7 @@ def _in_the_loop(vehicle: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def loop_of(gains: Feedback, vehicle: Model) -> Loop:
     """The equations of vehicle and controller together."""
-    plant, unseen, attitude = _plant(vehicle)
+    plant, unseen, attitude = rates_by_commands(vehicle)
     A, B, C, D = plant
     a, b, c, _ = gains.model.matrices
     K, L = gains.K, gains.observer_gain
@@ -172,7 +173,7 @@ def loop_of(gains: Feedback, vehicle: Model) -> Loop:
     return Loop(now=now, late=late, vehicle=vehicle, plant=plant, unseen=unseen, drift=DRIFT_RAD_S if attitude else 0.0)
 
 
-def _plant(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
+def rates_by_commands(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
     """Commands to rates, poles that the rates do not show, and whether the attitude has a part.
 
     A logged attitude is what the rates integrate to: it closes a loop, whatever stood in the log.
@@ -296,22 +297,26 @@ def _slope(loop: Loop, t: FloatArray, half: FloatArray) -> FloatArray:
 
 
 def _margins(gains: Feedback, loop: Loop) -> Margins:
-    """Where the loci of the loop's transfer matrix, broken at the commands, meet -1 with more gain, phase or delay.
+    return margins_by_loci(lambda w: _transfer(gains, loop, 1j * w), frequencies(gains, loop), _at_rest(gains, loop))
+
+
+def margins_by_loci(transfer: Callable[[FloatArray], ComplexArray], w: FloatArray, at_rest: float) -> Margins:
+    """Where the loci of a loop that is held, broken at the commands, meet -1 with more gain, phase or delay.
 
     A common gain, phase or delay in both commands moves every eigenvalue alike, so the first to meet it is the edge.
+    `transfer` is (f, 2, 2) at frequencies in rad/s, of which `w` are the first; `at_rest` the gain margin at 0 Hz, dB.
     """
-    w = frequencies(gains, loop)
-    values = _eigenvalues(_transfer(gains, loop, 1j * w))
+    values = _eigenvalues(transfer(w))
     loci = branches(values)
     for _ in range(ZOOMS):
         crossed = np.flatnonzero(np.any(unit_passed(loci) | negative_axis_met(loci), axis=1))
         between = np.linspace(w[crossed], w[crossed + 1], ZOOM, endpoint=False)[1:].ravel()
         w = np.concatenate([w, between])
-        values = np.concatenate([values, _eigenvalues(_transfer(gains, loop, 1j * between))])
+        values = np.concatenate([values, _eigenvalues(transfer(between))])
         order = np.argsort(w)
         w, values = w[order], values[order]
         loci = branches(values)
-    gain, phase, delay = _at_rest(gains, loop), math.inf, math.inf
+    gain, phase, delay = at_rest, math.inf, math.inf
     for branch in loci.T:
         size, turn = np.log(np.abs(branch)), np.mod(np.angle(branch) - np.pi, 2 * np.pi)
         for i in np.flatnonzero(unit_passed(branch)):
@@ -367,7 +372,7 @@ def _inner(gains: Feedback) -> FloatArray:
 
 def rates_per_command(vehicle: Model, s: AnyArray) -> ComplexArray:
     """p and q per delta_x and delta_y of a vehicle on its own, delay included, (f, 2, 2); an attitude is closed."""
-    (A, B, C, D), _, _ = _plant(vehicle)
+    (A, B, C, D), _, _ = rates_by_commands(vehicle)
     inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B[None].astype(complex))
     return np.asarray((C @ inside + D) * behind_commands(vehicle.structure, vehicle.values, s)[:, None, None])
 
