@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from sysid.errors import FitError as FitError
     from sysid.errors import SysidError as SysidError
     from sysid.fit.result import Fit as Fit
-    from sysid.fit.result import ResultError as ResultError
+    from sysid.fit.saved_model import ResultError as ResultError
     from sysid.model.compose import compose as compose
     from sysid.model.effect import Effect as Effect
     from sysid.model.effect import EffectError as EffectError
@@ -105,7 +105,7 @@ _HOMES = {
     "Record": "sysid.data.record",
     "RecordError": "sysid.data.record",
     "Responses": "sysid.response.values",
-    "ResultError": "sysid.fit.result",
+    "ResultError": "sysid.fit.saved_model",
     "Stage": "sysid.model.effect",
     "Structure": "sysid.model.structure",
     "SysidError": "sysid.errors",

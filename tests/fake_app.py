@@ -205,8 +205,8 @@ class FakeWorker:
     def design(self) -> None:
         self.ask("design")
 
-    def push(self) -> None:
-        self.ask("push")
+    def push(self, why: str = "") -> None:
+        self.ask(f"push because {why}" if why else "push")
 
     def revert(self) -> None:
         self.ask("revert")

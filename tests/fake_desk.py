@@ -8,15 +8,22 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from planted import TABLE_4
 
+from gcs.analysis.clearance import Clearance
+from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
 from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
+from sysid.control.judgement import judge
+from sysid.control.regulator import design
 from sysid.control.stability import Margins
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.proposals import LogSignal, SignalTells
+from sysid.model.paper import TPP
 from sysid.model.parameter import Parameter
+from sysid.model.structure import Model
 
 HOME = Path("flight-0007")
 
@@ -186,9 +193,16 @@ def doublet(axis: str) -> Any:
     )  # fmt: skip
 
 
+MODEL = Model(TPP, TPP.vector(TABLE_4))
+CLEARED = Clearance(
+    judgement=judge(design(MODEL), [("fit", MODEL)]),
+    standing=Standing(state="complete", confidence=0.98),
+    covariance=None,
+)
 GAINS: Any = Designed(
     text="LQR on TPP\n  K  1 2 3 4", path=HOME / "gains.json", crc=0xABCDEF, command="tippath design",
     rung="TPP + servo_lag", gains=SimpleNamespace(margins=Margins(10.4, 107.0, 0.142)),  # type: ignore[arg-type]
+    clearance=CLEARED,
     following=SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
 )  # fmt: skip
 

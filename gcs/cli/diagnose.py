@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from gcs.cli.options import (
 if TYPE_CHECKING:
     from gcs.analysis.diagnosis import FitDiagnosis
     from sysid.diagnose.loop_change import Limit
+    from sysid.fit.result import Fit
 
 _EPILOG = """\
 RUN is a flight folder or a log (all its usable runs), LOG#n (its n-th run, as `tippath ingest` numbers them), or a
@@ -56,7 +57,10 @@ answers like this one were right on flights whose answer was known: the effect, 
 these runs hardly tell apart ("indistinguishable"); of a longer class, the effect itself. Effects that predict the same
 here ("equivalent": a lag of the servos and one of the gyros) count as one.
 
---json prints {"format": "tippath.diagnosis/1", "airframe", "verdict", "effect", "chain", "stands_in",
+The answer is kept beside the fit as FIT-diagnosis.json, under the next free name; `tippath design` judges gains by it.
+
+--json prints {"format": "tippath.diagnosis/1", "fit_sha256", "models": [{"role", "effects", "model"}] (the fit with
+what is missing, and with what could not be told from that), "airframe", "verdict", "effect", "chain", "stands_in",
 "indistinguishable", "equivalent": {effect: [effects]}, "confidence", "explained_share", "candidates": [{"effect",
 "explained_share", "delta_bic", "nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors",
 "implausible", "not_testable", ...}], best first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter",
@@ -168,11 +172,30 @@ def run(args: argparse.Namespace) -> int:
     doubts = doubted([*records, *validation])
     text = with_warnings(text, doubts)
     _write(args, found, document, text)
+    _keep(args, found, fit, doubts)
     if args.json:
         print_json(diagnosis_document(found, doubts))
     else:
         print(text)
     return EXIT_INTERRUPTED if found.interrupted else 0
+
+
+def _keep(args: argparse.Namespace, found: FitDiagnosis, fit: Fit, doubts: Sequence[str]) -> None:
+    """The answer beside the fit that it is about, where `design` looks for it; not of a fit that no file holds."""
+    from gcs.analysis.standing import digest
+    from gcs.analysis.text.documents import diagnosis_document
+    from gcs.errors import TippathError
+    from gcs.flight.folder import keep
+
+    path = args.fit if digest(found.fit) == digest(fit) else args.output
+    if path is None:
+        return
+    try:
+        kept = keep(diagnosis_document(found, doubts, path.parent), path.with_name(f"{path.stem}-diagnosis.json"))
+    except TippathError as error:
+        print(f"the answer is not kept beside the fit: {error}", file=sys.stderr)
+    else:
+        print(f"wrote {kept}", file=sys.stderr)
 
 
 def _limit(words: str | None) -> Limit | None:

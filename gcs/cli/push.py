@@ -8,21 +8,30 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from gcs.cli.options import add_effects_option, parse_words
+
 
 def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "push",
         help="write gains to the vehicle as one verified set",
         description="Write a GAINS.json of `tippath design` to the vehicle's shadow bank, read it back bit for bit, "
-        "and commit it with its checksum. The vehicle must be disarmed; whether the LQR flies is the pilot's switch.",
+        "and commit it with its checksum. The vehicle must be disarmed; whether the LQR flies is the pilot's switch. "
+        "First the gains are judged again as `tippath design` judged them, on the models that stand in the file; where "
+        "they fail nothing is asked of the vehicle, unless --why says why they are pushed all the same.",
         epilog='--json prints {"format": "tippath.push/1", "crc", "checksum", "previous_crc", "previous_checksum", '
         '"committed", "verified", "values", "switch_on"}: the checksums of the bank that is active now and of the one '
         "before, as numbers (0: none) and as they are written everywhere else, in six hexadecimal digits; whether "
-        "anything had to be committed, how many values were read back equal, and those values. With --dry-run "
+        'anything had to be committed, how many values were read back equal, and those values; and "judged", '
+        '"diagnosis", as `tippath design` writes them, "why". With --dry-run '
         '"changes": {name: {"now", "then"}}. Where it ends with 1: {"format", "reason", "error"}, reason one of link, '
-        "no answer, refused, armed, no bank, differs, gains.",
+        "no answer, refused, armed, no bank, differs, gains, margins.",
     )
     parser.add_argument("gains", type=Path, metavar="GAINS.json")
+    parser.add_argument(
+        "--why", metavar="WORDS", help="why gains that fail are pushed all the same; with --json it is printed"
+    )
+    add_effects_option(parser, "paths of your own files (their code runs) that the gains' models use")
     add_link_options(parser)
     add_dry_option(parser)
     parser.set_defaults(run=run)
@@ -91,18 +100,24 @@ def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     # here, because --help should not wait for MAVLink
+    from gcs.analysis.clearance import cleared_again
+    from gcs.analysis.text.clearance import clearance_text, require_cleared
     from gcs.cli.dry_run import print_push
     from gcs.flight.gains import checksum, load_gains, planned_push, push
     from gcs.flight.session import Session
 
     gains = load_gains(args.gains)
+    cleared = cleared_again(args.gains, parse_words(args.effects))
+    print(clearance_text(cleared), file=sys.stderr)
+    require_cleared(cleared, args.why)
     with Session.open(args.connect, **station(args)) as session:
         if args.dry_run:
             print_push(planned_push(session, gains), as_json=args.json)
             return 0
         result = push(session, gains, on_progress=lambda step: print(f" {step}", file=sys.stderr))
     if args.json:
-        print(json.dumps(result.to_json(), indent=2, allow_nan=False))
+        told = {"judged": cleared.judgement.to_json(), "diagnosis": cleared.standing.to_json(), "why": args.why}
+        print(json.dumps(result.to_json() | told, indent=2, allow_nan=False))
         return 0
     if result.committed:
         print(f"committed {checksum(result.crc)}; {len(result.values)} of {len(result.values)} values read back equal")

@@ -12,9 +12,11 @@ from typing import Any, Protocol
 
 from gcs.analysis.addition import Addition, add_effect
 from gcs.analysis.band import chosen_band
+from gcs.analysis.clearance import clearance
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
 from gcs.analysis.fits import PAIR, assess, identify_flight, on_airframe, on_cd, side_by_side
+from gcs.analysis.standing import beside, digest, standing_of
 from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
@@ -180,10 +182,20 @@ class Calculations:
         """Whether gains are designed on a fit of this structure."""
         return designs_on(fit.model.structure)
 
-    def design(self, fit: Fit, input_cost: float) -> Designed:
-        """Gains, and the answer they promise; kept nowhere yet."""
+    def design(self, fit: Fit, input_cost: float, asked: FitDiagnosis | None, folder: Path) -> Designed:
+        """Gains, what they are worth, and the answer they promise; kept nowhere yet.
+
+        What the fit lacks is known by this session's diagnosis, else by one that a folder holds.
+        """
         self._step("")
         gains = design(fit.model, input_cost)
+        self._step("judging them", 0.1)
+        files = shell.user_files(fit)
+        if asked is not None and digest(asked.fit) == digest(fit):
+            standing = standing_of(diagnosis_document(asked, folder=folder), folder, files)
+        else:
+            standing = beside(folder, fit, files)
+        cleared = clearance(gains, fit, standing)
         self._step("the predicted answer", 0.5)
         answer = following(gains, fit.model)
         self._step("")
@@ -194,6 +206,7 @@ class Calculations:
             command="",
             rung=ladder.full_name(fit),
             gains=gains,
+            clearance=cleared,
             following=answer,
         )
 

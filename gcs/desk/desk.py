@@ -275,7 +275,9 @@ class Desk:
             raise UsageError("the input cost wants a positive number; the paper's is 5")
         with self._working("designing gains"):
             fit = self._to_design_on()
-            made = self._calculations.design(self._calculations.as_read(fit, self._places.get(fit)), input_cost)
+            read = self._calculations.as_read(fit, self._places.get(fit))
+            asked = next((rung.diagnosis for rung in self._state.ladder if rung.fit is fit), None)
+            made = self._calculations.design(read, input_cost, asked, self._keeping.folder().path)
             made = replace(made, rung=self._calculations.full_name(fit))
             self._set(designed=made, said="gains designed")
 
@@ -291,7 +293,7 @@ class Desk:
                 ToKeep(
                     what="gains",
                     name=lambda: "gains.json",
-                    text=lambda _: document_text(made.gains.to_json()),
+                    text=lambda folder: document_text(made.gains.to_json() | made.clearance.to_json(folder)),
                     command=command,
                     did=f"designed gains on {made.rung}",
                 )

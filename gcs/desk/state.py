@@ -17,6 +17,7 @@ from sysid.model.bases import DEFAULT
 
 if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
     from gcs.analysis.addition import Addition, Sign
+    from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
     from gcs.analysis.fits import Identification
     from sysid.compare.values import Comparison
@@ -169,8 +170,15 @@ class Designed:
     """The model they were designed on, in full: `TPP + servo_lag`."""
     gains: Gains
     """With `K`, `margins`, `poles`."""
+    clearance: Clearance
+    """What they are worth on all that the fit's diagnosis and bounds leave open: shown, and asked again at a push."""
     following: Following
     """The closed loop's predicted answer to the rate doublet of the card `lqr-doublet`, for each axis."""
+
+    @property
+    def cleared(self) -> bool:
+        """Whether they may be pushed without saying why."""
+        return self.clearance.judgement.verdict != "fails"
 
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)

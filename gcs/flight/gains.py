@@ -167,6 +167,11 @@ class GainsDocument(documents.Open, frozen=True, kw_only=True):
     prefilter: tuple[Row2, Row2]
     model: _Model
 
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Of the model, by name."""
+        return {name: v.value if isinstance(v, _Value) else v for name, v in self.model.parameters.items()}
+
 
 def load_gains(path: Path) -> Gains:
     """Read a GAINS.json of `tippath design`. Raises GainsError saying what is wrong with it."""
@@ -187,12 +192,12 @@ def gains_of(document: object, source: str = "the gains") -> Gains:
     model = held.model
     if model.structure != "tpp":
         raise GainsError(f"{source}: the model is {shown(model.structure)}; the vehicle's observer holds tpp")
-    missing = [name for name in MODEL if name not in model.parameters]
+    parameters = held.parameters
+    missing = [name for name in MODEL if name not in parameters]
     if missing:
         raise GainsError(f"{source}: model.parameters.{missing[0]} is missing, which the vehicle's observer needs")
-    given = [model.parameters[name] for name in MODEL]
     rows = (*held.K, *held.observer_gain, *held.prefilter)
-    values = [value for row in rows for value in row] + [v.value if isinstance(v, _Value) else v for v in given]
+    values = [value for row in rows for value in row] + [parameters[name] for name in MODEL]
     return Gains(tuple(_bits(value, name, source) for name, value in zip(BANK, values, strict=True)))
 
 

@@ -298,6 +298,10 @@ class TippathApp(DeskApp):
             f"bank by its checksum {designed.crc:06x}. The bank before is kept.",
             "Nothing flies by it until the pilot's switch says so.",
         )
+        if not designed.cleared:
+            hint = "they fail (see above): words why are kept with the push; nothing typed, nothing pushed"
+            self.ask_to_work("Why push gains that fail?", hint, "push", self.worker.push)
+            return
         self.confirm("Push these gains?", lines, "push", self.worker.push)
 
     def action_revert(self) -> None:

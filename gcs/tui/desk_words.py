@@ -24,6 +24,7 @@ from gcs.tui.state import State
 from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
 
 if TYPE_CHECKING:
+    from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
 
 Line = str | tuple[str, str]
@@ -404,11 +405,20 @@ def controller_lines(state: State, width: int) -> list[Line]:
     made = desk.designed
     if made is not None:
         lines.append((f" on {made.rung}: {made.gains.margins.words}", "bold"))
+        lines += _cleared_said(made.clearance)
         lines += _following_said(state)
     lines += ["", *(f" {line}" for line in designed.text.splitlines())]
     lines += ["", f" checksum {designed.crc:06x}, kept in {designed.path}"]
     lines += ["", " the same in a shell:", *(f"   {command}" for command in state.commands[-4:])]
     return broken(lines, width)
+
+
+def _cleared_said(found: Clearance) -> list[Line]:
+    """What the gains are worth; what refuses a push, or is not known of the fit, in bold."""
+    from gcs.analysis.text.clearance import clearance_told  # scipy comes along, which is there once gains are
+
+    bold = {"judged": found.judgement.verdict == "fails", "diagnosis": not found.standing.complete}
+    return [(f" {name}: {words}", "bold" if bold.get(name) else "") for name, words in clearance_told(found)]
 
 
 def _following_said(state: State) -> list[Line]:

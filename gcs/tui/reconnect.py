@@ -167,8 +167,8 @@ class Reconnecting:
     def design(self) -> None:
         self._now.design()
 
-    def push(self) -> None:
-        self._now.push()
+    def push(self, why: str = "") -> None:
+        self._now.push(why)
 
     def revert(self) -> None:
         self._now.revert()

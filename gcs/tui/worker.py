@@ -51,7 +51,7 @@ class AppWorker(Protocol):
     def open_flight(self, path: str) -> None: ...
     def fit(self) -> None: ...
     def design(self) -> None: ...
-    def push(self) -> None: ...
+    def push(self, why: str = "") -> None: ...
     def revert(self) -> None: ...
     def pilot(self, line: str) -> None: ...
     def close(self) -> None: ...
@@ -177,8 +177,14 @@ class FlightWorker:
         """Gains on the ladder's last fit, kept as GAINS.json beside it."""
         self._desk.design()
 
-    def push(self) -> None:
-        """The designed gains to the vehicle, as one verified set; only on the ground, disarmed."""
+    def push(self, why: str = "") -> None:
+        """The designed gains to the vehicle, as one verified set; only on the ground, disarmed.
+
+        Where they fail, only with words why.
+        """
+        # scipy comes along: only where it is needed
+        from gcs.analysis.text.clearance import require_cleared
+
         session = self._on_ground()
         designed = self._desk.state().designed
         if designed is None:
@@ -186,6 +192,7 @@ class FlightWorker:
         if designed.path is None:
             raise TippathError("the gains are not kept in any file yet: keep them in another folder first")
         with self._moment.working("pushing gains"):
+            require_cleared(designed.clearance, why)
             result = gains.push(
                 session,
                 gains.gains_of(designed.gains.to_json()),
@@ -199,7 +206,9 @@ class FlightWorker:
             )
             did = "pushed gains" if result.committed else "pushed gains that the vehicle held already:"
             banks = f"{gains.checksum(result.crc)}, before {gains.checksum(result.previous_crc)}"
-            self._moved(f"{did} {banks}", f"tippath push {word(designed.path)}")
+            because = f" although they fail, because: {why}" if why else ""
+            said = f" --why {word(why)}" if why else ""
+            self._moved(f"{did} {banks}{because}", f"tippath push {word(designed.path)}{said}")
 
     def revert(self) -> None:
         """Back to the bank before the last commit; only on the ground, disarmed."""

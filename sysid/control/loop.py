@@ -96,7 +96,7 @@ def following(gains: Gains, vehicle: Model) -> Following:
     fade = np.exp(-RIGHT_OF_ALL * STEP_S * np.arange(count))
     s: ComplexArray = np.asarray(RIGHT_OF_ALL + 2j * np.pi * np.fft.rfftfreq(count, STEP_S), dtype=complex)
     held = np.fft.rfft(asked * fade) * (1 - np.exp(-s * STEP_S)) / (s * STEP_S)
-    commands = _commands_per_rate(gains, vehicle, s)
+    commands = commands_per_rate(gains, vehicle, s)
     rates = rates_per_command(vehicle, s) @ commands
     shown = slice(0, round((BEFORE_S + SHOWN_S) / STEP_S))
 
@@ -119,7 +119,7 @@ def _doublet(count: int) -> FloatArray:
     return asked
 
 
-def _commands_per_rate(gains: Gains, vehicle: Model, s: ComplexArray) -> ComplexArray:
+def commands_per_rate(gains: Gains, vehicle: Model, s: ComplexArray) -> ComplexArray:
     """(f, 2, 2): commands per rate asked for, the loop closed."""
     A, B, C, _ = (np.asarray(x, dtype=float) for x in gains.model.matrices)
     B = B[:, :2]

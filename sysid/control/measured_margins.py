@@ -7,14 +7,24 @@ What lies outside the measured band is not said, and neither is whether the loop
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from sysid.control.stability import Feedback, branches, from_rates, negative_axis_met, unit_passed
+from sysid.control.stability import (
+    Feedback,
+    branches,
+    crossings_hz,
+    from_rates,
+    negative_axis_met,
+    unit_passed,
+    unstable_poles,
+)
 from sysid.data.preprocess import ComplexArray
 from sysid.data.record import CYCLIC, RATES, FloatArray
+from sysid.model.structure import Model
 from sysid.response.values import Responses, widest
 
 LARGEST_ERROR = 0.25
@@ -22,6 +32,8 @@ LARGEST_ERROR = 0.25
 FEWEST = 4
 FINER = 10
 """Points between those measured: a locus is smooth."""
+BEYOND = 1.25
+"""Of a crossing's frequency: as far a sweep goes, so that it is measured on either side."""
 FACTOR = 1.96
 """Standard errors in a bound of 95 %."""
 
@@ -48,13 +60,19 @@ class MeasuredMargins:
     phase_deg: Crossing | None
     delay_ms: Crossing | None
     gain_db: Crossing | None
+    unstable_poles: int = 0
+    """Of the open loop, by the model: responses do not tell how often their loci should go round -1."""
+    sweep_to_hz: float | None = None
+    """To measure what the model crosses beyond the band; None where that is nothing."""
 
     def to_json(self) -> dict[str, Any]:
-        """`band_hz`, and of each margin `value`, `bound`, `frequency_hz`, or null."""
+        """`band_hz`, of each margin `value`, `bound`, `frequency_hz`, or null, `unstable_poles`, `sweep_to_hz`."""
         each = {"phase_deg": self.phase_deg, "delay_ms": self.delay_ms, "gain_db": self.gain_db}
         return {
             "band_hz": list(self.band_hz),
             **{name: None if one is None else one.to_json() for name, one in each.items()},
+            "unstable_poles": self.unstable_poles,
+            "sweep_to_hz": self.sweep_to_hz,
         }
 
 
@@ -93,6 +111,16 @@ def measured_margins(gains: Feedback, responses: Responses) -> MeasuredMargins |
         phase_deg=_smallest(phases),
         delay_ms=_smallest(delays),
         gain_db=_smallest(levels),
+    )
+
+
+def with_model(found: MeasuredMargins, gains: Feedback, vehicle: Model) -> MeasuredMargins:
+    """The same with what only a model tells: poles of the open loop, and what it crosses beyond the band."""
+    beyond = [hz for each in crossings_hz(gains, vehicle) for hz in each.tolist() if hz > found.band_hz[1]]
+    return replace(
+        found,
+        unstable_poles=unstable_poles(gains, vehicle),
+        sweep_to_hz=math.ceil(BEYOND * max(beyond)) if beyond else None,
     )
 
 

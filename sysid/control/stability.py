@@ -297,7 +297,7 @@ def _slope(loop: Loop, t: FloatArray, half: FloatArray) -> FloatArray:
 
 
 def _margins(gains: Feedback, loop: Loop) -> Margins:
-    return margins_by_loci(lambda w: _transfer(gains, loop, 1j * w), _frequencies(gains, loop), _at_rest(gains, loop))
+    return margins_by_loci(lambda w: _transfer(gains, loop, 1j * w), frequencies(gains, loop), _at_rest(gains, loop))
 
 
 def margins_by_loci(transfer: Callable[[FloatArray], ComplexArray], w: FloatArray, at_rest: float) -> Margins:
@@ -332,12 +332,19 @@ def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArra
     """Where loci of the loop have the size 1, which decides its phase margin, and where they are negative and smaller,
     which decides its gain margin."""
     loop = loop_of(gains, vehicle)
-    w = _frequencies(gains, loop)
+    w = frequencies(gains, loop)
     loci = branches(_eigenvalues(_transfer(gains, loop, 1j * w)))
     smaller = np.abs(loci[:-1]) < 1
     units, reals = (np.any(each, axis=1) for each in (unit_passed(loci), negative_axis_met(loci) & smaller))
     middle = np.sqrt(w[:-1] * w[1:]) / (2 * np.pi)
     return middle[units], middle[reals]
+
+
+def unstable_poles(gains: Feedback, vehicle: Model) -> int:
+    """How many poles of the open loop, vehicle and controller, have a positive real part; the drift left out."""
+    loop = loop_of(gains, vehicle)
+    poles = np.concatenate([np.linalg.eigvals(loop.plant.A), np.linalg.eigvals(_inner(gains))])
+    return int(np.count_nonzero((poles.real > ON_THE_AXIS) & (np.abs(poles) >= loop.drift)))
 
 
 def from_rates(gains: Feedback, s: AnyArray) -> ComplexArray:
@@ -347,7 +354,7 @@ def from_rates(gains: Feedback, s: AnyArray) -> ComplexArray:
     return np.asarray(gains.K @ np.linalg.solve(s[:, None, None] * np.eye(len(inner)) - inner, gain))
 
 
-def _frequencies(gains: Feedback, loop: Loop) -> FloatArray:
+def frequencies(gains: Feedback, loop: Loop) -> FloatArray:
     """rad/s: close together, and closest about every resonance of vehicle and controller."""
     end = _end(loop)
     poles = np.concatenate([np.linalg.eigvals(x) for x in (loop.plant.A, _inner(gains))])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import enum
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -20,22 +19,16 @@ from sysid.data.band import BandFrom
 from sysid.data.preprocess import gaps, rate_hz
 from sysid.data.record import Record
 from sysid.document import converted, parsed
-from sysid.errors import SysidError
-from sysid.fit.document import FitDocument, ParameterDocument, RecordDocument, StructureDocument
+from sysid.fit.document import FitDocument, ParameterDocument, RecordDocument
 from sysid.fit.estimate import Instrument, Weights
 from sysid.fit.identifiable import undetermined
-from sysid.model.base import Base, load_base
-from sysid.model.compose import compose
-from sysid.model.effect import Effect, EffectError, load
+from sysid.fit.saved_model import ResultError, effect_names, relative, structure_json, structure_of
+from sysid.model.effect import EffectError
 from sysid.model.structure import FloatArray, Model, Structure
 
 FORMAT = "tippath.fit/1"
 HIGH_CORRELATION = 0.9
 Kind = TypeVar("Kind", bound=enum.Enum)
-
-
-class ResultError(SysidError):
-    """A result file that cannot be read; the message says why."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,17 +198,7 @@ class Fit:
         structure, matrices = self.model.structure, self.model.matrices
         return {
             "format": FORMAT,
-            "structure": {
-                "base": _relative(structure.base, relative_to) if structure.base_.path else structure.base,
-                "effects": _effect_names(structure.effects, relative_to),
-                "user_effects": {
-                    _relative(one.path, relative_to): one.sha256 for one in structure.composed if one.path is not None
-                },
-                **_own_base_json(structure.base_, relative_to),
-                **({} if structure.outputs == structure.base_.outputs else {"outputs": list(structure.outputs)}),
-                "channels": list(structure.inputs),
-                "constants": dict(structure.constants),
-            },
+            "structure": structure_json(structure, relative_to),
             "parameters": self._parameters_json(),
             "modes": [
                 {"frequency_hz": finite(mode.frequency_hz), "damping_ratio": finite(mode.damping_ratio)}
@@ -227,7 +210,7 @@ class Fit:
             "records": [_record_json(one, relative_to) for one in self.records],
             "validation_records": [_record_json(one, relative_to) for one in self.validation],
             "lineage": [rung.to_json() for rung in self.lineage],
-            "outside_matrices": _effect_names(structure.outside_matrices, relative_to),
+            "outside_matrices": effect_names(structure.outside_matrices, relative_to),
             "matrices": {
                 **{name: np.asarray(getattr(matrices, name)).tolist() for name in "ABCD"},
                 "input_delay_s": list(self.model.input_delay_s),
@@ -294,13 +277,7 @@ class Fit:
     @classmethod
     def _of(cls, saved: FitDocument, directory: Path, named: Sequence[str]) -> Fit:
         """Raises ResultError, EffectError, or ValueError for numbers that are none."""
-        structure = compose(
-            _base(saved.structure, directory, named),
-            _effects(saved.structure, directory, named),
-            [*saved.structure.channels],
-            saved.structure.constants,
-            outputs=saved.structure.outputs,
-        )
+        structure = structure_of(saved.structure, directory, named)
         later = _declared_later(structure, saved.parameters)
         values, covariance = _numbers(structure, saved, later)
         low_hz, high_hz = saved.band_hz
@@ -402,33 +379,6 @@ def _numbers(structure: Structure, saved: FitDocument, later: Mapping[str, float
     return values, covariance
 
 
-def _base(saved: StructureDocument, directory: Path, named: Sequence[str]) -> str | Base:
-    """The base of a saved structure; a user's file only where it is named and unchanged."""
-    sha256 = saved.user_base.get(saved.base)
-    return saved.base if sha256 is None else load_base(_named_file(directory / saved.base, "base", named), sha256)
-
-
-def _effects(saved: StructureDocument, directory: Path, named: Sequence[str]) -> list[str | Effect]:
-    """The effects of a saved structure; users' files only where they are named and unchanged."""
-    hashes = saved.user_effects
-    return [
-        load(_named_file(directory / word, "effect", named), hashes[word]) if word in hashes else word
-        for word in saved.effects
-    ]
-
-
-def _named_file(path: Path, kind: str, named: Sequence[str]) -> Path:
-    """The path, where it is among those that may run. Raises ResultError."""
-    if path.resolve() not in {Path(word).resolve() for word in named}:
-        raise ResultError(f"it uses the {kind} file {path}, which is code: name it with --with {path} to run it")
-    return path
-
-
-def _own_base_json(base: Base, directory: Path) -> dict[str, Any]:
-    """A user's base by its path, with its file's hash; nothing for one of the folder."""
-    return {} if base.path is None else {"user_base": {_relative(base.path, directory): base.sha256}}
-
-
 def finite(x: float) -> float | None:
     """JSON has no NaN or Infinity."""
     return float(x) if math.isfinite(x) else None
@@ -438,24 +388,10 @@ def _nrmse_json(values: Mapping[str, float] | None) -> dict[str, float | None] |
     return None if values is None else {name: finite(x) for name, x in values.items()}
 
 
-def _effect_names(effects: Sequence[str], directory: Path) -> list[str]:
-    """Ids; a user's files by their path from the directory."""
-    return [_relative(one, directory) if one.endswith(".py") else one for one in effects]
-
-
-def _relative(path: str, directory: Path) -> str:
-    if not path:
-        return ""
-    try:
-        return Path(os.path.relpath(Path(path).resolve(), directory.resolve())).as_posix()
-    except ValueError:  # another drive
-        return Path(path).resolve().as_posix()
-
-
 def _record_json(one: RecordUsed, directory: Path) -> dict[str, Any]:
     return {
         "id": one.id,
-        "path": _relative(one.path, directory),
+        "path": relative(one.path, directory),
         "sha256": one.sha256,
         "maneuver": one.maneuver,
         "axis": one.axis,

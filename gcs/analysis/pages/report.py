@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gcs import documents
+from gcs.analysis.clearance import clearance
 from gcs.analysis.comparison import flown, flown_with_validation
 from gcs.analysis.diagnosis import diagnose_fit
 from gcs.analysis.fits import assess, runs_of
@@ -22,8 +23,10 @@ from gcs.analysis.pages.diagnosis import drawn
 from gcs.analysis.pages.ladder import ladder_picture
 from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, page, svg
 from gcs.analysis.pages.pictures import compare_picture
+from gcs.analysis.standing import beside
 from gcs.analysis.text.addition import MARKS
 from gcs.analysis.text.blocks import wrapped
+from gcs.analysis.text.clearance import clearance_text
 from gcs.analysis.text.comparison import compare_text
 from gcs.analysis.text.diagnosis import diagnosis_text
 from gcs.analysis.text.fit import fit_text
@@ -223,6 +226,8 @@ def _gains_section(path: Path, named: Sequence[tuple[Path, Fit]], warn: Callable
             continue
         text = f"{gains_text(gains)}\n  checksum      {checksum(crc)}"
         if gains.loop.stable:
+            cleared = clearance(gains, fit, beside(one.parent, fit, fit.model.structure.files))
+            text += f"\n{clearance_text(cleared)}"
             return f"Gains, {path.name}", text, [following_picture(following(gains, fit.model))]
         refused = f"{not_held(gains, fit.model)}. Do not push it; design again, `tippath design` says what holds"
         warn(f"{path}: {refused}")

@@ -9,6 +9,7 @@ from typing import Any
 
 from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis
 from gcs.analysis.fits import assess
+from gcs.analysis.standing import digest, open_models
 from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.analysis.text.fit import judgement_document
@@ -55,11 +56,16 @@ def comparison_document(compared: Comparison, warnings: Sequence[str] = ()) -> d
     }
 
 
-def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = ()) -> dict[str, Any]:
-    """The `tippath.diagnosis/1` document with all that is told beside the diagnosis, and what stands against it."""
+def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = (), folder: Path | None = None) -> dict[str, Any]:
+    """The `tippath.diagnosis/1` document with all that is told beside the diagnosis, and what stands against it.
+
+    `folder` is where it will be kept; the working directory where it is printed.
+    """
     comparison, structure, terms = found.comparison, found.fit.model.structure, found.last.terms
     return {
         **found.last.to_json(),
+        "fit_sha256": digest(found.fit),
+        "models": open_models(found, folder or Path()),
         **({"within_points": None, "remainder": None} if found.remainder is None else found.remainder.to_json()),
         "warnings": list(warnings),
         "reason": "clocks" if any(isinstance(remark, ClocksDiffer) for remark in found.remarks) else found.last.reason,

@@ -62,9 +62,12 @@ def _loop_lines(loop: ClosedLoop) -> list[str]:
 def measured_text(found: MeasuredMargins | None, by_model: Margins) -> str:
     """Margins by the measured responses of the fit's runs, to stand below a design."""
     if found is None:
-        return _measured("not measured well enough for margins: fly longer sweeps of both axes")
+        return _measured(
+            "not measured well enough for margins: fly longer sweeps of both axes (one alone tells of no loop of two)"
+        )
     low, high = found.band_hz
-    beyond = f"does not cross between {low:.2g} and {high:.2g} Hz, not measured: sweep further"
+    to = "the model has none beyond" if found.sweep_to_hz is None else f"sweep to {found.sweep_to_hz:g} Hz"
+    beyond = f"not measured between {low:.2g} and {high:.2g} Hz: {to}"
 
     def margin(name: str, one: Crossing | None, unit: str, digits: int) -> str:
         if one is None:
@@ -74,6 +77,7 @@ def measured_text(found: MeasuredMargins | None, by_model: Margins) -> str:
     each = [margin("phase", found.phase_deg, "°", 0), margin("gain margin", found.gain_db, " dB", 1)]
     if found.delay_ms is not None:
         each.insert(1, margin("delay", found.delay_ms, " ms", 0 if found.delay_ms.value >= SENSIBLE_MS else 1))
+    each.append(f"{found.unstable_poles or 'no'} unstable poles in the open loop, by the model")
     less = found.phase_deg is not None and found.phase_deg.value + found.phase_deg.bound + LESS_DEG < by_model.phase_deg
     missing = ". The model promises more: it lacks something, which `tippath diagnose` names; do not fly these"
     return _measured("; ".join(each) + (missing if less else ""))

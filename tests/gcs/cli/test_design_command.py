@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -116,6 +117,37 @@ def test_the_same_vehicle_less_late_is_given_its_gains() -> None:
     assert design(fit.model).margins.delay_ms == pytest.approx(28, abs=3)
 
 
+@pytest.mark.usefixtures("few_effects")
+def test_a_diagnosis_is_kept_beside_its_fit_and_the_design_says_so(flight: Path, tippath: Tippath) -> None:
+    def state() -> str:
+        status, out, _ = tippath("design", flight / "tpp.json", "--input-cost", 100, "--json")
+        assert status == 0
+        return str(json.loads(out)["diagnosis"]["state"])
+
+    assert state() == "not asked"
+    status, out, err = tippath("diagnose", flight / "tpp.json", "--json")
+    assert status == 0
+    kept = flight / "tpp-diagnosis.json"
+    assert f"wrote {kept}" in err
+    assert json.loads(kept.read_text())["verdict"] == json.loads(out)["verdict"] == state()
+
+
+def test_a_push_of_gains_that_fail_asks_nothing_of_any_vehicle(flight: Path, tippath: Tippath, tmp_path: Path) -> None:
+    """Gains that hold 80 ms, by hand made faster: the file's own verdict is not believed."""
+    path = tmp_path / "gains.json"
+    assert tippath("design", flight / "tpp.json", "--input-cost", 1000, "-o", path)[0] == 0
+    faster = design(Model(TPP, TPP.vector(TABLE_4)), 1.0)
+    document = json.loads(path.read_text())
+    assert document["judged"]["verdict"] != "fails"
+    path.write_text(json.dumps(document | {"K": faster.K.tolist()}))
+    status, out, err = tippath("push", path, "--connect", "udpin:127.0.0.1:0", "--json")
+    assert status == 1
+    said = json.loads(out)
+    assert said["reason"] == "margins"
+    assert "TPP + transport_delay: not held" in said["error"]
+    assert "nothing was sent" in err
+
+
 def test_margins_that_were_measured_stand_beside_the_model_s(flight: Path, tippath: Tippath) -> None:
     status, out, _ = tippath("design", flight / "tpp.json", "--input-cost", 100, "--measured")
     assert status == 0
@@ -136,8 +168,10 @@ def test_a_model_that_promises_more_than_was_measured_is_told_so() -> None:
     promised, kept = (Margins(gain_db=17.0, phase_deg=one, delay_s=0.03) for one in (99.0, 22.0))
     text = measured_text(found, promised)
     words = " ".join(text.split())
-    assert words.startswith("measured phase 21 ± 4° at 4.8 Hz; delay 12 ± 2 ms at 4.8 Hz; gain margin: does not cross")
-    assert "between 0.5 and 10 Hz, not measured: sweep further" in words
+    assert words.startswith("measured phase 21 ± 4° at 4.8 Hz; delay 12 ± 2 ms at 4.8 Hz; gain margin: not measured")
+    assert "not measured between 0.5 and 10 Hz: the model has none beyond; no unstable poles" in words
+    further = " ".join(measured_text(replace(found, sweep_to_hz=14, unstable_poles=2), promised).split())
+    assert "not measured between 0.5 and 10 Hz: sweep to 14 Hz; 2 unstable poles in the open loop" in further
     assert "The model promises more: it lacks something" in words
     assert all(len(line) <= 78 for line in text.splitlines())
     assert "promises more" not in measured_text(found, kept)

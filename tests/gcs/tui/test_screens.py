@@ -24,7 +24,7 @@ from fake_app import (
     screen_text,
     settle,
 )
-from fake_desk import DESKS
+from fake_desk import CLEARED, DESKS, MODEL
 from rich.cells import cell_len
 from textual.geometry import Region
 from textual.widgets import Input
@@ -37,6 +37,8 @@ from gcs.tui.base import Dialog
 from gcs.tui.widgets.canvas import Canvas
 from gcs.tui.widgets.lines import Lines
 from gcs.vehicle.snapshot import Text
+from sysid.control.judgement import Limits, judge
+from sysid.control.regulator import design
 
 SIZES = [(80, 24), (120, 40), (200, 50)]
 SCREENS = tuple("123456789")
@@ -309,6 +311,23 @@ async def test_quitting_without_a_run_does_not_ask(key):
         await pilot.pause()
         assert app._exit
         assert engine.asked == []
+
+
+async def test_gains_that_fail_are_pushed_with_words_why_only():
+    limits = Limits(gain_db=60.0)
+    failing = judge(design(MODEL), [("fit", MODEL)], limits)
+    gains = replace(DESIGNED.desk.designed, clearance=replace(CLEARED, judgement=failing))
+    app, engine = app_on(replace(DESIGNED, desk=replace(DESIGNED.desk, designed=gains)))
+    async with app.run_test(size=(100, 30)) as pilot:
+        await pilot.press("8")
+        await settle(app)
+        assert "judged: FAILS" in "\n".join(screen_text(app))
+        await pilot.press("p", "y", "escape", "p", "enter")
+        await workers_done(app, pilot)
+        assert engine.asked == []
+        await pilot.press("p", *"rig", "enter")
+        await workers_done(app, pilot)
+        assert engine.asked == ["push because rig"]
 
 
 async def test_push_asks_first_and_only_on_the_ground():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,12 @@ import pytest
 from flown_folder import fly_folder
 from flying import TWO_CHIRPS
 
+import gcs.analysis.clearance
 import gcs.flight.gains
 import gcs.tui.card_flight
 import gcs.tui.vehicle_link
+from gcs.analysis.clearance import cleared_again
+from gcs.analysis.standing import NOT_ASKED
 from gcs.cards.envelope import Limits, Peaks, Use
 from gcs.cards.maneuver import load_card
 from gcs.desk import Choice
@@ -36,6 +40,7 @@ from gcs.tui.worker import FlightWorker
 from gcs.vehicle.autopilots import SYSTEMID, LinkLoss
 from gcs.vehicle.profile import Plan, bundled_profiles
 from gcs.vehicle.snapshot import Beat, VehicleSnapshot
+from sysid.control import judgement
 
 WITHIN_S = 60.0
 """By the wall clock, and only where something is wrong: what is waited for comes at once."""
@@ -562,11 +567,37 @@ def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
         return PushResult(gains.crc, 0xABCDEF, True, gains.values, False)
 
     monkeypatch.setattr(gcs.flight.gains, "push", push)
+    assert not engine.state().desk.designed.clearance.standing.complete
     engine.push()
     last = flight.audited()[0][-1]
     assert last.did == f"pushed gains {crc:06x}, before abcdef"
     assert last.command == engine.state().commands[-1]
     assert last.by == "app"
+    assert cleared_again(engine.state().desk.designed.path).standing == NOT_ASKED
+
+
+def test_gains_that_fail_are_pushed_with_words_why_only_and_the_audit_has_them(engine, tmp_path, monkeypatch):
+    flight = fly_folder(tmp_path / "flight-0007", None, TWO_CHIRPS)
+    engine.open_flight(str(flight.path))
+    engine.fit()
+    monkeypatch.setattr(gcs.analysis.clearance, "Limits", partial(judgement.Limits, gain_db=60.0))
+    engine.design()
+    engine.fake_session.now = replace(VEHICLE, armed=False)
+    sent = []
+
+    def push(session, gains, *, on_progress):
+        sent.append(gains.crc)
+        return PushResult(gains.crc, 0xABCDEF, True, gains.values, False)
+
+    monkeypatch.setattr(gcs.flight.gains, "push", push)
+    with pytest.raises(TippathError, match=r"not cleared: TPP: gain margin .* nothing was sent") as refused:
+        engine.push()
+    assert (refused.value.reason, sent) == ("margins", [])
+    engine.push("a tethered rig")
+    last = flight.audited()[0][-1]
+    assert last.did.endswith("although they fail, because: a tethered rig")
+    assert "--why 'a tethered rig'" in last.command
+    assert len(sent) == 1
 
 
 def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):

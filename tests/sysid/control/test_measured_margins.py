@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import control
 import numpy as np
 import pytest
 from planted import TABLE_4
 from swept_loops import SWEPT_HZ, sweeps
 
-from sysid.control.measured_margins import MeasuredMargins, measured_margins
+from sysid.control.judgement import judge
+from sysid.control.measured_margins import MeasuredMargins, measured_margins, with_model
 from sysid.control.regulator import Gains, lqr
+from sysid.control.stability import crossings_hz, unstable_poles
 from sysid.data.record import Record
+from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
 from sysid.response.flown import flown_responses
 from sysid.response.values import Responses
 
+LATE = compose("tpp", ["transport_delay"], TPP.inputs)
 VEHICLE = Model(TPP, TPP.vector(dict(TABLE_4)))
 
 
@@ -68,6 +75,49 @@ def test_a_gain_margin_inside_the_band() -> None:
     assert found.delay_ms.value == pytest.approx(gains.margins.delay_ms - 40, abs=0.5)
     assert found.gain_db is not None
     assert 0 < found.gain_db.value < gains.margins.gain_db
+
+
+def test_what_the_model_crosses_beyond_the_band_is_to_be_swept_to() -> None:
+    gains = lqr(VEHICLE, 5.0)
+    (responses,) = measured(0.0)
+    found = with_model(margins(gains, responses), gains, VEHICLE)
+    assert found.gain_db is None
+    late = Model(LATE, LATE.vector({**TABLE_4, "T_d": 0.0}))
+    beyond = max(crossings_hz(gains, VEHICLE)[1])
+    assert beyond > found.band_hz[1]
+    assert found.sweep_to_hz == pytest.approx(1.25 * beyond, abs=1.0)
+    assert found.sweep_to_hz >= 1.25 * beyond
+    assert found.unstable_poles == 0
+    assert with_model(margins(gains, responses), gains, late).sweep_to_hz == found.sweep_to_hz
+
+
+def test_unstable_poles_are_those_of_vehicle_and_controller() -> None:
+    """An observer that runs away, and a vehicle that does, counted by python-control."""
+    gains = lqr(VEHICLE, 5.0)
+    wild = replace(gains, K=-20 * gains.K)
+    loose = Model(TPP, TPP.vector({**TABLE_4, "A_b": -TABLE_4["A_b"], "L_b": -TABLE_4["L_b"]}))
+    for one, vehicle in ((gains, VEHICLE), (wild, VEHICLE), (gains, loose), (wild, loose)):
+        A, B, C, D = (np.asarray(x, dtype=float) for x in vehicle.matrices)
+        a, b, c, _ = (np.asarray(x, dtype=float) for x in one.model.matrices)
+        inner = a - one.observer_gain @ c - b[:, :2] @ one.K
+        loop = control.ss(inner, one.observer_gain, one.K, np.zeros((2, 2))) * control.ss(A, B[:, :2], C, D[:, :2])
+        assert unstable_poles(one, vehicle) == np.count_nonzero(loop.poles().real > 0)
+    assert unstable_poles(wild, VEHICLE) > 0
+    assert unstable_poles(gains, loose) > 0
+
+
+def test_a_measured_margin_that_is_thin_fails_whatever_the_model_says() -> None:
+    gains = lqr(VEHICLE, 5.0)
+    (responses,) = measured(0.0)
+    late = np.exp(-2j * np.pi * responses.frequency_hz * (gains.margins.delay_s - 0.005))
+    object.__setattr__(responses, "H", responses.H * late)
+    found = margins(gains, responses)
+    assert judge(gains, [("fit", VEHICLE)]).verdict == "poor"
+    judged = judge(gains, [("fit", VEHICLE)], measured=found)
+    assert judged.verdict == "fails"
+    assert {"phase_deg", "delay_ms"} <= {one.quantity for one in judged.thin_measured}
+    nowhere = MeasuredMargins(band_hz=(0.5, 1.0), phase_deg=None, delay_ms=None, gain_db=None)
+    assert judge(gains, [("fit", VEHICLE)], measured=nowhere).verdict == "poor"
 
 
 def test_nothing_is_said_of_what_was_not_measured_well() -> None:

@@ -1,0 +1,153 @@
+"""What gains are worth, in words: on the fit, on all that its diagnosis leaves open, and over its bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from gcs.analysis.clearance import Clearance
+from gcs.analysis.standing import Standing
+from gcs.analysis.text.blocks import wrapped
+from gcs.flight.gains import GainsError
+from sysid.control.judgement import Judgement, OnModel, Quantity, Shortfall, Verdict
+from sysid.control.over_costs import AtCost
+
+VERDICTS: dict[Verdict, str] = {
+    "holds": "holds: every margin and answer is as asked",
+    "poor": "poor: it holds, and does not fly as asked",
+    "fails": "FAILS: do not fly it",
+}
+NAMES: dict[Quantity, tuple[str, str, float]] = {
+    "held": ("", "", 1.0),
+    "gain_db": ("gain margin", " dB", 1.0),
+    "phase_deg": ("phase", "°", 1.0),
+    "delay_ms": ("delay", " ms", 1.0),
+    "overshoot": ("overshoot", " %", 100.0),
+    "coupling": ("other axis", " %", 100.0),
+}
+"""Name, unit, and the unit's size."""
+
+
+def clearance_text(found: Clearance) -> str:
+    """To stand below a design, or before a push; 78 columns."""
+    return "\n".join(
+        line for name, words in clearance_told(found) for line in wrapped(f"  {name:14}{words}", rest=" " * 16)
+    )
+
+
+def costs_text(costs: Sequence[AtCost], asked: float) -> str:
+    """A table of gains over input cost: margins are the least on any model, the answer is the fit's."""
+    rows = [
+        "K over input cost (margins: the least on any model above; answer: the fit's)",
+        "    cost   |K| rates  flapping   gain dB  phase °  delay ms  overshoot  coupling",
+    ]
+    for one in costs:
+        fit, least = one.judgement.models[0], one.least
+        mark = ">" if one.gains.input_cost == asked else " "
+        if least is None or fit.overshoot is None or fit.coupling is None:
+            worth = "   not held on every model"
+        else:
+            margins = (_or_any(least.gain_db, 1), _or_any(least.phase_deg, 0), _or_any(least.delay_ms, 0))
+            answer = f"{100 * fit.overshoot:8.0f} %{100 * fit.coupling:8.0f} %"
+            worth = f"{margins[0]:>9}{margins[1]:>9}{margins[2]:>10} {answer}"
+        head = f"  {mark}{one.gains.input_cost:5g} {one.rate_gain:11.3f}{one.flapping_gain:10.2f} "
+        rows.append(f"{head}{worth}  {one.judgement.verdict}")
+    return "\n".join(rows)
+
+
+def _or_any(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "any"
+
+
+def require_cleared(found: Clearance, why: str | None) -> None:
+    """Raises GainsError, reason `margins`, for gains that fail and of which nobody says why they are pushed."""
+    if found.judgement.verdict == "fails" and not (why or "").strip():
+        broken = "; ".join(_broken(found.judgement, only_failing=True))
+        raise GainsError(
+            f"these gains are not cleared: {broken}; nothing was sent. Design others (a higher --input-cost leaves "
+            "more), or say --why",
+            reason="margins",
+        )
+
+
+def standing_words(standing: Standing) -> str:
+    """What is known of what the fit lacks."""
+    sure = "" if standing.confidence is None else f", confidence {standing.confidence:.2f}"
+    if standing.state == "complete":
+        return f"complete{sure}"
+    if standing.state == "missing":
+        lost = standing.not_modelled
+        beside = f"; no model was made of {', '.join(lost)}, as likely: not judged with it" if lost else ""
+        return f"lacks {' + '.join(standing.effects)}{sure}{beside}"
+    if standing.state == "unexplained":
+        return f"incomplete{sure}: something is missing that nothing explains, and the vehicle's margins are others"
+    return "NOT DIAGNOSED: what the fit lacks is not known, and margins are the fit's own; `tippath diagnose` asks"
+
+
+def clearance_told(found: Clearance) -> list[tuple[str, str]]:
+    """The same, unbroken: what each sentence is about, and the sentence."""
+    judgement = found.judgement
+    broken = _broken(judgement, only_failing=judgement.verdict == "fails")
+    told = [("judged", VERDICTS[judgement.verdict] + (f"; {'; '.join(broken)}" if broken else ""))]
+    told.append(("diagnosis", standing_words(found.standing)))
+    told += [(_role(one), f"{one.model.structure.title}: {_worth(one)}") for one in judgement.models]
+    told += _robust(judgement.models[0])
+    bounds = judgement.bounds
+    if bounds is not None:
+        least = "" if bounds.least is None else f", 95 % of them with at least {bounds.least.words}"
+        lost = f"{bounds.not_held} NOT held" if bounds.not_held else "all held"
+        told.append(("bounds", f"{bounds.samples} samples of the fit's errors: {lost}{least}"))
+    return told
+
+
+def _role(one: OnModel) -> str:
+    return {"fit": "on the fit", "missing": "completed", "not told apart": "or as well"}[one.role]
+
+
+def _worth(one: OnModel) -> str:
+    margins, answer = one.loop.margins, one.answer
+    if margins is None or answer is None:
+        return "NOT held"
+    each = (
+        f"{axis.axis} overshoots {100 * axis.overshoot:.0f} %, other axis {100 * axis.coupling:.0f} %"
+        for axis in (answer.roll, answer.pitch)
+    )
+    return f"{margins.words}; {'; '.join(each)}"
+
+
+def _robust(one: OnModel) -> list[tuple[str, str]]:
+    """Disk margin and handling on the fit."""
+    if one.robustness is None:
+        return []
+    disk, crossover = one.robustness.disk, one.robustness.crossover_hz
+    crossing = "no crossover" if crossover is None else f"crossover {crossover:.1f} Hz"
+    gain = f"{disk.gain_db:.1f} dB" if math.isfinite(disk.gain_db) else "any gain"
+    told = [("disk margin", f"{gain} or {disk.phase_deg:.0f}° in both commands, each its own way, {crossing}")]
+    for axis in one.robustness.handling:
+        no_bandwidth = "no bandwidth up to 200 Hz"
+        words = [no_bandwidth if axis.bandwidth_hz is None else f"bandwidth {axis.bandwidth_hz:.1f} Hz"]
+        words += [] if axis.phase_delay_ms is None else [f"phase delay {axis.phase_delay_ms:.0f} ms"]
+        rejected = "not rejected" if axis.rejection_hz is None else f"rejected to {axis.rejection_hz:.1f} Hz"
+        peak = f"raised by {axis.rejection_peak_db:.1f} dB at {axis.rejection_peak_hz:.1f} Hz"
+        told.append((axis.axis, f"{', '.join(words)}; disturbances {rejected}, {peak}"))
+    return told
+
+
+def _broken(judgement: Judgement, *, only_failing: bool = False) -> list[str]:
+    """Each model with what it falls short of."""
+    found = [(one.model.structure.title, one.shortfalls) for one in judgement.models]
+    found += [("over its bounds", judgement.thin_bounds), ("measured", judgement.thin_measured)]
+    kept = [(name, [one for one in each if one.fails or not only_failing]) for name, each in found]
+    return [f"{name}: {_short(each)}" for name, each in kept if each]
+
+
+def _short(shortfalls: Sequence[Shortfall]) -> str:
+    words = []
+    for one in shortfalls:
+        name, unit, size = NAMES[one.quantity]
+        if one.value is None or one.limit is None:
+            words.append("not held")
+        else:
+            digits = 1 if one.quantity == "gain_db" else 0
+            words.append(f"{name} {size * one.value:.{digits}f}{unit} (asked {size * one.limit:g})")
+    return ", ".join(words)

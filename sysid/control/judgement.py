@@ -1,0 +1,263 @@
+"""Do gains hold what they will meet: every model that a fit's diagnosis leaves open, against asked limits.
+
+Gains are designed on one fit, and the vehicle may be another: what a diagnosis names as missing, and what it could not
+tell from that. Each is a model of its own, in the loop with the same gains; and the fit itself may be off by all that
+its bounds say. Beside margins the answer to a doublet of the rate command is judged: a loop may hold and fly badly.
+
+Cross-coupling is asked to be at most ADS-33E-PRF's Level 1 in hover (3.3.9.1: off-axis peak over on-axis 0.25, there of
+attitudes). A second-order loop overshoots by as much at 40 degrees of phase margin.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal, get_args
+
+from sysid.control.bounds import OverBounds, margins_json, over_bounds
+from sysid.control.loop import Following, following
+from sysid.control.measured_margins import MeasuredMargins
+from sysid.control.regulator import Gains
+from sysid.control.robustness import Robustness, robustness
+from sysid.control.stability import (
+    SENSIBLE_GAIN_DB,
+    SENSIBLE_MS,
+    SENSIBLE_PHASE_DEG,
+    ClosedLoop,
+    Margins,
+    closed_loop,
+)
+from sysid.model.structure import FloatArray, Model
+
+Role = Literal["fit", "missing", "not told apart"]
+ROLES: tuple[Role, ...] = get_args(Role)
+"""The fit itself; with what its diagnosis names as missing; with what it could not tell from that."""
+Quantity = Literal["held", "gain_db", "phase_deg", "delay_ms", "overshoot", "coupling"]
+Verdict = Literal["holds", "poor", "fails"]
+"""`fails` where any model is not held or has less margin than asked; `poor` where all have, and an answer overshoots or
+couples more than asked."""
+OF_DELAY = 0.5
+"""Of the delay that a model has: as much more is asked to be held."""
+QUALITY: tuple[Quantity, ...] = ("overshoot", "coupling")
+"""What makes a loop poor, and does not refuse it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What is asked of every model."""
+
+    gain_db: float = SENSIBLE_GAIN_DB
+    phase_deg: float = SENSIBLE_PHASE_DEG
+    delay_ms: float = SENSIBLE_MS
+    """Or half of the delay that the model has, where that is more."""
+    overshoot: float = 0.25
+    """Of the rate asked for;"""
+    coupling: float = 0.25
+    """the same, of the other axis."""
+
+    def or_stricter(self, other: Limits) -> Limits:
+        """The stricter of each."""
+        return Limits(
+            gain_db=max(self.gain_db, other.gain_db),
+            phase_deg=max(self.phase_deg, other.phase_deg),
+            delay_ms=max(self.delay_ms, other.delay_ms),
+            overshoot=min(self.overshoot, other.overshoot),
+            coupling=min(self.coupling, other.coupling),
+        )
+
+    def to_json(self) -> dict[str, float]:
+        return asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shortfall:
+    """One limit that one model breaks."""
+
+    quantity: Quantity
+    value: float | None
+    """None of a loop that is not held."""
+    limit: float | None
+
+    @property
+    def fails(self) -> bool:
+        """Whether it refuses; else the vehicle flies poorly."""
+        return self.quantity not in QUALITY
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OnModel:
+    """Gains in the loop with one model."""
+
+    role: Role
+    model: Model
+    loop: ClosedLoop
+    answer: Following | None
+    """None where it is not held;"""
+    robustness: Robustness | None
+    """the same."""
+    shortfalls: tuple[Shortfall, ...]
+
+    @property
+    def overshoot(self) -> float | None:
+        """The larger of both axes."""
+        return None if self.answer is None else max(self.answer.roll.overshoot, self.answer.pitch.overshoot)
+
+    @property
+    def coupling(self) -> float | None:
+        """The larger of both axes."""
+        return None if self.answer is None else max(self.answer.roll.coupling, self.answer.pitch.coupling)
+
+    def to_json(self) -> dict[str, Any]:
+        margins = self.loop.margins
+        return {
+            "role": self.role,
+            "model": self.model.structure.title,
+            "held": self.loop.stable,
+            "margins": None if margins is None else margins_json(margins),
+            "overshoot": self.overshoot,
+            "coupling": self.coupling,
+            "rise_ms": None
+            if self.answer is None
+            else [_ms(one.rise_s) for one in (self.answer.roll, self.answer.pitch)],
+            "robustness": None if self.robustness is None else self.robustness.to_json(),
+            "without": list(self.loop.left_out),
+            "shortfalls": [asdict(one) for one in self.shortfalls],
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Judgement:
+    """Gains judged on every model that is left open."""
+
+    limits: Limits
+    models: tuple[OnModel, ...]
+    """The fit first."""
+    bounds: OverBounds | None
+    """Over what the fit's numbers may be; None where nobody drew any."""
+    measured: MeasuredMargins | None = None
+    """By measured responses; None where nobody asked, or they are not known well enough."""
+
+    @property
+    def thin_bounds(self) -> tuple[Shortfall, ...]:
+        """What is less than asked over the fit's bounds: in any sample not held, in one of 20 thinner."""
+        if self.bounds is None:
+            return ()
+        if self.bounds.not_held or self.bounds.least is None:
+            return (Shortfall(quantity="held", value=None, limit=None),)
+        return tuple(_thin(self.bounds.least, self.models[0].model, self.limits))
+
+    @property
+    def thin_measured(self) -> tuple[Shortfall, ...]:
+        """What is measured to be less than asked. What is not measured clears nothing, and refuses nothing."""
+        if self.measured is None:
+            return ()
+        at = {
+            "gain_db": self.measured.gain_db,
+            "phase_deg": self.measured.phase_deg,
+            "delay_ms": self.measured.delay_ms,
+        }
+        gain, phase, delay = (math.inf if one is None else one.value for one in at.values())
+        return tuple(_thin(Margins(gain, phase, delay / 1000), self.models[0].model, self.limits))
+
+    @property
+    def verdict(self) -> Verdict:
+        found = [*self.thin_bounds, *self.thin_measured, *(one for model in self.models for one in model.shortfalls)]
+        return "fails" if any(one.fails for one in found) else "poor" if found else "holds"
+
+    def to_json(self) -> dict[str, Any]:
+        """`verdict`, `limits`, `models`."""
+        return {
+            "verdict": self.verdict,
+            "limits": self.limits.to_json(),
+            "models": [one.to_json() for one in self.models],
+            "bounds": None if self.bounds is None else self.bounds.to_json(),
+            "bounds_shortfalls": [asdict(one) for one in self.thin_bounds],
+            "measured_shortfalls": [asdict(one) for one in self.thin_measured],
+        }
+
+
+def judge(
+    gains: Gains,
+    models: Sequence[tuple[Role, Model]],
+    limits: Limits | None = None,
+    draws: FloatArray | None = None,
+    measured: MeasuredMargins | None = None,
+) -> Judgement:
+    """Gains in the loop with each of these models, delays included.
+
+    `draws` (n, parameters) are values of the first model, `measured` the margins by responses without any.
+    """
+    limits = limits or Limits()
+    return Judgement(
+        limits=limits,
+        models=tuple(_on(gains, role, model, limits) for role, model in models),
+        bounds=None if draws is None or not len(draws) else over_bounds(gains, models[0][1], draws),
+        measured=measured,
+    )
+
+
+_NUMBER = r"(\d+\.?\d*|\.\d+)"
+_WORDS = {
+    rf"{_NUMBER} ?db": ("gain_db", 1.0),
+    rf"{_NUMBER} ?(deg|°)": ("phase_deg", 1.0),
+    rf"{_NUMBER} ?ms": ("delay_ms", 1.0),
+    rf"overshoot={_NUMBER}%?": ("overshoot", 0.01),
+    rf"coupling={_NUMBER}%?": ("coupling", 0.01),
+}
+
+
+def parse_limits(words: str) -> Limits:
+    """`6dB,45deg,10ms,overshoot=25,coupling=25`, each alone leaving the others as usual. Raises ValueError."""
+    given: dict[str, float] = {}
+    for word in words.split(","):
+        text = word.strip().lower()
+        found = next((one for pattern, one in _WORDS.items() if re.fullmatch(pattern, text)), None)
+        key, unit = found or ("", 1.0)
+        value = unit * float(re.sub(r"[^0-9.]", "", text) or "nan") if found else math.nan
+        if key in given or not 0 < value < math.inf:
+            raise ValueError(f"{word.strip()!r} is no limit, or one that was given already")
+        given[key] = value
+    return replace(Limits(), **given)
+
+
+def _on(gains: Gains, role: Role, model: Model, limits: Limits) -> OnModel:
+    loop = closed_loop(gains, model)
+    answer = following(gains, model) if loop.stable else None
+    holds = robustness(gains, model) if loop.stable else None
+    found = OnModel(role=role, model=model, loop=loop, answer=answer, robustness=holds, shortfalls=())
+    return replace(found, shortfalls=tuple(_shortfalls(found, limits)))
+
+
+def _shortfalls(one: OnModel, limits: Limits) -> list[Shortfall]:
+    margins = one.loop.margins
+    if margins is None:
+        return [Shortfall(quantity="held", value=None, limit=None)]
+    most: tuple[tuple[Quantity, float | None, float], ...] = (
+        ("overshoot", one.overshoot, limits.overshoot),
+        ("coupling", one.coupling, limits.coupling),
+    )
+    return [
+        *_thin(margins, one.model, limits),
+        *(
+            Shortfall(quantity=q, value=value, limit=limit)
+            for q, value, limit in most
+            if value is not None and value > limit
+        ),
+    ]
+
+
+def _thin(margins: Margins, model: Model, limits: Limits) -> list[Shortfall]:
+    """The margins that are less than asked."""
+    delay_ms = max(limits.delay_ms, 1000 * OF_DELAY * model.by_name.get("T_d", 0.0))
+    least: tuple[tuple[Quantity, float, float], ...] = (
+        ("gain_db", margins.gain_db, limits.gain_db),
+        ("phase_deg", margins.phase_deg, limits.phase_deg),
+        ("delay_ms", margins.delay_ms, delay_ms),
+    )
+    return [Shortfall(quantity=q, value=value, limit=limit) for q, value, limit in least if value < limit]
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else 1000 * seconds
