@@ -382,8 +382,10 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
     if found.next is not None:
         lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
         lines += [f"   {proposal_text(found.next.proposal)}", f"   {why_text(found.next.why)}"]
-        how = how_text(found.next.proposal, found.runs.records) or "no card can hold that"
-        lines.append(f"   {how}" if found.next.card is None else "   6, then W writes it as a test card")
+        if found.next.card is None:
+            lines.append(f"   {how_text(found.next.proposal, found.runs.records) or 'no card can hold that'}")
+        else:
+            lines.append("   6, then W writes it as a test card")
     else:
         lines.append(" no maneuver would tell more")
     if desk.card is not None:

@@ -132,11 +132,11 @@ def no_alarm(found: Diagnosis) -> bool:
 
 
 def named(*effects: str) -> Callable[[Diagnosis], bool]:
-    """First, or in a class of at most three."""
+    """First, or in a class of at most three, of which each may stand for what predicts the same."""
 
     def right(found: Diagnosis) -> bool:
         alike = {found.effect, *found.indistinguishable}
-        in_class = len(alike) <= LARGEST_CLASS and bool(alike & set(effects))
+        in_class = len(alike) <= LARGEST_CLASS and bool({found.effect, *found.not_told} & set(effects))
         return found.verdict == "missing" and (found.effect in effects or in_class)
 
     return right
