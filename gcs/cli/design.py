@@ -20,6 +20,7 @@ from gcs.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from gcs.analysis.standing import Standing
     from sysid.control.judgement import Limits
     from sysid.control.measured_margins import MeasuredMargins
     from sysid.control.regulator import Gains
@@ -49,7 +50,7 @@ def add_parser(subparsers: Any) -> None:
         'loop, by the model), "sweep_to_hz" (to measure what the model crosses beyond); null as a whole where the '
         "runs do not measure it well enough. With --for ardupilot: "
         '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
-        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle"}.',
+        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", "diagnosis"}.',
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
@@ -100,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     for text in fit.warnings:
         print(f"warning of the fit: {text}", file=sys.stderr)
     if args.autopilot:
-        return _for_ardupilot(args, fit)
+        return _for_ardupilot(args, fit, beside(args.fit.parent, fit, words))
     gains = design(fit.model, args.input_cost)
     measured = by_measurement(fit, gains) if args.measured else None
     cleared = clearance(gains, fit, beside(args.fit.parent, fit, words), limits, measured=measured)
@@ -136,24 +137,29 @@ def _limits(words: str | None) -> Limits | None:
         raise UsageError(f"--limits {words}: wants such as 6dB,45deg,10ms,overshoot=25,coupling=25") from error
 
 
-def _for_ardupilot(args: argparse.Namespace, fit: Fit) -> int:
+def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> int:
     from gcs.analysis.rate_gains import ardupilot_gains, parameter_file
+    from gcs.analysis.text.blocks import wrapped
+    from gcs.analysis.text.clearance import standing_words
     from gcs.analysis.text.rate_gains import rate_gains_text
     from gcs.errors import UsageError
 
-    if args.measured:
-        raise UsageError("--measured goes with the paper's controller; leave it out, or --for")
+    others = {"--measured": args.measured, "--costs": args.costs, "--limits": args.limits is not None}
+    for option in (name for name, given in others.items() if given):
+        raise UsageError(f"{option} goes with the paper's controller; leave it out, or --for")
     gains = ardupilot_gains(fit)
+    document = gains.to_json() | {"diagnosis": standing.to_json()}
     if args.output is not None:
         if args.output.suffix == ".json":
-            write_json(gains.to_json(), args.output)
+            write_json(document, args.output)
         else:
             write_text(parameter_file(gains.changes), args.output)
         print(f"wrote {args.output}", file=sys.stderr)
     if args.json:
-        print_json(gains.to_json())
+        print_json(document)
     else:
         print(rate_gains_text(gains, fit.model))
+        print("\n".join(wrapped(f"the fit: {standing_words(standing)}")))
     return 0
 
 

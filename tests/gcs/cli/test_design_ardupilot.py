@@ -179,8 +179,18 @@ def test_one_axis_alone_is_refused_in_a_line(tmp_path: Path, capsys: pytest.Capt
     assert "not both roll and pitch" in capsys.readouterr().err
 
 
-def test_measured_goes_with_the_other_design(quad_fit: Path) -> None:
-    assert main(["design", str(quad_fit), "--for", "ardupilot", "--measured"]) == 2
+@pytest.mark.parametrize("option", [["--measured"], ["--costs"], ["--limits", "3dB"]])
+def test_options_of_the_other_design_are_refused(quad_fit: Path, option: list[str]) -> None:
+    assert main(["design", str(quad_fit), "--for", "ardupilot", *option]) == 2
+
+
+def test_what_the_fit_lacks_is_said_beside_the_gains(quad_fit: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert designed(capsys, quad_fit)["diagnosis"]["state"] == "not asked"
+    assert main(["design", str(quad_fit), "--for", "ardupilot"]) == 0
+    assert "NOT DIAGNOSED" in capsys.readouterr().out
+    assert main(["diagnose", str(quad_fit)]) == 0
+    capsys.readouterr()
+    assert designed(capsys, quad_fit)["diagnosis"]["state"] in ("complete", "missing", "unexplained")
 
 
 @pytest.mark.data
