@@ -69,6 +69,8 @@ def start(structure: Structure, stacks: Sequence[Stack], thorough: bool = True) 
 def _best(beginnings: Sequence[Model], stacks: Sequence[Stack]) -> Model:
     """The optimum that least is left of, followed to its end. Of optima as good as it (poles may change places) the one
     of most plausible values."""
+    if len(beginnings) == 1:
+        return minimise(beginnings[0], stacks, output_error(beginnings[0], stacks).residual_power)[0]
     found = [minimise(one, stacks, output_error(one, stacks).residual_power, tolerance=ROUGH) for one in beginnings]
     costs = [float(np.sum(np.log(left))) for _, left in found]
     near = [one for one, cost in zip(found, costs, strict=True) if cost <= min(costs) + AS_GOOD]

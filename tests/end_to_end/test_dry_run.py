@@ -27,9 +27,14 @@ GAINS = {
     "prefilter": [[1.5, 0.25], [0.5, 1.25]],
     "model": {
         "structure": "tpp",
-        "parameters": dict.fromkeys(("L_b", "M_a", "tau_f", "A_b", "B_a", "A_lat", "A_lon", "B_lat", "B_lon"), 1.0),
+        "parameters": {
+            name: float(number)
+            for number, name in enumerate(("L_b", "M_a", "tau_f", "A_b", "B_a", "A_lat", "A_lon", "B_lat", "B_lon"), 1)
+        },
     },
 }
+
+WHY = "numbers that no fit has made, which no judgement clears"
 
 
 class Heard:
@@ -91,7 +96,7 @@ def test_gains_are_compared_and_not_written_and_a_revert_says_what_it_would_leav
 ) -> None:
     heard = Heard(monkeypatch)
     flown = SlowFlight(monkeypatch, "hover-ideal", None, tmp_path / "sd", bytes_s=300_000.0, on_ground=True)
-    assert flown.tippath("push", gains, "--dry-run") == 0
+    assert flown.tippath("push", gains, "--why", WHY, "--dry-run") == 0
     said = capsys.readouterr().out
     assert "in place of none" in said
     assert "K11" in said
@@ -99,15 +104,15 @@ def test_gains_are_compared_and_not_written_and_a_revert_says_what_it_would_leav
     assert json.loads(capsys.readouterr().out)["reason"] == "no bank"
     assert heard.orders == []
 
-    assert flown.tippath("push", gains) == 0
+    assert flown.tippath("push", gains, "--why", WHY) == 0
     capsys.readouterr()
     heard.orders.clear()
-    assert flown.tippath("push", gains, "--dry-run", "--json") == 0
+    assert flown.tippath("push", gains, "--why", WHY, "--dry-run", "--json") == 0
     about = json.loads(capsys.readouterr().out)
     assert (about["changes"], about["committed"]) == ({}, False)
     other = tmp_path / "other.json"
     other.write_text(json.dumps(GAINS | {"K": [[0.1, 0.2, 0.3, 0.5], [0.5, 0.6, 0.7, 0.8]]}))
-    assert flown.tippath("push", other, "--dry-run", "--json") == 0
+    assert flown.tippath("push", other, "--why", WHY, "--dry-run", "--json") == 0
     changes = json.loads(capsys.readouterr().out)["changes"]
     assert {name: (round(v["now"], 6), v["then"]) for name, v in changes.items()} == {"K14": (0.4, 0.5)}
     assert flown.tippath("revert", "--dry-run") == 0
@@ -116,19 +121,19 @@ def test_gains_are_compared_and_not_written_and_a_revert_says_what_it_would_leav
 
     flown.pilot("takeoff")
     flown.sleep(15.0)
-    assert flown.tippath("push", gains, "--dry-run", "--json") == 1
+    assert flown.tippath("push", gains, "--why", WHY, "--dry-run", "--json") == 1
     assert json.loads(capsys.readouterr().out)["reason"] == "armed"
-    assert flown.tippath("push", gains, "--json") == 1
+    assert flown.tippath("push", gains, "--why", WHY, "--json") == 1
     assert json.loads(capsys.readouterr().out)["reason"] == "armed"
     flown.close()
 
 
 def test_no_vehicle_is_a_reason(capsys: pytest.CaptureFixture[str], gains: Path) -> None:
-    words = ["push", str(gains), "--connect", "tcp:127.0.0.1:9", "--json"]
+    words = ["push", str(gains), "--why", WHY, "--connect", "tcp:127.0.0.1:9", "--json"]
     assert main(words) == 1
     said, err = capsys.readouterr()
     assert json.loads(said) == {
         "format": "tippath.push/1",
         "reason": "link",
-        "error": err.removeprefix("tippath push: ").rstrip("\n"),
+        "error": err.rpartition("tippath push: ")[2].rstrip("\n"),
     }

@@ -296,12 +296,12 @@ def test_the_commands(
     path = tmp_path / "gains.json"
     path.write_text(json.dumps(gains_document))
     crc = gains_of(gains_document).crc
-    assert command(push_command, ["push", str(path), "--connect", vehicle.link, "--json"]) == 0
+    assert command(push_command, ["push", str(path), "--why", "made up", "--connect", vehicle.link, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["format"] == "tippath.push/1"
     assert (document["crc"], document["verified"], document["committed"]) == (crc, 29, True)
     assert (document["checksum"], document["previous_checksum"]) == (f"{crc:06x}", None)
-    assert command(push_command, ["push", str(path), "--connect", vehicle.link]) == 0
+    assert command(push_command, ["push", str(path), "--why", "made up", "--connect", vehicle.link]) == 0
     assert "had this set already" in capsys.readouterr().out
     assert command(revert_command, ["revert", "--connect", vehicle.link, "--json", "--primary"]) == 0
     assert json.loads(capsys.readouterr().out) == {
