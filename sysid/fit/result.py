@@ -28,6 +28,8 @@ from sysid.model.structure import FloatArray, Model, Structure
 
 FORMAT = "tippath.fit/1"
 HIGH_CORRELATION = 0.9
+ROUNDING = 1e-6
+"""Of correlations, in a saved fit."""
 Kind = TypeVar("Kind", bound=enum.Enum)
 
 
@@ -376,6 +378,11 @@ def _numbers(structure: Structure, saved: FitDocument, later: Mapping[str, float
         covariance = np.insert(np.insert(covariance, place, 0.0, axis=0), place, 0.0, axis=1)
     if not np.all(np.isfinite(values)) or covariance.shape != (values.size, values.size):
         raise ResultError("parameters or covariance are not numbers of the right shape")
+    size = np.sqrt(np.maximum(np.diag(covariance), 0))
+    size[size == 0] = 1.0
+    correlation = covariance / np.outer(size, size)
+    if not (np.allclose(correlation, correlation.T) and np.min(np.linalg.eigvalsh(correlation)) > -ROUNDING):
+        raise ResultError("its covariance is that of no errors")
     return values, covariance
 
 

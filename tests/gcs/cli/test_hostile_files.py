@@ -37,6 +37,7 @@ from gcs.vehicle.profile import load_profile as load_vehicle_profile
 from sitl.hidden import plant_one
 from sitl.hidden.seal import seal_answer
 from sysid.errors import SysidError
+from sysid.fit.result import Fit
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,9 @@ def kinds(flight: Flight, folder: Path) -> dict[str, Kind]:
     measured = put("measured.toml", b"k_beta = 0.5\nmass = 1.2\narm = 0.1\nI_xx = 0.01\n")
     gains = put("gains.json", flight.gains.read_bytes())
     return {
-        "fit": Kind(fit, by_command("design", fit)),
+        "fit": Kind(
+            fit, lambda: print(json.dumps(Fit.load(fit).to_json(fit.parent)))
+        ),  # `design` takes half a second of each
         "gains": Kind(gains, lambda: load_gains(gains)),
         "card": Kind(card, lambda: load_card(str(card))),
         "log profile": Kind(log_profile, lambda: load_log_profile(log_profile)),
