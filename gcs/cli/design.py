@@ -144,9 +144,9 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
     from gcs.analysis.text.rate_gains import rate_gains_text
     from gcs.errors import UsageError
 
-    others = {"--measured": args.measured, "--costs": args.costs, "--limits": args.limits is not None}
-    for option in (name for name, given in others.items() if given):
-        raise UsageError(f"{option} goes with the paper's controller; leave it out, or --for")
+    given = {"--measured": args.measured, "--costs": args.costs, "--limits": args.limits is not None}
+    if others := [option for option, is_given in given.items() if is_given]:
+        raise UsageError(f"{others[0]} goes with the paper's controller; leave it out, or --for")
     gains = ardupilot_gains(fit)
     document = gains.to_json() | {"diagnosis": standing.to_json()}
     if args.output is not None:

@@ -49,7 +49,7 @@ def drawn(model: Model, covariance: FloatArray, rng: np.random.Generator, count:
     size, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
     spread = axes * np.sqrt(np.maximum(size, 0.0))
     values = model.values + rng.standard_normal((count, model.values.size)) @ spread.T
-    low, high = np.transpose([one.bounds for one in model.structure.parameters])
+    low, high = model.structure.bounds
     return np.asarray(np.clip(values, low, high))
 
 

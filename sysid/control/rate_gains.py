@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.control.judgement import OF_DELAY
 from sysid.control.regulator import DesignError
 from sysid.control.sampled import SampledLoop, sampled_loop
 from sysid.control.stability import SENSIBLE_GAIN_DB, SENSIBLE_MS, SENSIBLE_PHASE_DEG
@@ -24,7 +25,6 @@ STEP = MOST**0.5
 LEAST_STEP = -16
 """About a tenth."""
 MOST_STEP = 2
-OF_DELAY = 0.5
 ROUNDS = 12
 TUNED = ("p", "i", "d")
 Loops = tuple[AxisLoop, AxisLoop]

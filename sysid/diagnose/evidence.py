@@ -114,7 +114,7 @@ class Candidate:
         here = self.asked
         if not isinstance(metric, Innovations) or not self.model.structure.linear:
             return here
-        low, high = np.array([one.bounds for one in self.model.structure.parameters]).T
+        low, high = self.model.structure.bounds
         loose = [self.model.structure.names.index(name) for name in here.free]
         # A step may not lead there. An unstable vehicle can foretell anything that its pilot and controller hold.
         known = metric.model.structure == self.model.structure and metric.model.stable

@@ -253,10 +253,7 @@ class _Question:
             return chi_squared, degrees, math.inf
         told = None if self.effect.samples is None else rows_that_tell_sizes(self.whitening)
         at_least = math.inf if told is None else along(Z * told, residual * told)[0]
-        if self.envelope.rough:
-            by_power = along(Z, residual, self.envelope.gram(Z))[0]
-            at_least = min(at_least, self.envelope.surely(by_power, degrees, Z))
-        return chi_squared, degrees, at_least
+        return chi_squared, degrees, min(at_least, in_bursts(Z, residual, self.envelope))
 
     def _moves(
         self, names: Sequence[str], D: FloatArray, Z: FloatArray, width: Mapping[str, float]
@@ -271,6 +268,14 @@ class _Question:
         each = [(name, float(times), float(error)) for name, times, error in zip(names, move, spread, strict=True)]
         moves = {name: times * width[name] for name, times, _ in each if name}
         return moves, {name: error * abs(width[name]) for name, _, error in each if name}
+
+
+def in_bursts(Z: FloatArray, residual: FloatArray, envelope: Envelope) -> float:
+    """Chi squared of a residual (N,) along rows (c, N), as far as it is sure by the noise's power when they act;
+    infinite where that is the same all the time."""
+    if not envelope.rough:
+        return math.inf
+    return envelope.surely(*along(Z, residual, envelope.gram(Z)), Z)
 
 
 def along(Z: FloatArray, residual: FloatArray, covariance: FloatArray | None = None) -> tuple[float, int]:

@@ -17,7 +17,7 @@ from sysid.data.preprocess import ComplexArray
 from sysid.data.record import RATES
 from sysid.diagnose.candidate_terms import transfers
 from sysid.diagnose.evidence import Candidate, Stepped
-from sysid.diagnose.score import along, log_chance
+from sysid.diagnose.score import along, in_bursts, log_chance
 from sysid.diagnose.term_search import instrumental_inverse
 from sysid.fit.whitening import Whitening
 from sysid.model.structure import FloatArray
@@ -91,11 +91,7 @@ def _shaken(moved: ComplexArray, s: ComplexArray, frequency_hz: float, zeta: flo
 def _surely(Z: FloatArray, chi_squared: float, stepped: Stepped, whitening: Whitening) -> float:
     """Chi squared of the residual along rows (c, N), by the noise near them, and by its power when they act."""
     sure = chi_squared / max(1.0, _noise_near(Z, stepped.residual))
-    envelope = stepped.envelope(whitening)
-    if not envelope.rough:
-        return sure
-    by_power, degrees = along(Z, stepped.residual, envelope.gram(Z))
-    return min(sure, envelope.surely(by_power, degrees, Z))
+    return min(sure, in_bursts(Z, stepped.residual, stepped.envelope(whitening)))
 
 
 def _noise_near(Z: FloatArray, residual: FloatArray) -> float:

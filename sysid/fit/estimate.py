@@ -291,8 +291,7 @@ def _newton_move(curvature: FloatArray, gradient: FloatArray, size: FloatArray) 
 
 
 def _in_bounds(structure: Structure, values: FloatArray) -> bool:
-    low = np.array([parameter.bounds[0] for parameter in structure.parameters])
-    high = np.array([parameter.bounds[1] for parameter in structure.parameters])
+    low, high = structure.bounds
     return bool(np.all(np.isfinite(values)) and np.all(values >= low) and np.all(values <= high))
 
 

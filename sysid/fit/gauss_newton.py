@@ -122,8 +122,7 @@ def minimise(
     of that sum. Returns the model and its residual power.
     """
     structure = model.structure
-    low = np.array([parameter.bounds[0] for parameter in structure.parameters])
-    high = np.array([parameter.bounds[1] for parameter in structure.parameters])
+    low, high = structure.bounds
     movable = np.array([name not in held for name in structure.names])
     values = np.clip(model.values, low, high)
     weights: Sequence[AnyArray] = axis_weights(stacks, power) if spectral is None else spectral

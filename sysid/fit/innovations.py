@@ -75,7 +75,7 @@ def innovations(model: Model, on: Dataset, free: Sequence[str]) -> Innovations:
 def _told(model: Model, stacks: Sequence[Stack], rate_hz: float, free: Sequence[int]) -> tuple[Model, Noise]:
     """Noise and model after a few steps of both; the model stays where it does not have a slope to follow."""
     noise = Noise.of(output_error(model, stacks), stacks, rate_hz)
-    low, high = np.array([one.bounds for one in model.structure.parameters]).T
+    low, high = model.structure.bounds
     movable = np.isin(np.arange(model.values.size), free)
     try:
         with np.errstate(all="ignore"):

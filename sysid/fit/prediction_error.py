@@ -248,7 +248,7 @@ def _settled(
     chance = noise.lags.size / (noise.root.shape[0] * here.samples)
     if not LEAST_PAST * chance < float(np.max(share)) or not float(np.max(share)) < MOST_PAST:
         return None
-    low, high = np.array([one.bounds for one in structure.parameters]).T
+    low, high = structure.bounds
     movable = np.isin(np.arange(model.values.size), free)
     for _ in range(STEPS):
         curvature, gradient = here.beside_past
@@ -270,7 +270,7 @@ def lower(
 ) -> tuple[Model, Noise, Equations] | None:
     """Where on the way of a step less is left; None where nowhere is. The last digits do not count."""
     root, length = _root(here.new / here.samples), 1.0
-    low, high = np.array([one.bounds for one in model.structure.parameters]).T
+    low, high = model.structure.bounds
     for _ in range(HALVINGS):
         # what is very large loses its bound to rounding: a rate of 1e16 less 1e16 is none
         tried = Model(model.structure, np.clip(model.values + length * move, low, high))

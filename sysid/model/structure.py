@@ -128,6 +128,12 @@ class Structure:
     def names(self) -> tuple[str, ...]:
         return tuple(parameter.name for parameter in self.parameters)
 
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Hard limits of the parameters: the lowest, the highest."""
+        low, high = np.array([parameter.bounds for parameter in self.parameters], dtype=float).reshape(-1, 2).T
+        return low, high
+
     @property
     def outside_matrices(self) -> tuple[str, ...]:
         """Effects on the commands that matrices leave out, and with them poles and modes: delay, play, limits."""
