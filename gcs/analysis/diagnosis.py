@@ -32,7 +32,7 @@ from sysid.diagnose.evidence import Candidate, instrumental_step
 from sysid.diagnose.explain import Explanation, explain
 from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.loop_change import Limit
-from sysid.diagnose.matters import Remainder, judged, remainder
+from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
 from sysid.diagnose.shares import EXPLAINED
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
@@ -265,7 +265,7 @@ class _Question:
 
     def weighed(self, answer: Diagnosis) -> tuple[Diagnosis, CouldHide | None, Remainder | None]:
         """The answer by what matters, with what could hide beside it; both None where it is missing by name."""
-        if answer.verdict == "missing" and self.limit is None:
+        if answer.verdict == "missing" and self.limit is None and not hardly_seen(answer):
             return answer, None, None
         self.say("what could hide")
         hiding = _behind(answer.parent, answer, self.users)

@@ -41,7 +41,7 @@ one, or one before, while single effects are asked, ends the command without an 
 What matters is what could change the margins of the loop that `tippath design` would close on the fit by 1 dB or 5
 degrees, or by --matters. What is left and seen is bounded by its 95 % limit at the loop's crossings, what is not seen
 by the effects that could hide. Up to 0.3 points of fit that no effect explains and that do not matter make a fit
-complete; what has a name does so only with --matters.
+complete; what has a name does so only where that is a guess and hardly more than chance, or with --matters.
 
 Verdicts: "complete", what the model leaves is noise, or does not matter; "missing", one effect or a chain of two
 explains at least 80 % of what can be explained, on fitted and validation runs, at plausible values; "unexplained",

@@ -10,7 +10,10 @@ from sysid.data.airframe import Airframe
 from sysid.data.band import USUAL, swept_band
 from sysid.data.record import Record
 from sysid.diagnose.clocks import clocks
+from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.evidence import instrumental_step
+from sysid.diagnose.matters import hardly_seen, judged, remainder
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.identify import on_runs
 
@@ -55,10 +58,19 @@ def ask(stranger: Stranger) -> Answer:
     fitted, judging = runs[: stranger.plan.fitted], runs[stranger.plan.fitted :]
     band_hz = (swept_band(fitted) or USUAL).hz
     begin = time.process_time()
-    found = diagnose(on_runs(base, (), runs, fitted), fitted, judging, band_hz)
+    found = weighed(diagnose(on_runs(base, (), runs, fitted), fitted, judging, band_hz))
     early = clocks(found)
     taken = time.process_time() - begin
     second = None
     if len(stranger.hidden.names) == 2 and found.effect is not None and found.verdict == "missing":
         second = diagnose(on_runs(base, (found.effect,), runs, fitted), fitted, judging, band_hz)
     return Answer(found, second, None if early is None else type(early).__name__, taken)
+
+
+def weighed(answer: Diagnosis) -> Diagnosis:
+    """By what matters, as `tippath diagnose` says it."""
+    if answer.verdict == "missing" and not hardly_seen(answer):
+        return answer
+    last, whitening = answer.parent, answer.whitening
+    hiding = could_hide(last.asked, instrumental_step(last.asked, whitening), whitening, answer.division)
+    return judged(answer, remainder(answer, hiding))

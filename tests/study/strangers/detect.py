@@ -1,10 +1,11 @@
 """How well a flight could show what is hidden: by the truth, without any fit.
 
 The vehicle with the effect flies its maneuvers in its loop in still air; the base answers to the same commands, and
-what is left is divided by the spectrum of what gusts and gyro noise leave of the base. What the base's own
-parameters could make of it is taken away, and so is lateness of all commands that the log leaves open: where it has not
-every sample of the loop and does not tell it, commands held for a sample of the log act later than they did. The sum is
-chi squared, expected above the noise; DETECTABLE of it counts 1.
+what is left is divided by the spectrum of what gusts and gyro noise leave of the base, and of what folds back into the
+band where the log has not every sample of the loop: noise on the excitation between samples moves the vehicle, and
+nobody knows it. What the base's own parameters could make of it is taken away, and so is lateness of all commands that
+the log leaves open: where it does not tell its loop, commands held for a sample of the log act later than they did. The
+sum is chi squared, expected above the noise; DETECTABLE of it counts 1.
 """
 
 from __future__ import annotations
@@ -38,18 +39,23 @@ class Ground:
     bins: NDArray[np.intp]
     """Of the spectra, inside the band."""
     noise: Array
-    """(bins, 2): power of what gusts and gyro noise leave."""
+    """(bins, 2): power of what gusts and gyro noise leave, and of what folds back."""
     untold_s: float
     """By which commands may have acted later than they did, for all that the log tells."""
 
     @classmethod
-    def of(cls, vehicle: Vehicle, air: Air, loop: Loop, high_hz: float, untold_s: float = 0.0) -> Ground:
+    def of(
+        cls, vehicle: Vehicle, air: Air, loop: Loop, high_hz: float, *, every: int = 1, untold_s: float = 0.0
+    ) -> Ground:
+        """`every`: samples of the loop for each that is logged."""
         n = air.excitation.shape[0]
         frequencies = np.fft.rfftfreq(n, loop.dt)
         inside = np.flatnonzero((frequencies >= vehicle.band_hz[0]) & (frequencies <= high_hz))
         rest = replace(air, excitation=np.zeros_like(air.excitation))
         left = flown(vehicle, NOTHING, rest, replace(loop, closed=False)).measured + air.noise
         power = np.mean(np.abs(np.fft.rfft(left - left.mean(axis=0), axis=0)) ** 2, axis=2)
+        if every > 1:
+            power[inside] += _folded(vehicle, air, loop, inside, every)
         width = max(1, round(SMOOTH_HZ * n * loop.dt))
         kernel = np.ones(width) / width
         smooth = np.stack([np.convolve(power[:, i], kernel, mode="same") for i in range(2)], axis=1)
@@ -83,23 +89,38 @@ class Ground:
         return np.asarray(2j * np.pi * self.bins / (self.still.excitation.shape[0] * self.loop.dt))
 
     def _slopes(self) -> list[NDArray[np.complex128]]:
-        s = self._s
-        hold = (1 - np.exp(-s * self.loop.dt)) / (s * self.loop.dt)
-        table = self.vehicle.table
-        here = _response(dict(table), s)
+        table, dt = self.vehicle.table, self.loop.dt
+        here = _response(dict(table), self._s, dt)
         return [
-            (_response({**table, name: table[name] + (A_LITTLE * table[name] or A_LITTLE)}, s) - here)
-            * hold[:, None, None]
+            _response({**table, name: table[name] + (A_LITTLE * table[name] or A_LITTLE)}, self._s, dt) - here
             for name in self.vehicle.parameters
         ]
 
 
-def _response(table: dict[str, float], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """(bins, 2, 2): p, q from x, y."""
+def _folded(vehicle: Vehicle, air: Air, loop: Loop, bins: NDArray[np.intp], every: int) -> Array:
+    """(bins, 2): power of rates from beyond half the log's rate, folded back, less the answer to such commands."""
+    flight = flown(vehicle, NOTHING, air, loop)
+    n = air.excitation.shape[0]
+
+    def back(signal: Array) -> NDArray[np.complex128]:
+        moving = signal - signal.mean(axis=0)
+        whole = moving[: n - n % every]
+        thinned = every * np.fft.rfft(whole[::every], axis=0)
+        return np.asarray((thinned - np.fft.rfft(whole, axis=0)[: len(thinned)])[bins])
+
+    s = 2j * np.pi * bins / (n * loop.dt)
+    answered = np.einsum("kij,kjr->kir", _response(dict(vehicle.table), s, loop.dt), back(flight.commands[:, :2]))
+    return np.asarray(np.mean(np.abs(back(flight.measured + air.noise) - answered) ** 2, axis=2))
+
+
+def _response(table: dict[str, float], s: NDArray[np.complex128], dt: float) -> NDArray[np.complex128]:
+    """(bins, 2, 2): p, q from x, y, held for `dt`."""
     A, B, C = in_numbers(base_of(table))
     n = len(A) - 2  # the attitude comes last, and moves nothing
     inside = s[:, None, None] * np.eye(n) - A[:n, :n]
-    return np.asarray(C[:, :n] @ np.linalg.solve(inside, np.broadcast_to(B[:n, :2].astype(complex), (s.size, n, 2))))
+    hold = (1 - np.exp(-s * dt)) / (s * dt)
+    found = C[:, :n] @ np.linalg.solve(inside, np.broadcast_to(B[:n, :2].astype(complex), (s.size, n, 2)))
+    return np.asarray(found * hold[:, None, None])
 
 
 def _real(values: NDArray[np.complex128]) -> Array:

@@ -258,7 +258,8 @@ def _air_of_run(plan: Plan, number: int, samples: int, dt: float) -> dict[str, A
 def _ground(plan: Plan, air: Air, loop: Loop) -> Ground:
     high_hz = min(plan.vehicle.band_hz[1], plan.log_hz / 4)
     untold_s = 0.0 if plan.loop_told else (1 / plan.log_hz - loop.dt) / 2
-    return Ground.of(plan.vehicle, air.runs(slice(0, plan.fitted)), loop, high_hz, untold_s)
+    fitted = air.runs(slice(0, plan.fitted))
+    return Ground.of(plan.vehicle, fitted, loop, high_hz, every=plan.every, untold_s=untold_s)
 
 
 def _sized(plan: Plan, ground: Ground, name: str, target: float, draws: Array) -> tuple[Sizes, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -12,11 +13,12 @@ from gcs.analysis.text.blocks import WIDTH, Sentence, broken
 from gcs.analysis.text.matters import remainder_sentence
 from sysid.control.stability import closed_loop
 from sysid.data.dataset import dataset
+from sysid.diagnose import matters
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.evidence import candidate
 from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.loop_change import Limit, MarginChange, held_gains, of_margins, parse_limit, seen
-from sysid.diagnose.matters import Remainder, judged, remainder
+from sysid.diagnose.matters import HIDES, Remainder, judged, remainder
 from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.estimate import estimate
 from sysid.model.compose import compose
@@ -32,7 +34,7 @@ LEFT = Remainder(
     mode_damping=0.0,
     mode_by=None,
     limit=Limit(),
-    unlikely=0.0,
+    unseen=0.0,
 )
 
 
@@ -71,7 +73,7 @@ def test_complete_means_that_nothing_that_matters_is_left(clean: Diagnosis) -> N
     assert left.seen is None  # noise is not called an error
     assert 0 < left.within_points < 2
     assert judged(clean, left).confidence == clean.confidence
-    assert judged(clean, replace(left, unlikely=0.5)).confidence == 0.5 * clean.confidence
+    assert judged(clean, replace(left, unseen=0.5)).confidence == pytest.approx((1 - 0.5 * HIDES) * clean.confidence)
 
 
 @pytest.mark.usefixtures("few_effects_in_module")
@@ -93,6 +95,29 @@ def test_what_has_a_name_is_missing_unless_a_limit_was_asked_for(clean: Diagnosi
     named = replace(clean, verdict="missing", effect="servo_lag", chain=("servo_lag",), log_chance=-50.0)
     assert judged(named, LEFT) is named
     assert judged(named, LEFT, asked=True) is named  # and without a fit of it nothing is known
+
+
+@pytest.mark.usefixtures("few_effects_in_module")
+@pytest.mark.parametrize(
+    ("log10_chance", "confidence", "verdict"),
+    [(-6.0, 0.5, "complete"), (-8.0, 0.5, "missing"), (-6.0, 0.7, "missing")],
+    ids=["a guess at what is hardly seen", "plainly seen", "surely named"],
+)
+def test_a_guess_at_what_is_hardly_seen_and_does_not_matter_is_none(
+    clean: Diagnosis, monkeypatch: pytest.MonkeyPatch, log10_chance: float, confidence: float, verdict: str
+) -> None:
+    answer = replace(
+        clean, verdict="missing", effect="x", log_chance=log10_chance * math.log(10), confidence=confidence
+    )
+    change = MarginChange(gain_db=0.1, phase_deg=0.5)
+    monkeypatch.setattr(matters, "winner_change", lambda _: change)
+    said = judged(answer, LEFT)
+    assert said.verdict == verdict
+    if verdict == "complete":
+        assert said.confidence <= 0.5
+        assert judged(answer, replace(LEFT, within_points=0.4)).verdict == "missing"
+        monkeypatch.setattr(matters, "winner_change", lambda _: None)  # no loop tells what it does
+        assert judged(answer, LEFT).verdict == "missing"
 
 
 def test_limits_are_read_in_decibels_and_degrees() -> None:

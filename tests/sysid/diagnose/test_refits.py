@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from strangers.asking import records
-from strangers.flights import Stranger, fly
+from strangers.flights import Stranger, as_planned, fly, planned
+from strangers.hiding import Hidden
 
 from sysid.data.band import USUAL, swept_band
 from sysid.data.dataset import dataset
@@ -28,12 +29,21 @@ from sysid.model.effect import catalogue
 from sysid.model.structure import Model
 
 SEED = 2041
-"""A training one: a mode of 5.9 Hz in roll with one share in a hundred of the inertia, far less than the gusts."""
+MODES = {
+    "frequency_roll": 5.877,
+    "zeta_roll": 0.0358,
+    "kappa_roll": 0.01035,
+    "frequency_pitch": 11.585,
+    "zeta_pitch": 0.0620,
+    "kappa_pitch": 0.00931,
+}
+"""A training one's: a mode of 5.9 Hz in roll with one share in a hundred of the inertia, far less than the gusts. Least
+squares by constant weights lose it; with 4 % more they do not."""
 
 
 @pytest.fixture(scope="module")
 def flown() -> Stranger:
-    return fly(SEED)
+    return as_planned(planned(SEED), Hidden(("structural_mode",), (MODES,)))
 
 
 def asked(runs: list[Record]) -> Diagnosis:
