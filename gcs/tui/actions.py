@@ -43,6 +43,21 @@ def footer(acts: Iterable[Act]) -> str:
     return "  ".join(f"{act.key} {act.word}" for act in acts if act.word)
 
 
+PILOT = (
+    Act("t,T", "app.pilot('takeoff')", "take off", "the simulated pilot takes off"),
+    Act("l,L", "app.pilot('land')", "land", "the simulated pilot lands"),
+    Act("b,B", "app.pilot('lqr')", "bank switch", "the simulated pilot's switch: LQR, or autopilot"),
+)
+"""The simulated pilot's."""
+HELP = Act("question_mark", "app.screen('help')", "help", "what the keys do", "?")
+QUIT = Act("q,Q", "app.leave", "quit", "quit", "q")
+ANYWHERE = (
+    Act("f12", "app.abort", "abort", "abort: back to the mode before the run", "F12/space"),
+    HELP,
+    Act("ctrl+p", "app.palette", "all keys", "every action of every screen", "^p"),
+    QUIT,
+)
+"""At the end of every screen's footer, as far as there is room."""
 SCROLL = (
     Act("down", "scroll(1)", "", "scroll down", "down"),
     Act("up", "scroll(-1)", "", "scroll up", "up"),

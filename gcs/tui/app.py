@@ -20,6 +20,7 @@ from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
 from gcs.tui import themes, words
+from gcs.tui.actions import PILOT
 from gcs.tui.asked_card import AskedCard
 from gcs.tui.base import Dialog, Page
 from gcs.tui.connect import ConnectScreen
@@ -28,7 +29,7 @@ from gcs.tui.desk_keys import DeskApp
 from gcs.tui.dialogs import Confirm
 from gcs.tui.fly import SPAN_S, FlyScreen
 from gcs.tui.help import HelpScreen
-from gcs.tui.pages import GENERAL, PAGES, PILOT, mode_of
+from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
 from gcs.tui.plot import Style
 from gcs.tui.report import ReportScreen

@@ -12,11 +12,12 @@ from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 
 from gcs.tui import words
-from gcs.tui.actions import SCROLL, Act, bindings, footer
+from gcs.tui.actions import ANYWHERE, PILOT, SCROLL, Act, bindings, footer
 from gcs.tui.next_step import next_words
 from gcs.tui.plot import Plot, Style
+from gcs.tui.pressing import pressing_keys
 from gcs.tui.state import State
-from gcs.tui.widgets.lines import Lines
+from gcs.tui.widgets.lines import Line, Lines
 from gcs.tui.widgets.traces import Traces
 
 NOTICE_LINES = 3
@@ -87,9 +88,10 @@ class Page(Screen[None]):
         notice.display = bool(lines)
         notice.show(lines)
         self.query_one("#next", Lines).show([next_line(state, self.NAME, width)])
-        self.query_one("#keys", Lines).show([words.fitted(words.with_general(self.keys, width), width)])
+        keys = words.fitted(words.with_general(self.keys, width), width)
+        self.query_one("#keys", Lines).show([pressing_keys(keys, (*self.ACTS, *ANYWHERE))])
         self.query_one("#pilot").display = state.simulated
-        self.query_one("#pilot", Lines).show([words.pilot_line(state, width)])
+        self.query_one("#pilot", Lines).show([pressing_keys(words.pilot_line(state, width), PILOT)])
         self.show_body(state, width)
 
     def _too_small(self) -> bool:
@@ -121,7 +123,7 @@ class Scrolled(Page):
         """Move the text."""
         self.query_one("#tables", VerticalScroll).scroll_relative(y=lines, animate=False)
 
-    def put_text(self, lines: Sequence[Content | str | tuple[str, str]]) -> None:
+    def put_text(self, lines: Sequence[Line]) -> None:
         """The text."""
         text = self.query_one("#text", Lines)
         text.styles.height = max(1, len(lines))

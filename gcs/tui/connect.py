@@ -59,6 +59,14 @@ class ConnectScreen(Scrolled):
         self.at = max(0, min(self.at + lines, len(self.offered) - 1))
         self.app.run_look()  # type: ignore[attr-defined]
 
+    def action_mark(self, number: int) -> None:
+        """The line that was pressed; pressed again, it connects."""
+        if self.at == number:
+            self.action_go()
+            return
+        self.at = number
+        self.app.run_look()  # type: ignore[attr-defined]
+
     def action_go(self) -> None:
         """Connect to the marked line."""
         if self.at < len(self.offered) and not self.checking:

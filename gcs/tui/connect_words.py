@@ -12,6 +12,7 @@ from gcs.link.log_answer import LogClient
 from gcs.link.transport import parse_link
 from gcs.tui.connections import Connection
 from gcs.tui.desk_words import Line, broken
+from gcs.tui.pressing import pressed
 from gcs.tui.state import Stage, State
 from gcs.tui.words import connection_words, fitted, justified, sanitise_line
 from gcs.vehicle.autopilots import AUTOPILOTS, KINDS, PRIMARY_SYSTEM
@@ -43,7 +44,7 @@ def connection_lines(offered: Sequence[Connection], at: int, here: str, width: i
         mark = "▶" if number == at else " "
         now = "(here) " if one.name == here else ""
         text = f" {mark} {fitted(sanitise(one.name), wide):<{wide}} {now}{sanitise(one.about)}"
-        lines.append((fitted(text, width), "reverse") if number == at else fitted(text, width))
+        lines.append(pressed(fitted(text, width), f"screen.mark({number})", "reverse" if number == at else ""))
     hidden = len(offered) - len(lines)
     if hidden:
         place = -1 if first == 0 else 0

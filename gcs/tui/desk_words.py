@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
+from textual.style import Style as TextStyle
 
 from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.ladder import RungNumbers, short_names
@@ -20,6 +21,7 @@ from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
 from gcs.tui.plot import Style, bar
+from gcs.tui.pressing import pressed
 from gcs.tui.state import State
 from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
 
-Line = str | tuple[str, str]
+Line = str | tuple[str, str | TextStyle]
 
 SIGNS = {Choice.FIT: "●", Choice.VALIDATE: "○", Choice.OUT: " ", Choice.NOISE: "~"}
 """Beside the word, never in its place."""
@@ -93,7 +95,7 @@ def run_rows(desk: DeskState, at: int, width: int, height: int) -> list[Line]:
         use = f"{SIGNS[row.choice]} {row.choice.value}" if row.usable else "✗ not usable"
         mark, name, duration = "▶" if number == at else " ", sanitise(row.id), f"{row.duration_s:.1f}"
         text = _row((mark, name, sanitise(maneuver), duration, size, use, sanitise(row.health)), width)
-        lines.append((fitted(text, width), "reverse") if number == at else fitted(text, width))
+        lines.append(pressed(fitted(text, width), f"screen.mark({number})", "reverse" if number == at else ""))
     hidden = len(rows) - len(lines)
     if hidden:
         place = -1 if first == 0 else 0

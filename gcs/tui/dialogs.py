@@ -5,14 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from textual.containers import Vertical
+from textual.content import Content
 from textual.widget import Widget
 from textual.widgets import Input
 
 from gcs.link.decode import sanitise
 from gcs.tui.base import Dialog
 from gcs.tui.plot import Style
+from gcs.tui.pressing import pressed
 from gcs.tui.widgets.lines import Lines
 from gcs.tui.words import wrapped
+
+NO = "screen.dismiss(None)"
+ANSWERS = Content.assemble(
+    " ", pressed("enter takes it", "screen.take"), ", ", pressed("escape leaves", NO), ", F12 aborts"
+)
+YES_OR_NO = Content.assemble(
+    (" ", "bold"),
+    pressed("Y yes", "screen.dismiss('yes')", "bold"),
+    ("   ", "bold"),
+    pressed("N no (also escape)", NO, "bold"),
+)
 
 
 class Ask(Dialog):
@@ -32,11 +45,15 @@ class Ask(Dialog):
 
     def on_mount(self) -> None:
         self.query_one("#question", Lines).show([(f" {self._question}", "bold")])
-        self.query_one("#hint", Lines).show([f" {self._hint}", " enter takes it, escape leaves, F12 aborts"])
+        self.query_one("#hint", Lines).show([f" {self._hint}", ANSWERS])
 
-    def on_input_submitted(self, event: Input.Submitted) -> None:
+    def action_take(self) -> None:
+        """As enter."""
+        self.dismiss(self.query_one("#answer", Input).value.strip() or None)
+
+    def on_input_submitted(self) -> None:
         """Enter."""
-        self.dismiss(event.value.strip() or None)
+        self.action_take()
 
 
 class Confirm(Dialog):
@@ -68,4 +85,4 @@ class Confirm(Dialog):
         lines = [piece for line in self._lines for piece in wrapped(f" {sanitise(line)}", width, 0)]
         hint = self.query_one("#hint", Lines)
         hint.styles.height = len(lines) + 1
-        hint.show([*lines, (" Y yes   N no (also escape)", "bold")])
+        hint.show([*lines, YES_OR_NO])

@@ -32,6 +32,8 @@ keys everywhere
   K, escape      call off a fit, a diagnosis, whatever is worked on
   F9             other colours: black on white for the sun, high contrast
   q              quit; during a run it asks, and aborts first
+  mouse, finger  F12 ABORT, a screen's name, a key on the lines below, a row of
+                 a list, an answer: pressed, they do what their key does
 
 plots
   left, right    the cursor; with shift ten columns; home and end

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gcs.tui.actions import Act
+from gcs.tui.actions import HELP, QUIT, Act
 from gcs.tui.base import Page
 from gcs.tui.compare import CompareScreen
 from gcs.tui.connect import ConnectScreen
@@ -33,21 +33,15 @@ def mode_of(page: type[Page]) -> str:
     return page.NAME.lower()
 
 
-PILOT = (
-    Act("t,T", "app.pilot('takeoff')", "take off", "the simulated pilot takes off"),
-    Act("l,L", "app.pilot('land')", "land", "the simulated pilot lands"),
-    Act("b,B", "app.pilot('lqr')", "bank switch", "the simulated pilot's switch: LQR, or autopilot"),
-)
-
 GENERAL = (
     Act("f12", "app.abort", "ABORT", "abort: back to the mode before the run", "F12"),
     *(
         Act(str(k), f"app.screen('{mode_of(page)}')", page.NAME, f"screen {page.NAME}")
         for k, page in enumerate(PAGES, 1)
     ),
-    Act("question_mark", "app.screen('help')", "help", "what the keys do", "?"),
+    HELP,
     Act("k,K", "app.cancel", "", "call off what is being worked on"),
     Act("f9", "app.theme", "", "other colours: dark, black on white for the sun, high contrast, light", "F9"),
-    Act("q,Q", "app.leave", "quit", "quit"),
+    QUIT,
 )
 """What works on every screen; the palette lists it."""

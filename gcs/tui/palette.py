@@ -11,7 +11,8 @@ from textual.widgets import Input
 
 from gcs.tui.base import Dialog
 from gcs.tui.plot import Style
-from gcs.tui.widgets.lines import Lines
+from gcs.tui.pressing import pressed
+from gcs.tui.widgets.lines import Line, Lines
 from gcs.tui.words import fitted
 
 ROWS = 10
@@ -80,12 +81,16 @@ class Palette(Dialog):
         self._at = max(0, min(self._at + lines, len(self._found) - 1))
         self._list()
 
+    def action_take(self, place: int) -> None:
+        """The entry that was pressed."""
+        self.dismiss(str(self._found[place]))
+
     def _list(self) -> None:
         width = max(20, self.app.size.width - 8)
         first = max(0, min(self._at - ROWS // 2, len(self._found) - ROWS))
-        lines: list[str | tuple[str, str]] = []
+        lines: list[Line] = []
         for place, number in enumerate(self._found[first : first + ROWS], first):
             one = self._entries[number]
             text = fitted(f" {'▶' if place == self._at else ' '} {one.key:>9}  {one.words}", width)
-            lines.append((text, "reverse") if place == self._at else text)
+            lines.append(pressed(text, f"screen.take({place})", "reverse" if place == self._at else ""))
         self.query_one("#found", Lines).show(lines or [" nothing has that in its name"])

@@ -48,6 +48,11 @@ class RunsScreen(Scrolled):
         self.at += lines
         self.app.run_look()  # type: ignore[attr-defined]
 
+    def action_mark(self, number: int) -> None:
+        """The run that was pressed."""
+        self.at = number
+        self.app.run_look()  # type: ignore[attr-defined]
+
     def action_choose(self, choice: str) -> None:
         """Use the marked run so."""
         self.app.use_run(self.at, Choice[choice])  # type: ignore[attr-defined]

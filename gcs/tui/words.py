@@ -12,13 +12,17 @@ from collections.abc import Sequence
 
 from rich.cells import cell_len
 from textual.content import Content
+from textual.style import Style
 
 from gcs.cards.envelope import Limits
 from gcs.flight.preflight import LAG_LIMIT_S, Check
 from gcs.link.clock import LOST_AFTER_S
 from gcs.link.decode import sanitise
+from gcs.tui.actions import ANYWHERE, PILOT, footer
 from gcs.tui.next_step import current
-from gcs.tui.plot import Style, bar
+from gcs.tui.plot import Style as PlotStyle
+from gcs.tui.plot import bar
+from gcs.tui.pressing import pressed
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
 from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
 from gcs.vehicle.snapshot import VehicleSnapshot
@@ -34,7 +38,7 @@ _PLAIN = str.maketrans(
 )  # fmt: skip
 
 
-def plain(text: str, style: Style) -> str:
+def plain(text: str, style: PlotStyle) -> str:
     """Only ASCII where the terminal's font has no more."""
     return text.translate(_PLAIN).encode("ascii", "replace").decode() if style == "ascii" else text
 
@@ -84,7 +88,7 @@ def top_line(state: State, width: int) -> Content:
     """Link, mode and who commands it, armed, rotor speed, battery, and the abort key, which goes last of all."""
     room = width - len(ABORT) - 2
     if room < 1:
-        return Content.styled(ABORT[:width], "bold reverse")
+        return Content.assemble(pressed(ABORT[:width], "app.abort", "bold reverse"))
     for level in range(4):
         parts = _top_parts(state, level)
         text = " " + "  ".join(parts)
@@ -93,7 +97,7 @@ def top_line(state: State, width: int) -> Content:
     line = justified(text, ABORT + " ", width)
     alarm = state.vehicle is None or state.lost or _late(state.vehicle)
     style = "bold reverse" if alarm else "bold"
-    return Content.assemble((line[: -len(ABORT) - 1], style), (ABORT, "bold reverse"), (" ", style))
+    return Content.assemble((line[: -len(ABORT) - 1], style), pressed(ABORT, "app.abort", "bold reverse"), (" ", style))
 
 
 def _top_parts(state: State, level: int) -> list[str]:
@@ -144,11 +148,12 @@ SCREENS = ("Connect", "Fly", "Runs", "Fit", "Compare", "Diagnose", "Ladder", "Co
 def screens_line(state: State, here: str, width: int) -> Content:
     """The screens, where we are, and, where there is room, what we are connected to."""
     gap = "  " if width >= 100 else " "
-    parts: list[str | tuple[str, str]] = [" "]
+    parts: list[str | tuple[str, Style]] = [" "]
     for key, name in (*((str(i), name) for i, name in enumerate(SCREENS, 1)), ("?", "help" if width >= 90 else "")):
         text = f"{key} {name}" if width >= 100 and name else f"{key}{name}"
         is_here = name == here or (key == "?" and here == "help")
-        parts += [(f"[{text}]", "bold reverse") if is_here else text, gap]
+        show = f"app.screen('{(name if key != '?' else 'help').lower()}')"
+        parts += [pressed(f"[{text}]", show, "bold reverse") if is_here else pressed(text, show), gap]
     left = "".join(part if isinstance(part, str) else part[0] for part in parts)
     right = fitted(sanitise(connection_words(state)), max(0, width - cell_len(left) - 1)) if width >= 120 else ""
     return Content.assemble(*parts, " " * (width - cell_len(left) - cell_len(right) - 1), right)
@@ -159,14 +164,11 @@ def connection_words(state: State) -> str:
     return f"SIMULATED {state.plant}" if state.simulated else state.link or "no link"
 
 
-GENERAL = ("F12/space abort", "? help", "^p all keys", "q quit")
-"""On the footer of every screen, as far as there is room."""
-
-
 def with_general(keys: str, width: int) -> str:
     """The footer: a screen's keys, then those that work everywhere."""
     text = f" {keys}"
-    for one in GENERAL:
+    for act in ANYWHERE:
+        one = footer([act])
         if cell_len(text) + 2 + cell_len(one) <= width:
             text += f"  {one}"
     return text
@@ -176,8 +178,7 @@ def pilot_line(state: State, width: int) -> str:
     """The simulated pilot's keys; nothing on any other link."""
     if not state.simulated:
         return ""
-    keys = "its pilot: T take off  L land  B bank switch"
-    return fitted(f" SIMULATED {sanitise(str(state.plant))} · {keys}", width)
+    return fitted(f" SIMULATED {sanitise(str(state.plant))} · its pilot: {footer(PILOT)}", width)
 
 
 def card_line(state: State, width: int) -> str:
@@ -192,7 +193,7 @@ def card_line(state: State, width: int) -> str:
     return full if cell_len(full) <= width else fitted(text + flown, width)
 
 
-def progress_line(state: State, width: int, style: Style) -> str:
+def progress_line(state: State, width: int, style: PlotStyle) -> str:
     """How far the run is."""
     match state.stage:
         case Stage.FLYING if state.progress is not None:
@@ -221,7 +222,7 @@ def amplitude(run: RunView | None) -> str:
     return "" if run is None else run.size
 
 
-def _progress(progress: Progress, size: str, style: Style, width: int) -> str:
+def _progress(progress: Progress, size: str, style: PlotStyle, width: int) -> str:
     elapsed = min(max(progress.elapsed_s, 0.0), progress.duration_s)
     left = progress.duration_s - elapsed
     share = elapsed / progress.duration_s if progress.duration_s else 0.0
@@ -231,7 +232,7 @@ def _progress(progress: Progress, size: str, style: Style, width: int) -> str:
     )
 
 
-def limits_line(state: State, width: int, style: Style) -> str:
+def limits_line(state: State, width: int, style: PlotStyle) -> str:
     """Peaks of the run in percent of the limits."""
     limits: Limits = state.limits
     use = state.use

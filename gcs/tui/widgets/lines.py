@@ -5,32 +5,36 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from textual.content import Content, Span
+from textual.style import Style
 from textual.widgets import Static
 
 from gcs.logs.words import harmless
-from gcs.tui.plot import Style
+from gcs.tui.plot import Style as PlotStyle
 from gcs.tui.words import plain
+
+Line = Content | str | tuple[str, str | Style]
+"""Text, text with a style, or content."""
 
 
 class Lines(Static):
     """A fixed box of text. `style` is the plot style: in `ascii` nothing but ASCII is shown."""
 
-    def __init__(self, style: Style, id: str) -> None:
+    def __init__(self, style: PlotStyle, id: str) -> None:
         super().__init__("", markup=False, id=id)
-        self._style: Style = style
+        self._style: PlotStyle = style
         self.shown = ""
         """What stands there, as plain text."""
         self._spans: tuple[Span, ...] = ()
 
-    def show(self, lines: Sequence[Content | str | tuple[str, str]]) -> None:
-        """Show these lines: text, text with a style, or content."""
+    def show(self, lines: Sequence[Line]) -> None:
+        """Show these lines."""
         content = Content("\n").join(self._content(line) for line in lines)
         spans = tuple(content.spans)
         if content.plain != self.shown or spans != self._spans:
             self.shown, self._spans = content.plain, spans
             self.update(content, layout=False)
 
-    def _content(self, line: Content | str | tuple[str, str]) -> Content:
+    def _content(self, line: Line) -> Content:
         if isinstance(line, Content):
             text = self._said(line.plain)
             return line if text == line.plain else Content(text, spans=list(line.spans))
