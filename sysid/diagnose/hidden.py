@@ -106,7 +106,7 @@ def grouped(found: Sequence[Hidden]) -> list[tuple[Hidden, ...]]:
     for one in sorted(found, key=lambda each: -each.harm):
         for group in groups:
             first = group[0]
-            if np.max(np.abs(one.done - first.done)) <= ALIKE * first.harm:
+            if np.allclose(one.done, first.done, rtol=0, atol=ALIKE * first.harm):  # infinite ones, too
                 group.append(one)
                 break
         else:

@@ -18,7 +18,7 @@ from sysid.data.dataset import dataset
 from sysid.diagnose.candidates import QUESTIONS, SIGNIFICANT
 from sysid.diagnose.could_hide import could_hide
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
-from sysid.diagnose.hidden import HARM, CouldHide, Hidden
+from sysid.diagnose.hidden import HARM, CouldHide, Hidden, grouped
 from sysid.diagnose.score import score
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
@@ -169,3 +169,24 @@ def test_margins_agree_with_the_regulator_and_a_delay_takes_its_own_length() -> 
     there = closed_loop(gains, Model(late, late.vector(values))).margins
     assert there is not None
     assert here.delay_ms - there.delay_ms == pytest.approx(10.0, abs=0.3)
+
+
+def test_effects_that_change_something_without_bound_are_alike() -> None:
+    """Beside a parameter that was fitted to nothing: no difference of two infinities is taken."""
+
+    def hidden(effect: str, change: float) -> Hidden:
+        shift = {"A_lat": change}
+        return Hidden(
+            effect=effect,
+            title="",
+            size={},
+            sized=(),
+            visible=True,
+            shift=shift,
+            relative=shift,
+            modes=(),
+            margins=None,
+        )
+
+    groups = grouped([hidden("one", math.inf), hidden("other", math.inf), hidden("third", 0.2)])
+    assert [[one.effect for one in group] for group in groups] == [["one", "other"], ["third"]]
