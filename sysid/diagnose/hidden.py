@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -106,9 +107,16 @@ def grouped(found: Sequence[Hidden]) -> list[tuple[Hidden, ...]]:
     for one in sorted(found, key=lambda each: -each.harm):
         for group in groups:
             first = group[0]
-            if np.allclose(one.done, first.done, rtol=0, atol=ALIKE * first.harm):  # infinite ones, too
+            if _alike(one, first):
                 group.append(one)
                 break
         else:
             groups.append([one])
     return [tuple(group) for group in groups]
+
+
+def _alike(one: Hidden, first: Hidden) -> bool:
+    """Whether both do the same; changes without bound are the same, and no others are."""
+    apart = one.done != first.done
+    within = min(ALIKE * first.harm, sys.float_info.max)
+    return bool(np.all(np.abs(one.done[apart] - first.done[apart]) <= within))
