@@ -21,7 +21,7 @@ import numpy as np
 from sysid.control.judgement import Limits
 from sysid.control.loop import commands_per_added, following
 from sysid.control.prefilter import DynamicPrefilter, followed, model_answers
-from sysid.control.regulator import DesignError, Gains, cyclic_powers
+from sysid.control.regulator import UNCONTROLLED, DesignError, Gains, cyclic_powers
 from sysid.control.stability import closed_loop, rates_per_command
 from sysid.data.preprocess import ComplexArray
 from sysid.model.structure import AnyArray, FloatArray, Model
@@ -60,7 +60,11 @@ def decoupled(gains: Gains, models: Sequence[Model], limits: Limits | None = Non
 
 def _fastest(gains: Gains) -> FloatArray:
     """(2,), rad/s: commands jump as far for a step on each axis as the steady prefilter's do."""
-    per_acceleration = np.linalg.pinv(cyclic_powers(gains.model))
+    power = cyclic_powers(gains.model)
+    size = np.linalg.svd(power, compute_uv=False)
+    if not size[-1] > UNCONTROLLED * size[0]:
+        raise DesignError("the model's cyclic turns one axis alone: there is no answer to make uncoupled")
+    per_acceleration = np.linalg.inv(power)
     return np.asarray(
         np.sqrt(np.linalg.norm(gains.prefilter, axis=0) / np.linalg.norm(per_acceleration, axis=0)), dtype=np.float64
     )

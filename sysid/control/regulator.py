@@ -18,6 +18,7 @@ import numpy as np
 
 from sysid.control.prefilter import DynamicPrefilter
 from sysid.control.stability import COMMANDS, ClosedLoop, Margins, closed_loop, commands_of
+from sysid.data.record import RATES
 from sysid.errors import SysidError
 from sysid.fit.result import finite
 from sysid.model.compose import compose
@@ -33,6 +34,8 @@ COSTS = tuple(
     size * times for size in (1.0, 10.0, 100.0, 1e3, 1e4) for times in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 )
 """Input costs that are offered where the one asked for does not hold."""
+UNCONTROLLED = 1e-6
+"""Of the larger: what the commands do to the other axis is then nothing."""
 FORWARD = ("angular_damping", "elevator")
 """Effects that the controller on board has in its own model where it has the elevator."""
 
@@ -154,10 +157,13 @@ def lqr(
     whole, model = model, _flown_by(model, elevator)
     if not (input_cost > 0 and math.isfinite(input_cost)):
         raise DesignError("the input cost must be a positive number (the paper's is 5)")
+    if not (np.all(np.isfinite(model.values)) and np.all(np.isfinite(whole.values))):
+        raise DesignError("the model has values that are no numbers: fit again")
     if not (model.stable and whole.stable):
         raise DesignError("the model is unstable: no gains are designed on it, see the fit's warnings")
     A, B, C, _ = (np.asarray(x, dtype=float) for x in model.matrices)
     B = B[:, : 3 if elevator else 2]
+    _refuse_uncontrolled(A, B, C)
     Q, R = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST]), input_cost * np.eye(B.shape[1])
     try:
         K = np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R))
@@ -176,6 +182,16 @@ def lqr(
         loop=ClosedLoop(None),
     )
     return replace(gains, loop=closed_loop(gains, whole))
+
+
+def _refuse_uncontrolled(A: FloatArray, B: FloatArray, C: FloatArray) -> None:
+    """Raises DesignError where no commands hold both rates: then there are none to be asked for."""
+    steady = C @ np.linalg.solve(-A, B) if np.linalg.matrix_rank(A) == len(A) else C @ A @ B
+    size = np.linalg.svd(steady, compute_uv=False)
+    if not size[-1] > UNCONTROLLED * size[0]:
+        raise DesignError(
+            "the model's commands turn one axis alone, or none: gains for two rates need both; fit sweeps of both axes"
+        )
 
 
 def steady_prefilter(A: FloatArray, B: FloatArray, C: FloatArray, K: FloatArray) -> FloatArray:
@@ -222,6 +238,10 @@ def _flown_by(model: Model, elevator: bool = False) -> Model:
     structure = model.structure
     if elevator and "elevator" not in structure.effects:
         raise DesignError("the model has no elevator: fit forward flight --with angular_damping,elevator")
+    if not set(RATES) <= set(structure.outputs):
+        raise DesignError(
+            f"gains hold both p and q, and this fit has {', '.join(structure.outputs)} alone: fit sweeps of both axes"
+        )
     if (structure.states, structure.names, structure.outputs) == (TPP.states, TPP.names, TPP.outputs):
         return model
     if not designs_on(structure) or not set(TPP.names) <= set(structure.names):

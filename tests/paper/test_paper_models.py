@@ -173,6 +173,33 @@ def test_no_gains_on_cd_or_with_a_senseless_weight() -> None:
         design(TABLE_4_TPP, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"A_lat": 0.0, "A_lon": 0.0, "B_lat": 0.0, "B_lon": 0.0}, "turn one axis alone, or none"),
+        ({"A_lat": 0.524, "A_lon": -0.05}, "turn one axis alone, or none"),
+        ({"L_b": float("nan")}, "values that are no numbers: fit again"),
+        ({"A_b": float("inf")}, "values that are no numbers: fit again"),
+        ({"tau_f": -0.1}, "unstable"),
+    ],
+)
+def test_a_model_that_nothing_holds_is_refused(changed: dict[str, float], says: str) -> None:
+    values = dict(zip(TPP.names, PAPER_PARAMETERS["tpp"], strict=True)) | changed
+    for elevator in (False, True):
+        model = Model(_FORWARD, _FORWARD.vector({**TABLE_5, **values})) if elevator else Model(TPP, TPP.vector(values))
+        if elevator and "one axis" in says:
+            continue  # the elevator turns the other
+        with pytest.raises(DesignError, match=says):
+            design(model, elevator=elevator)
+
+
+def test_a_fit_of_one_axis_alone_has_no_gains_of_two() -> None:
+    for outputs in (("p",), ("q",)):
+        structure = compose("tpp", outputs=outputs)
+        with pytest.raises(DesignError, match=f"this fit has {outputs[0]} alone: fit sweeps of both axes"):
+            design(Model(structure, np.array(PAPER_PARAMETERS["tpp"])))
+
+
 def test_gains_of_a_composition_are_its_tip_path_plane_s_and_the_margins_the_whole_s() -> None:
     """A delay costs itself of the delay margin; a lag less than its time constant, for it takes gain away as well."""
     bare = design(TABLE_4_TPP)
