@@ -168,6 +168,8 @@ def _refuse_wrong_usage(args: argparse.Namespace) -> None:
 
     if not (args.input_cost > 0 and math.isfinite(args.input_cost)):
         raise UsageError("--input-cost: wants a positive number; the paper's is 5")
+    if args.measured and args.elevator:
+        raise UsageError("--measured knows a loop of two commands: leave it out, or --elevator")
     if args.plot is not None:
         if not args.costs:
             raise UsageError("--plot draws what --costs lists: name both")

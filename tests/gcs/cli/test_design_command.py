@@ -196,6 +196,7 @@ def test_observers_stand_side_by_side_and_costs_are_drawn(flight: Path, tippath:
         (("--observer", "50,50,50,51"), "each pole at most twice"),
         (("--observer", "50,50,51,nan"), "four poles, each below 0"),
         (("--observer", "fast"), "wants kalman or such as 50,50,51,51"),
+        (("--measured", "--elevator"), "--measured knows a loop of two commands"),
         (("--plot", "costs.png"), "--plot draws what --costs lists: name both"),
         (("--costs", "--plot", "costs.gif"), "name a file that ends in .png, .svg or .html"),
         (("--for", "ardupilot", "--observer", "kalman"), "--observer goes with the paper's controller"),
