@@ -25,11 +25,10 @@ from sysid.model.structure import Model
 
 KNOWN, FITTED, STRANGERS = 60, 24, 40
 SEED = 170
-NUMBERS = ("overshoot", "coupling", "rise roll, ms", "rise pitch, ms", "largest command")
 
 
 def _answers(gains: Gains, vehicle: Late) -> list[float]:
-    """Of `NUMBERS` that time shows: the larger overshoot and coupling, and both rises (NaN where never)."""
+    """By time: the larger overshoot and coupling, and both rises in ms (NaN where never)."""
     law = Law(gains.prefilter)
     if gains.dynamic is not None:
         law = Law(gains.prefilter, gains.dynamic.F, gains.dynamic.frequency, float(gains.dynamic.damping[0]))
