@@ -26,8 +26,8 @@ from sysid.data.stacks import stack
 from sysid.fit.output_error import output_error
 from sysid.model.structure import FloatArray, Model
 
-PAPER_S, KALMAN = "paper", "kalman"
-FACTORS = {"half": 0.5, PAPER_S: 1.0, "twice": 2.0, "four times": 4.0}
+PAPER, KALMAN = "paper", "kalman"
+FACTORS = {"half": 0.5, PAPER: 1.0, "twice": 2.0, "four times": 4.0}
 """Of the paper's poles."""
 OF_NYQUIST = 0.95
 """Beyond it a log's own filters end the spectrum."""
