@@ -32,7 +32,8 @@ from gcs.flight.sweep import fly_card
 from gcs.tui import state as view
 from gcs.tui.asked_card import SHOWN_FIRST, AskedCard, asked_card
 from gcs.tui.moment import Moment
-from gcs.tui.state import Mark, RunView, Stage
+from gcs.tui.so_far import FitsSoFar
+from gcs.tui.state import Mark, RunView, Stage, tells_both_axes
 from gcs.tui.vehicle_link import VehicleLink
 from gcs.vehicle.autopilots import SYSTEMID
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile, load_profile
@@ -87,6 +88,7 @@ class CardFlight:
         self._flying: threading.Thread | None = None
         self._earlier: Earlier | None = None
         """Of the flight that goes on, once it does."""
+        self._so_far = FitsSoFar(lambda words: moment.set(so_far=words))
         threading.Thread(target=self._look_for_unfinished, name="tippath unfinished", daemon=True).start()
 
     @property
@@ -207,6 +209,7 @@ class CardFlight:
         with self._moment.pressed:
             self._abort = self._abort or CLOSED
             self._moment.pressed.notify_all()
+        self._so_far.close()
         if self._flying is not None:
             self._flying.join(within_s)
 
@@ -237,6 +240,7 @@ class CardFlight:
         self._abort, self._wish = None, None
         self._started = self._ready_wished = self._changed = False
         self._notes.clear()
+        self._so_far.forget()
         self._moment.set(
             stage=Stage.CHECKING, runs=_views(self._card), current=1, progress=None, use=None, checks=(), said=""
         )
@@ -428,6 +432,9 @@ class CardFlight:
             )
             if result.verdict is not None or not flown:
                 self._moment.mark(result.run.number, mark, why)
+            now = self._moment.now
+            if result.clean and result.file is not None and now.flight is not None and tells_both_axes(now.runs):
+                self._so_far.after(now.flight)
             all_kept = all(run.mark is Mark.KEEP for run in self._moment.now.runs)
             over = result.ending not in (Ending.FINISHED, *AGAIN) or result.verdict is None or all_kept
             self._moment.set(

@@ -6,6 +6,7 @@ away shows the same as one that was not, and a test shows any moment of a flight
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
@@ -142,6 +143,8 @@ class State:
     """Folder of the newest flight, where runs of its card are left."""
     left: str = ""
     """What of it is flown."""
+    so_far: str = ""
+    """What TPP makes of the runs that were kept, while the card is flown."""
     said: str = ""
     """The worker's last word: a refusal, a verdict, what was done."""
     said_by_desk: bool = False
@@ -184,6 +187,12 @@ class State:
         if self.vehicle.armed:
             return "the vehicle is armed: gains are moved on the ground, disarmed; the pilot lands first"
         return None
+
+
+def tells_both_axes(runs: Sequence[RunView]) -> bool:
+    """Whether chirps of roll and of pitch were kept: what TPP is fitted to."""
+    kept = [run.label for run in runs if run.mark is Mark.KEEP and run.kind == "chirp"]
+    return all(any(label.startswith(axis) for label in kept) for axis in ("roll", "pitch"))
 
 
 def joined(state: State, desk: DeskState) -> State:

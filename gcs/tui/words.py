@@ -207,14 +207,14 @@ def progress_line(state: State, width: int, style: PlotStyle) -> str:
             run = current(state)
             return fitted(f" ● READY: {run.label if run else ''} · nothing moves until S", width)
         case Stage.CHECKING:
-            return " looking at the vehicle before the run"
+            return fitted(" · ".join(filter(None, [" looking at the vehicle", state.so_far])), width)
         case Stage.HELD:
             run = current(state)
-            return fitted(f" ○ next: {run.label if run else ''}", width)
+            return fitted(" · ".join(filter(None, [f" ○ next: {run.label if run else ''}", state.so_far])), width)
         case Stage.CLOSING:
-            return " the last run is over; its log is completed"
+            return fitted(" · ".join(filter(None, [" the log is completed", state.so_far])), width)
         case _:
-            return " no run under way"
+            return fitted(" · ".join(filter(None, [" no run under way", state.so_far])), width)
 
 
 def amplitude(run: RunView | None) -> str:
