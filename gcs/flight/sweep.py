@@ -92,14 +92,12 @@ def fly_card(
 ) -> SweepResult:
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
-    `aborted` gives a reason once somebody wants the end; `interruptions` as in `fly_run`. `about` goes into
+    `aborted` gives a reason once somebody wants the end; `interruptions` as in `fly_run`; `about` goes into
     flight.json. With `probe` a small step on each axis comes first, and the card only where the vehicle answers as it
-    should; it needs a log that is streamed. With `log` "card" nothing of the log is sent: see `gcs.flight.log_way`.
-    `left_out` is what of the card that was asked for this vehicle cannot fly. With `earlier` a flight goes on, in its
-    own folder: `card` is its, and of it only what is left is flown. `choosing` decides which run is next. Recording
-    begins and ends here. `profile` spares asking the vehicle what it is. Raises CannotFlyError, NotReadyError,
-    LinkError and ProcedureError before anything was flown; what happens later is in the result, and in flight.json
-    wherever recording began.
+    should; it needs a log that is streamed: with `log` "card" nothing of it is sent (`gcs.flight.log_way`). `left_out`
+    is what of the card this vehicle cannot fly. With `earlier` a flight goes on, in its own folder: `card` is its, and
+    only what is left is flown. `choosing` decides which run is next; `profile` spares asking the vehicle what it is.
+    Raises CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; later is in the result.
     """
     clock, limits, disk_free = clock or WallClock(), limits or card.limits, disk_free or free_bytes
     profile = require_flyable(session, card, clock, profile=profile, stream=log == "stream")
