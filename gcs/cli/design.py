@@ -43,14 +43,15 @@ def add_parser(subparsers: Any) -> None:
         '"diagnosis": {"state", "effects", "confidence", '
         '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
         '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
-        '"measured_shortfalls"}, "judged_on"}, with --costs "over_costs": [{"input_cost", "K", "verdict", "margins", '
-        '"overshoot", "coupling"}]; with '
+        '"measured_shortfalls"}, "judged_on", "identified": {"parameters", "changed", "battery_v", "rotor_rpm"} (of '
+        "the vehicle in the fit's logs: `tippath push` compares)}, with --costs "
+        '"over_costs": [{"input_cost", "K", "verdict", "margins", "overshoot", "coupling"}]; with '
         '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
         '"frequency_hz"}, or null where the loop does not cross in the measured band, "unstable_poles" (of the open '
         'loop, by the model), "sweep_to_hz" (to measure what the model crosses beyond); null as a whole where the '
         "runs do not measure it well enough. With --for ardupilot: "
         '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
-        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", "diagnosis"}.',
+        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", "diagnosis", "identified"}.',
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
@@ -85,6 +86,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.clearance import clearance
+    from gcs.analysis.identified import identified
     from gcs.analysis.standing import beside
     from gcs.analysis.text.clearance import clearance_text, costs_text
     from gcs.analysis.text.gains import gains_text, measured_text
@@ -106,6 +108,7 @@ def run(args: argparse.Namespace) -> int:
     measured = by_measurement(fit, gains) if args.measured else None
     cleared = clearance(gains, fit, beside(args.fit.parent, fit, words), limits, measured=measured)
     document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
+    document["identified"] = identified(fit).to_json()
     if args.measured:
         document["margins_measured"] = None if measured is None else measured.to_json()
     costs = over_costs(fit.model, cleared.models, limits, args.input_cost) if args.costs else ()
@@ -138,6 +141,7 @@ def _limits(words: str | None) -> Limits | None:
 
 
 def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> int:
+    from gcs.analysis.identified import identified
     from gcs.analysis.rate_gains import ardupilot_gains, parameter_file
     from gcs.analysis.text.blocks import wrapped
     from gcs.analysis.text.clearance import standing_words
@@ -148,7 +152,7 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
     if others := [option for option, is_given in given.items() if is_given]:
         raise UsageError(f"{others[0]} goes with the paper's controller; leave it out, or --for")
     gains = ardupilot_gains(fit)
-    document = gains.to_json() | {"diagnosis": standing.to_json()}
+    document = gains.to_json() | {"diagnosis": standing.to_json(), "identified": identified(fit).to_json()}
     if args.output is not None:
         if args.output.suffix == ".json":
             write_json(document, args.output)

@@ -12,13 +12,14 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from gcs import documents
 from gcs.document_faults import shown
 from gcs.errors import LinkError, TippathError
+from gcs.flight.identified import Identified
 from gcs.flight.session import Session
 from gcs.link.events import bits_of_float, float_of_bits
 from gcs.link.procedures import NoAnswerError, Parameter, Procedure, ProcedureError, ReadParameter, WriteParameter
@@ -53,6 +54,8 @@ class Gains:
 
     bits: tuple[int, ...]
     """float32 bits, shape (29,), in the order of `BANK`."""
+    identified: Identified | None = field(default=None, compare=False)
+    """What is known of the vehicle that they were designed for."""
 
     @property
     def crc(self) -> int:
@@ -166,6 +169,8 @@ class GainsDocument(documents.Open, frozen=True, kw_only=True):
     observer_gain: tuple[Row2, Row2, Row2, Row2]
     prefilter: tuple[Row2, Row2]
     model: _Model
+    identified: Identified | None = None
+    """What is known of the vehicle that the model is of; nothing in an older file."""
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -198,7 +203,8 @@ def gains_of(document: object, source: str = "the gains") -> Gains:
         raise GainsError(f"{source}: model.parameters.{missing[0]} is missing, which the vehicle's observer needs")
     rows = (*held.K, *held.observer_gain, *held.prefilter)
     values = [value for row in rows for value in row] + [parameters[name] for name in MODEL]
-    return Gains(tuple(_bits(value, name, source) for name, value in zip(BANK, values, strict=True)))
+    bits = tuple(_bits(value, name, source) for name, value in zip(BANK, values, strict=True))
+    return Gains(bits, held.identified)
 
 
 def _bits(value: float, name: str, source: str) -> int:
@@ -210,8 +216,7 @@ def _bits(value: float, name: str, source: str) -> int:
 
 def planned_push(session: Session, gains: Gains) -> PushPlan:
     """All that a push asks before it writes, and what it would change. Raises as `push`."""
-    _require_disarmed(session, "nothing was written")
-    _require_bank(session)
+    require_ready(session)
     crc = _active_crc(session)
     held: tuple[int | None, ...] = _bank(session, ACTIVE) if crc else (None,) * len(BANK)
     changes = {
@@ -238,8 +243,7 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     Raises GainsError or ProcedureError, with the vehicle's own words where it gave any; the active bank is then what
     it was, unless the message says otherwise. Raises LinkError where the link is gone.
     """
-    _require_disarmed(session, "nothing was written")
-    _require_bank(session)
+    require_ready(session)
     previous = _active_crc(session)
     if previous == gains.crc and _bank(session, ACTIVE) == gains.bits:
         return PushResult(gains.crc, previous, False, gains.values, _switch(session))
@@ -250,6 +254,14 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     on_progress("reading the shadow bank back")
     _require_equal(_bank(session, SHADOW), gains.bits, "shadow bank", "nothing was committed")
 
+    _require_disarmed(session, "nothing was committed")
+    meanwhile = _active_crc(session)
+    if meanwhile != previous:
+        raise GainsError(
+            f"somebody else has committed {checksum(meanwhile)} meanwhile, in place of {checksum(previous)}; nothing "
+            "was committed: find out who, and push again",
+            reason="differs",
+        )
     on_progress(f"committing {checksum(gains.crc)}")
     refusal = _act(session, COMMIT, float(gains.crc), previous)
     active = _active_crc(session)
@@ -278,6 +290,12 @@ def revert(session: Session) -> RevertResult:
         words = f"the vehicle did not go back: {refusal}; the active bank is as before ({checksum(before)})"
         raise GainsError(words, reason="refused")
     return RevertResult(after, before)
+
+
+def require_ready(session: Session) -> None:
+    """Raises GainsError for a vehicle that is armed or has no bank."""
+    _require_disarmed(session, "nothing was written")
+    _require_bank(session)
 
 
 def _require_disarmed(session: Session, then: str) -> None:
