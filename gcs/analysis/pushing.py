@@ -14,8 +14,12 @@ from typing import Any
 from gcs.analysis.clearance import Clearance
 from gcs.analysis.text.clearance import failing_words
 from gcs.flight.gains import Gains, GainsError, PushPlan, PushResult, planned_push, push, require_ready
-from gcs.flight.identified import Objection, objections
+from gcs.flight.identified import Objection, objections, same
+from gcs.flight.rate_push import Held, RatePush, forget_behind, held, push_behind, push_directly, whole
+from gcs.flight.rate_set import RateSet, SetBefore
 from gcs.flight.session import Session
+from gcs.link.events import float_of_bits
+from gcs.vehicle.gain_switch import checksum as rates_checksum
 
 
 class NotClearedError(GainsError):
@@ -76,3 +80,93 @@ def require_none(found: Sequence[Objection], why: str) -> None:
             "or say --why",
             reason=against[0].kind,
         )
+
+
+# ------------------------------------------------------------------------------------------------ a stock autopilot
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatesToPush:
+    """Rate gains on their way to a stock autopilot, and what speaks against them."""
+
+    wanted: RateSet
+    now: Held
+    behind: bool
+    """Whether they go behind the pilot's switch; else they fly from the next take-off."""
+    objections: tuple[Objection, ...]
+
+    @property
+    def there(self) -> bool:
+        """Whether the vehicle has them already."""
+        bits = whole(self.wanted.new, self.now)
+        if self.behind and self.now.switch is not None:
+            values = tuple(float_of_bits(bits[name]) for name in bits)
+            return self.now.switch.active == rates_checksum(values)
+        return bits == self.now.bits
+
+
+def rates_to_push(session: Session, wanted: RateSet, *, for_good: bool = False) -> RatesToPush:
+    """What is there, and what speaks against it; nothing is written. `for_good`: past the switch.
+
+    Raises GainsError for an armed vehicle and one without these parameters; ProcedureError, LinkError.
+    """
+    now = held(session, wanted.new)
+    behind = now.switch is not None and not for_good
+    found = [*_worth(wanted), *_switched(now, behind), *_flown(wanted, now)]
+    found += objections(session, wanted.identified)
+    return RatesToPush(wanted=wanted, now=now, behind=behind, objections=tuple(found))
+
+
+def push_rates(
+    session: Session,
+    ready: RatesToPush,
+    why: str | None,
+    *,
+    keep: Callable[[SetBefore], object],
+    on_progress: Callable[[str], None] = lambda _: None,
+) -> RatePush:
+    """The push. Raises NotClearedError where something speaks against it and nobody says why; as `push_directly`."""
+    require_none(ready.objections, (why or "").strip())
+    if ready.behind:
+        return push_behind(session, ready.wanted.new, ready.now, on_progress)
+    if ready.now.switch is not None and ready.now.switch.active:
+        on_progress("nothing is to be behind the switch")
+        forget_behind(session)
+    return push_directly(session, ready.wanted.new, ready.now, keep=keep, on_progress=on_progress)
+
+
+def _worth(wanted: RateSet) -> list[Objection]:
+    if wanted.verdict is None:
+        words = "not judged: the file tells nothing of margins (the .json of `tippath design --for ardupilot` does)"
+        return [Objection(kind="not judged", words=words)]
+    if wanted.verdict != "fails":
+        return []
+    why = "; ".join(wanted.against) or "as judged when they were designed"
+    return [Objection(kind="margins", words=f"these gains are not cleared: {why}")]
+
+
+def _switched(now: Held, behind: bool) -> list[Objection]:
+    flies = "the new gains fly from the next take-off, and no hand takes them back in the air"
+    if now.switch is None:
+        put = "`tippath design --for ardupilot --script FILE` writes the script that holds both sets"
+        return [Objection(kind="switch", words=f"no switch: {flies} ({put})")]
+    if not behind:
+        return [Objection(kind="switch", words=f"past the switch: {flies}")]
+    if now.switch.channel is None:
+        words = f"no channel has the switch's option {now.switch.option:g}: the new gains would never fly"
+        return [Objection(kind="switch", words=words)]
+    if now.switch.flies:
+        return [Objection(kind="switch", words="the pilot's switch is high, and the set behind it flies: set it low")]
+    return []
+
+
+def _flown(wanted: RateSet, now: Held) -> list[Objection]:
+    """Where the settings of the fit's logs are known these gains are among them."""
+    if wanted.identified is not None and wanted.identified.parameters:
+        return []
+    if wanted.flown is None:
+        words = "gains: those that they were designed from are not known"
+        return [Objection(kind="gains", words=words, refuses=False)]
+    values = now.values
+    other = [f"{n} was {was:g}, is {values[n]:g}" for n, was in wanted.flown.items() if not same(was, values[n])]
+    return [Objection(kind="gains", words=f"gains: not as flown: {'; '.join(other)}")] if other else []

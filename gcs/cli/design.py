@@ -71,6 +71,14 @@ def add_parser(subparsers: Any) -> None:
         action="store_true",
         help="K and margins over input costs from 1 to 100, on every model that is left open",
     )
+    _add_ardupilot(parser)
+    add_effects_option(parser, NAMED)
+    add_output_options(parser, "GAINS.json")
+    parser.set_defaults(run=run)
+
+
+def _add_ardupilot(parser: argparse.ArgumentParser) -> None:
+    """The options of the other controller."""
     parser.add_argument(
         "--for",
         dest="autopilot",
@@ -79,9 +87,13 @@ def add_parser(subparsers: Any) -> None:
         "controller: from the parameters in the fit's own logs, within 6 dB, 45 degrees and 10 ms, or half of the "
         "model's delay, none above 1.3 times the flown one; -o NAME.param takes the new values as a parameter file",
     )
-    add_effects_option(parser, NAMED)
-    add_output_options(parser, "GAINS.json")
-    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--script",
+        type=Path,
+        metavar="FILE.lua",
+        help="with --for ardupilot: write the script for the vehicle's card that holds both sets behind the pilot's "
+        "switch; `tippath push` puts the new one there",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -96,6 +108,9 @@ def run(args: argparse.Namespace) -> int:
     from sysid.fit.result import Fit
 
     refuse_existing(args.output, args.force)
+    refuse_existing(args.script, args.force)
+    if args.script is not None and not args.autopilot:
+        raise UsageError("--script goes with --for ardupilot: the bank of the other has a switch of its own")
     if not (args.input_cost > 0 and math.isfinite(args.input_cost)):
         raise UsageError("--input-cost: wants a positive number; the paper's is 5")
     limits, words = _limits(args.limits), parse_words(args.effects)
@@ -147,6 +162,7 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
     from gcs.analysis.text.clearance import standing_words
     from gcs.analysis.text.rate_gains import rate_gains_text
     from gcs.errors import UsageError
+    from gcs.vehicle.gain_switch import SCRIPT
 
     given = {"--measured": args.measured, "--costs": args.costs, "--limits": args.limits is not None}
     if others := [option for option, is_given in given.items() if is_given]:
@@ -159,6 +175,9 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
         else:
             write_text(parameter_file(gains.changes), args.output)
         print(f"wrote {args.output}", file=sys.stderr)
+    if args.script is not None:
+        write_text(SCRIPT.read_text("utf-8"), args.script)
+        print(f"wrote {args.script}: into APM/scripts on the vehicle's card", file=sys.stderr)
     if args.json:
         print_json(document)
     else:

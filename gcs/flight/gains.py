@@ -229,7 +229,7 @@ def planned_push(session: Session, gains: Gains) -> PushPlan:
 
 def planned_revert(session: Session) -> int:
     """All that a revert asks before it writes; the checksum of the bank that it would leave. Raises as `revert`."""
-    _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
+    require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
     _require_bank(session)
     crc = _active_crc(session)
     if not crc:
@@ -250,11 +250,11 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
 
     on_progress(f"writing {len(BANK)} values to the shadow bank")
     for name, bits in zip(BANK, gains.bits, strict=True):
-        _call(session, WriteParameter(SHADOW + name, float_of_bits(bits)))
+        call(session, WriteParameter(SHADOW + name, float_of_bits(bits)))
     on_progress("reading the shadow bank back")
     _require_equal(_bank(session, SHADOW), gains.bits, "shadow bank", "nothing was committed")
 
-    _require_disarmed(session, "nothing was committed")
+    require_disarmed(session, "nothing was committed")
     meanwhile = _active_crc(session)
     if meanwhile != previous:
         raise GainsError(
@@ -281,7 +281,7 @@ def revert(session: Session) -> RevertResult:
 
     Raises GainsError where the vehicle refuses, has nothing to go back to, or offers no bank.
     """
-    _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
+    require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
     _require_bank(session)
     before = _active_crc(session)
     refusal = _act(session, REVERT, 1.0, before)
@@ -294,11 +294,12 @@ def revert(session: Session) -> RevertResult:
 
 def require_ready(session: Session) -> None:
     """Raises GainsError for a vehicle that is armed or has no bank."""
-    _require_disarmed(session, "nothing was written")
+    require_disarmed(session, "nothing was written")
     _require_bank(session)
 
 
-def _require_disarmed(session: Session, then: str) -> None:
+def require_disarmed(session: Session, then: str) -> None:
+    """Raises GainsError, which ends with `then`."""
     if session.snapshot().armed:
         raise GainsError(f"the vehicle is armed: land and disarm first; {then}", reason="armed")
 
@@ -316,7 +317,8 @@ def _require_link(session: Session, error: ProcedureError) -> None:
         raise LinkError(f"the link to the vehicle is lost: {error}") from error
 
 
-def _call(session: Session, procedure: Procedure[T]) -> T:
+def call(session: Session, procedure: Procedure[T]) -> T:
+    """As `Session.call`; raises LinkError where the link is gone."""
     try:
         return session.call(procedure)
     except ProcedureError as error:
@@ -333,7 +335,7 @@ def _act(session: Session, name: str, value: float, before: int) -> str | None:
     for _ in range(ACT_TRIES):
         cursor, _texts = session.texts_since(0)
         try:
-            _call(session, WriteParameter(name, value, repeat=False))
+            call(session, WriteParameter(name, value, repeat=False))
         except NoAnswerError as error:
             said = " / ".join(text.text for text in session.texts_since(cursor)[1])
             if _active_crc(session) != before:
@@ -354,7 +356,7 @@ def _in_hex(text: str, name: str, value: float) -> str:
 
 
 def _active_crc(session: Session) -> int:
-    return int(_finite(_call(session, ReadParameter(ACTIVE_CRC))))
+    return int(_finite(call(session, ReadParameter(ACTIVE_CRC))))
 
 
 def _finite(parameter: Parameter) -> float:
@@ -371,7 +373,7 @@ def _switch(session: Session) -> bool | None:
 
 
 def _bank(session: Session, prefix: str) -> tuple[int, ...]:
-    return tuple(_call(session, ReadParameter(prefix + name)).bits for name in BANK)
+    return tuple(call(session, ReadParameter(prefix + name)).bits for name in BANK)
 
 
 def _require_equal(held: tuple[int, ...], sent: tuple[int, ...], bank: str, then: str) -> None:
