@@ -1,0 +1,113 @@
+"""What a vehicle does in time under a discrete controller, loop by loop: play, limits and dead bands included.
+
+What is linear is exact (`sampled_plant`). What acts on the commands' samples is stepped with them, as
+`sysid.model.acting` does over a whole run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.control.sampled import sampled_plant
+from sysid.data.record import FloatArray
+from sysid.model.acting import divided
+from sysid.model.effect import Effect, Signals
+from sysid.model.structure import Model, discretise
+from sysid.rate_loop.linear import Discrete
+
+Act = Callable[[FloatArray], FloatArray]
+"""Commands (2,) of one loop to what becomes of them in it; it remembers what it has to."""
+
+
+class InLoops(NamedTuple):
+    """A vehicle as loops of one length see it."""
+
+    plant: Discrete
+    """Behind all that acts on samples."""
+    front: tuple[Effect, ...]
+    """What acts on samples, in order."""
+    parameters: dict[str, float]
+
+
+def in_loops(vehicle: Model, dt: float, gyro_corner_hz: float = 0.0) -> InLoops:
+    """Raises NotSampledError as `sampled_plant` does."""
+    front, after = divided(vehicle.structure)
+    named = vehicle.by_name
+    behind = Model(after, after.vector({name: named[name] for name in after.names}))
+    return InLoops(sampled_plant(behind, dt, gyro_corner_hz).system, front, dict(named))
+
+
+def lqr_law(model: Model, K: FloatArray, observer_gain: FloatArray, prefilter: FloatArray, dt: float) -> Discrete:
+    """The LQR with its observer as a loop of dt seconds answers: targets, then rates, to commands.
+
+    The observer is advanced exactly between loops, rates and commands held.
+    """
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.linalg import expm
+
+    A, B, C, _ = (np.asarray(one, dtype=float) for one in model.matrices)
+    B, n = B[:, :2], len(A)
+    block = np.zeros((n + 4, n + 4))
+    block[:n, :n], block[:n, n : n + 2], block[:n, n + 2 :] = A - observer_gain @ C, B, observer_gain
+    power = expm(block * dt)[:n]
+    of_state, of_command, of_rates = power[:, :n], power[:, n : n + 2], power[:, n + 2 :]
+    return Discrete(
+        of_state - of_command @ K,
+        np.hstack([of_command @ prefilter, of_rates]),
+        -K,
+        np.hstack([prefilter, np.zeros((2, 2))]),
+        dt,
+    )
+
+
+def predicted_rates(law: Discrete, vehicle: InLoops, asked: FloatArray) -> FloatArray:
+    """(n, 2), rad/s: a vehicle at rest under a law, for targets (n, 2) that each loop answers at once."""
+    plant = vehicle.plant
+    acts = [_sampled(one, vehicle.parameters, law.dt) for one in vehicle.front]
+    of_law, of_plant, rates = np.zeros(len(law.A)), np.zeros(len(plant.A)), np.empty((len(asked), 2))
+    for k, target in enumerate(asked):
+        rates[k] = plant.C @ of_plant
+        seen = np.concatenate([target, rates[k]])
+        command = law.C @ of_law + law.D @ seen
+        of_law = law.A @ of_law + law.B @ seen
+        for act in acts:
+            command = act(command)
+        of_plant = plant.A @ of_plant + plant.B @ command
+    return rates
+
+
+def _sampled(effect: Effect, parameters: dict[str, float], dt: float) -> Act:
+    own = {name: parameters[name] for name in effect.names}
+    if effect.samples is None:
+        return _lagging(effect, own, dt)
+    act, before = effect.samples, np.zeros(2)
+
+    def step(command: FloatArray) -> FloatArray:
+        nonlocal before
+        # the first of two samples is where it was
+        before = act(np.column_stack([before, command]), dt, own)[:, 1]
+        return before
+
+    return step
+
+
+def _lagging(effect: Effect, parameters: dict[str, float], dt: float) -> Act:
+    """A servo's linear answer to held commands; the mean over each loop."""
+    assert effect.equations is not None
+    unit = np.eye(len(effect.states) + 1)
+    signals = {**parameters, "delta": unit[-1], **{state: unit[i] for i, state in enumerate(effect.states)}}
+    said = effect.equations(Signals(signals))
+    rows = np.stack([said[f"{state}_dot"] for state in effect.states])
+    A, B = discretise(rows[:, :-1], rows[:, -1:], dt)
+    C = np.asarray(said["delta"])[:-1]
+    state = np.zeros((len(A), 2))
+
+    def step(command: FloatArray) -> FloatArray:
+        nonlocal state
+        before, state = state, A @ state + B @ command[None, :]
+        return np.asarray(0.5 * C @ (before + state))
+
+    return step
