@@ -136,40 +136,49 @@ def _bank(path: Path, fit: Path | None, named: Sequence[str]) -> tuple[Given, Mo
     """The LQR of a GAINS.json."""
     try:
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
-        raw = documents.json_value(documents.read_text(path, "set of gains", LARGEST), str(path))
+        crc = gains_of(documents.json_value(path.read_text("utf-8"), str(path)), str(path)).crc
     except documents.DocumentError as error:
         raise GainsError(f"{error}; make it with `tippath design`") from error
-    crc = gains_of(raw, str(path)).crc
     own = Model(TPP, TPP.vector({name: document.parameters[name] for name in TPP.names}))
-    model, completed = own, False
-    if fit is not None:
-        model = Fit.load(fit, named).model
-    elif document.judged_on is not None and document.judged_on.models:
-        held = {one.role: one.model for one in reversed(document.judged_on.models)}
-        role = next((role for role in WHOLE_ROLES if role in held), None)
-        if role is not None:
-            try:
-                model, completed = saved_model(held[role], path.parent, named), role == "missing"
-            except SysidError as error:
-                raise GainsError(f"{path}: {error}; design again with `tippath design`") from error
-    matrices = tuple(np.array(one) for one in (document.K, document.observer_gain, document.prefilter))
+    model, completed = (own, False) if fit is None else (Fit.load(fit, named).model, False)
+    if fit is None and document.judged_on is not None:
+        model, completed = _judged_on(path, document, named) or (own, False)
+    K, observer, prefilter = (np.array(one) for one in (document.K, document.observer_gain, document.prefilter))
     made: dict[float, tuple[Discrete, InLoops]] = {}
 
     def given(log: DataFlashTables, span: Span) -> Controlled:
-        active = log.parameters(span.start_s).get(ACTIVE_CRC)
-        if active is not None and int(active) != crc:
-            raise TippathError(f"another set flew ({int(active):06x}, not {crc:06x})")
-        said = [text for t, text in log.texts() if t <= span.start_s and text in SWITCHED]
-        if not said or said[-1] != SWITCHED[1]:
-            raise TippathError("the pilot's switch did not select the LQR")
+        _require_flown(log, span, crc)
         spacing = np.diff(log.series("RATE.R").part(span.start_s, span.stop_s).t) if log.has("RATE.R") else np.array([])
-        dt = round(float(np.median(spacing)), 5) if spacing.size else 0.002
+        if not spacing.size:
+            raise TippathError("RATE is not in the log")
+        dt = round(float(np.median(spacing)), 5)
         if dt not in made:
-            K, observer, prefilter = matrices
             made[dt] = lqr_law(own, K, observer, prefilter, dt), in_loops(model, dt)
         return *made[dt], 0
 
     return given, model, completed
+
+
+def _judged_on(path: Path, document: ClearedGains, named: Sequence[str]) -> tuple[Model, bool] | None:
+    """The model that predicts best of those in a file of gains, and whether it is the completed one."""
+    held = {} if document.judged_on is None else {one.role: one.model for one in reversed(document.judged_on.models)}
+    role = next((role for role in WHOLE_ROLES if role in held), None)
+    if role is None:
+        return None
+    try:
+        return saved_model(held[role], path.parent, named), role == "missing"
+    except SysidError as error:
+        raise GainsError(f"{path}: {error}; design again with `tippath design`") from error
+
+
+def _require_flown(log: DataFlashTables, span: Span, crc: int) -> None:
+    """Raises TippathError where another set flew, or none."""
+    active = log.parameters(span.start_s).get(ACTIVE_CRC)
+    if active is not None and int(active) != crc:
+        raise TippathError(f"another set flew ({int(active):06x}, not {crc:06x})")
+    said = [text for t, text in log.texts() if t <= span.start_s and text in SWITCHED]
+    if not said or said[-1] != SWITCHED[1]:
+        raise TippathError("the pilot's switch did not select the LQR")
 
 
 def _stock(path: Path, fit: Path | None) -> tuple[Given, Model, bool]:

@@ -11,13 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.control.sampled import sampled_plant
+from sysid.control.sampled import NotSampledError, sampled_plant
 from sysid.data.record import FloatArray
 from sysid.model.acting import divided
 from sysid.model.effect import Effect, Signals
-from sysid.model.structure import Model, discretise
+from sysid.model.structure import Model, discretise, recursion
 from sysid.rate_loop.linear import Discrete
 
+PROBED = 400
+"""Loops."""
 Act = Callable[[FloatArray], FloatArray]
 """Commands (2,) of one loop to what becomes of them in it; it remembers what it has to."""
 
@@ -33,11 +35,17 @@ class InLoops(NamedTuple):
 
 
 def in_loops(vehicle: Model, dt: float, gyro_corner_hz: float = 0.0) -> InLoops:
-    """Raises NotSampledError as `sampled_plant` does."""
+    """Raises NotSampledError as `sampled_plant` does, and for what remembers more than where it was a loop before."""
     front, after = divided(vehicle.structure)
-    named = vehicle.by_name
+    named = dict(vehicle.by_name)
+    for one in front:
+        if one.samples is not None and not _goes_by_loops(one, named, dt):
+            raise NotSampledError(
+                f"{vehicle.structure.title} has {one.title}, which cannot be computed loop by loop yet; predict with a "
+                "fit that has a lag or a delay instead"
+            )
     behind = Model(after, after.vector({name: named[name] for name in after.names}))
-    return InLoops(sampled_plant(behind, dt, gyro_corner_hz).system, front, dict(named))
+    return InLoops(sampled_plant(behind, dt, gyro_corner_hz).system, front, named)
 
 
 def lqr_law(model: Model, K: FloatArray, observer_gain: FloatArray, prefilter: FloatArray, dt: float) -> Discrete:
@@ -65,6 +73,24 @@ def lqr_law(model: Model, K: FloatArray, observer_gain: FloatArray, prefilter: F
 
 def predicted_rates(law: Discrete, vehicle: InLoops, asked: FloatArray) -> FloatArray:
     """(n, 2), rad/s: a vehicle at rest under a law, for targets (n, 2) that each loop answers at once."""
+    return _stepped(law, vehicle, asked) if vehicle.front else _linear(law, vehicle.plant, asked)
+
+
+def _linear(law: Discrete, plant: Discrete, asked: FloatArray) -> FloatArray:
+    """All loops at once."""
+    A = np.block(
+        [
+            [law.A, law.B[:, 2:] @ plant.C],
+            [plant.B @ law.C, plant.A + plant.B @ law.D[:, 2:] @ plant.C],
+        ]
+    )
+    driving = np.zeros((len(A), len(asked)))
+    driving[:, 1:] = np.vstack([law.B[:, :2], plant.B @ law.D[:, :2]]) @ asked[:-1].T
+    return np.asarray((plant.C @ recursion(A, driving)[len(law.A) :]).T)
+
+
+def _stepped(law: Discrete, vehicle: InLoops, asked: FloatArray) -> FloatArray:
+    """One loop after the other."""
     plant = vehicle.plant
     acts = [_sampled(one, vehicle.parameters, law.dt) for one in vehicle.front]
     of_law, of_plant, rates = np.zeros(len(law.A)), np.zeros(len(plant.A)), np.empty((len(asked), 2))
@@ -92,6 +118,17 @@ def _sampled(effect: Effect, parameters: dict[str, float], dt: float) -> Act:
         return before
 
     return step
+
+
+def _goes_by_loops(effect: Effect, parameters: dict[str, float], dt: float) -> bool:
+    """Whether steps of one loop come to the same as a whole run, on slow and fast commands of up to half of full."""
+    assert effect.samples is not None
+    k = np.arange(PROBED)
+    probe = 0.5 * np.sin(2 * np.pi * np.vstack([(k / PROBED) ** 2 * 20, k / 40]))
+    act = _sampled(effect, parameters, dt)
+    found = np.array([act(command) for command in probe.T]).T
+    whole = effect.samples(probe.copy(), dt, {name: parameters[name] for name in effect.names})
+    return bool(np.allclose(found, whole, atol=1e-9))
 
 
 def _lagging(effect: Effect, parameters: dict[str, float], dt: float) -> Act:

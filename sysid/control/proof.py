@@ -151,49 +151,32 @@ def prove(runs: Sequence[FlownRun], loop_s: float) -> Proof:
 
 def _evidence(runs: Sequence[FlownRun], quantity: Quantity, loop_s: float) -> Evidence:
     pairs = [run.values(quantity) for run in runs]
-    expected = [b for _, b in pairs if b is not None]
+    measured, expected = [a for a, _ in pairs], [b for _, b in pairs if b is not None]
     predicted = float(np.mean(expected)) if expected else None
     allowed = _allowed(quantity, predicted, 1000 * loop_s)
-    if quantity == "nrmse_percent":
-        differences = [a for a, _ in pairs if a is not None]
-    else:
-        differences = [a - b for a, b in pairs if a is not None and b is not None]
-    if predicted is None or len(differences) < len(pairs):
-        # a step that was predicted to get somewhere and does not, or the other way round
-        verdict: Verdict = "not accepted" if predicted is not None or len(expected) < len(pairs) else "too few to say"
-        if predicted is None and all(a is None for a, _ in pairs):
-            verdict = "accepted"
-        return _told(runs, quantity, predicted, pairs, None, None, allowed, verdict)
-    mean, bounds = float(np.mean(differences)), mean_bounds(differences)
-    if bounds is None:
-        verdict = "too few to say"
-    elif allowed[0] <= bounds[0] and bounds[1] <= allowed[1]:
-        verdict = "accepted"
-    else:
-        verdict = "not accepted" if bounds[1] < allowed[0] or bounds[0] > allowed[1] else "too few to say"
-    return _told(runs, quantity, predicted, pairs, mean, bounds, allowed, verdict)
-
-
-def _told(
-    runs: Sequence[FlownRun],
-    quantity: Quantity,
-    predicted: float | None,
-    pairs: Sequence[tuple[float | None, float | None]],
-    difference: float | None,
-    bounds: tuple[float, float] | None,
-    allowed: tuple[float, float],
-    verdict: Verdict,
-) -> Evidence:
+    base = 0.0 if quantity == "nrmse_percent" else 1.0
+    differences = [a - base * b for a, b in pairs if a is not None and b is not None]
+    # a step that was predicted to get somewhere and does not, or the other way round, is no number
+    whole = len(differences) == len(pairs)
+    bounds = mean_bounds(differences) if whole else None
+    nowhere = predicted is None and all(one is None for one in measured)
     return Evidence(
         axis=runs[0].axis,
         quantity=quantity,
         predicted=predicted,
-        measured=tuple(a for a, _ in pairs),
-        difference=difference,
+        measured=tuple(measured),
+        difference=float(np.mean(differences)) if whole else None,
         bounds=bounds,
         allowed=allowed,
-        verdict=verdict,
+        verdict=_verdict(bounds, allowed) if whole else "accepted" if nowhere else "not accepted",
     )
+
+
+def _verdict(bounds: tuple[float, float] | None, allowed: tuple[float, float]) -> Verdict:
+    if bounds is not None and allowed[0] <= bounds[0] and bounds[1] <= allowed[1]:
+        return "accepted"
+    beyond = bounds is not None and (bounds[1] < allowed[0] or bounds[0] > allowed[1])
+    return "not accepted" if beyond else "too few to say"
 
 
 def _allowed(quantity: Quantity, predicted: float | None, loop_ms: float) -> tuple[float, float]:

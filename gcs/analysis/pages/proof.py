@@ -34,11 +34,11 @@ def _in_time(column: Any, run: FlownRun) -> None:
         panel.plot(t, run.measured[:, rate], color=BLACK, linewidth=1.0, label="flown, up to 15 Hz")
         panel.plot(t, run.predicted[:, rate], color=BLUE, linewidth=1.3, linestyle="--", label="predicted")
         panel.set_ylabel(f"{RATES[rate]}, rad/s", fontsize=10)
-    most = 1.1 * max(float(np.max(np.abs(x))) for x in (run.asked, run.measured, run.predicted))
+    most = 1.3 * max(float(np.max(np.abs(x))) for x in (run.asked, run.measured, run.predicted))
     for panel in column:
         panel.set_ylim(-most, most)
     column[0].set_title(f"{TITLES[run.axis]}: {run.id}", fontsize=12, loc="left", fontweight="bold")
-    column[0].legend(loc="best", fontsize=9, framealpha=0.85)
+    column[0].legend(loc="upper right", ncols=3, fontsize=8, framealpha=0.85)
     column[1].set_xlabel("s", fontsize=10)
 
 
