@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gcs.analysis.clearance import Clearance
-from gcs.analysis.text.clearance import failing_words
+from gcs.analysis.text.clearance import require_cleared
 from gcs.flight.gains import Gains, GainsError, PushPlan, PushResult, planned_push, push, require_ready
 from gcs.flight.identified import Objection, objections, same
 from gcs.flight.rate_push import Held, RatePush, forget_behind, held, push_behind, push_directly, whole
@@ -20,6 +20,9 @@ from gcs.flight.rate_set import RateSet, SetBefore
 from gcs.flight.session import Session
 from gcs.link.events import float_of_bits
 from gcs.vehicle.gain_switch import checksum as rates_checksum
+
+FLYABLE = ("holds", "poor")
+"""Verdicts of a design that refuse no push."""
 
 
 class NotClearedError(GainsError):
@@ -47,14 +50,11 @@ class Pushed:
 
 def to_push(gains: Gains, cleared: Clearance, why: str | None = None) -> ToPush:
     """Raises NotClearedError, reason `margins`, for gains that fail and of which nobody says why they are pushed."""
-    said = (why or "").strip()
-    if cleared.judgement.verdict == "fails" and not said:
-        raise NotClearedError(
-            f"these gains are not cleared: {failing_words(cleared.judgement)}; nothing was sent. Design others (a "
-            "higher --input-cost leaves more), or say --why",
-            reason="margins",
-        )
-    return ToPush(gains=gains, why=said)
+    try:
+        require_cleared(cleared, why)
+    except GainsError as error:
+        raise NotClearedError(str(error), reason=error.reason) from error
+    return ToPush(gains=gains, why=(why or "").strip())
 
 
 def plan(session: Session, ready: ToPush) -> tuple[PushPlan, tuple[Objection, ...]]:
@@ -105,14 +105,17 @@ class RatesToPush:
         return bits == self.now.bits
 
 
-def rates_to_push(session: Session, wanted: RateSet, *, for_good: bool = False) -> RatesToPush:
-    """What is there, and what speaks against it; nothing is written. `for_good`: past the switch.
+def rates_to_push(
+    session: Session, wanted: RateSet, cleared: Clearance | None = None, *, for_good: bool = False
+) -> RatesToPush:
+    """What is there, and what speaks against it; nothing is written. `cleared`: the set judged anew, where its file
+    holds models. `for_good`: past the switch.
 
     Raises GainsError for an armed vehicle and one without these parameters; ProcedureError, LinkError.
     """
     now = held(session, wanted.new)
     behind = now.switch is not None and not for_good
-    found = [*_worth(wanted), *_switched(now, behind), *_flown(wanted, now)]
+    found = [*_worth(wanted, cleared), *_switched(now, behind), *_flown(wanted, now)]
     found += objections(session, wanted.identified)
     return RatesToPush(wanted=wanted, now=now, behind=behind, objections=tuple(found))
 
@@ -135,11 +138,17 @@ def push_rates(
     return push_directly(session, ready.wanted.new, ready.now, keep=keep, on_progress=on_progress)
 
 
-def _worth(wanted: RateSet) -> list[Objection]:
+def _worth(wanted: RateSet, cleared: Clearance | None) -> list[Objection]:
+    if cleared is not None:
+        try:
+            require_cleared(cleared, None)
+        except GainsError as error:
+            return [Objection(kind="margins", words=str(error))]
+        return []
     if wanted.verdict is None:
         words = "not judged: the file tells nothing of margins (the .json of `tippath design --for ardupilot` does)"
         return [Objection(kind="not judged", words=words)]
-    if wanted.verdict != "fails":
+    if wanted.verdict in FLYABLE:
         return []
     why = "; ".join(wanted.against) or "as judged when they were designed"
     return [Objection(kind="margins", words=f"these gains are not cleared: {why}")]

@@ -7,6 +7,8 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from gcs.cli.options import parse_words
+
 if TYPE_CHECKING:
     from gcs.analysis.pushing import RatesToPush
     from gcs.flight.rate_push import RatePush
@@ -14,12 +16,17 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace, station: dict[str, Any]) -> int:
     """The push; `station` is how this one takes part in the link."""
+    from gcs.analysis.clearance import cleared_again
     from gcs.analysis.pushing import push_rates, rates_to_push
+    from gcs.analysis.text.clearance import clearance_text
     from gcs.flight.folder import keep
     from gcs.flight.rate_set import SetBefore, load_rate_set
     from gcs.flight.session import Session
 
     wanted = load_rate_set(args.gains)
+    cleared = cleared_again(args.gains, parse_words(args.effects)) if wanted.has_models else None
+    if cleared is not None:
+        print(clearance_text(cleared), file=sys.stderr)
     place = args.gains.with_name(f"{args.gains.stem}.before.json")
     kept: list[str] = []
 
@@ -27,7 +34,7 @@ def run(args: argparse.Namespace, station: dict[str, Any]) -> int:
         kept.append(str(keep(before.to_json(), place)))
 
     with Session.open(args.connect, **station) as session:
-        ready = rates_to_push(session, wanted, for_good=args.for_good)
+        ready = rates_to_push(session, wanted, cleared, for_good=args.for_good)
         for one in ready.objections:
             _say(one.words)
         if args.dry_run or ready.there:

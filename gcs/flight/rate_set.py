@@ -39,6 +39,8 @@ class RateSet:
     """`holds`, `poor` or `fails`, as the design judged; None where the file does not tell."""
     against: tuple[str, ...] = ()
     """What failed."""
+    has_models: bool = False
+    """Whether the file holds the models that they can be judged on anew."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +81,7 @@ class _Document(documents.Open, frozen=True, kw_only=True):
     new: _Loop | None = None
     asked: _Margins | None = None
     judged: _Judged | None = None
+    judged_on: Any = None
     identified: Identified | None = None
 
 
@@ -118,6 +121,7 @@ def load_rate_set(path: Path) -> RateSet:
         identified=held.identified,
         verdict=_verdict(held, against),
         against=against,
+        has_models=held.judged_on is not None,
     )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from gcs.analysis.clearance import Clearance
 from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import wrapped
+from gcs.flight.gains import GainsError
 from sysid.control.judgement import Judgement, OnModel, Quantity, Shortfall, Verdict
 from sysid.control.over_costs import AtCost
 
@@ -58,9 +59,15 @@ def _or_any(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else "any"
 
 
-def failing_words(judgement: Judgement) -> str:
-    """What refuses gains, model by model."""
-    return "; ".join(_broken(judgement, only_failing=True))
+def require_cleared(found: Clearance, why: str | None) -> None:
+    """Raises GainsError, reason `margins`, for gains that fail and of which nobody says why they are pushed."""
+    if found.judgement.verdict == "fails" and not (why or "").strip():
+        broken = "; ".join(_broken(found.judgement, only_failing=True))
+        raise GainsError(
+            f"these gains are not cleared: {broken}; nothing was sent. Design others (a higher --input-cost leaves "
+            "more), or say --why",
+            reason="margins",
+        )
 
 
 def standing_words(standing: Standing) -> str:
