@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flying import CHIRP, DOUBLET, fly_maneuver, log_of
+from slow_flight import SlowFlight
 
 from gcs.cli import main
 from gcs.flight.gains import gains_of
@@ -233,13 +234,23 @@ def stock_flight(folder: Path, axes: tuple[int, ...], seed: int, **settings: flo
     return path
 
 
-def test_new_rate_gains_of_a_stock_autopilot_fly_as_predicted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_new_rate_gains_of_a_stock_autopilot_are_pushed_and_fly_as_predicted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = stock_flight(tmp_path / "id", (ROLL, PITCH), 5)
     fit, rates = tmp_path / "fit.json", tmp_path / "rates.json"
     assert main(["fit", str(log), "--model", "multirotor", "-o", str(fit)]) == 0
     assert main(["design", str(fit), "--for", "ardupilot", "-o", str(rates)]) == 0
+    with_script = SlowFlight(
+        monkeypatch, "quad", "ardupilot-quad", tmp_path / "sd", bytes_s=400_000.0, gain_switch=True
+    )
+    with_script.sleep(2.0)
+    capsys.readouterr()
+    assert with_script.tippath("push", rates, "--json") == 0
+    done = json.loads(capsys.readouterr().out)
+    assert done["behind_switch"] == {"channel": 9, "option": 300}
+    assert not any(one["refuses"] for one in done["objections"])
+    with_script.close()
     new = {name: pair["new"] for name, pair in json.loads(rates.read_text())["parameters"].items()}
     flown = stock_flight(tmp_path / "new", (ROLL_RATE, PITCH_RATE) * 3, 6, SID_MAGNITUDE=20.0, **new)
     document = asked(capsys, rates, flown, "--fit", fit)
