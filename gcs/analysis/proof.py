@@ -14,7 +14,7 @@ from gcs.analysis.clearance import ClearedGains
 from gcs.analysis.comparison import flown
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
-from gcs.flight.gains import LARGEST, GainsError, gains_of
+from gcs.flight.gains import LARGEST, GainsError, Row4, gains_of
 from gcs.flight.rate_set import is_rate_set, load_rate_set
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray
@@ -24,7 +24,7 @@ from gcs.logs.runs.rate_loop import LATER_LOOPS, repeats
 from gcs.logs.runs.span import Span
 from gcs.vehicle.autopilots import ACTIVE_CRC, SWITCHED
 from gcs.vehicle.rate_loops import AXES, gyro_filter_hz, rate_loops
-from sysid.control.in_time import InLoops, in_loops, lqr_law, predicted_rates
+from sysid.control.in_time import Followed, InLoops, in_loops, lqr_law, predicted_rates
 from sysid.control.proof import FlownRun, Proof, ProofError, flown_run, prove
 from sysid.errors import SysidError
 from sysid.fit.result import Fit
@@ -42,6 +42,24 @@ THINNEST = 1.5
 FIELDS = ("RDes", "PDes", "R", "P")
 WHOLE_ROLES = ("missing", "fit")
 """Of the models in a GAINS.json, in the order in which one is taken: completed, else as it was fitted."""
+
+
+class _Dynamic(documents.Open, frozen=True, kw_only=True):
+    frequency_rad_s: tuple[float, float]
+    damping: tuple[float, float]
+    F: tuple[Row4, Row4]
+
+    @property
+    def followed(self) -> Followed:
+        return Followed(*(np.array(one, dtype=float) for one in (self.frequency_rad_s, self.damping, self.F)))
+
+
+class _More(documents.Open, frozen=True, kw_only=True):
+    """What a set may have beside K, observer and prefilter."""
+
+    elevator: Any = None
+    dynamic_prefilter: _Dynamic | None = None
+
 
 Controlled = tuple[Discrete, InLoops, int]
 """The controller, the vehicle, and by how many loops a target is logged before it acts."""
@@ -136,9 +154,13 @@ def _bank(path: Path, fit: Path | None, named: Sequence[str]) -> tuple[Given, Mo
     """The LQR of a GAINS.json."""
     try:
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
-        crc = gains_of(documents.json_value(path.read_text("utf-8"), str(path)), str(path)).crc
+        raw = documents.json_value(path.read_text("utf-8"), str(path))
+        crc, more = gains_of(raw, str(path)).crc, documents.convert(raw, _More, str(path))
     except documents.DocumentError as error:
         raise GainsError(f"{error}; make it with `tippath design`") from error
+    if more.elevator is not None:
+        raise GainsError(f"{path}: what a third command does is not predicted yet: fly the set of two")
+    followed = None if more.dynamic_prefilter is None else more.dynamic_prefilter.followed
     own = Model(TPP, TPP.vector({name: document.parameters[name] for name in TPP.names}))
     model, completed = (own, False) if fit is None else (Fit.load(fit, named).model, False)
     if fit is None and document.judged_on is not None:
@@ -153,7 +175,7 @@ def _bank(path: Path, fit: Path | None, named: Sequence[str]) -> tuple[Given, Mo
             raise TippathError("RATE is not in the log")
         dt = round(float(np.median(spacing)), 5)
         if dt not in made:
-            made[dt] = lqr_law(own, K, observer, prefilter, dt), in_loops(model, dt)
+            made[dt] = lqr_law(own, K, observer, prefilter, dt, followed), in_loops(model, dt)
         return *made[dt], 0
 
     return given, model, completed

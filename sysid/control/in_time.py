@@ -48,10 +48,28 @@ def in_loops(vehicle: Model, dt: float, gyro_corner_hz: float = 0.0) -> InLoops:
     return InLoops(sampled_plant(behind, dt, gyro_corner_hz).system, front, named)
 
 
-def lqr_law(model: Model, K: FloatArray, observer_gain: FloatArray, prefilter: FloatArray, dt: float) -> Discrete:
+class Followed(NamedTuple):
+    """Models of second order that the rates are to follow, one for each, and what they add to the commands."""
+
+    frequency_rad_s: FloatArray
+    """(2,)"""
+    damping: FloatArray
+    """(2,)"""
+    F: FloatArray
+    """(2, 4): command per rate of either model less what was asked, then per their accelerations."""
+
+
+def lqr_law(
+    model: Model,
+    K: FloatArray,
+    observer_gain: FloatArray,
+    prefilter: FloatArray,
+    dt: float,
+    followed: Followed | None = None,
+) -> Discrete:
     """The LQR with its observer as a loop of dt seconds answers: targets, then rates, to commands.
 
-    The observer is advanced exactly between loops, rates and commands held.
+    Observer and followed models are advanced exactly between loops, rates, targets and commands held.
     """
     # heavier than NumPy itself to load: only where it is needed
     from scipy.linalg import expm
@@ -62,13 +80,29 @@ def lqr_law(model: Model, K: FloatArray, observer_gain: FloatArray, prefilter: F
     block[:n, :n], block[:n, n : n + 2], block[:n, n + 2 :] = A - observer_gain @ C, B, observer_gain
     power = expm(block * dt)[:n]
     of_state, of_command, of_rates = power[:, :n], power[:, n : n + 2], power[:, n + 2 :]
+    ahead = np.zeros((4, 6)) if followed is None else _advanced(followed, dt)
+    F = np.zeros((2, 4)) if followed is None else followed.F
+    # commands: -K x + F (rates, accelerations of the models) + (g - F of rates) asked
+    of_asked = prefilter - F[:, :2]
     return Discrete(
-        of_state - of_command @ K,
-        np.hstack([of_command @ prefilter, of_rates]),
-        -K,
-        np.hstack([prefilter, np.zeros((2, 2))]),
+        np.block([[of_state - of_command @ K, of_command @ F], [np.zeros((4, n)), ahead[:, :4]]]),
+        np.block([[of_command @ of_asked, of_rates], [ahead[:, 4:], np.zeros((4, 2))]]),
+        np.hstack([-K, F]),
+        np.hstack([of_asked, np.zeros((2, 2))]),
         dt,
     )
+
+
+def _advanced(followed: Followed, dt: float) -> FloatArray:
+    """(4, 6): rates, then accelerations of both models after a loop, of these and of what is asked."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.linalg import expm
+
+    w, zeta = np.diag(followed.frequency_rad_s), np.diag(followed.damping)
+    block = np.zeros((6, 6))
+    block[:2, 2:4] = np.eye(2)
+    block[2:4, :2], block[2:4, 2:4], block[2:4, 4:] = -w @ w, -2 * zeta @ w, w @ w
+    return np.asarray(expm(block * dt)[:4])
 
 
 def predicted_rates(law: Discrete, vehicle: InLoops, asked: FloatArray) -> FloatArray:

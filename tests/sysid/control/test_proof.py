@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from planted import TABLE_4
-from scipy import stats
+from scipy import signal, stats
+from scipy.linalg import expm
 
-from sysid.control.in_time import _sampled, in_loops, lqr_law, predicted_rates
+from sysid.control.in_time import Followed, _sampled, in_loops, lqr_law, predicted_rates
 from sysid.control.loop import PULSE_S, following
 from sysid.control.proof import (
     COUPLING,
@@ -56,6 +57,28 @@ def test_a_delay_and_a_lag_are_as_the_design_promises_too() -> None:
     asked = np.column_stack([np.zeros_like(expected.pitch.asked), expected.pitch.asked])
     found = predicted_rates(LAW, in_loops(late, DT), asked)
     assert np.abs(found[:, 1] - expected.pitch.q).max() < 0.03 * np.abs(expected.pitch.q).max()
+
+
+def test_models_that_are_followed_act_as_they_are_described() -> None:
+    """Command by command beside the same written down loop by loop, the models as SciPy steps them."""
+    w, zeta, F = np.array([12.0, 20.0]), np.array([0.8, 1.1]), np.random.default_rng(5).normal(0, 0.1, (2, 4))
+    law = lqr_law(MODEL, GAINS.K, GAINS.observer_gain, GAINS.prefilter, DT, Followed(w, zeta, F))
+    asked = doublets(2.0)
+    t = DT * np.arange(len(asked))
+    of_models = [
+        signal.lsim(([[0, 1], [-a * a, -2 * b * a]], [[0], [a * a]], np.eye(2), np.zeros((2, 1))), one, t, interp=False)
+        for a, b, one in zip(w, zeta, asked.T, strict=True)
+    ]
+    (p, p_dot), (q, q_dot) = (rows[1].T for rows in of_models)
+    added = (F @ np.vstack([p - asked[:, 0], q - asked[:, 1], p_dot, q_dot])).T
+    A, B, C, _ = (np.asarray(one, dtype=float) for one in MODEL.matrices)
+    x, of_law = np.zeros(4), np.zeros(len(law.A))
+    ahead = expm(np.block([[A - GAINS.observer_gain @ C, B[:, :2]], [np.zeros((2, 6))]]) * DT)[:4]
+    for k, target in enumerate(asked):
+        found = law.C @ of_law + law.D @ np.concatenate([target, np.zeros(2)])
+        np.testing.assert_allclose(found, -GAINS.K @ x + GAINS.prefilter @ target + added[k], atol=1e-9)
+        x = ahead @ np.concatenate([x, found])
+        of_law = law.A @ of_law + law.B @ np.concatenate([target, np.zeros(2)])
 
 
 @pytest.mark.parametrize("effects", [("servo_backlash",), ("servo_second_order", "servo_backlash")])
