@@ -217,10 +217,13 @@ SWEEP = {
 }
 
 
-def stock_flight(folder: Path, axes: tuple[int, ...], seed: int, **settings: float) -> Path:
+def stock_flight(
+    folder: Path, axes: tuple[int, ...], seed: int, *, kind: tuple[str, str] = ("quad", "ardupilot-quad"), **set: float
+) -> Path:
     """The log of a sweep of each axis."""
     folder.mkdir()
-    vehicle = make_vehicle("quad", seed, directory=folder, parameters=SWEEP | settings, like="ardupilot-quad")
+    plant, like = kind
+    vehicle = make_vehicle(plant, seed, directory=folder, parameters=SWEEP | set, like=like)
     for axis in axes:
         vehicle.write_parameter("SID_AXIS", axis)
         assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)
@@ -261,3 +264,21 @@ def test_new_rate_gains_of_a_stock_autopilot_are_pushed_and_fly_as_predicted(
     assert "these gains did not fly" in capsys.readouterr().err
     assert main(["proof", str(rates), str(flown)]) == 2
     assert "--fit FIT.json" in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+def test_new_rate_gains_of_a_stock_helicopter_fly_as_predicted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kind = ("hover-ideal", "ardupilot-heli")
+    log = stock_flight(tmp_path / "id", (ROLL, PITCH), 5, kind=kind, SID_MAGNITUDE=0.1)
+    fit, rates = tmp_path / "fit.json", tmp_path / "rates.json"
+    assert main(["fit", str(log), "--model", "tpp", "-o", str(fit)]) == 0
+    assert main(["design", str(fit), "--for", "ardupilot", "-o", str(rates)]) == 0
+    new = {name: pair["new"] for name, pair in json.loads(rates.read_text())["parameters"].items()}
+    flown = stock_flight(
+        tmp_path / "new", (ROLL_RATE, PITCH_RATE) * 4, 6, kind=kind, **({"SID_MAGNITUDE": DEG_S} | new)
+    )
+    document = asked(capsys, rates, flown, "--fit", fit)
+    within_the_issue_s_limits(document)
+    assert document["verdict"] != "not accepted"
