@@ -14,7 +14,7 @@ from gcs.analysis.clearance import ClearedGains
 from gcs.analysis.comparison import flown
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
-from gcs.flight.gains import LARGEST, GainsError, Row4, gains_of
+from gcs.flight.gains import LARGEST, GainsError, gains_of
 from gcs.flight.rate_set import is_rate_set, load_rate_set
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray
@@ -42,23 +42,6 @@ THINNEST = 1.5
 FIELDS = ("RDes", "PDes", "R", "P")
 WHOLE_ROLES = ("missing", "fit")
 """Of the models in a GAINS.json, in the order in which one is taken: completed, else as it was fitted."""
-
-
-class _Dynamic(documents.Open, frozen=True, kw_only=True):
-    frequency_rad_s: tuple[float, float]
-    damping: tuple[float, float]
-    F: tuple[Row4, Row4]
-
-    @property
-    def followed(self) -> Followed:
-        return Followed(*(np.array(one, dtype=float) for one in (self.frequency_rad_s, self.damping, self.F)))
-
-
-class _More(documents.Open, frozen=True, kw_only=True):
-    """What a set may have beside K, observer and prefilter."""
-
-    elevator: Any = None
-    dynamic_prefilter: _Dynamic | None = None
 
 
 Controlled = tuple[Discrete, InLoops, int]
@@ -155,12 +138,14 @@ def _bank(path: Path, fit: Path | None, named: Sequence[str]) -> tuple[Given, Mo
     try:
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
         raw = documents.json_value(path.read_text("utf-8"), str(path))
-        crc, more = gains_of(raw, str(path)).crc, documents.convert(raw, _More, str(path))
+        crc = gains_of(raw, str(path)).crc
     except documents.DocumentError as error:
         raise GainsError(f"{error}; make it with `tippath design`") from error
-    if more.elevator is not None:
+    if document.elevator is not None:
         raise GainsError(f"{path}: what a third command does is not predicted yet: fly the set of two")
-    followed = None if more.dynamic_prefilter is None else more.dynamic_prefilter.followed
+    said, followed = document.dynamic_prefilter, None
+    if said is not None:
+        followed = Followed(*(np.array(one, dtype=float) for one in (said.frequency_rad_s, said.damping, said.F)))
     own = Model(TPP, TPP.vector({name: document.parameters[name] for name in TPP.names}))
     model, completed = (own, False) if fit is None else (Fit.load(fit, named).model, False)
     if fit is None and document.judged_on is not None:

@@ -15,7 +15,6 @@ from slow_flight import SlowFlight
 from gcs.cli import main
 from gcs.flight.gains import gains_of
 from sitl.autopilot.modes import Mode, Reason
-from sitl.autopilot.parameters import BANK_ORDER
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 
 ROLL, PITCH, ELEVATOR, ROLL_RATE, PITCH_RATE = 10, 11, 20, 7, 8
@@ -25,7 +24,7 @@ DEG_S = 28.6
 
 def pushed(vehicle: Vehicle, gains: Path) -> None:
     bank = gains_of(json.loads(gains.read_text()))
-    for name, value in zip(BANK_ORDER, bank.values.values(), strict=True):
+    for name, value in bank.values.items():
         assert vehicle.write_parameter(f"LQS_{name}", value) is not None
     assert vehicle.write_parameter("LQR_COMMIT", bank.crc) is not None
     assert vehicle.parameters["LQR_ACTIVE"] == bank.crc
@@ -109,6 +108,17 @@ def test_a_vehicle_that_flies_as_predicted_is_accepted_and_drawn(
     assert text.startswith("accepted: it flies as predicted; 4 roll and 4 pitch runs, predicted by TPP")
     assert max(map(len, text.splitlines())) <= 78
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_dynamic_prefilter_leaves_the_other_axis_alone_as_predicted(
+    gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dynamic = gains.with_name("dynamic.json")
+    assert main(["design", str(gains.with_name("tpp.json")), "--prefilter", "dynamic", "-o", str(dynamic)]) == 0
+    document = asked(capsys, dynamic, proof_flight("hover-ideal", dynamic, tmp_path / "log", repeat=3))
+    within_the_issue_s_limits(document)
+    assert document["verdict"] != "not accepted"
+    assert max(evidence(document, "roll", "coupling")["flown"]) < 0.1
 
 
 def test_one_run_of_each_axis_is_too_few(gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
