@@ -14,6 +14,7 @@ from slow_flight import SlowFlight
 
 from gcs.cli import main
 from gcs.flight.gains import gains_of
+from gcs.vehicle.gain_switch import SCRIPT
 from sitl.autopilot.modes import Mode, Reason
 from sitl.autopilot.vehicle import Vehicle, make_vehicle
 
@@ -253,7 +254,9 @@ def test_new_rate_gains_of_a_stock_autopilot_are_pushed_and_fly_as_predicted(
     log = stock_flight(tmp_path / "id", (ROLL, PITCH), 5)
     fit, rates = tmp_path / "fit.json", tmp_path / "rates.json"
     assert main(["fit", str(log), "--model", "multirotor", "-o", str(fit)]) == 0
-    assert main(["design", str(fit), "--for", "ardupilot", "-o", str(rates)]) == 0
+    lua = tmp_path / "gains.lua"
+    assert main(["design", str(fit), "--for", "ardupilot", "-o", str(rates), "--script", str(lua)]) == 0
+    assert lua.read_text() == SCRIPT.read_text()
     with_script = SlowFlight(
         monkeypatch, "quad", "ardupilot-quad", tmp_path / "sd", bytes_s=400_000.0, gain_switch=True
     )
