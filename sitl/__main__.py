@@ -52,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
         help=f"what flies (default: hover; with --hidden and --condition {HOVER}; quad with --like ardupilot-quad)",
     )
     parser.add_argument("--like", choices=tuple(CLOTHES), help="as which autopilot it behaves, out of the box")
+    parser.add_argument("--gain-switch", action="store_true", help="with the script of a second set of gains (--like)")
     parser.add_argument("--hidden", metavar="EFFECT|random|none", help="plant it and seal the answer in DIR")
     parser.add_argument("--condition", choices=tuple(CONDITIONS), help="how lively the flight is (default: calm)")
     parser.add_argument(
@@ -143,6 +144,7 @@ def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
             hidden=hidden,
             condition=arguments.condition,
             like=arguments.like,
+            gain_switch=arguments.gain_switch,
         )
     except ValueError as error:
         option = "condition" if arguments.like is None else "like"
@@ -274,6 +276,8 @@ def _made(
         arguments.plant = "hover" if arguments.hidden is None and arguments.condition is None else HOVER
     if arguments.like is None and arguments.plant not in PLANTS:
         raise _Refused(f"--plant {arguments.plant}: {arguments.plant} flies only with --like ardupilot-quad", 2)
+    if arguments.gain_switch and arguments.like is None:
+        raise _Refused("--gain-switch: only a stock autopilot (--like) has the script; this vehicle has a bank", 2)
     hidden = _hidden(arguments)
     air = _air(arguments, lambda: vehicle.systemid.first_s)  # asked in flight
     try:

@@ -13,7 +13,11 @@ from collections.abc import Callable
 from sitl.autopilot.modes import Mode, Reason
 from sitl.autopilot.vehicle import Vehicle
 
-_HELP = "takeoff | land | lqr on|off | mode " + "|".join(mode.name.lower() for mode in Mode) + " | reboot | quit"
+_HELP = (
+    "takeoff | land | lqr on|off | switch low|middle|high | mode "
+    + "|".join(mode.name.lower() for mode in Mode)
+    + " | reboot | quit"
+)
 
 
 def obey(vehicle: Vehicle, line: str) -> str:
@@ -25,6 +29,9 @@ def obey(vehicle: Vehicle, line: str) -> str:
             refusal = vehicle.land()
         case ["lqr", ("on" | "off") as position]:
             refusal = vehicle.select_lqr(position == "on")
+        case ["switch", ("low" | "middle" | "high") as position]:
+            vehicle.switch = position
+            refusal = None if vehicle.gain_switch else "no script holds gains behind a switch"
         case ["reboot"]:
             refusal = vehicle.reboot()
         case ["mode", name] if name.upper() in Mode.__members__:

@@ -14,6 +14,7 @@ from gcs.analysis.clearance import Clearance
 from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from gcs.flight.identified import Identified
 from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
 from sysid.control.judgement import judge
@@ -202,7 +203,7 @@ CLEARED = Clearance(
 GAINS: Any = Designed(
     text="LQR on TPP\n  K  1 2 3 4", path=HOME / "gains.json", crc=0xABCDEF, command="tippath design",
     rung="TPP + servo_lag", gains=SimpleNamespace(margins=Margins(10.4, 107.0, 0.142)),  # type: ignore[arg-type]
-    clearance=CLEARED,
+    clearance=CLEARED, identified=Identified(),
     following=SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
 )  # fmt: skip
 

@@ -28,7 +28,13 @@ TWO_CHIRPS: Card = ((CHIRP, ROLL, 0.1, 6.0), (CHIRP, PITCH, 0.15, 6.0))
 
 
 def fly_maneuver(
-    vehicle: Vehicle, kind: int, axis: int, magnitude: float, duration_s: float, rest_steps: int = REST_STEPS
+    vehicle: Vehicle,
+    kind: int,
+    axis: int,
+    magnitude: float,
+    duration_s: float,
+    rest_steps: int = REST_STEPS,
+    pulse_s: float = 0.25,
 ) -> None:
     """Table 1's law from 0.5 to 10 Hz, then `rest_steps` of 2 ms of hover."""
     for name, value in {
@@ -41,7 +47,7 @@ def fly_maneuver(
         "SID_T_FADE_OUT": 0.0,
         "SIDX_KIND": kind,
         "SIDX_LAW": 1,
-        "SIDX_PULSE_S": 0.25,
+        "SIDX_PULSE_S": pulse_s,
     }.items():
         assert vehicle.write_parameter(name, value) is not None
     assert vehicle.set_mode(Mode.SYSTEMID, Reason.GROUND)

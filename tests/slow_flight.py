@@ -139,12 +139,19 @@ class SlowFlight:
         key: bytes | None = None,
         script: str = "",
         seed: int = 5,
+        gain_switch: bool = False,
     ) -> None:
         """With `key` the vehicle obeys only what is signed with it; `script` is a storm as `tippath sim --faults`
         reads it, drawn from the seed."""
         card.mkdir()
         self.vehicle: Vehicle = make_vehicle(
-            plant, seed, directory=card, on_ground=on_ground, like=like, parameters=settings
+            plant,
+            seed,
+            directory=card,
+            on_ground=on_ground,
+            like=like,
+            parameters=settings,
+            gain_switch=gain_switch,
         )
         self.vehicle.storage = LogStorage(card)
         self.wire = Wire(f"/dev/ttyUSB0,{10 * bytes_s:.0f}")

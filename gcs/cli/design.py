@@ -44,19 +44,19 @@ def add_parser(subparsers: Any) -> None:
         epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
         '"observer_poles", "elevator": {"K", "prefilter"} or null, "dynamic_prefilter": {"frequency_rad_s", '
         '"damping", "F"} or null, "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
-        '"diagnosis": {"state", "effects", "confidence", '
-        '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
-        '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
-        '"measured_shortfalls"}, "judged_on"}, with --costs "over_costs": [{"input_cost", "K", "verdict", "margins", '
-        '"overshoot", "coupling"}], with --observers "over_observers": [{"observer", "observer_gain", '
-        '"observer_poles", "verdict", "margins", "overshoot", "coupling", "command_noise" (standard deviation of each, '
-        'of full command), "gusts_left" (of p and q, share)}]; with '
-        '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
-        '"frequency_hz"}, or null where the loop does not cross in the measured band, "unstable_poles" (of the open '
-        'loop, by the model), "sweep_to_hz" (to measure what the model crosses beyond); null as a whole where the '
-        "runs do not measure it well enough. With --for ardupilot: "
+        '"diagnosis": {"state", "effects", "confidence", "not_modelled"}, "judged": {"verdict", "limits", "models": '
+        '[{"role", "model", "held", "margins", "overshoot", "coupling", "rise_ms", "robustness", "without", '
+        '"shortfalls"}], "bounds", "bounds_shortfalls", "measured_shortfalls"}, "judged_on", "identified": '
+        '{"parameters", "changed", "battery_v", "rotor_rpm"} (of the vehicle in the fit\'s logs: `tippath '
+        'push` compares)}, with --costs "over_costs": [{"input_cost", "K", "verdict", "margins", "overshoot", '
+        '"coupling"}], with --observers "over_observers": [{"observer", "observer_gain", "observer_poles", "verdict", '
+        '"margins", "overshoot", "coupling", "command_noise" (standard deviation of each, of full command), '
+        '"gusts_left" (of p and q, share)}]; with --measured also "margins_measured": {"band_hz", "phase_deg", '
+        '"delay_ms", "gain_db"}, each {"value", "bound", "frequency_hz"}, or null where the loop does not cross in '
+        'the measured band, "unstable_poles" (of the open loop, by the model), "sweep_to_hz" (to measure what the '
+        "model crosses beyond); null as a whole where the runs do not measure it well enough. With --for ardupilot: "
         '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
-        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", "diagnosis"}.',
+        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", "diagnosis", "identified"}.',
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
@@ -72,6 +72,14 @@ def add_parser(subparsers: Any) -> None:
         "of what the model has)",
     )
     _add_controller_options(parser)
+    _add_ardupilot(parser)
+    add_effects_option(parser, NAMED)
+    add_output_options(parser, "GAINS.json")
+    parser.set_defaults(run=run)
+
+
+def _add_ardupilot(parser: argparse.ArgumentParser) -> None:
+    """The options of the other controller."""
     parser.add_argument(
         "--for",
         dest="autopilot",
@@ -80,9 +88,13 @@ def add_parser(subparsers: Any) -> None:
         "controller: from the parameters in the fit's own logs, within 6 dB, 45 degrees and 10 ms, or half of the "
         "model's delay, none above 1.3 times the flown one; -o NAME.param takes the new values as a parameter file",
     )
-    add_effects_option(parser, NAMED)
-    add_output_options(parser, "GAINS.json")
-    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--script",
+        type=Path,
+        metavar="FILE.lua",
+        help="with --for ardupilot: write the script for the vehicle's card that holds both sets behind the pilot's "
+        "switch; `tippath push` puts the new one there",
+    )
 
 
 def _add_controller_options(parser: argparse.ArgumentParser) -> None:
@@ -121,6 +133,7 @@ def _add_controller_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.clearance import clearance
+    from gcs.analysis.identified import identified
     from gcs.analysis.lqr import designed
     from gcs.analysis.standing import beside
     from gcs.analysis.text.clearance import clearance_text
@@ -140,6 +153,7 @@ def run(args: argparse.Namespace) -> int:
     measured = by_measurement(fit, gains) if args.measured else None
     cleared = clearance(gains, fit, standing, limits, measured=measured)
     document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
+    document["identified"] = identified(fit).to_json()
     if args.measured:
         document["margins_measured"] = None if measured is None else measured.to_json()
     tables, text = _tables(args, fit, gains, cleared, noise)
@@ -166,6 +180,9 @@ def _refuse_wrong_usage(args: argparse.Namespace) -> None:
     from gcs.analysis.pages.pictures import picture_kind
     from gcs.errors import UsageError
 
+    refuse_existing(args.script, args.force)
+    if args.script is not None and not args.autopilot:
+        raise UsageError("--script goes with --for ardupilot: the bank of the other has a switch of its own")
     if not (args.input_cost > 0 and math.isfinite(args.input_cost)):
         raise UsageError("--input-cost: wants a positive number; the paper's is 5")
     if args.measured and args.elevator:
@@ -252,11 +269,13 @@ def _limits(words: str | None) -> Limits | None:
 
 
 def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> int:
+    from gcs.analysis.identified import identified
     from gcs.analysis.rate_gains import ardupilot_gains, parameter_file
     from gcs.analysis.text.blocks import wrapped
     from gcs.analysis.text.clearance import standing_words
     from gcs.analysis.text.rate_gains import rate_gains_text
     from gcs.errors import UsageError
+    from gcs.vehicle.gain_switch import SCRIPT
 
     given = {
         "--measured": args.measured,
@@ -270,13 +289,16 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
     if others := [option for option, is_given in given.items() if is_given]:
         raise UsageError(f"{others[0]} goes with the paper's controller; leave it out, or --for")
     gains = ardupilot_gains(fit)
-    document = gains.to_json() | {"diagnosis": standing.to_json()}
+    document = gains.to_json() | {"diagnosis": standing.to_json(), "identified": identified(fit).to_json()}
     if args.output is not None:
         if args.output.suffix == ".json":
             write_json(document, args.output)
         else:
             write_text(parameter_file(gains.changes), args.output)
         print(f"wrote {args.output}", file=sys.stderr)
+    if args.script is not None:
+        write_text(SCRIPT.read_text("utf-8"), args.script)
+        print(f"wrote {args.script}: into APM/scripts on the vehicle's card", file=sys.stderr)
     if args.json:
         print_json(document)
     else:

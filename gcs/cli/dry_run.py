@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from gcs.cli.options import print_json
 
 if TYPE_CHECKING:
     from gcs.flight.gains import PushPlan
+    from gcs.flight.identified import Objection
     from gcs.flight.prepare import Prepared
     from gcs.flight.resume import Earlier
     from gcs.flight.session import Session
@@ -15,13 +17,15 @@ if TYPE_CHECKING:
 SAID = "nothing was sent but questions"
 
 
-def print_push(plan: PushPlan, *, as_json: bool) -> None:
-    """Which values of the active bank would become others."""
+def print_push(plan: PushPlan, objections: Sequence[Objection], *, as_json: bool) -> None:
+    """Which values of the active bank would become others, and what speaks against it."""
     from gcs.flight.gains import checksum  # as in every command
 
     if as_json:
-        print_json(plan.to_json())
+        print_json(plan.to_json() | {"objections": [one.to_json() for one in objections]})
         return
+    for one in objections:
+        print(f"{'a push is refused without --why: ' if one.refuses else ''}{one.words}")
     if not plan.changes:
         print(f"the vehicle has this set already ({checksum(plan.crc)}); a push would write nothing; {SAID}")
         return

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.cli.options import add_effects_option, parse_words
+from gcs.errors import UsageError
 
 
 def add_parser(subparsers: Any) -> None:
@@ -17,19 +18,35 @@ def add_parser(subparsers: Any) -> None:
         help="write gains to the vehicle as one verified set",
         description="Write a GAINS.json of `tippath design` to the vehicle's shadow bank, read it back bit for bit, "
         "and commit it with its checksum. The vehicle must be disarmed; whether the LQR flies is the pilot's switch. "
-        "First the gains are judged again as `tippath design` judged them, on the models that stand in the file; where "
-        "they fail nothing is asked of the vehicle, unless --why says why they are pushed all the same.",
+        "First the gains are judged again as `tippath design` judged them, on the models that stand in the file; "
+        "where they fail nothing is asked of the vehicle, unless --why says why they are pushed all the same. Then "
+        "the vehicle is compared with what the fit's logs tell of the one that was identified: settings (which "
+        "vehicle, gains, filters, loop rate, rotor speed, controls), battery, rotor speed; what differs refuses so, "
+        "too, and what is not known is said. A stock ArduPilot gets the rate gains of `tippath design --for "
+        "ardupilot` (.json, or .param, which nobody can judge): where the script runs that holds two sets behind the "
+        "pilot's switch (`tippath design --script`), the new set goes behind it; elsewhere --why is asked, each gain "
+        "is written and read back, a set that cannot be written whole is taken back, and the set before is kept as "
+        "NAME.before.json for `tippath revert`.",
         epilog='--json prints {"format": "tippath.push/1", "crc", "checksum", "previous_crc", "previous_checksum", '
         '"committed", "verified", "values", "switch_on"}: the checksums of the bank that is active now and of the one '
         "before, as numbers (0: none) and as they are written everywhere else, in six hexadecimal digits; whether "
         'anything had to be committed, how many values were read back equal, and those values; and "judged", '
-        '"diagnosis", as `tippath design` writes them, "why". With --dry-run '
+        '"diagnosis", as `tippath design` writes them, "why", "objections": [{"kind", "words", "refuses"}]. Of rate '
+        'gains: {"format", "parameters": {NAME: {"before", "now"}}, "crc", "checksum", "committed", "verified", '
+        '"behind_switch": {"channel", "option"} or null, "kept" (a file), "why", "objections"}. With --dry-run '
         '"changes": {name: {"now", "then"}}. Where it ends with 1: {"format", "reason", "error"}, reason one of link, '
-        "no answer, refused, armed, no bank, differs, gains, margins.",
+        "no answer, refused, armed, no bank, differs, gains, and, where --why would let it pass, margins, vehicle, "
+        "controls, filters, loop rate, rotor speed, battery, not identified; of rate gains also no parameter, half "
+        "written, not judged and switch.",
     )
-    parser.add_argument("gains", type=Path, metavar="GAINS.json")
+    parser.add_argument("gains", type=Path, metavar="GAINS.json|NEW.param")
     parser.add_argument(
         "--why", metavar="WORDS", help="why gains that fail are pushed all the same; with --json it is printed"
+    )
+    parser.add_argument(
+        "--for-good",
+        action="store_true",
+        help="rate gains of a stock autopilot: its own gains, past the pilot's switch that the script has",
     )
     add_effects_option(parser, "paths of your own files (their code runs) that the gains' models use")
     add_link_options(parser)
@@ -101,23 +118,34 @@ def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     # here, because --help should not wait for MAVLink
     from gcs.analysis.clearance import cleared_again
-    from gcs.analysis.text.clearance import clearance_text, require_cleared
+    from gcs.analysis.pushing import plan, push_judged, to_push
+    from gcs.analysis.text.clearance import clearance_text
     from gcs.cli.dry_run import print_push
-    from gcs.flight.gains import checksum, load_gains, planned_push, push
+    from gcs.flight.gains import checksum, load_gains
+    from gcs.flight.rate_set import is_rate_set
     from gcs.flight.session import Session
 
+    if is_rate_set(args.gains):
+        from gcs.cli import push_rates
+
+        return push_rates.run(args, station(args))
+    if args.for_good:
+        raise UsageError("--for-good goes with the rate gains of a stock autopilot; the bank has its own switch")
     gains = load_gains(args.gains)
     cleared = cleared_again(args.gains, parse_words(args.effects))
     print(clearance_text(cleared), file=sys.stderr)
-    require_cleared(cleared, args.why)
+    ready = to_push(gains, cleared, args.why)
     with Session.open(args.connect, **station(args)) as session:
         if args.dry_run:
-            print_push(planned_push(session, gains), as_json=args.json)
+            print_push(*plan(session, ready), as_json=args.json)
             return 0
-        result = push(session, gains, on_progress=lambda step: print(f" {step}", file=sys.stderr))
+        pushed = push_judged(session, ready, lambda step: print(f" {step}", file=sys.stderr))
+    result = pushed.result
+    for one in pushed.objections:
+        print(f" {one.words}", file=sys.stderr)
     if args.json:
         told = {"judged": cleared.judgement.to_json(), "diagnosis": cleared.standing.to_json(), "why": args.why}
-        print(json.dumps(result.to_json() | told, indent=2, allow_nan=False))
+        print(json.dumps(pushed.to_json() | told, indent=2, allow_nan=False))
         return 0
     if result.committed:
         print(f"committed {checksum(result.crc)}; {len(result.values)} of {len(result.values)} values read back equal")

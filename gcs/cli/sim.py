@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 MODES = ("stabilize", "alt_hold", "rtl", "land", "systemid")
-PILOT_LINES = ("takeoff", "land", "lqr on", "lqr off", *(f"mode {name}" for name in MODES), "reboot", "quit")
+SWITCH = ("switch low", "switch middle", "switch high")
+PILOT_LINES = ("takeoff", "land", "lqr on", "lqr off", *SWITCH, *(f"mode {name}" for name in MODES), "reboot", "quit")
 """What the simulated pilot hears, as the vehicle's own refusal of an unknown line lists it."""
 AUTOPILOTS = ("ardupilot-heli", "ardupilot-quad")
 CONDITIONS = ("calm", "rpm", "airspeed", "yaw", "collective", "stirring", "lively")
@@ -80,11 +81,7 @@ def add_parser(subparsers: Any) -> None:
         choices=("hover", "hover-ideal", "forward", "quad"),
         help="default hover; with --hidden or --condition hover-ideal; quad only, and always, --like ardupilot-quad",
     )
-    parser.add_argument(
-        "--like",
-        choices=AUTOPILOTS,
-        help="a stock ArduCopter with default parameters; on the ground it can be armed 42 s after it has booted",
-    )
+    _add_stock(parser)
     parser.add_argument(
         "--hidden",
         metavar="EFFECT|random|none",
@@ -117,6 +114,21 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     _add_faults(parser)
     parser.set_defaults(run=run)
+
+
+def _add_stock(parser: argparse.ArgumentParser) -> None:
+    """Of a stock autopilot."""
+    parser.add_argument(
+        "--like",
+        choices=AUTOPILOTS,
+        help="a stock ArduCopter with default parameters; on the ground it can be armed 42 s after it has booted",
+    )
+    parser.add_argument(
+        "--gain-switch",
+        action="store_true",
+        help="the stock ArduCopter has the script on its card that holds a second set of rate gains behind the pilot's "
+        "switch (`switch high`)",
+    )
 
 
 def _add_log_ways(parser: argparse.ArgumentParser) -> None:
@@ -168,6 +180,7 @@ def run(args: argparse.Namespace) -> int:
         given = getattr(args, option)
         command += [] if given is None else [f"--{option.replace('_', '-')}={given}"]
     command += ["--on-ground"] if args.on_ground else []
+    command += ["--gain-switch"] if args.gain_switch else []
     # Standard input stays the terminal: the pilot's lines go straight to the vehicle.
     vehicle = subprocess.Popen(command, stdout=subprocess.PIPE)
     before = {

@@ -15,7 +15,7 @@ import filecmp
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from gcs.demo.pilot import SimulatedVehicle
 from gcs.errors import TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import FlightFolder
-from gcs.flight.gains import PushResult, RevertResult, checksum, gains_of, push, revert
+from gcs.flight.gains import PushResult, RevertResult, checksum, gains_of, revert
 from gcs.flight.run import Progress
 from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # they bring matplotlib along, which takes a second: here as 
     from gcs.analysis.fits import Identification
     from sysid.control.regulator import Gains
     from sysid.data.record import Record
+    from sysid.fit.result import Fit
 
 FIRST_INPUT_COST = 20.0
 """The first set is a gentle one, as on a first flight; it is also what a revert goes back to."""
@@ -166,7 +167,7 @@ def fly_demo(
         )
         flown = fly("hover", folder)
         identified = _identified(folder, vehicle, tell)
-        closed_loop = _fly_gains(_Aloft(vehicle, session, fly, tell), folder, identified.gains)
+        closed_loop = _fly_gains(_Aloft(vehicle, session, fly, tell), folder, identified)
     demonstration = Demonstration(
         folder=folder,
         plant=plant,
@@ -256,11 +257,11 @@ class _ClosedLoop:
     reverted: RevertResult
 
 
-def _fly_gains(aloft: _Aloft, folder: FlightFolder, gains: Sequence[Gains]) -> _ClosedLoop:
+def _fly_gains(aloft: _Aloft, folder: FlightFolder, found: _Identified) -> _ClosedLoop:
     """The gains on the ground to the vehicle, the doublets with them in the air, and back to the first set."""
     vehicle, session, tell = aloft.vehicle, aloft.session, aloft.tell
     land(vehicle, session, tell)
-    pushed = tuple(push_gains(session, one, tell) for one in gains)
+    pushed = tuple(push_gains(session, one, found.identification.tpp, tell) for one in found.gains)
     take_off(vehicle, session, tell)
     vehicle.say("lqr on")
     tell("the pilot's switch selects the LQR")
@@ -339,9 +340,21 @@ def take_off(vehicle: SimulatedVehicle, session: Session, say: Say) -> None:
     say("in the air again")
 
 
-def push_gains(session: Session, gains: Gains, say: Say) -> PushResult:
-    """Write one set, prove it bit for bit, commit it, prove it again. Raises what the vehicle says against it."""
-    result = push(session, gains_of(gains.to_json()))
+def push_gains(session: Session, gains: Gains, fit: Fit, say: Say) -> PushResult:
+    """Judge one set as everybody who pushes does, write it, prove it bit for bit, commit it, prove it again.
+
+    Raises what speaks against it: nobody is there to say why it should be flown all the same.
+    """
+    from gcs.analysis.clearance import clearance
+    from gcs.analysis.identified import identified
+    from gcs.analysis.pushing import push_judged, to_push
+    from gcs.analysis.standing import NOT_ASKED
+
+    whole = replace(gains_of(gains.to_json()), identified=identified(fit))
+    pushed = push_judged(session, to_push(whole, clearance(gains, fit, NOT_ASKED)))
+    for one in pushed.objections:
+        say(one.words)
+    result = pushed.result
     equal = f"{len(result.values)} values read back equal"
     say(f"pushed input cost {gains.input_cost:g}: {equal}, {checksum(result.crc)} active")
     return result

@@ -16,6 +16,7 @@ from gcs.analysis.clearance import clearance
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
 from gcs.analysis.fits import PAIR, assess, identify_flight, on_airframe, on_cd, side_by_side
+from gcs.analysis.identified import identified
 from gcs.analysis.standing import beside, digest, standing_of
 from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
@@ -207,6 +208,7 @@ class Calculations:
             rung=ladder.full_name(fit),
             gains=gains,
             clearance=cleared,
+            identified=identified(fit),
             following=answer,
         )
 

@@ -293,7 +293,7 @@ class Desk:
                 ToKeep(
                     what="gains",
                     name=lambda: "gains.json",
-                    text=lambda folder: document_text(made.gains.to_json() | made.clearance.to_json(folder)),
+                    text=lambda folder: document_text(made.document(folder)),
                     command=command,
                     did=f"designed gains on {made.rung}",
                 )

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gcs.analysis.text.blocks import Blocks
 from sysid.model.bases import DEFAULT
@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
     from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
     from gcs.analysis.fits import Identification
+    from gcs.flight.identified import Identified
     from sysid.compare.values import Comparison
     from sysid.control.loop import Following
     from sysid.control.regulator import Gains
@@ -172,8 +173,15 @@ class Designed:
     """With `K`, `margins`, `poles`."""
     clearance: Clearance
     """What they are worth on all that the fit's diagnosis and bounds leave open: shown, and asked again at a push."""
+    identified: Identified
+    """What the fit's logs tell of the vehicle: compared at a push."""
     following: Following
     """The closed loop's predicted answer to the rate doublet of the card `lqr-doublet`, for each axis."""
+
+    def document(self, folder: Path) -> dict[str, Any]:
+        """As it is kept in a folder."""
+        about = {"identified": self.identified.to_json()}
+        return self.gains.to_json() | self.clearance.to_json(folder) | about
 
     @property
     def cleared(self) -> bool:

@@ -166,6 +166,8 @@ def vehicle_documents(session: Connection, profile: VehicleProfile, utc: datetim
         "autopilot": snapshot.autopilot,
         "version": snapshot.version,
         "profile": profile.name,
+        "battery_v": snapshot.battery_v,
+        "rotor_rpm": snapshot.rpm,
     }
     return {"vehicle": vehicle, "boot": _boot(snapshot, session.log_health(), utc), "station": session.station}
 

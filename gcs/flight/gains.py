@@ -12,13 +12,14 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from gcs import documents
 from gcs.document_faults import shown
 from gcs.errors import LinkError, TippathError
+from gcs.flight.identified import Identified
 from gcs.flight.session import Session
 from gcs.link.events import bits_of_float, float_of_bits
 from gcs.link.procedures import NoAnswerError, Parameter, Procedure, ProcedureError, ReadParameter, WriteParameter
@@ -76,6 +77,8 @@ class Gains:
 
     bits: tuple[int, ...]
     """float32 bits, shape (29,), in the order of `BANK`; of a set that has some of `MORE` (54,), those behind."""
+    identified: Identified | None = field(default=None, compare=False)
+    """What is known of the vehicle that they were designed for."""
 
     @property
     def crc(self) -> int:
@@ -216,6 +219,8 @@ class GainsDocument(documents.Open, frozen=True, kw_only=True):
     model: _Model
     elevator: Elevator | None = None
     dynamic_prefilter: DynamicPrefilter | None = None
+    identified: Identified | None = None
+    """What is known of the vehicle that the model is of; nothing in an older file."""
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -250,7 +255,8 @@ def gains_of(document: object, source: str = "the gains") -> Gains:
     values = [value for row in rows for value in row] + [parameters[name] for name in MODEL]
     values += _more(held, source)
     names = (*BANK, *MORE)[: len(values)]
-    return Gains(tuple(_bits(value, name, source) for name, value in zip(names, values, strict=True)))
+    bits = tuple(_bits(value, name, source) for name, value in zip(names, values, strict=True))
+    return Gains(bits, held.identified)
 
 
 def _more(held: GainsDocument, source: str) -> list[float]:
@@ -283,8 +289,7 @@ def _bits(value: float, name: str, source: str) -> int:
 
 def planned_push(session: Session, gains: Gains) -> PushPlan:
     """All that a push asks before it writes, and what it would change. Raises as `push`."""
-    _require_disarmed(session, "nothing was written")
-    _require_bank(session)
+    require_ready(session)
     gains = _as_held(session, gains)
     crc = _active_crc(session)
     held: tuple[int | None, ...] = _bank(session, ACTIVE, gains.names) if crc else (None,) * len(gains.bits)
@@ -298,7 +303,7 @@ def planned_push(session: Session, gains: Gains) -> PushPlan:
 
 def planned_revert(session: Session) -> int:
     """All that a revert asks before it writes; the checksum of the bank that it would leave. Raises as `revert`."""
-    _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
+    require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
     _require_bank(session)
     crc = _active_crc(session)
     if not crc:
@@ -312,8 +317,7 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     Raises GainsError or ProcedureError, with the vehicle's own words where it gave any; the active bank is then what
     it was, unless the message says otherwise. Raises LinkError where the link is gone.
     """
-    _require_disarmed(session, "nothing was written")
-    _require_bank(session)
+    require_ready(session)
     gains = _as_held(session, gains)
     previous = _active_crc(session)
     if previous == gains.crc and _bank(session, ACTIVE, gains.names) == gains.bits:
@@ -321,10 +325,18 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
 
     on_progress(f"writing {len(gains.bits)} values to the shadow bank")
     for name, bits in zip(gains.names, gains.bits, strict=True):
-        _call(session, WriteParameter(SHADOW + name, float_of_bits(bits)))
+        call(session, WriteParameter(SHADOW + name, float_of_bits(bits)))
     on_progress("reading the shadow bank back")
     _require_equal(_bank(session, SHADOW, gains.names), gains, "shadow bank", "nothing was committed")
 
+    require_disarmed(session, "nothing was committed")
+    meanwhile = _active_crc(session)
+    if meanwhile != previous:
+        raise GainsError(
+            f"somebody else has committed {checksum(meanwhile)} meanwhile, in place of {checksum(previous)}; nothing "
+            "was committed: find out who, and push again",
+            reason="differs",
+        )
     on_progress(f"committing {checksum(gains.crc)}")
     refusal = _act(session, COMMIT, float(gains.crc), previous)
     active = _active_crc(session)
@@ -344,7 +356,7 @@ def revert(session: Session) -> RevertResult:
 
     Raises GainsError where the vehicle refuses, has nothing to go back to, or offers no bank.
     """
-    _require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
+    require_disarmed(session, "nothing was written; in the air the pilot's switch is the way back")
     _require_bank(session)
     before = _active_crc(session)
     refusal = _act(session, REVERT, 1.0, before)
@@ -355,7 +367,14 @@ def revert(session: Session) -> RevertResult:
     return RevertResult(after, before)
 
 
-def _require_disarmed(session: Session, then: str) -> None:
+def require_ready(session: Session) -> None:
+    """Raises GainsError for a vehicle that is armed or has no bank."""
+    require_disarmed(session, "nothing was written")
+    _require_bank(session)
+
+
+def require_disarmed(session: Session, then: str) -> None:
+    """Raises GainsError, which ends with `then`."""
     if session.snapshot().armed:
         raise GainsError(f"the vehicle is armed: land and disarm first; {then}", reason="armed")
 
@@ -386,7 +405,8 @@ def _require_link(session: Session, error: ProcedureError) -> None:
         raise LinkError(f"the link to the vehicle is lost: {error}") from error
 
 
-def _call(session: Session, procedure: Procedure[T]) -> T:
+def call(session: Session, procedure: Procedure[T]) -> T:
+    """As `Session.call`; raises LinkError where the link is gone."""
     try:
         return session.call(procedure)
     except ProcedureError as error:
@@ -403,7 +423,7 @@ def _act(session: Session, name: str, value: float, before: int) -> str | None:
     for _ in range(ACT_TRIES):
         cursor, _texts = session.texts_since(0)
         try:
-            _call(session, WriteParameter(name, value, repeat=False))
+            call(session, WriteParameter(name, value, repeat=False))
         except NoAnswerError as error:
             said = " / ".join(text.text for text in session.texts_since(cursor)[1])
             if _active_crc(session) != before:
@@ -424,7 +444,7 @@ def _in_hex(text: str, name: str, value: float) -> str:
 
 
 def _active_crc(session: Session) -> int:
-    return int(_finite(_call(session, ReadParameter(ACTIVE_CRC))))
+    return int(_finite(call(session, ReadParameter(ACTIVE_CRC))))
 
 
 def _finite(parameter: Parameter) -> float:
@@ -441,7 +461,7 @@ def _switch(session: Session) -> bool | None:
 
 
 def _bank(session: Session, prefix: str, names: Sequence[str]) -> tuple[int, ...]:
-    return tuple(_call(session, ReadParameter(prefix + name)).bits for name in names)
+    return tuple(call(session, ReadParameter(prefix + name)).bits for name in names)
 
 
 def _require_equal(held: tuple[int, ...], sent: Gains, bank: str, then: str) -> None:

@@ -308,6 +308,29 @@ class WriteParameter(_Conversation[Parameter]):
         return f"parameter {self.name} was set to {self.value:.9g} (the vehicle may not have it, or not take the value)"
 
 
+class AwaitParameter(_Conversation[Parameter]):
+    """Ask for a parameter again and again until it has a value: then what was set going on board is over."""
+
+    def __init__(self, name: str, value: float, tries: int = PARAMETER_TRIES) -> None:
+        super().__init__(tries)
+        self.name, self.value = name, value
+        self._held: float | None = None
+
+    def _sends(self, attempt: int) -> list[Send]:
+        return [ParamRead(self.name)]
+
+    def _hear(self, event: Event, now: float) -> list[Send]:
+        if isinstance(event, ParamValue) and event.name == self.name:
+            self._held = event.value(self._encoding)
+            if self._held == self.value:
+                self.outcome = Done(_parameter(event, self._encoding))
+        return []
+
+    def _about(self) -> str:
+        held = "" if self._held is None else f", and is {self._held:.9g}"
+        return f"parameter {self.name} was waited for to become {self.value:.9g}{held}"
+
+
 class ReadAllParameters:
     """Ask for the whole list, then for the gaps by index; the count may change under way, which starts it again.
 

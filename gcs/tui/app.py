@@ -306,10 +306,23 @@ class TippathApp(DeskApp):
             "Nothing flies by it until the pilot's switch says so.",
         )
         if not designed.cleared:
-            hint = "they fail (see above): words why are kept with the push; nothing typed, nothing pushed"
-            self.ask_to_work("Why push gains that fail?", hint, "push", self.worker.push)
+            self._ask_why("they fail (see above)")
             return
-        self.confirm("Push these gains?", lines, "push", self.worker.push)
+        self.confirm("Push these gains?", lines, "push", self._push)
+
+    def _push(self) -> None:
+        """In a thread; where the vehicle is not as it was identified, words why are asked for."""
+        # scipy comes along
+        from gcs.analysis.pushing import NotClearedError
+
+        try:
+            self.worker.push()
+        except NotClearedError as error:
+            self.call_from_thread(self._ask_why, str(error))
+
+    def _ask_why(self, against: str) -> None:
+        hint = f"{against}: words why are kept with the push; nothing typed, nothing pushed"
+        self.ask_to_work("Why push these gains all the same?", hint, "push", self.worker.push)
 
     def action_revert(self) -> None:
         """Go back, after a yes."""

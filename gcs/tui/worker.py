@@ -184,10 +184,10 @@ class FlightWorker:
     def push(self, why: str = "") -> None:
         """The designed gains to the vehicle, as one verified set; only on the ground, disarmed.
 
-        Where they fail, only with words why.
+        Where they fail, or the vehicle is not as it was identified, only with words why: NotClearedError.
         """
         # scipy comes along: only where it is needed
-        from gcs.analysis.text.clearance import require_cleared
+        from gcs.analysis.pushing import push_judged, to_push
 
         session = self._on_ground()
         designed = self._desk.state().designed
@@ -196,12 +196,10 @@ class FlightWorker:
         if designed.path is None:
             raise TippathError("the gains are not kept in any file yet: keep them in another folder first")
         with self._moment.working("pushing gains"):
-            require_cleared(designed.clearance, why)
-            result = gains.push(
-                session,
-                gains.gains_of(designed.gains.to_json()),
-                on_progress=lambda step: self._moment.set(busy=f"pushing gains: {step}"),
-            )
+            whole = replace(gains.gains_of(designed.gains.to_json()), identified=designed.identified)
+            ready = to_push(whole, designed.clearance, why)
+            pushed = push_judged(session, ready, lambda step: self._moment.set(busy=f"pushing gains: {step}"))
+            result = pushed.result
             self._moment.set(
                 bank=Bank(result.crc, result.previous_crc, result.switch_on),
                 said=f"committed {result.crc:06x}: {len(result.values)} values read back, equal bit for bit"
@@ -210,7 +208,7 @@ class FlightWorker:
             )
             did = "pushed gains" if result.committed else "pushed gains that the vehicle held already:"
             banks = f"{gains.checksum(result.crc)}, before {gains.checksum(result.previous_crc)}"
-            because = f" although they fail, because: {why}" if why else ""
+            because = f" although something speaks against them, because: {why}" if why else ""
             said = f" --why {word(why)}" if why else ""
             self._moved(f"{did} {banks}{because}", f"tippath push {word(designed.path)}{said}")
 

@@ -234,6 +234,8 @@ BANK_KNOWN_BY: Final = "LQS_K11"
 COMMIT, REVERT = "LQR_COMMIT", "LQR_REVERT"
 """Parameters that act when written."""
 ACTIVE_CRC: Final = "LQR_ACTIVE"
+SWITCHED: Final = ("LQR off", "LQR on")
+"""What the vehicle says when the pilot's switch is turned."""
 SWITCH: Final = "LQR_SW"
 """1 where the pilot's switch selects the LQR."""
 MORE_KNOWN_BY: Final = "LQS_F11"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from gcs.errors import TippathError
@@ -48,6 +48,11 @@ class RateLoops:
     """What is active and not in the loops, a sentence each: gains cannot be designed before it is off."""
     in_the_vehicle: tuple[str, ...]
     """What an identified model has in it, and must find again: it changes the loop's gain."""
+
+    @property
+    def without_attitude(self) -> tuple[AxisLoop, AxisLoop]:
+        """Roll and pitch, the attitude let go: for targets as they were logged."""
+        return replace(self.roll, angle_p=0.0), replace(self.pitch, angle_p=0.0)
 
 
 def rate_loops(parameters: Mapping[str, float]) -> RateLoops:

@@ -6,10 +6,11 @@ Values only; who wears them asks for what it needs. Taken from ArduCopter 4.7.0-
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from sitl.autopilot import gain_switch
 from sitl.autopilot.logger import FORMATS, MULTIPLIERS, OWN, UNITS, Dialect, Format
 from sitl.autopilot.parameters import TABLE, Kind, Parameter
 from sitl.autopilot.recording import Recording
@@ -83,6 +84,8 @@ class Clothes:
     """Whether other stations' heartbeats go out on every link."""
     shows_failsafe: bool = False
     """Whether the heartbeat's status says CRITICAL in a failsafe."""
+    gain_switch: bool = False
+    """Whether its card has the script that holds a second set of rate gains behind the pilot's switch."""
     shortest_interval: Callable[[float], float] = float
     """Of telemetry: what becomes of 1 / 0.8 of a loop's milliseconds."""
 
@@ -285,3 +288,9 @@ CLOTHES = {
     )
 }
 """By the word that asks for them."""
+
+
+def with_gain_switch(clothes: Clothes) -> Clothes:
+    """The same with the script on its card."""
+    table = tuple(sorted((*clothes.table, *gain_switch.TABLE), key=lambda parameter: parameter.name))
+    return replace(clothes, table=table, gain_switch=True)

@@ -190,13 +190,16 @@ class Parameters:
         """What becomes of a value that is written; None refuses it. For faults."""
         self._previous: tuple[float, ...] | None = None
         self._just_reverted = False
+        self._saved: dict[str, float] = {}
         self.boot()
 
     def __getitem__(self, name: str) -> float:
         return self._values[self._aliases.get(name, name)]
 
     def boot(self) -> None:
-        """The vehicle starts: what was written until now acts."""
+        """The vehicle starts: what was written until now acts, and what was put there without being saved is gone."""
+        self._values |= self._saved
+        self._saved = {}
         self._booted = {name: self._values[name] for name in self._after_reboot}
 
     def acting(self, name: str) -> float:
@@ -240,9 +243,18 @@ class Parameters:
             return self._commit(value, armed)
         stored = None if parameter.read_only else self.stored(name, value)
         if stored is not None:
-            self.writes += 1
-            self._values[self._aliases.get(name, name)] = cast(parameter.kind, stored)
+            self.put(name, stored, saved=True)
         return Answer(name, self[name], parameter.kind)
+
+    def put(self, name: str, value: float, *, saved: bool) -> None:
+        """A write from on board, or one that was accepted; what is not saved is as before after the next boot."""
+        held = self._aliases.get(name, name)
+        self.writes += 1
+        if saved:
+            self._saved.pop(held, None)
+        else:
+            self._saved.setdefault(held, self._values[held])
+        self._values[held] = cast(self.table[name].kind, value)
 
     def show_switch(self, selected: bool) -> None:
         """LQR_SW follows the pilot's switch."""

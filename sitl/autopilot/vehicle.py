@@ -15,12 +15,14 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from sitl.autopilot import arming
-from sitl.autopilot.clothes import CLOTHES, OWN_CLOTHES, Clothes
+from sitl.autopilot.clothes import CLOTHES, OWN_CLOTHES, Clothes, with_gain_switch
 from sitl.autopilot.control_laws import LqrGains
 from sitl.autopilot.failsafe import GroundFailsafe
 from sitl.autopilot.flying import Controllers
+from sitl.autopilot.gain_switch import LOW, GainSwitch
 from sitl.autopilot.hands import PilotHands
 from sitl.autopilot.modes import FLYING, MANUAL_THROTTLE, LogEvent, Mode, Phase, Reason, Severity
 from sitl.autopilot.parameters import Answer, Parameters, period_us
@@ -104,8 +106,8 @@ class Vehicle:
         self.lqr_selected = False
         self.gyro = (0.0, 0.0, 0.0)
         """Measured rates, rad/s."""
-        self.yaw = 0.0
-        self.height_m = 0.0
+        self.yaw = self.height_m = 0.0
+        self.switch = LOW  # the pilot's, of the gains
         self.commands = (0.0, 0.0, 0.0, 0.0)
         """Sent to the servos in this sample: delta_x, delta_y, delta_e, delta_c."""
         self._boot(on_ground)
@@ -144,6 +146,7 @@ class Vehicle:
         self.recording.keep_on()
         if not clothes.greeting:
             self.say(Severity.INFO, f"tippath vehicle, plant {self.name}")
+        self.gain_switch = GainSwitch(self) if clothes.gain_switch else None
 
     def _recording(self) -> Recording:
         return self.clothes.recording(
@@ -396,6 +399,8 @@ class Vehicle:
         if self.phase in FLYING:
             self._airborne_s += self._housekeeping_steps * self.dt
             self.hands.move()
+        if self.gain_switch is not None:
+            self.gain_switch.pass_by(self._housekeeping_steps * self.dt)
         self.recording.flush()
 
     def _enter(self, phase: Phase) -> None:
@@ -456,6 +461,7 @@ def make_vehicle(
     condition: str | None = None,
     gust_scale: float = 1.0,
     like: str | None = None,
+    gain_switch: bool = False,
 ) -> Vehicle:
     """A vehicle with the plant of that name, carrying what is hidden. Raises as `make_plant` and `Vehicle` do.
 
@@ -463,7 +469,10 @@ def make_vehicle(
     where that name does not exist, or where the effect was drawn for another plant.
 
     `like` is a name of `sitl.autopilot.clothes.CLOTHES`; such a vehicle hides nothing and is calm (ValueError).
+    With `gain_switch` its card has the script of a second set of rate gains; others have a bank of their own.
     """
+    flies: dict[str, Any] = {"name": plant, "seed": seed, "directory": directory, "on_ground": on_ground}
+    flies |= {"parameters": parameters}
     if like is not None:
         if hidden is not None or condition not in (None, "calm"):
             raise ValueError(f"{like} flies as it is: nothing is hidden in it, and no condition stirs it")
@@ -471,12 +480,8 @@ def make_vehicle(
             raise ValueError(f"{like} flies {' or '.join(CLOTHES[like].plants)}, not {plant}")
         return Vehicle(
             make_stock_plant(plant, seed, DT),
-            seed=seed,
-            directory=directory,
-            on_ground=on_ground,
-            name=plant,
-            parameters=parameters,
-            clothes=CLOTHES[like],
+            **flies,
+            clothes=with_gain_switch(CLOTHES[like]) if gain_switch else CLOTHES[like],
             rebuild=lambda dt: make_stock_plant(plant, seed, dt),
         )
     if hidden is not None and hidden.plant != plant:
@@ -489,11 +494,7 @@ def make_vehicle(
     flown = CONDITIONS[condition]
     return Vehicle(
         make_plant(plant, seed, parts=parts, condition=flown, gust_scale=gust_scale),
-        seed=seed,
-        directory=directory,
-        on_ground=on_ground,
-        name=plant,
-        parameters=parameters,
+        **flies,
         mounts=() if parts is None else parts.gyro,
         condition=flown,
     )

@@ -87,7 +87,7 @@ def carry_out(block: Block, folder: Path) -> None:
 def test_there_is_a_page_for_everything_that_is_added_or_handed_on() -> None:
     names = {page.stem for page in PAGES}
     added = {"effect", "base", "log-format", "log-profile", "vehicle-profile", "card", "screen"}
-    assert names == added | {"response", "signing"}
+    assert names == added | {"rate-gains", "response", "signing"}
     for page in PAGES:
         assert f"how-to/{page.name}" in (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
 

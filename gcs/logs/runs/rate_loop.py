@@ -7,6 +7,7 @@ target of the row before and the rate of its own. SIDD's excitation is likewise 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,10 +61,17 @@ class _Piece:
 
 
 def repeats(
-    log: DataFlashTables, axis: str, start_s: float, stop_s: float, *, injected: bool, later: int = LATER_LOOPS
+    log: DataFlashTables,
+    axis: str,
+    start_s: float,
+    stop_s: float,
+    *,
+    injected: bool,
+    later: int = LATER_LOOPS,
+    parameters: Mapping[str, float] | None = None,
 ) -> Repeated:
-    """The loop of `roll` or `pitch` by the log's parameters over a stretch of it; `injected`: whether the excitation is
-    added to this axis's output.
+    """The loop of `roll` or `pitch` over a stretch of a log, by the log's parameters where no others are given;
+    `injected`: whether the excitation is added to this axis's output.
 
     Raises TippathError where the log has no such loop, or nothing long enough to compare.
     """
@@ -73,7 +81,7 @@ def repeats(
             f"no {target}, {rate}, {output} in RATE: log the attitude in every loop, so that the rate loop can be "
             "compared with what the vehicle did"
         )
-    loops = rate_loops(log.parameters(start_s))
+    loops = rate_loops(log.parameters(start_s) if parameters is None else parameters)
     loop = loops.roll if axis == "roll" else loops.pitch
     errors: list[FloatArray] = []
     outputs: list[FloatArray] = []

@@ -14,10 +14,11 @@ from planted import TABLE_4
 
 from gcs.analysis.clearance import Clearance, clearance, cleared_again
 from gcs.analysis.diagnosis import diagnose_fit
+from gcs.analysis.pushing import to_push
 from gcs.analysis.standing import NOT_ASKED, Standing, beside, digest, open_models
-from gcs.analysis.text.clearance import clearance_text, require_cleared
+from gcs.analysis.text.clearance import clearance_text
 from gcs.analysis.text.documents import diagnosis_document
-from gcs.flight.gains import GainsError
+from gcs.flight.gains import GainsError, gains_of
 from sysid.control.judgement import Limits, judge
 from sysid.control.regulator import Gains, design
 from sysid.control.stability import closed_loop
@@ -97,7 +98,7 @@ def test_gains_fail_by_what_was_found_missing_and_only_words_let_them_pass(fit: 
     alone = clearance(gains, fit, NOT_ASKED, samples=0)
     assert alone.judgement.verdict != "fails"
     assert "NOT DIAGNOSED" in clearance_text(alone)
-    require_cleared(alone, None)
+    assert to_push(gains_of(gains.to_json()), alone).why == ""
     margins = gains.margins
     late = Model(LATE, LATE.vector({**fit.model.by_name, "T_d": margins.delay_s - 0.005}))
     standing = Standing(state="missing", effects=("transport_delay",), models=(("missing", late),))
@@ -107,9 +108,9 @@ def test_gains_fail_by_what_was_found_missing_and_only_words_let_them_pass(fit: 
     assert again.standing.effects == ("transport_delay",)
     for one in (found, again):
         with pytest.raises(GainsError, match=r"TPP \+ transport_delay: .*delay 5 ms \(asked") as refused:
-            require_cleared(one, "  ")
+            to_push(gains_of(gains.to_json()), one, "  ")
         assert refused.value.reason == "margins"
-        require_cleared(one, "a tethered rig")
+        assert to_push(gains_of(gains.to_json()), one, "a tethered rig").why
 
 
 def test_a_push_judges_what_a_design_judged(fit: Fit, tmp_path: Path) -> None:

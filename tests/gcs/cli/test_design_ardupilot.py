@@ -209,3 +209,29 @@ def test_a_real_autopilot_s_helicopter(shared_data: Path, tmp_path: Path, capsys
         one = document["parameters"][f"ATC_RAT_{word}_FF"]
         assert one["new"] == pytest.approx(one["flown"], rel=1e-4)
         assert 1 / told["rate_per_command"] > one["flown"]
+
+
+def test_the_gains_know_the_vehicle_of_their_fit(quad_fit: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    known = designed(capsys, quad_fit)["identified"]
+    assert known["parameters"]["ATC_RAT_RLL_P"] == pytest.approx(0.135)
+    assert known["parameters"]["SCHED_LOOP_RATE"] == 400
+    assert (known["changed"], known["battery_v"]) == ([], None)
+    assert not [name for name in known["parameters"] if name.startswith("SID_")]
+
+
+def test_a_setting_changed_between_runs_is_known_and_battery_and_rotor_from_the_flight_s_file(
+    quad_fit: Path, tmp_path: Path
+) -> None:
+    from gcs.analysis.identified import identified
+
+    log = flown(tmp_path / "flight", "ardupilot-quad", "quad", between={"MOT_THST_EXPO": 0.5})
+    put = log.rename(log.parent / "flight.BIN")
+    about = {"format": "tippath.flight/1", "vehicle": {"battery_v": 23.5, "rotor_rpm": None}}
+    (log.parent / "flight.json").write_text(json.dumps(about))
+    fit = Fit.load(quad_fit)
+    found = identified(replace(fit, records=tuple(replace(one, path=str(put)) for one in fit.records)))
+    assert found.changed == ("MOT_THST_EXPO",)
+    assert "MOT_THST_EXPO" not in found.parameters
+    assert (found.battery_v, found.rotor_rpm) == ((23.5, 23.5), None)
+    put.unlink()
+    assert identified(replace(fit, records=tuple(replace(one, path=str(put)) for one in fit.records))).parameters == {}

@@ -232,7 +232,8 @@ def test_the_sweeps_help_holds_a_card_that_can_be_flown(capsys: pytest.CaptureFi
 def test_the_pilots_lines_are_all_named(capsys: pytest.CaptureFixture[str]) -> None:
     from sitl.autopilot.modes import Mode
 
-    assert set(PILOT_LINES) == {"takeoff", "land", "lqr on", "lqr off", "reboot", "quit"} | {
+    switch = {f"switch {position}" for position in ("low", "middle", "high")}
+    assert set(PILOT_LINES) == {"takeoff", "land", "lqr on", "lqr off", "reboot", "quit"} | switch | {
         f"mode {m.name.lower()}" for m in Mode
     }
     with pytest.raises(SystemExit):

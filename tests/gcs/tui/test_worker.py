@@ -14,10 +14,11 @@ from flown_folder import fly_folder
 from flying import TWO_CHIRPS
 
 import gcs.analysis.clearance
-import gcs.flight.gains
+import gcs.analysis.pushing
 import gcs.tui.card_flight
 import gcs.tui.vehicle_link
 from gcs.analysis.clearance import cleared_again
+from gcs.analysis.pushing import NotClearedError
 from gcs.analysis.standing import NOT_ASKED
 from gcs.cards.envelope import Limits, Peaks, Use
 from gcs.cards.maneuver import load_card
@@ -27,6 +28,7 @@ from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.flyable import NotReadyError
 from gcs.flight.folder import FlightFolder
 from gcs.flight.gains import PushResult
+from gcs.flight.identified import Objection
 from gcs.flight.live import LiveWindow
 from gcs.flight.preflight import Check
 from gcs.flight.prepare import Prepared
@@ -628,6 +630,35 @@ def test_no_flight_is_no_fit(engine, tmp_path):
         engine.design()
 
 
+def take_pushes(monkeypatch, push, objections=()):
+    """Pushes go here instead of to a vehicle, which has this against them."""
+    monkeypatch.setattr(gcs.analysis.pushing, "require_ready", lambda session: None)
+    monkeypatch.setattr(gcs.analysis.pushing, "objections", lambda session, then: tuple(objections))
+    monkeypatch.setattr(gcs.analysis.pushing, "push", push)
+
+
+def test_another_vehicle_than_the_identified_one_is_pushed_to_with_words_why_only(engine, tmp_path, monkeypatch):
+    flight = fly_folder(tmp_path / "flight-0007", None, TWO_CHIRPS)
+    engine.open_flight(str(flight.path))
+    engine.fit()
+    engine.design()
+    engine.fake_session.now = replace(VEHICLE, armed=False)
+    sent = []
+
+    def push(session, gains, *, on_progress):
+        sent.append(gains.crc)
+        return PushResult(gains.crc, 0xABCDEF, True, gains.values, False)
+
+    against = Objection(kind="filters", words="filters: not as identified: INS_GYRO_FILTER was 0, is 20")
+    take_pushes(monkeypatch, push, [against])
+    with pytest.raises(NotClearedError, match="INS_GYRO_FILTER was 0, is 20; nothing was written") as refused:
+        engine.push()
+    assert (refused.value.reason, sent) == ("filters", [])
+    engine.push("it is the same gyro")
+    assert flight.audited()[0][-1].did.endswith("because: it is the same gyro")
+    assert len(sent) == 1
+
+
 def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
     flight = fly_folder(tmp_path / "flight-0007", None, TWO_CHIRPS)
     engine.open_flight(str(flight.path))
@@ -639,9 +670,10 @@ def test_pushed_gains_are_in_the_flight_s_audit(engine, tmp_path, monkeypatch):
     def push(session, gains, *, on_progress):
         on_progress("the shadow bank")
         assert gains.crc == crc
+        assert gains.identified.parameters["SCHED_LOOP_RATE"] == 500
         return PushResult(gains.crc, 0xABCDEF, True, gains.values, False)
 
-    monkeypatch.setattr(gcs.flight.gains, "push", push)
+    take_pushes(monkeypatch, push)
     assert not engine.state().desk.designed.clearance.standing.complete
     engine.push()
     last = flight.audited()[0][-1]
@@ -664,13 +696,13 @@ def test_gains_that_fail_are_pushed_with_words_why_only_and_the_audit_has_them(e
         sent.append(gains.crc)
         return PushResult(gains.crc, 0xABCDEF, True, gains.values, False)
 
-    monkeypatch.setattr(gcs.flight.gains, "push", push)
+    take_pushes(monkeypatch, push)
     with pytest.raises(TippathError, match=r"not cleared: TPP: gain margin .* nothing was sent") as refused:
         engine.push()
     assert (refused.value.reason, sent) == ("margins", [])
     engine.push("a tethered rig")
     last = flight.audited()[0][-1]
-    assert last.did.endswith("although they fail, because: a tethered rig")
+    assert last.did.endswith("although something speaks against them, because: a tethered rig")
     assert "--why 'a tethered rig'" in last.command
     assert len(sent) == 1
 
