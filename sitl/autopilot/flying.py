@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sitl.autopilot.control_laws import AttitudeController, LqrController, LqrGains, attitude_hold
+from sitl.autopilot.control_laws import AttitudeController, Beside, LqrController, LqrGains, attitude_hold
+from sitl.autopilot.parameters import Parameters
 from sitl.autopilot.systemid import Added
 from sitl.plants import Plant
 from sitl.plants.actuators import clip
@@ -13,10 +14,14 @@ from sitl.plants.actuators import clip
 class Controllers:
     """Both, and which of them flies."""
 
-    def __init__(self) -> None:
+    def __init__(self, parameters: Parameters) -> None:
+        """`LQR_LOG` tells whether the LQR runs while it does not fly, without authority."""
         self._attitude = AttitudeController()
         self._lqr: LqrController | None = None
         self._lqr_flies = False
+        self._parameters = parameters
+        self.beside: Beside | None = None
+        """Of this sample; None where the LQR flies, or does not run."""
 
     @property
     def has_lqr(self) -> bool:
@@ -24,6 +29,7 @@ class Controllers:
 
     def take_bank(self, bank: Sequence[float] | None) -> None:
         """The LQR's gains are these now, or none."""
+        self.beside = None
         self._lqr = None if bank is None else LqrController(LqrGains.from_values(bank))
         self._lqr_flies = False
 
@@ -34,6 +40,7 @@ class Controllers:
         lqr = self._lqr
         p, q, _ = gyro
         p_ref, q_ref, _ = added.rate
+        beside = None
         if lqr_selected and lqr is not None:
             if not self._lqr_flies:
                 lqr.reset()
@@ -45,7 +52,21 @@ class Controllers:
             self._lqr_flies = False
             roll, pitch, _ = added.angle
             x, y = self._attitude.step(plant.phi - roll, plant.theta - pitch, p, q, p_ref, q_ref)
+            if lqr is not None and self._parameters["LQR_LOG"] != 0:
+                beside = self._step_beside(lqr, plant, (p, q), (p_ref, q_ref))
         x, y = clip(x + added.x), clip(y + added.y)
-        if self._lqr_flies and lqr is not None:
+        if (self._lqr_flies or beside is not None) and lqr is not None:
             lqr.applied(x, y)
+        self.beside = beside
         return x, y, p_ref, q_ref
+
+    def _step_beside(
+        self, lqr: LqrController, plant: Plant, measured: tuple[float, float], added: tuple[float, float]
+    ) -> Beside:
+        """As it would fly; it holds no integrator, so nothing winds up."""
+        if self.beside is None:
+            lqr.reset()
+        hold = attitude_hold(plant.phi, plant.theta)
+        asked = hold[0] + added[0], hold[1] + added[1]
+        innovation = measured[0] - lqr.state[0], measured[1] - lqr.state[1]
+        return Beside(asked, lqr.step(*measured, *asked), innovation)

@@ -1,0 +1,208 @@
+"""Late vehicles that are swept, and whether gains hold them: told by their own eigenvalues, and by nothing of the code
+that judges gains.
+
+A vehicle is Table 4's with other numbers, its commands late by a delay, by servos, or by both, 0 to 50 ms in all; the
+controller on board is written out here again, loop by loop as it runs. Vehicle, hold, delay and controller together are
+one matrix over a loop of 2 ms: what it grows by is known to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from loops_in_time import Late, gains_of, tip_path_plane
+from planted import DT, SIZES, TABLE_4, chirp
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+FloatArray = np.ndarray
+SPAN = (0.6, 1.7)
+"""Times Table 4's."""
+KNOWN = 0.1
+"""By which each number of the vehicle that gains were designed on may be off."""
+LATEST_S = 0.050
+LATE_BY = ("nothing", "delay", "servo", "second-order servo", "delay and servo")
+COSTS = (0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+REST_S = 1.0
+GAIN, PHASE_DEG, DELAY_S = 2.0, 45.0, 0.010
+"""What good gains have: stable up to twice the gain, 45 degrees to either side and 10 ms later, each at every step on
+the way."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Continuous from the commands that arrive to p and q, which are its first two outputs."""
+
+    numbers: dict[str, float]
+    late_by: str
+    A: FloatArray
+    B: FloatArray
+    loops_late: int
+    """Of 2 ms, before a command arrives."""
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Gains with the observer's own model."""
+
+    K: FloatArray
+    L: FloatArray
+    model: dict[str, float]
+
+
+def vehicle(rng: np.random.Generator, late_by: str | None = None) -> Vehicle:
+    """A stable one."""
+    while True:
+        numbers = {name: float(value * rng.uniform(*SPAN)) for name, value in TABLE_4.items()}
+        if np.max(np.linalg.eigvals(tip_path_plane(numbers)[0]).real) < -1.0:
+            break
+    late_by = late_by or LATE_BY[int(rng.integers(len(LATE_BY)))]
+    late = float(rng.uniform(0.0, LATEST_S))
+    of_servo = {"servo": late, "second-order servo": late, "delay and servo": late * rng.uniform(0.2, 0.8)}
+    own, drive = tip_path_plane(numbers)
+    servo = max(of_servo.get(late_by, 0.0), 1e-3)
+    A, B = own, drive
+    two, none = np.eye(2), np.zeros((2, 2))
+    if late_by in ("servo", "delay and servo"):
+        A = np.block([[own, drive], [np.zeros((2, 4)), -two / servo]])
+        B = np.vstack([np.zeros((4, 2)), two / servo])
+    elif late_by == "second-order servo":  # late by 2 zeta/w at low frequency
+        zeta = float(rng.uniform(0.4, 1.0))
+        w = 2 * zeta / max(servo, 3e-3)
+        A = np.block(
+            [
+                [own, drive, np.zeros((4, 2))],
+                [np.zeros((2, 4)), none, two],
+                [np.zeros((2, 4)), -(w**2) * two, -2 * zeta * w * two],
+            ]
+        )
+        B = np.vstack([np.zeros((6, 2)), w**2 * two])
+    delay = {"delay": late, "delay and servo": late - of_servo["delay and servo"]}.get(late_by, 0.0)
+    return Vehicle(numbers, late_by, A, B, round(delay / DT))
+
+
+def bank(numbers: dict[str, float], rng: np.random.Generator) -> Bank:
+    """Designed on the vehicle as well as it is known; every other one then spoilt."""
+    model = {name: value * float(rng.uniform(1 - KNOWN, 1 + KNOWN)) for name, value in numbers.items()}
+    K, L = gains_of(Late(model, input_cost=float(rng.choice(COSTS))))
+    match int(rng.integers(8)):
+        case 0:
+            K = K * float(rng.uniform(2, 8))
+        case 1:
+            K = K * np.array([[float(rng.uniform(1, 8))], [float(rng.uniform(1, 8))]])
+        case 2:
+            K = K * np.array([[-1.0], [1.0]]) if rng.random() < 0.5 else K * np.array([[1.0], [-1.0]])
+        case 3:
+            K = K[::-1]
+    return Bank(K, L, model)
+
+
+# ------------------------------------------------------------------------------------------------ over one loop
+
+
+def held(A: FloatArray, B: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Over 2 ms of constant inputs."""
+    n, m = B.shape
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = A * DT, B * DT
+    power = expm(block)[:n]
+    return power[:, :n], power[:, n:]
+
+
+def growth(one: Vehicle, gains: Bank, *, times: complex = 1.0, later: int = 0) -> float:
+    """1/s, of vehicle and controller together, its commands multiplied and some loops later than they are."""
+    A, B = held(one.A, one.B)
+    own, drive = tip_path_plane(gains.model)
+    a, b = held(own - gains.L @ np.eye(2, 4), np.hstack([drive, gains.L]))
+    n, loops = len(A), one.loops_late + later
+    size = n + 2 * loops + 4
+    whole = np.zeros((size, size), dtype=complex)
+    x, seen = slice(0, n), slice(size - 4, size)
+    whole[x, x] = A
+    whole[seen, seen] = a - b[:, :2] @ gains.K
+    whole[seen, 0:2] = b[:, 2:]
+    sent = -times * gains.K
+    if loops == 0:
+        whole[x, seen] = B @ sent
+    else:
+        first, last = slice(n, n + 2), slice(n + 2 * loops - 2, n + 2 * loops)
+        whole[x, last] = B
+        whole[first, seen] = sent
+        for k in range(1, loops):
+            whole[n + 2 * k : n + 2 * k + 2, n + 2 * k - 2 : n + 2 * k] = np.eye(2)
+    return float(np.log(np.max(np.abs(np.linalg.eigvals(whole)))) / DT)
+
+
+def good(one: Vehicle, gains: Bank) -> bool:
+    """Whether the gains have the margins that are asked for."""
+    thirds = (1 / 3, 2 / 3, 1.0)
+    turned = [complex(np.exp(1j * np.radians(sign * PHASE_DEG * part))) for part in thirds for sign in (-1, 1)]
+    return all(
+        growth(one, gains, times=times) < 0 for times in [GAIN**part for part in (0.0, *thirds)] + turned
+    ) and all(growth(one, gains, later=k) < 0 for k in range(1, 1 + round(DELAY_S / DT)))
+
+
+# ------------------------------------------------------------------------------------------------ swept
+
+
+def swept(one: Vehicle, rng: np.random.Generator, *, seconds: float = 30.0, stop_hz: float = 10.0) -> list[dict]:
+    """A roll and a pitch sweep under weak feedback of the rates, in gusts, by a gyro with noise: channels by name."""
+    A, B = held(one.A, one.B)
+    gust = held(one.A, np.eye(len(one.A), 2))[1]
+    feedback = np.array([[0.015, 0.0], [0.0, 0.03]])
+    while _fed_back(A, B, feedback, one.loops_late) >= 1:
+        feedback = 0.5 * feedback
+    gusty, noise = float(rng.uniform(0.2, 1.0)), 0.005
+    runs = []
+    for axis, name in enumerate(("roll", "pitch")):
+        wave = sweep(SIZES[name], seconds, stop_hz)
+        rest = np.zeros(round(REST_S / DT))
+        excitation = np.zeros((wave.size + 2 * rest.size, 2))
+        excitation[:, axis] = np.concatenate([rest, wave, rest])
+        n = len(excitation)
+        wind = gusty * _coloured(rng, n) * (0.16, 0.7)
+        seen = noise * rng.standard_normal((n, 2))
+        x, u, y = np.zeros(len(A)), np.zeros((n + one.loops_late, 2)), np.empty((n, 2))
+        for k in range(n):
+            y[k] = x[:2] + seen[k]
+            u[k + one.loops_late] = excitation[k] - feedback @ y[k]
+            x = A @ x + B @ u[k] + gust @ wind[k]
+        sent = u[one.loops_late :]
+        runs.append(
+            {
+                "t": DT * np.arange(n), "p": y[:, 0], "q": y[:, 1], "delta_x": sent[:, 0], "delta_y": sent[:, 1],
+                "excitation_x": excitation[:, 0], "excitation_y": excitation[:, 1],
+            }
+        )  # fmt: skip
+    return runs
+
+
+def sweep(size: float, seconds: float, stop_hz: float) -> FloatArray:
+    """Table 1's to 10 Hz; further it is exponential."""
+    if stop_hz == 10.0:
+        return chirp(size, seconds)
+    t = np.arange(0, seconds, DT)
+    rate = np.log(stop_hz / 0.5) / seconds
+    return size * np.sin(2 * np.pi * 0.5 * np.expm1(rate * t) / rate) * np.clip(np.minimum(t, seconds - t), 0, 1)
+
+
+def _fed_back(A: FloatArray, B: FloatArray, feedback: FloatArray, loops: int) -> float:
+    """Largest absolute eigenvalue."""
+    n = len(A)
+    whole = np.zeros((n + 2 * loops, n + 2 * loops))
+    whole[:n, :n] = A
+    back = -feedback @ np.eye(2, n)
+    if loops == 0:
+        whole[:n, :n] += B @ back
+    else:
+        whole[:n, -2:] = B
+        whole[n : n + 2, :n] = back
+        whole[n + 2 :, n : n - 2 + 2 * loops] = np.eye(2 * loops - 2)
+    return float(np.max(np.abs(np.linalg.eigvals(whole))))
+
+
+def _coloured(rng: np.random.Generator, n: int, corner_hz: float = 1.5) -> FloatArray:
+    """First-order filtered noise of unit deviation, (n, 2)."""
+    pole = np.exp(-2 * np.pi * corner_hz * DT)
+    return lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], rng.standard_normal((n, 2)), axis=0)
