@@ -236,6 +236,8 @@ COMMIT, REVERT = "LQR_COMMIT", "LQR_REVERT"
 ACTIVE_CRC: Final = "LQR_ACTIVE"
 SWITCH: Final = "LQR_SW"
 """1 where the pilot's switch selects the LQR."""
+RUN_BESIDE: Final = "LQR_LOG"
+"""1: the active bank runs while it does not fly, without authority, and is logged."""
 NO_BANK: Final = (
     f"this vehicle offers no LQR bank (it has no parameter {BANK_KNOWN_BY}): gains can only be pushed to a vehicle "
     "whose autopilot runs the LQR"
