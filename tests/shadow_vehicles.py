@@ -24,6 +24,7 @@ KNOWN = 0.1
 LATEST_S = 0.050
 LATE_BY = ("nothing", "delay", "servo", "second-order servo", "delay and servo")
 COSTS = (0.3, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+SPOILT = ("larger", "larger, each its own way", "one sign", "swapped")
 REST_S = 1.0
 GAIN, PHASE_DEG, DELAY_S = 2.0, 45.0, 0.010
 """What good gains have: stable up to twice the gain, 45 degrees to either side and 10 ms later, each at every step on
@@ -49,6 +50,14 @@ class Bank:
     K: FloatArray
     L: FloatArray
     model: dict[str, float]
+    made: str = "designed"
+    """How: designed, or spoilt after that."""
+
+    @property
+    def prefilter(self) -> FloatArray:
+        """With which steady rates follow; of spoilt gains, those that were designed had it."""
+        A, B = tip_path_plane(self.model)
+        return np.linalg.pinv(np.eye(2, 4) @ np.linalg.solve(-A + B @ self.K, B))
 
 
 def vehicle(rng: np.random.Generator, late_by: str | None = None) -> Vehicle:
@@ -86,16 +95,16 @@ def bank(numbers: dict[str, float], rng: np.random.Generator) -> Bank:
     """Designed on the vehicle as well as it is known; every other one then spoilt."""
     model = {name: value * float(rng.uniform(1 - KNOWN, 1 + KNOWN)) for name, value in numbers.items()}
     K, L = gains_of(Late(model, input_cost=float(rng.choice(COSTS))))
-    match int(rng.integers(8)):
-        case 0:
-            K = K * float(rng.uniform(2, 8))
-        case 1:
-            K = K * np.array([[float(rng.uniform(1, 8))], [float(rng.uniform(1, 8))]])
-        case 2:
-            K = K * np.array([[-1.0], [1.0]]) if rng.random() < 0.5 else K * np.array([[1.0], [-1.0]])
-        case 3:
-            K = K[::-1]
-    return Bank(K, L, model)
+    made = SPOILT[int(rng.integers(len(SPOILT)))] if rng.random() < 0.5 else "designed"
+    if made == "larger":
+        K = K * float(rng.uniform(2, 8))
+    elif made == "larger, each its own way":
+        K = K * rng.uniform(1, 8, (2, 1))
+    elif made == "one sign":
+        K = K * (np.array([[-1.0], [1.0]]) if rng.random() < 0.5 else np.array([[1.0], [-1.0]]))
+    elif made == "swapped":
+        K = K[::-1]
+    return Bank(K, L, model, made)
 
 
 # ------------------------------------------------------------------------------------------------ over one loop
@@ -206,3 +215,68 @@ def _coloured(rng: np.random.Generator, n: int, corner_hz: float = 1.5) -> Float
     """First-order filtered noise of unit deviation, (n, 2)."""
     pole = np.exp(-2 * np.pi * corner_hz * DT)
     return lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], rng.standard_normal((n, 2)), axis=0)
+
+
+# ------------------------------------------------------------------------------------------------ a bank that runs
+
+FAULTS = (
+    *(f"{place}: {what}" for place in ("rates", "commands", "targets", "output")
+      for what in ("roll's sign", "pitch's sign", "swapped", "degrees", "1.1", "0.9", "roll alone 1.2")),
+    *(f"{place}: {loops} late" for place in ("rates", "commands", "targets", "output") for loops in (1, 2, 5, 12)),
+    "its own command", "nothing put out", "another bank", "another loop rate",
+)  # fmt: skip
+"""What may be wrong with a bank on board."""
+
+
+def asked_for(run: dict) -> FloatArray:
+    """(n, 2), rad/s, that an attitude hold asks for in this run: it brings the vehicle back level."""
+    level = np.array([lfilter([DT], [1.0, -1.0 + 0.5 * DT], run[name]) for name in ("p", "q")]).T
+    return np.clip(-1.2 * level, -0.6, 0.6)
+
+
+def ran(gains: Bank, run: dict, fault: str | None = None) -> FloatArray:
+    """(n, 2), what the bank puts out, loop by loop, beside whatever flies."""
+    seen = {
+        "rates": np.stack([run["p"], run["q"]], axis=1),
+        "commands": np.stack([run["delta_x"], run["delta_y"]], axis=1),
+        "targets": asked_for(run),
+    }
+    place, _, what = (fault or "").partition(": ")
+    if place in seen:
+        seen[place] = spoilt(seen[place], what)
+    model, K, dt = gains.model, gains.K, DT
+    if fault == "another bank":
+        model = {name: 1.15 * value for name, value in model.items()}
+    if fault == "another loop rate":
+        dt = 0.0025
+    own, drive = tip_path_plane(model)
+    block = np.zeros((8, 8))
+    block[:4] = np.hstack([own - gains.L @ np.eye(2, 4), drive, gains.L])
+    power = expm(block * dt)[:4]
+    x, out = np.zeros(4), np.empty_like(seen["rates"])
+    for k in range(len(out)):
+        out[k] = gains.prefilter @ seen["targets"][k] - K @ x
+        taken = out[k] if fault == "its own command" else seen["commands"][k]
+        x = power @ np.concatenate([x, taken, seen["rates"][k]])
+    if fault == "nothing put out":
+        return 0.0 * out
+    return (spoilt(out, what) if place == "output" else out).astype(np.float32).astype(float)
+
+
+def spoilt(x: FloatArray, what: str) -> FloatArray:
+    """A signal of both axes with something wrong."""
+    if what.endswith(" late"):
+        loops = int(what.split()[0])
+        return np.concatenate([np.repeat(x[:1], loops, axis=0), x[:-loops]])
+    match what:
+        case "roll's sign":
+            return x * [-1, 1]
+        case "pitch's sign":
+            return x * [1, -1]
+        case "swapped":
+            return x[:, ::-1].copy()
+        case "degrees":
+            return np.degrees(x)
+        case "roll alone 1.2":
+            return x * [1.2, 1]
+    return x * float(what)

@@ -26,8 +26,9 @@ _HELP = """\
 The loop is broken at both commands and closed on paper with the measured responses of the flights' sweeps: margins, a
 disk margin, and Nyquist's count of roots to the right. The verdict is `cleared` where that loop is stable with the
 margins asked for, whatever the 95 % bound of the response, and small where the sweeps end; `refused` where it is not,
-or the gains would saturate, or a vehicle that ran them did otherwise; `not measured` where the flights cannot tell,
-with how far to sweep. The model in GAINS.json only stands below the sweeps and counts the open loop's unstable poles.
+or the command would be beyond full while nothing is excited, or a vehicle that ran the gains did otherwise; `not
+measured` where the flights cannot tell, with how far to sweep. The model in GAINS.json only stands below the sweeps
+and counts the open loop's unstable poles.
 
 A vehicle with the bank runs it without authority when LQR_LOG is 1 and the pilot's switch is off: the observer gets the
 command that was sent, and the output is logged as LQRO. Push the gains, set LQR_LOG, fly a sweep, and name that flight
@@ -36,9 +37,9 @@ too: signs, axes, scales, timing and innovations of what ran are checked. That c
 --json prints {"format": "tippath.shadow/1", "verdict", "checksum", "model", "limits", "runs", "band_hz", "loop_s",
 "measured": {"verdict", "roots_to_the_right", "unstable_poles", "band_hz", "bound" (1: the 95 % bound reaches -1),
 "margins", "disk", "shortfalls", "not_measured": [{"why": axes | low | bound | edge | near, "frequency_hz",
-"sweep_to_hz"}]}, "outputs": [{"axis", "rms", "largest", "saturated", "rate", "largest_rate", "noise", "flown_rms",
-"flown_rate", "flown_noise", "innovation"}], "targets_told", "faults": [{"kind", "place", "axis", "value"}], "beside":
-[{"path", "checksum", "seconds", "outputs", "faults"}]}.
+"sweep_to_hz"}]}, "outputs": [{"axis", "rms", "largest", "saturated", "saturated_at_rest", "rate", "largest_rate",
+"noise", "flown_rms", "flown_rate", "flown_noise", "innovation"}], "targets_told", "faults": [{"kind", "place", "axis",
+"value"}], "beside": [{"path", "checksum", "seconds", "outputs", "faults"}]}.
 """
 
 

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.control.regulator import Gains
 from sysid.data.record import FloatArray
@@ -38,14 +39,16 @@ LAGS = range(-5, 26)
 MOST_ROWS = 4000
 """Samples by which causes are told apart."""
 FULL = 1.0
+REST_S = 1.0
 MOST_SATURATED = 0.01
 """Of the samples; beyond it a loop is not the one whose margins were measured."""
 MORE_INNOVATION, BESIDE = 2.0, 0.05
 """Times what is predicted, and so much of the rates beside it."""
 
 
-class OverStretch(dict[Place, FloatArray]):
-    """What one stretch without a gap holds of each place, (n, 2): rad/s, and of full command; `output` where logged."""
+class OverStretch(dict[Place | Literal["excitation"], FloatArray]):
+    """What one stretch without a gap holds of each place, (n, 2): rad/s, and of full command; `output` where it was
+    logged, `excitation` where what was added to the commands was."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,7 +70,9 @@ class Output:
     largest: float
     """Of full command."""
     saturated: float
-    """Share of the samples beyond full command."""
+    """Share of the samples beyond full command: a sweep drives the vehicle as the gains would not;"""
+    saturated_at_rest: float | None
+    """the same a second after the last excitation and later; None where nothing tells of such a time."""
     rate: float
     """Rms of its change, of full command per second;"""
     largest_rate: float
@@ -123,6 +128,7 @@ def outputs(gains: Gains, dt: float, stretches: Sequence[OverStretch], above_hz:
     sent = [over["commands"][after:] for over, _ in each]
     innovation = np.concatenate([one.innovation[after:] for _, one in each])
     rates = np.concatenate([over["rates"][after:] for over, _ in each])
+    rest = np.concatenate([_at_rest(over, dt)[after:] for over in stretches])
     found = []
     for k, axis in enumerate(AXES):
         own, flown = ([x[:, k] for x in rows] for rows in (new, sent))
@@ -133,6 +139,7 @@ def outputs(gains: Gains, dt: float, stretches: Sequence[OverStretch], above_hz:
                 rms=_rms(whole),
                 largest=float(np.max(np.abs(whole))),
                 saturated=float(np.mean(np.abs(whole) > FULL)),
+                saturated_at_rest=float(np.mean(np.abs(whole[rest]) > FULL)) if np.sum(rest) * dt > REST_S else None,
                 rate=_rms(change),
                 largest_rate=float(np.quantile(np.abs(change), 0.999)),
                 noise=_rms(np.concatenate([_above(x, dt, above_hz) for x in own])),
@@ -145,12 +152,22 @@ def outputs(gains: Gains, dt: float, stretches: Sequence[OverStretch], above_hz:
     return tuple(found)
 
 
+def _at_rest(over: OverStretch, dt: float) -> NDArray[np.bool_]:
+    """(n,), whether nothing was excited for a while; nowhere where nothing tells."""
+    rows = np.arange(len(over["rates"]))
+    if "excitation" not in over:
+        return np.zeros(rows.size, dtype=bool)
+    moved = np.any(over["excitation"] != 0, axis=1)
+    last = np.maximum.accumulate(np.where(moved, rows, -rows.size))
+    return np.asarray(rows - last > REST_S / dt)
+
+
 def refused_by(found: Sequence[Output], predicted: Sequence[Output] = ()) -> tuple[Fault, ...]:
-    """What of a controller's output refuses it; `predicted`: the same over the flights that gains were judged on."""
+    """What of a controller's output refuses it, where nothing was excited; `predicted`: the same over other flights."""
     faults = [
-        Fault(kind="saturates", place="output", axis=one.axis, value=one.saturated)
+        Fault(kind="saturates", place="output", axis=one.axis, value=one.saturated_at_rest)
         for one in found
-        if one.saturated > MOST_SATURATED
+        if one.saturated_at_rest is not None and one.saturated_at_rest > MOST_SATURATED
     ]
     faults += [
         Fault(kind="innovations", axis=one.axis, value=one.innovation / max(before.innovation, 1e-12))

@@ -124,9 +124,13 @@ def _output(one: Output) -> str:
     return (
         f"would have commanded {one.rms:.3f} rms, at most {one.largest:.2f} of {FULL:g} (flown {one.flown_rms:.3f}); "
         f"{one.rate:.2f}/s rms, {one.largest_rate:.1f}/s at most (flown {one.flown_rate:.2f}/s rms); noise beyond the "
-        f"sweeps {one.noise:.4f} (flown {one.flown_noise:.4f}); saturated {100 * one.saturated:.1f} % of the time; "
-        f"innovations {100 * one.innovation:.0f} % of the rate"
+        f"sweeps {one.noise:.4f} (flown {one.flown_noise:.4f}); beyond full {100 * one.saturated:.1f} % of the time"
+        f"{_rest(one)}; innovations {100 * one.innovation:.0f} % of the rate"
     )
+
+
+def _rest(one: Output) -> str:
+    return "" if one.saturated_at_rest is None else f" ({100 * one.saturated_at_rest:.1f} % while nothing was excited)"
 
 
 def _ran(one: Beside) -> str:
@@ -150,7 +154,8 @@ def _fault(one: Fault, before: str) -> str:
             "late": f"the {place} is {abs(1000 * value):.0f} ms {'late' if value > 0 else 'early'}",
             "other": f"{100 * value:.0f} % of its output is not what these gains say, and no sign, scale or time "
             "of one signal explains it",
-            "saturates": f"the command{axis} would have been beyond full for {100 * value:.1f} % of the time",
+            "saturates": f"the command{axis} would have been beyond full for {100 * value:.1f} % of the time, and "
+            "nothing was excited",
             "innovations": f"the observer's innovations{axis} are {value:.1f} times what the other flights predict: is "
             "it the same vehicle?",
         }[one.kind]

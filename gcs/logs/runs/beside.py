@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -17,13 +18,15 @@ from gcs.errors import TippathError
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray
 from gcs.vehicle.autopilots import ACTIVE_CRC
-from sysid.control.shadow import SHORTEST_S, OverStretch
+from sysid.control.shadow import SHORTEST_S, OverStretch, Place
+from sysid.data.preprocess import excitation_of
 from sysid.data.record import CYCLIC, RATES, Record
 
 LONGEST_GAP = 1.5
 """Loops; a longer one begins a new stretch."""
 TARGETS = ("RATE.RDes", "RATE.PDes")
 FLOWN = ("RATE.R", "RATE.P", "RATE.ROut", "RATE.POut")
+EXCITED = ("TPEX.EX", "TPEX.EY")
 PUT_OUT = ("LQRO.PDes", "LQRO.QDes", "LQRO.X", "LQRO.Y")
 US = 1e6
 NEAR_S = 0.1
@@ -45,9 +48,9 @@ class RanBeside:
 
 def ran_beside(log: DataFlashTables) -> RanBeside | None:
     """What a log tells of it; None where nothing ran. Raises TippathError where that has too little without a gap."""
-    if not all(map(log.has, (*FLOWN, *PUT_OUT))):
+    if not all(map(log.has, (*FLOWN, *PUT_OUT, *EXCITED))):
         return None
-    t, columns = _together(log, (*FLOWN, *PUT_OUT))
+    t, columns = _together(log, (*FLOWN, *PUT_OUT, *EXCITED))
     dt = float(np.median(np.diff(t))) if t.size > 1 else np.nan
     stretches = tuple(_stretch(columns[:, rows]) for rows in _without_gaps(t, dt))
     if not stretches:
@@ -70,7 +73,10 @@ def seen_by_controllers(
         t = record.channels["t"]
         targets = _targets(logs.get(record.path, ()), t)
         told = told and targets is not None
-        rows = {"rates": RATES, "commands": CYCLIC}
+        rows: dict[Place | Literal["excitation"], tuple[str, ...]] = {"rates": RATES, "commands": CYCLIC}
+        excitation = tuple(map(excitation_of, CYCLIC))
+        if set(excitation) <= set(record.channels):
+            rows["excitation"] = excitation
         columns = {name: np.array([record.channels[one] for one in each]) for name, each in rows.items()}
         columns["targets"] = np.zeros((2, t.size)) if targets is None else targets
         for part in _without_gaps(t, float(np.median(np.diff(t)))):
@@ -79,7 +85,7 @@ def seen_by_controllers(
                 OverStretch(
                     {
                         place: np.stack([np.interp(even, t[part], row[part]) for row in columns[place]], axis=1)
-                        for place in ("rates", "commands", "targets")
+                        for place in columns
                     }
                 )
             )
@@ -112,7 +118,11 @@ def _together(log: DataFlashTables, names: Sequence[str]) -> tuple[FloatArray, F
 
 def _stretch(columns: FloatArray) -> OverStretch:
     return OverStretch(
-        rates=np.radians(columns[0:2]).T, commands=columns[2:4].T, targets=columns[4:6].T, output=columns[6:8].T
+        rates=np.radians(columns[0:2]).T,
+        commands=columns[2:4].T,
+        targets=columns[4:6].T,
+        output=columns[6:8].T,
+        excitation=columns[8:10].T,
     )
 
 
