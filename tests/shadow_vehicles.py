@@ -253,9 +253,9 @@ def ran(gains: Bank, run: dict, fault: str | None = None) -> FloatArray:
     block = np.zeros((8, 8))
     block[:4] = np.hstack([own - gains.L @ np.eye(2, 4), drive, gains.L])
     power = expm(block * dt)[:4]
-    x, out = np.zeros(4), np.empty_like(seen["rates"])
+    x, out = np.zeros(4), seen["targets"] @ gains.prefilter.T
     for k in range(len(out)):
-        out[k] = gains.prefilter @ seen["targets"][k] - K @ x
+        out[k] -= K @ x
         taken = out[k] if fault == "its own command" else seen["commands"][k]
         x = power @ np.concatenate([x, taken, seen["rates"][k]])
     if fault == "nothing put out":

@@ -30,13 +30,14 @@ or the command would be beyond full while nothing is excited, or a vehicle that 
 measured` where the flights cannot tell, with how far to sweep. The model in GAINS.json only stands below the sweeps
 and counts the open loop's unstable poles.
 
-A vehicle with the bank runs it without authority when LQR_LOG is 1 and the pilot's switch is off: the observer gets the
-command that was sent, and the output is logged as LQRO. Push the gains, set LQR_LOG, fly a sweep, and name that flight
-too: signs, axes, scales, timing and innovations of what ran are checked. That can refuse, and never clears.
+A vehicle with the bank can run it without authority while the pilot's switch is off: its observer gets the command
+that was sent, and what it would have put out is logged. Push the gains, set the parameter that the answer names, fly a
+sweep, and name that flight too: signs, axes, scales, timing and innovations of what ran are checked. That can refuse,
+and never clears.
 
 --json prints {"format": "tippath.shadow/1", "verdict", "checksum", "model", "limits", "runs", "band_hz", "loop_s",
 "measured": {"verdict", "roots_to_the_right", "unstable_poles", "band_hz", "bound" (1: the 95 % bound reaches -1),
-"margins", "disk", "shortfalls", "not_measured": [{"why": axes | low | bound | edge | near, "frequency_hz",
+"margins", "disk", "shortfalls", "not_measured": [{"why": axes | excitation | low | bound | edge | near, "frequency_hz",
 "sweep_to_hz"}]}, "outputs": [{"axis", "rms", "largest", "saturated", "saturated_at_rest", "rate", "largest_rate",
 "noise", "flown_rms", "flown_rate", "flown_noise", "innovation"}], "targets_told", "faults": [{"kind", "place", "axis",
 "value"}], "beside": [{"path", "checksum", "seconds", "outputs", "faults"}]}.

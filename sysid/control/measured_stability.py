@@ -42,14 +42,15 @@ from sysid.model.structure import Model
 from sysid.response.values import PROBABILITY, Responses
 
 Verdict = Literal["cleared", "refused", "not measured"]
-Why = Literal["axes", "low", "bound", "edge", "near"]
-"""Why nothing can be told: commands that no response separates; a model that does not meet what was measured where the
-band begins; a bound that reaches -1; a loop that is not small where the band ends; a margin too near its limit."""
+Why = Literal["axes", "excitation", "low", "bound", "edge", "near"]
+"""Why nothing can be told: commands that no response separates; excitation that is not logged, so that gusts come back
+in the responses, which no bound knows; a model that does not meet what was measured where the band begins; a bound that
+reaches -1; a loop that is not small where the band ends; a margin too near its limit."""
 SLACK = 2.0
 FINER = 8
 """Points between those measured: a response is smooth."""
-EDGE = 2 ** (1 / 3)
-"""Of the band's ends: over so much the vehicle's answer is taken from."""
+LOW_END, HIGH_END = 2 ** (1 / 3), 2 ** (1 / 12)
+"""Over so much of the band's ends is looked at what the vehicle answers there."""
 BEYOND = 1.2
 """Of the frequency to which a sweep is asked for."""
 FARTHEST_HZ = 1000.0
@@ -190,7 +191,7 @@ def measured_stability(
         margins=None if margins is None else with_model(margins, gains, model),
         disk=_disk(gains, f, H, error),
         thin=thin,
-        not_measured=(*found, *near),
+        not_measured=(*([] if responses.closed_loop_safe else [NotMeasured(why="excitation")]), *found, *near),
         loop=broken,
     )
 
@@ -259,7 +260,7 @@ def _round(loop: ComplexArray, C: ComplexArray, change: FloatArray) -> FloatArra
 def _counted(gains: Gains, model: Model, broken: BrokenLoop, limits: Limits) -> tuple[int | None, list[NotMeasured]]:
     """Roots to the right, and what keeps that from being sure."""
     f, found = broken.frequency_hz, []
-    first, last = f <= EDGE * f[0], f >= f[-1] / EDGE
+    first, last = f <= LOW_END * f[0], f >= f[-1] / HIGH_END
     differs = np.abs(broken.H - broken.model) + broken.bound
     low = SLACK * float(np.max(_round(broken.C @ broken.model, broken.C, differs)[first]))
     if low >= 1:
@@ -309,7 +310,7 @@ def _angles(x: ComplexArray) -> float:
 def _sweep_to(model: Model, C: FloatArray, beyond: FloatArray, left: float) -> float | None:
     """Hz, from where on the loop is small enough, by the model's answer there."""
     # a sweep's end is judged by the most that the vehicle answers near it
-    H = np.abs(rates_per_command(model, np.asarray(2j * np.pi * beyond / EDGE, dtype=complex)))
+    H = np.abs(rates_per_command(model, np.asarray(2j * np.pi * beyond / HIGH_END, dtype=complex)))
     for at, there in enumerate(H):
         if float(np.max(perron(C[at:] @ there))) <= left:
             return float(math.ceil(BEYOND * beyond[at]))

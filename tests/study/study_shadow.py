@@ -34,8 +34,8 @@ OF_ONE_VEHICLE = 3
 """Sets of each kind."""
 DRAWN = 24
 FARTHEST_HZ = 40.0
-FAULTS_EACH = 4
-FIRST_SEED = 100_000
+FAULTS_EACH = 3
+FIRST_SEED = 200_000
 SWEPT_HZ = (0.5, 10.0)
 KINDS = ("destabilising", "good")
 

@@ -9,6 +9,7 @@ from gcs.analysis.shadow import Beside, ShadowFlight
 from gcs.analysis.text.blocks import wrapped
 from gcs.analysis.text.clearance import NAMES
 from gcs.flight.gains import checksum
+from gcs.vehicle.autopilots import RUN_BESIDE
 from sysid.control.measured_margins import Crossing
 from sysid.control.measured_stability import MeasuredStability, NotMeasured, Verdict
 from sysid.control.shadow import FULL, Fault, FaultKind, Output, Place
@@ -29,6 +30,10 @@ WHOLE: dict[FaultKind, str] = {
     "no answer": "it put out nothing: is the bank committed, and does it run?",
     "other bank": "another set of gains ran: push this one, and fly again",
 }
+NONE_RAN = (
+    "in none of these flights did the vehicle run the bank without authority: signs, scales and timing on board are "
+    f"not checked; a vehicle with the bank does so with {RUN_BESIDE} 1 while the pilot's switch is off"
+)
 
 
 def shadow_text(found: ShadowFlight) -> str:
@@ -51,8 +56,7 @@ def shadow_told(found: ShadowFlight) -> list[tuple[str, str]]:
         told.append(("", "what rates were asked for is not logged: as if none had been"))
     told += [("ran beside", _ran(one)) for one in found.beside]
     if not found.beside:
-        told.append(("ran beside", "no flight in which the vehicle ran the bank without authority: signs, scales and "
-                     "timing on board are not checked"))  # fmt: skip
+        told.append(("ran beside", NONE_RAN))
     return told
 
 
@@ -77,6 +81,8 @@ def _not_measured(one: NotMeasured) -> str:
     sweep = "sweep further" if one.sweep_to_hz is None else f"sweep to {one.sweep_to_hz:.2g} Hz"
     return {
         "axes": "the flights do not show the four responses of both axes: sweep roll and pitch, each for itself",
+        "excitation": "what was added to the commands is not logged: gusts that came back through the controller are "
+        "in the responses; log the excitation",
         "low": f"the model is not the vehicle's where the sweeps begin ({at}), and below them it would have to stand: "
         f"{sweep.replace(' to ', ' from ')} on, or fit and design on this vehicle's own flights",
         "bound": f"the response's error allows for instability at {at}: sweep longer, or with more amplitude",
