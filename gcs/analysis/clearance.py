@@ -181,7 +181,10 @@ def designed(path: Path, named: Sequence[str] = ()) -> tuple[Gains, Model, Limit
     loosely as usual. Raises GainsError as `cleared_again` does."""
     try:
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
-        gains, on = _gains(document), document.judged_on
+        with np.errstate(all="ignore"):
+            gains, on = _gains(document), document.judged_on
+            if not np.all(np.isfinite(gains.model.matrices.A)):
+                raise ValueError("its model's numbers make no finite matrices")
         model = saved_model(on.models[0].model, path.parent, named) if on is not None and on.models else gains.model
     except documents.DocumentError as error:
         raise GainsError(f"{error}; make it with `tippath design`") from error

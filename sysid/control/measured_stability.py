@@ -83,19 +83,14 @@ class BrokenLoop:
         """(f,): the bound round the loop; from 1 on the loop may meet -1 within it."""
         return _round(self.loop, self.C, self.bound)
 
-    def inside(self) -> BrokenLoop:
-        """From where to where the bound leaves -1 out, at most an octave less at the low end."""
-        clear = np.flatnonzero(self.reach < 1)
-        if not clear.size:
-            return self
-        low = int(clear[0]) if self.frequency_hz[clear[0]] <= 2 * self.frequency_hz[0] else 0
-        part = slice(low, int(clear[-1]) + 1)
+    def part(self, rows: slice) -> BrokenLoop:
+        """Some of its frequencies."""
         return BrokenLoop(
-            frequency_hz=self.frequency_hz[part],
-            C=self.C[part],
-            H=self.H[part],
-            bound=self.bound[part],
-            model=self.model[part],
+            frequency_hz=self.frequency_hz[rows],
+            C=self.C[rows],
+            H=self.H[rows],
+            bound=self.bound[rows],
+            model=self.model[rows],
         )
 
 
@@ -181,10 +176,12 @@ def measured_stability(
             loop=None,
         )
     f, H, error, bound = known
-    broken = _broken(gains, model, f, H, bound)
+    whole = _broken(gains, model, f, H, bound)
+    end, edge = _end(gains, whole, limits)
+    broken = whole.part(slice(_beginning(whole), end + 1))
     margins = measured_margins(gains, responses)
     thin, near = _thin(margins, model, limits)
-    roots, found = _counted(gains, model, broken, limits)
+    roots, found = _counted(gains, model, broken, limits, edge)
     return MeasuredStability(
         roots=roots,
         unstable_poles=poles,
@@ -222,7 +219,7 @@ def _known(responses: Responses) -> tuple[FloatArray, ComplexArray, FloatArray, 
 
 
 def _broken(gains: Gains, model: Model, f: FloatArray, H: ComplexArray, bound: FloatArray) -> BrokenLoop:
-    """The loop between the measured points too, as far in as its bound allows to begin and to end."""
+    """The loop between the measured points too."""
     # heavier than NumPy itself to load: only where it is needed
     from scipy.interpolate import CubicSpline
 
@@ -240,7 +237,7 @@ def _broken(gains: Gains, model: Model, f: FloatArray, H: ComplexArray, bound: F
         H=np.asarray(real + 1j * imag),
         bound=between,
         model=np.asarray(rates_per_command(model, s)),
-    ).inside()
+    )
 
 
 def perron(x: FloatArray) -> FloatArray:
@@ -257,23 +254,59 @@ def _round(loop: ComplexArray, C: ComplexArray, change: FloatArray) -> FloatArra
 # ------------------------------------------------------------------------------------------------ counting
 
 
-def _counted(gains: Gains, model: Model, broken: BrokenLoop, limits: Limits) -> tuple[int | None, list[NotMeasured]]:
-    """Roots to the right, and what keeps that from being sure."""
+def _beginning(broken: BrokenLoop) -> int:
+    """The first point, within an octave, at which the bound leaves -1 out."""
+    clear = np.flatnonzero(broken.reach < 1)
+    return int(clear[0]) if clear.size and broken.frequency_hz[clear[0]] <= 2 * broken.frequency_hz[0] else 0
+
+
+def _end(gains: Gains, broken: BrokenLoop, limits: Limits) -> tuple[int, float]:
+    """The last point, within an octave, from where on the loop is small enough, and what it is at most from there on;
+    the last whose bound leaves -1 out where it is small enough nowhere.
+
+    From there on the vehicle answers at most what it was measured to at that end, or what is sure of what was measured
+    beyond it.
+    """
+    f, size = broken.frequency_hz, np.abs(broken.H)
+    clear = np.flatnonzero(broken.reach < 1)
+    ends = [int(at) for at in clear[::-1] if f[at] >= f[-1] / 2] or [f.size - 1]
+    found = []
+    for end in ends:
+        near = (f >= f[end] / HIGH_END) & (f <= f[end])
+        most = np.max((size + broken.bound)[near], axis=0)
+        most = np.maximum(most, np.max((size - broken.bound)[end:], axis=0))
+        found.append((end, float(np.max(perron(_beyond(gains, float(f[end]))[1] @ most)))))
+        if found[-1][1] <= _left(limits):
+            return found[-1]
+    return found[0]
+
+
+def _left(limits: Limits) -> float:
+    """What a loop may be in size, whatever its phase, and leave the gain margin asked for."""
+    return float(10 ** (-limits.gain_db / 20))
+
+
+def _beyond(gains: Gains, from_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Frequencies from there on, and sizes of what is taken from the commands per rate."""
+    f = np.geomspace(from_hz, max(FARTHEST_HZ, 2 * from_hz), 200)
+    return f, np.abs(from_rates(gains, np.asarray(2j * np.pi * f, dtype=complex)))
+
+
+def _counted(
+    gains: Gains, model: Model, broken: BrokenLoop, limits: Limits, edge: float
+) -> tuple[int | None, list[NotMeasured]]:
+    """Roots to the right, and what keeps that from being sure; `edge`: what the loop is at most beyond the band."""
     f, found = broken.frequency_hz, []
-    first, last = f <= LOW_END * f[0], f >= f[-1] / HIGH_END
     differs = np.abs(broken.H - broken.model) + broken.bound
-    low = SLACK * float(np.max(_round(broken.C @ broken.model, broken.C, differs)[first]))
+    low = SLACK * float(np.max(_round(broken.C @ broken.model, broken.C, differs)[f <= LOW_END * f[0]]))
     if low >= 1:
         found.append(NotMeasured(why="low", frequency_hz=float(f[0]), sweep_to_hz=float(f[0]) / 2))
     wide = np.flatnonzero(broken.reach >= 1)
     if wide.size:
         found.append(NotMeasured(why="bound", frequency_hz=float(f[wide[np.argmax(broken.reach[wide])]])))
-    most = np.max((np.abs(broken.H) + broken.bound)[last], axis=0)
-    beyond = np.geomspace(f[-1], FARTHEST_HZ, 300)
-    C = np.abs(from_rates(gains, np.asarray(2j * np.pi * beyond, dtype=complex)))
-    edge, left = float(np.max(perron(C @ most))), 10 ** (-limits.gain_db / 20)
-    if edge > left:
-        found.append(NotMeasured(why="edge", frequency_hz=float(f[-1]), sweep_to_hz=_sweep_to(model, C, beyond, left)))
+    if edge > _left(limits):
+        to = _sweep_to(gains, model, float(f[-1]), _left(limits))
+        found.append(NotMeasured(why="edge", frequency_hz=float(f[-1]), sweep_to_hz=to))
     return (None if low >= 1 or edge >= 1 else _roots(gains, model, broken)), found
 
 
@@ -307,13 +340,14 @@ def _angles(x: ComplexArray) -> float:
     return float(np.sum(np.angle(1 + np.linalg.eigvals(x))))
 
 
-def _sweep_to(model: Model, C: FloatArray, beyond: FloatArray, left: float) -> float | None:
+def _sweep_to(gains: Gains, model: Model, from_hz: float, left: float) -> float | None:
     """Hz, from where on the loop is small enough, by the model's answer there."""
+    f, C = _beyond(gains, from_hz)
     # a sweep's end is judged by the most that the vehicle answers near it
-    H = np.abs(rates_per_command(model, np.asarray(2j * np.pi * beyond / HIGH_END, dtype=complex)))
+    H = np.abs(rates_per_command(model, np.asarray(2j * np.pi * f / HIGH_END, dtype=complex)))
     for at, there in enumerate(H):
         if float(np.max(perron(C[at:] @ there))) <= left:
-            return float(math.ceil(BEYOND * beyond[at]))
+            return float(math.ceil(BEYOND * f[at]))
     return None
 
 
