@@ -163,28 +163,27 @@ def swept(one: Vehicle, rng: np.random.Generator, *, seconds: float = 30.0, stop
     while _fed_back(A, B, feedback, one.loops_late) >= 1:
         feedback = 0.5 * feedback
     gusty, noise = float(rng.uniform(0.2, 1.0)), 0.005
-    runs = []
-    for axis, name in enumerate(("roll", "pitch")):
-        wave = sweep(SIZES[name], seconds, stop_hz)
-        rest = np.zeros(round(REST_S / DT))
-        excitation = np.zeros((wave.size + 2 * rest.size, 2))
-        excitation[:, axis] = np.concatenate([rest, wave, rest])
-        n = len(excitation)
-        wind = gusty * _coloured(rng, n) * (0.16, 0.7)
-        seen = noise * rng.standard_normal((n, 2))
-        x, u, y = np.zeros(len(A)), np.zeros((n + one.loops_late, 2)), np.empty((n, 2))
-        for k in range(n):
-            y[k] = x[:2] + seen[k]
-            u[k + one.loops_late] = excitation[k] - feedback @ y[k]
-            x = A @ x + B @ u[k] + gust @ wind[k]
-        sent = u[one.loops_late :]
-        runs.append(
-            {
-                "t": DT * np.arange(n), "p": y[:, 0], "q": y[:, 1], "delta_x": sent[:, 0], "delta_y": sent[:, 1],
-                "excitation_x": excitation[:, 0], "excitation_y": excitation[:, 1],
-            }
-        )  # fmt: skip
-    return runs
+    rest = np.zeros(round(REST_S / DT))
+    waves = [np.concatenate([rest, sweep(SIZES[name], seconds, stop_hz), rest]) for name in ("roll", "pitch")]
+    n = len(waves[0])
+    excitation = np.zeros((n, 2, 2))  # (n, axis, run): both runs side by side
+    for run, wave in enumerate(waves):
+        excitation[:, run, run] = wave
+    wind = gusty * np.stack([_coloured(rng, n) * (0.16, 0.7) for _ in waves], axis=2)
+    y = noise * rng.standard_normal((n, 2, 2))
+    x, u = np.zeros((len(A), 2)), np.zeros((n + one.loops_late, 2, 2))
+    for k in range(n):
+        y[k] += x[:2]
+        u[k + one.loops_late] = excitation[k] - feedback @ y[k]
+        x = A @ x + B @ u[k] + gust @ wind[k]
+    sent = u[one.loops_late :]
+    return [
+        {
+            "t": DT * np.arange(n), "p": y[:, 0, run], "q": y[:, 1, run], "delta_x": sent[:, 0, run],
+            "delta_y": sent[:, 1, run], "excitation_x": excitation[:, 0, run], "excitation_y": excitation[:, 1, run],
+        }
+        for run in range(2)
+    ]  # fmt: skip
 
 
 def sweep(size: float, seconds: float, stop_hz: float) -> FloatArray:

@@ -11,8 +11,9 @@ three parts:
 - above the band nothing was measured. The vehicle is taken to answer there no more than at the band's end, whatever
   its phase, and the loop then has at most half of size 1, or what the asked gain margin leaves.
 
-What is less certain than that is not measured, and is never cleared. Sizes round the loop are Perron roots of absolute
-values: a bound for whatever phases the elements have, and the same in any units.
+The controller is taken as it runs on board, loop by loop, exactly: gains that are large beside the loop rate can make
+it unstable by itself. What is less certain than all that is not measured, and is never cleared. Sizes round the loop
+are Perron roots of absolute values: a bound for whatever phases the elements have, and the same in any units.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.control.judgement import OF_DELAY, Limits, Quantity, Shortfall
 from sysid.control.measured_margins import FEWEST, Crossing, MeasuredMargins, measured_margins, with_model
 from sysid.control.regulator import Gains
 from sysid.control.robustness import DiskMargin, disk_sizes
+from sysid.control.shadow import on_board
 from sysid.control.stability import (
     WHOLE,
     frequencies,
@@ -64,6 +67,8 @@ class BrokenLoop:
 
     frequency_hz: FloatArray
     """(f,)"""
+    loop_s: float
+    """Of the controller; 0: continuous."""
     C: ComplexArray
     """(f, 2, 2), taken from the commands per rate;"""
     H: ComplexArray
@@ -71,7 +76,7 @@ class BrokenLoop:
     bound: FloatArray
     """(f, 2, 2), with what 95 of 100 errors are below,"""
     model: ComplexArray
-    """(f, 2, 2), and by the model."""
+    """(f, 2, 2): the whole loop of the model under the continuous controller."""
 
     @property
     def loop(self) -> ComplexArray:
@@ -87,6 +92,7 @@ class BrokenLoop:
         """Some of its frequencies."""
         return BrokenLoop(
             frequency_hz=self.frequency_hz[rows],
+            loop_s=self.loop_s,
             C=self.C[rows],
             H=self.H[rows],
             bound=self.bound[rows],
@@ -158,12 +164,9 @@ def measured_stability(
 ) -> MeasuredStability:
     """Gains in the loop with what was measured of a vehicle; the model is used below the band, and for its poles.
 
-    `loop_s`: of one loop of the controller on board, s: its rates and its commands are both held so long, each half of
-    it late.
+    `loop_s`: of one loop of the controller on board, s, over which it holds rates and commands; 0: it is continuous.
     """
-    late = np.exp(-2j * np.pi * responses.frequency_hz * loop_s)
-    responses = replace(responses, H=responses.H * late)
-    poles = unstable_poles(gains, model)
+    poles = _open_poles(gains, model, loop_s)
     known = _known(responses)
     if known is None:
         return MeasuredStability(
@@ -176,24 +179,70 @@ def measured_stability(
             loop=None,
         )
     f, H, error, bound = known
-    whole = _broken(gains, model, f, H, bound)
+    whole = _broken(gains, model, f, H, bound, loop_s)
     end, edge = _end(gains, whole, limits)
     broken = whole.part(slice(_beginning(whole), end + 1))
-    margins = measured_margins(gains, responses)
+    margins = measured_margins(gains, _as_on_board(gains, responses, loop_s))
     thin, near = _thin(margins, model, limits)
     roots, found = _counted(gains, model, broken, limits, edge)
     return MeasuredStability(
         roots=roots,
         unstable_poles=poles,
         margins=None if margins is None else with_model(margins, gains, model),
-        disk=_disk(gains, f, H, error),
+        disk=_disk(taken(gains, f, loop_s), f, H, error),
         thin=thin,
         not_measured=(*([] if responses.closed_loop_safe else [NotMeasured(why="excitation")]), *found, *near),
         loop=broken,
     )
 
 
+def taken(gains: Gains, frequency_hz: FloatArray, loop_s: float) -> ComplexArray:
+    """(f, 2, 2): what the controller takes from the commands per rate, as it runs in loops of so many seconds; the hold
+    of its commands included."""
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=complex)
+    if loop_s == 0:
+        return from_rates(gains, s)
+    A, B, L, _ = on_board(gains, loop_s)
+    z = np.exp(s * loop_s)[:, None, None]
+    hold = ((1 - np.exp(-s * loop_s)) / (s * loop_s))[:, None, None]
+    inside = np.linalg.solve(z * np.eye(len(A)) - (A - B @ gains.K), L[None].astype(complex))
+    return np.asarray(gains.K @ inside * hold)
+
+
+def _open_poles(gains: Gains, model: Model, loop_s: float) -> int:
+    """How many poles of vehicle and controller are unstable; the controller's are those of its loops."""
+    if loop_s == 0:
+        return unstable_poles(gains, model)
+    A, B, _, _ = on_board(gains, loop_s)
+    # of a controller that takes nothing the observer alone is left, and that is stable
+    quiet = replace(gains, K=np.zeros_like(gains.K))
+    return unstable_poles(quiet, model) + int(np.count_nonzero(np.abs(np.linalg.eigvals(A - B @ gains.K)) > 1))
+
+
+def _as_on_board(gains: Gains, responses: Responses, loop_s: float) -> Responses:
+    """Responses that make with the continuous controller the loop that these make with the one on board."""
+    if loop_s == 0 or not _both(responses):
+        return responses
+    f = responses.frequency_hz
+    continuous = from_rates(gains, np.asarray(2j * np.pi * f, dtype=complex))
+    rows = _rows(responses)
+    H = responses.H.copy()
+    H[rows] = np.moveaxis(np.linalg.pinv(continuous) @ taken(gains, f, loop_s) @ np.moveaxis(H[rows], -1, 0), 0, -1)
+    return replace(responses, H=H)
+
+
 # ------------------------------------------------------------------------------------------------ what was measured
+
+
+def _both(responses: Responses) -> bool:
+    return set(RATES) <= set(responses.outputs) and set(CYCLIC) <= set(responses.commands)
+
+
+def _rows(responses: Responses) -> tuple[NDArray[np.intp], ...]:
+    """Of p and q to both commands."""
+    return np.ix_(
+        [responses.outputs.index(name) for name in RATES], [responses.commands.index(name) for name in CYCLIC]
+    )
 
 
 def _known(responses: Responses) -> tuple[FloatArray, ComplexArray, FloatArray, FloatArray] | None:
@@ -202,11 +251,9 @@ def _known(responses: Responses) -> tuple[FloatArray, ComplexArray, FloatArray, 
     # heavier than NumPy itself to load: only where it is needed
     from scipy.special import fdtri
 
-    if not (set(RATES) <= set(responses.outputs) and set(CYCLIC) <= set(responses.commands)):
+    if not _both(responses):
         return None
-    rows = np.ix_(
-        [responses.outputs.index(name) for name in RATES], [responses.commands.index(name) for name in CYCLIC]
-    )
+    rows = _rows(responses)
     H = np.moveaxis(responses.H[rows], -1, 0)
     error, freedom = (np.moveaxis(x[rows], -1, 0) for x in (responses.error, responses.freedom))
     known = np.flatnonzero(np.all(np.isfinite(H) & np.isfinite(error), axis=(1, 2)))
@@ -218,7 +265,7 @@ def _known(responses: Responses) -> tuple[FloatArray, ComplexArray, FloatArray, 
     return responses.frequency_hz[at], H[at], error[at], error[at] * factor
 
 
-def _broken(gains: Gains, model: Model, f: FloatArray, H: ComplexArray, bound: FloatArray) -> BrokenLoop:
+def _broken(gains: Gains, model: Model, f: FloatArray, H: ComplexArray, bound: FloatArray, loop_s: float) -> BrokenLoop:
     """The loop between the measured points too."""
     # heavier than NumPy itself to load: only where it is needed
     from scipy.interpolate import CubicSpline
@@ -230,13 +277,13 @@ def _broken(gains: Gains, model: Model, f: FloatArray, H: ComplexArray, bound: F
     between = np.stack([np.interp(fine, x, rows[2, :, k]) for k in range(4)], axis=1).reshape(-1, 2, 2)
     hz = np.exp(fine)
     s = np.asarray(2j * np.pi * hz, dtype=complex)
-    C = from_rates(gains, s)
     return BrokenLoop(
         frequency_hz=hz,
-        C=C,
+        loop_s=loop_s,
+        C=taken(gains, hz, loop_s),
         H=np.asarray(real + 1j * imag),
         bound=between,
-        model=np.asarray(rates_per_command(model, s)),
+        model=np.asarray(from_rates(gains, s) @ rates_per_command(model, s)),
     )
 
 
@@ -275,7 +322,7 @@ def _end(gains: Gains, broken: BrokenLoop, limits: Limits) -> tuple[int, float]:
         near = (f >= f[end] / HIGH_END) & (f <= f[end])
         most = np.max((size + broken.bound)[near], axis=0)
         most = np.maximum(most, np.max((size - broken.bound)[end:], axis=0))
-        found.append((end, float(np.max(perron(_beyond(gains, float(f[end]))[1] @ most)))))
+        found.append((end, float(np.max(perron(_beyond(gains, float(f[end]), broken.loop_s)[1] @ most)))))
         if found[-1][1] <= _left(limits):
             return found[-1]
     return found[0]
@@ -286,10 +333,10 @@ def _left(limits: Limits) -> float:
     return float(10 ** (-limits.gain_db / 20))
 
 
-def _beyond(gains: Gains, from_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Frequencies from there on, and sizes of what is taken from the commands per rate."""
-    f = np.geomspace(from_hz, max(FARTHEST_HZ, 2 * from_hz), 200)
-    return f, np.abs(from_rates(gains, np.asarray(2j * np.pi * f, dtype=complex)))
+def _beyond(gains: Gains, from_hz: float, loop_s: float) -> tuple[FloatArray, FloatArray]:
+    """Frequencies from there on, and sizes of what is taken from the commands per rate; up to half of the loops."""
+    f = np.geomspace(from_hz, max(0.5 / loop_s if loop_s else FARTHEST_HZ, 1.01 * from_hz), 200)
+    return f, np.abs(taken(gains, f, loop_s))
 
 
 def _counted(
@@ -297,15 +344,16 @@ def _counted(
 ) -> tuple[int | None, list[NotMeasured]]:
     """Roots to the right, and what keeps that from being sure; `edge`: what the loop is at most beyond the band."""
     f, found = broken.frequency_hz, []
-    differs = np.abs(broken.H - broken.model) + broken.bound
-    low = SLACK * float(np.max(_round(broken.C @ broken.model, broken.C, differs)[f <= LOW_END * f[0]]))
+    differs = np.abs(broken.loop - broken.model) + np.abs(broken.C) @ broken.bound
+    unit = np.broadcast_to(np.eye(2), broken.loop.shape)
+    low = SLACK * float(np.max(_round(broken.model, unit.astype(complex), differs)[f <= LOW_END * f[0]]))
     if low >= 1:
         found.append(NotMeasured(why="low", frequency_hz=float(f[0]), sweep_to_hz=float(f[0]) / 2))
     wide = np.flatnonzero(broken.reach >= 1)
     if wide.size:
         found.append(NotMeasured(why="bound", frequency_hz=float(f[wide[np.argmax(broken.reach[wide])]])))
     if edge > _left(limits):
-        to = _sweep_to(gains, model, float(f[-1]), _left(limits))
+        to = _sweep_to(gains, model, broken, _left(limits))
         found.append(NotMeasured(why="edge", frequency_hz=float(f[-1]), sweep_to_hz=to))
     return (None if low >= 1 or edge >= 1 else _roots(gains, model, broken)), found
 
@@ -314,11 +362,9 @@ def _roots(gains: Gains, model: Model, broken: BrokenLoop) -> int | None:
     of_model = roots_to_the_right(loop_of(gains, model))
     if of_model is None:
         return None
-    C, poles = broken.C, unstable_poles(gains, model)
-    model_there, there = C @ broken.model, C @ broken.H
-    rest = _turn(gains, model, float(broken.frequency_hz[0]))
-    below = np.pi * (poles - of_model) - rest
-    meets = _angles(np.linalg.solve(np.eye(2) + model_there[0], there[0] - model_there[0]))
+    below = np.pi * (unstable_poles(gains, model) - of_model) - _turn(gains, model, float(broken.frequency_hz[0]))
+    there, poles = broken.loop, _open_poles(gains, model, broken.loop_s)
+    meets = _angles(np.linalg.solve(np.eye(2) + broken.model[0], there[0] - broken.model[0]))
     inside = np.unwrap(np.angle(np.linalg.det(np.eye(2) + there)))
     whole = below + meets + float(inside[-1] - inside[0]) - _angles(there[-1])
     count = poles - whole / np.pi
@@ -340,9 +386,9 @@ def _angles(x: ComplexArray) -> float:
     return float(np.sum(np.angle(1 + np.linalg.eigvals(x))))
 
 
-def _sweep_to(gains: Gains, model: Model, from_hz: float, left: float) -> float | None:
-    """Hz, from where on the loop is small enough, by the model's answer there."""
-    f, C = _beyond(gains, from_hz)
+def _sweep_to(gains: Gains, model: Model, broken: BrokenLoop, left: float) -> float | None:
+    """Hz, from where on the loop is small enough, by the model's answer there; None where it is that nowhere."""
+    f, C = _beyond(gains, float(broken.frequency_hz[-1]), broken.loop_s)
     # a sweep's end is judged by the most that the vehicle answers near it
     H = np.abs(rates_per_command(model, np.asarray(2j * np.pi * f / HIGH_END, dtype=complex)))
     for at, there in enumerate(H):
@@ -377,9 +423,8 @@ def _thin(
     return tuple(thin), tuple(near)
 
 
-def _disk(gains: Gains, f: FloatArray, H: ComplexArray, error: FloatArray) -> MeasuredDisk:
+def _disk(C: ComplexArray, f: FloatArray, H: ComplexArray, error: FloatArray) -> MeasuredDisk:
     """At the frequency where it is least."""
-    C = from_rates(gains, np.asarray(2j * np.pi * f, dtype=complex))
     sizes = disk_sizes(np.asarray(C @ H))
     at = int(np.argmin(sizes))
     rng = np.random.default_rng(SEED)

@@ -32,7 +32,7 @@ FORGOTTEN_S = 0.5
 FORGOTTEN = 1e-18
 """Of what a state was, that is left of it."""
 SHORTEST_S = 2.0
-ALIKE = 0.002
+ALIKE = 0.0003
 """Rms of the difference over that of the output: less is rounding in a log."""
 EXACT = 0.005
 """Of a matrix's elements, from what they should be."""
@@ -113,7 +113,7 @@ AXES = ("roll", "pitch")
 
 def put_out(gains: Gains, dt: float, over: OverStretch) -> PutOut:
     """The controller over one stretch, from rest. Its loop is dt seconds."""
-    A, B, L, C = _on_board(gains, dt)
+    A, B, L, C = on_board(gains, dt)
     rates, commands, targets = over["rates"], over["commands"], over["targets"]
     states = _states(A, (commands @ B.T + rates @ L.T)[:, :, None])[:, :, 0]
     return PutOut(output=targets @ gains.prefilter.T - states @ gains.K.T, innovation=rates - states @ C.T)
@@ -221,7 +221,7 @@ def _parts(gains: Gains, dt: float, over: OverStretch, place: Place, expected: F
         return np.stack([np.outer(expected[:, k], np.eye(2)[i]) for i, k in crossed])
     if place == "targets":
         return np.stack([np.outer(over[place][:, k], gains.prefilter[:, i]) for i, k in crossed])
-    A, B, L, _ = _on_board(gains, dt)
+    A, B, L, _ = on_board(gains, dt)
     into = B if place == "commands" else L
     driven = np.stack([np.outer(over[place][:, k], into[:, i]) for i, k in crossed], axis=2)
     return np.moveaxis(-gains.K @ _states(A, driven), 2, 0)
@@ -255,13 +255,13 @@ def _told(M: FloatArray, place: Place) -> list[Fault]:
 
 def _on_its_own(gains: Gains, dt: float, over: OverStretch) -> FloatArray:
     """Output of an observer that takes its own output for the command that was sent."""
-    A, B, L, _ = _on_board(gains, dt)
+    A, B, L, _ = on_board(gains, dt)
     asked = over["targets"] @ gains.prefilter.T
     states = _states(A - B @ gains.K, (asked @ B.T + over["rates"] @ L.T)[:, :, None])[:, :, 0]
     return np.asarray(asked - states @ gains.K.T)
 
 
-def _on_board(gains: Gains, dt: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def on_board(gains: Gains, dt: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Of the observer over one loop: states on states, on commands, on rates; and rates of states."""
     # heavier than NumPy itself to load: only where it is needed
     from scipy.linalg import expm

@@ -9,6 +9,7 @@ The file named by SHADOW (`shadow.jsonl`) is resumed: a line a vehicle.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections import Counter
 from pathlib import Path
@@ -33,9 +34,9 @@ SETS = 600
 OF_ONE_VEHICLE = 3
 """Sets of each kind."""
 DRAWN = 24
-FARTHEST_HZ = 40.0
-FAULTS_EACH = 3
-FIRST_SEED = 200_000
+FARTHEST_HZ, STEP_HZ = 40.0, 5.0
+FAULTS_EACH = 2
+FIRST_SEED = 300_000
 SWEPT_HZ = (0.5, 10.0)
 KINDS = ("destabilising", "good")
 
@@ -74,14 +75,27 @@ def kind_of(flies: Vehicle, one: Bank) -> str:
     return "good" if good(flies, one) else "thin"
 
 
-def asked_twice(flies: Vehicle, one: Bank, measured: Responses, rng: np.random.Generator) -> tuple[str, str]:
-    """The verdict at first, and after a sweep as far as was asked for."""
+class Sweeps:
+    """Responses of one vehicle by how far it is swept; flown where they are asked for."""
+
+    def __init__(self, flies: Vehicle, rng: np.random.Generator) -> None:
+        self._flies, self._rng = flies, rng
+        self._known: dict[float, Responses] = {}
+
+    def to(self, stop_hz: float) -> Responses:
+        if stop_hz not in self._known:
+            runs = swept(self._flies, self._rng, stop_hz=stop_hz)
+            self._known[stop_hz] = responses(runs, (SWEPT_HZ[0], stop_hz))
+        return self._known[stop_hz]
+
+
+def asked_twice(one: Bank, measured: Responses, sweeps: Sweeps) -> tuple[str, str]:
+    """The verdict at first, and after a sweep at least as far as was asked for."""
     found = judged(one, measured)
     asked = max((each.sweep_to_hz or 0.0 for each in found.not_measured if each.why == "edge"), default=0.0)
     if found.verdict != "not measured" or not 0 < asked <= FARTHEST_HZ:
         return found.verdict, found.verdict
-    again = (SWEPT_HZ[0], asked)
-    return found.verdict, judged(one, responses(swept(flies, rng, stop_hz=asked), again)).verdict
+    return found.verdict, judged(one, sweeps.to(STEP_HZ * math.ceil(asked / STEP_HZ))).verdict
 
 
 def beside(one: Bank, run: dict[str, Any], fault: str | None) -> tuple[bool, list[str]]:
@@ -102,6 +116,7 @@ def over_one(seed: int) -> dict[str, Any]:
     flies = vehicle(rng)
     runs = swept(flies, rng)
     measured = responses(runs, SWEPT_HZ)
+    sweeps = Sweeps(flies, rng)
     had: Counter[str] = Counter()
     sets, faults = [], []
     for _ in range(DRAWN):
@@ -110,7 +125,7 @@ def over_one(seed: int) -> dict[str, Any]:
         if had[kind] == OF_ONE_VEHICLE:
             continue
         had[kind] += 1
-        first, then = asked_twice(flies, one, measured, rng)
+        first, then = asked_twice(one, measured, sweeps)
         over = OverStretch(
             rates=np.stack([runs[0]["p"], runs[0]["q"]], axis=1),
             commands=np.stack([runs[0]["delta_x"], runs[0]["delta_y"]], axis=1),

@@ -35,7 +35,7 @@ def shadow_picture(found: ShadowFlight) -> Any:
         plain(axis)
     loci = branches(eigenvalues(loop.loop))
     bound = loop.reach[:, None] * np.abs(1 + loci)
-    model = branches(eigenvalues(np.asarray(loop.C @ loop.model)))
+    model = branches(eigenvalues(loop.model))
     _plane(plane, loci, bound, model, loop)
     for k, (colour, style) in enumerate(zip(COLOURS, STYLES, strict=True)):
         f = loop.frequency_hz

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flying import CHIRP, PITCH, ROLL, fly_maneuver, log_of
+from flying import CHIRP, PITCH, ROLL, Card, fly_maneuver, log_of
 
 from gcs.cli import main
 from gcs.flight.gains import load_gains
@@ -18,7 +18,7 @@ from sitl.autopilot.parameters import BANK_ORDER, bank_crc
 from sitl.autopilot.vehicle import make_vehicle
 from sitl.pilot import obey
 
-SWEEPS = ((CHIRP, ROLL, 0.1, 8.0), (CHIRP, PITCH, 0.15, 8.0))
+SWEEPS: Card = ((CHIRP, ROLL, 0.1, 14.0), (CHIRP, PITCH, 0.15, 14.0))
 Capture = pytest.CaptureFixture[str]
 
 
