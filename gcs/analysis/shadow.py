@@ -144,7 +144,7 @@ def _beside(gains: Gains, crc: int, ran: RanBeside, others: Sequence[Record], ab
     return Beside(
         path=ran.path,
         crc=ran.crc,
-        seconds=ran.dt * float(np.sum([len(one["output"]) for one in ran.stretches])),
+        seconds=ran.dt * float(np.sum([len(one.rates) for one in ran.stretches])),
         outputs=found,
         faults=(*faults, *refused_by(found, predicted)),
     )

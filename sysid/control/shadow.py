@@ -48,9 +48,26 @@ MORE_INNOVATION, BESIDE = 2.0, 0.05
 """Times what is predicted, and so much of the rates beside it."""
 
 
-class OverStretch(dict[Place | Literal["excitation"], FloatArray]):
-    """What one stretch without a gap holds of each place, (n, 2): rad/s, and of full command; `output` where it was
-    logged, `excitation` where what was added to the commands was."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OverStretch:
+    """What one stretch without a gap holds for the controller, loop by loop; arrays of shape (n, 2)."""
+
+    rates: FloatArray
+    """Measured, rad/s."""
+    commands: FloatArray
+    """Really sent, of full command."""
+    targets: FloatArray
+    """Rates asked for, rad/s."""
+    excitation: FloatArray | None = None
+    """Added to the commands; None where nothing tells."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RanStretch(OverStretch):
+    """The same where a bank ran beside what flew."""
+
+    output: FloatArray
+    """That it put out, of full command."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,7 +131,7 @@ AXES = ("roll", "pitch")
 def put_out(gains: Gains, dt: float, over: OverStretch) -> PutOut:
     """The controller over one stretch, from rest. Its loop is dt seconds."""
     A, B, L, C = on_board(gains, dt)
-    rates, commands, targets = over["rates"], over["commands"], over["targets"]
+    rates, commands, targets = over.rates, over.commands, over.targets
     states = _states(A, (commands @ B.T + rates @ L.T)[:, :, None])[:, :, 0]
     return PutOut(output=targets @ gains.prefilter.T - states @ gains.K.T, innovation=rates - states @ C.T)
 
@@ -124,9 +141,9 @@ def outputs(gains: Gains, dt: float, stretches: Sequence[OverStretch], above_hz:
     after = round(FORGOTTEN_S / dt)
     each = [(over, put_out(gains, dt, over)) for over in stretches]
     new = [one.output[after:] for _, one in each]
-    sent = [over["commands"][after:] for over, _ in each]
+    sent = [over.commands[after:] for over, _ in each]
     innovation = np.concatenate([one.innovation[after:] for _, one in each])
-    rates = np.concatenate([over["rates"][after:] for over, _ in each])
+    rates = np.concatenate([over.rates[after:] for over, _ in each])
     rest = np.concatenate([_at_rest(over, dt)[after:] for over in stretches])
     found = []
     for k, axis in enumerate(AXES):
@@ -153,10 +170,10 @@ def outputs(gains: Gains, dt: float, stretches: Sequence[OverStretch], above_hz:
 
 def _at_rest(over: OverStretch, dt: float) -> NDArray[np.bool_]:
     """(n,), whether nothing was excited for a while; nowhere where nothing tells."""
-    rows = np.arange(len(over["rates"]))
-    if "excitation" not in over:
+    rows = np.arange(len(over.rates))
+    if over.excitation is None:
         return np.zeros(rows.size, dtype=bool)
-    moved = np.any(over["excitation"] != 0, axis=1)
+    moved = np.any(over.excitation != 0, axis=1)
     last = np.maximum.accumulate(np.where(moved, rows, -rows.size))
     return np.asarray(rows - last > REST_S / dt)
 
@@ -176,15 +193,15 @@ def refused_by(found: Sequence[Output], predicted: Sequence[Output] = ()) -> tup
     return tuple(faults)
 
 
-def faults_of(gains: Gains, dt: float, stretches: Sequence[OverStretch]) -> tuple[Fault, ...]:
-    """What a vehicle did otherwise that logged its own `output`; none where it did as the gains say."""
-    shares = [_left(over["output"], put_out(gains, dt, over).output, dt) for over in stretches]
+def faults_of(gains: Gains, dt: float, stretches: Sequence[RanStretch]) -> tuple[Fault, ...]:
+    """What a vehicle did otherwise that ran these gains; none where it did as they say."""
+    shares = [_left(over.output, put_out(gains, dt, over).output, dt) for over in stretches]
     if max(shares, default=0.0) <= ALIKE:
         return ()
     worst = stretches[int(np.argmax(shares))]
-    if _rms(worst["output"]) == 0:
+    if _rms(worst.output) == 0:
         return (Fault(kind="no answer", place="output"),)
-    if _left(worst["output"], _on_its_own(gains, dt, worst), dt) <= ALIKE:
+    if _left(worst.output, _on_its_own(gains, dt, worst), dt) <= ALIKE:
         return (Fault(kind="own command", place="commands"),)
     tried = list(_tried(gains, dt, worst))
     share, place, lag, M = min(tried, key=lambda one: one[0])
@@ -194,9 +211,9 @@ def faults_of(gains: Gains, dt: float, stretches: Sequence[OverStretch]) -> tupl
     return (*late, *_told(M, place)) or (Fault(kind="other", place="output", value=max(shares)),)
 
 
-def _tried(gains: Gains, dt: float, over: OverStretch) -> Iterator[tuple[float, Place, int, FloatArray]]:
+def _tried(gains: Gains, dt: float, over: RanStretch) -> Iterator[tuple[float, Place, int, FloatArray]]:
     """Share that is left, with a matrix of two by two and a lag at one place."""
-    expected, logged = put_out(gains, dt, over).output, over["output"]
+    expected, logged = put_out(gains, dt, over).output, over.output
     after, n = round(FORGOTTEN_S / dt), len(logged)
     rows = np.arange(max(after, LAGS.stop), n + LAGS.start, max(1, n // MOST_ROWS))
     size = _rms(logged[rows])
@@ -220,10 +237,10 @@ def _parts(gains: Gains, dt: float, over: OverStretch, place: Place, expected: F
     if place == "output":
         return np.stack([np.outer(expected[:, k], np.eye(2)[i]) for i, k in crossed])
     if place == "targets":
-        return np.stack([np.outer(over[place][:, k], gains.prefilter[:, i]) for i, k in crossed])
+        return np.stack([np.outer(getattr(over, place)[:, k], gains.prefilter[:, i]) for i, k in crossed])
     A, B, L, _ = on_board(gains, dt)
     into = B if place == "commands" else L
-    driven = np.stack([np.outer(over[place][:, k], into[:, i]) for i, k in crossed], axis=2)
+    driven = np.stack([np.outer(getattr(over, place)[:, k], into[:, i]) for i, k in crossed], axis=2)
     return np.moveaxis(-gains.K @ _states(A, driven), 2, 0)
 
 
@@ -256,8 +273,8 @@ def _told(M: FloatArray, place: Place) -> list[Fault]:
 def _on_its_own(gains: Gains, dt: float, over: OverStretch) -> FloatArray:
     """Output of an observer that takes its own output for the command that was sent."""
     A, B, L, _ = on_board(gains, dt)
-    asked = over["targets"] @ gains.prefilter.T
-    states = _states(A - B @ gains.K, (asked @ B.T + over["rates"] @ L.T)[:, :, None])[:, :, 0]
+    asked = over.targets @ gains.prefilter.T
+    states = _states(A - B @ gains.K, (asked @ B.T + over.rates @ L.T)[:, :, None])[:, :, 0]
     return np.asarray(asked - states @ gains.K.T)
 
 

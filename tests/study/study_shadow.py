@@ -22,7 +22,7 @@ from shadow_vehicles import DT, FAULTS, Bank, Vehicle, asked_for, bank, good, gr
 from sysid.control.judgement import Limits
 from sysid.control.measured_stability import MeasuredStability, measured_stability
 from sysid.control.regulator import Gains
-from sysid.control.shadow import OverStretch, faults_of, outputs, refused_by
+from sysid.control.shadow import OverStretch, RanStretch, faults_of, outputs, refused_by
 from sysid.control.stability import ClosedLoop
 from sysid.data.record import Record
 from sysid.model.paper import TPP
@@ -100,7 +100,7 @@ def asked_twice(one: Bank, measured: Responses, sweeps: Sweeps) -> tuple[str, st
 
 def beside(one: Bank, run: dict[str, Any], fault: str | None) -> tuple[bool, list[str]]:
     """Whether a bank that ran with this fault is refused, and what is said."""
-    over = OverStretch(
+    over = RanStretch(
         rates=np.stack([run["p"], run["q"]], axis=1),
         commands=np.stack([run["delta_x"], run["delta_y"]], axis=1),
         targets=asked_for(run),

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from gcs.errors import TippathError
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import FloatArray
 from gcs.vehicle.autopilots import ACTIVE_CRC
-from sysid.control.shadow import SHORTEST_S, OverStretch, Place
+from sysid.control.shadow import SHORTEST_S, OverStretch, RanStretch
 from sysid.data.preprocess import excitation_of
 from sysid.data.record import CYCLIC, RATES, Record
 
@@ -42,8 +41,7 @@ class RanBeside:
     """s, of one loop."""
     crc: int | None
     """Of the bank, 24 bits; None where the log does not tell."""
-    stretches: tuple[OverStretch, ...]
-    """With `output`."""
+    stretches: tuple[RanStretch, ...]
 
 
 def ran_beside(log: DataFlashTables) -> RanBeside | None:
@@ -73,7 +71,7 @@ def seen_by_controllers(
         t = record.channels["t"]
         targets = _targets(logs.get(record.path, ()), t)
         told = told and targets is not None
-        rows: dict[Place | Literal["excitation"], tuple[str, ...]] = {"rates": RATES, "commands": CYCLIC}
+        rows: dict[str, tuple[str, ...]] = {"rates": RATES, "commands": CYCLIC}
         excitation = tuple(map(excitation_of, CYCLIC))
         if set(excitation) <= set(record.channels):
             rows["excitation"] = excitation
@@ -81,14 +79,8 @@ def seen_by_controllers(
         columns["targets"] = np.zeros((2, t.size)) if targets is None else targets
         for part in _without_gaps(t, float(np.median(np.diff(t)))):
             even = np.arange(t[part][0], t[part][-1], dt)
-            stretches.append(
-                OverStretch(
-                    {
-                        place: np.stack([np.interp(even, t[part], row[part]) for row in columns[place]], axis=1)
-                        for place in columns
-                    }
-                )
-            )
+            rows_of = {name: [np.interp(even, t[part], row[part]) for row in each] for name, each in columns.items()}
+            stretches.append(OverStretch(**{name: np.stack(each, axis=1) for name, each in rows_of.items()}))
     if not stretches:
         raise TippathError(f"no run has {SHORTEST_S:g} s without a gap: take the whole log off the card")
     return stretches, dt, told
@@ -116,8 +108,8 @@ def _together(log: DataFlashTables, names: Sequence[str]) -> tuple[FloatArray, F
     return common[told] / US, columns[:, told]
 
 
-def _stretch(columns: FloatArray) -> OverStretch:
-    return OverStretch(
+def _stretch(columns: FloatArray) -> RanStretch:
+    return RanStretch(
         rates=np.radians(columns[0:2]).T,
         commands=columns[2:4].T,
         targets=columns[4:6].T,

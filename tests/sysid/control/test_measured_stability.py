@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from planted import DT, TABLE_4
+from scipy.linalg import expm
 from shadow_vehicles import Bank, Vehicle, bank, good, growth, swept, vehicle
-from swept_loops import SWEPT_HZ, sweeps
+from swept_loops import SWEPT_HZ, sweeps, truth
 
 from sysid.control.judgement import Limits
 from sysid.control.measured_stability import MeasuredStability, measured_stability, perron
@@ -187,3 +188,36 @@ def test_on_late_vehicles_no_destabilising_set_is_cleared(late_by: str) -> None:
     assert "refused" in found["destabilising"]
     assert "refused" not in found["good"]
     assert "cleared" in found["good"]
+
+
+def loops_on_board(gains: Gains, loop_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of vehicle and controller over one loop, and of the controller alone, written out here."""
+    A, B, C, _ = (np.asarray(x, dtype=float) for x in VEHICLE.matrices)
+
+    def held(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        n, m = b.shape
+        power = expm(loop_s * np.block([[a, b], [np.zeros((m, n + m))]]))
+        return power[:n, :n], power[:n, n:]
+
+    L, K = gains.observer_gain, gains.K
+    a, b = held(A - L @ C, np.hstack([B[:, :2], L]))
+    Ad, Bd = held(A, B[:, :2])
+    alone = a - b[:, :2] @ K
+    return np.linalg.eigvals(np.block([[Ad, -Bd @ K], [b[:, 2:] @ C, alone]])), np.linalg.eigvals(alone)
+
+
+@pytest.mark.parametrize("times", [1.0, 4.0])
+def test_roots_are_those_of_the_loops_on_board(clean: Responses, times: float) -> None:
+    """The same gains in slower and slower loops, until these no longer hold the vehicle."""
+    gains = replace(lqr(VEHICLE, 5.0), K=times * lqr(VEHICLE, 5.0).K)
+    exact = replace(clean, H=truth(clean.frequency_hz))
+    seen = set()
+    for loop_s in (0.002, 0.005, 0.01, 0.02, 0.03, 0.04):
+        whole, alone = (np.abs(x) for x in loops_on_board(gains, loop_s))
+        found = measured_stability(gains, VEHICLE, exact, Limits(gain_db=0.1, phase_deg=0.1, delay_ms=0.1), loop_s)
+        assert found.unstable_poles == np.count_nonzero(alone > 1)
+        assert found.roots in (np.count_nonzero(whole > 1), None)
+        assert found.verdict != "cleared" or not np.any(whole > 1)
+        seen.add((found.roots is not None, bool(np.any(whole > 1))))
+    assert any(counted for counted, _ in seen)
+    assert any(unstable for _, unstable in seen)

@@ -11,7 +11,7 @@ from planted import DT
 from shadow_vehicles import FAULTS, Bank, asked_for, bank, good, ran, swept, vehicle
 
 from sysid.control.regulator import Gains
-from sysid.control.shadow import Fault, Output, OverStretch, faults_of, outputs, put_out, refused_by
+from sysid.control.shadow import Fault, Output, OverStretch, RanStretch, faults_of, outputs, put_out, refused_by
 from sysid.control.stability import ClosedLoop
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
@@ -44,7 +44,9 @@ def stretch(run: dict[str, Any], **more: Any) -> OverStretch:
 
 def found(flown: Flown, fault: str | None) -> tuple[Fault, ...]:
     one, gains, run = flown
-    return faults_of(gains, DT, [stretch(run, output=ran(one, run, fault))])
+    over = stretch(run)
+    beside = RanStretch(rates=over.rates, commands=over.commands, targets=over.targets, output=ran(one, run, fault))
+    return faults_of(gains, DT, [beside])
 
 
 def test_it_puts_out_what_another_writing_of_it_does(flown: Flown) -> None:
