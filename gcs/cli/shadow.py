@@ -37,10 +37,11 @@ and never clears.
 
 --json prints {"format": "tippath.shadow/1", "verdict", "checksum", "model", "limits", "runs", "band_hz", "loop_s",
 "measured": {"verdict", "roots_to_the_right", "unstable_poles", "band_hz", "bound" (1: the 95 % bound reaches -1),
-"margins", "disk", "shortfalls", "not_measured": [{"why": axes | excitation | low | bound | edge | near, "frequency_hz",
-"sweep_to_hz"}]}, "outputs": [{"axis", "rms", "largest", "saturated", "saturated_at_rest", "rate", "largest_rate",
-"noise", "flown_rms", "flown_rate", "flown_noise", "innovation"}], "targets_told", "faults": [{"kind", "place", "axis",
-"value"}], "beside": [{"path", "checksum", "seconds", "outputs", "faults"}]}.
+"margins" (each "value", "bound", "frequency_hz"), "disk", "shortfalls", "not_measured": [{"why": axes | excitation |
+low | bound | edge | near, "frequency_hz", "sweep_to_hz"}]}, "outputs": [{"axis", "rms", "largest", "saturated",
+"saturated_at_rest", "rate", "largest_rate", "noise", "flown_rms", "flown_rate", "flown_noise", "innovation"}],
+"targets_told", "faults": [{"kind", "place", "axis", "value"}], "beside": [{"path", "checksum", "seconds", "outputs",
+"faults"}]}.
 """
 
 

@@ -69,4 +69,5 @@ class Controllers:
         hold = attitude_hold(plant.phi, plant.theta)
         asked = hold[0] + added[0], hold[1] + added[1]
         innovation = measured[0] - lqr.state[0], measured[1] - lqr.state[1]
-        return Beside(asked, lqr.step(*measured, *asked), innovation)
+        x, y = lqr.step(*measured, *asked)[:2]
+        return Beside(asked, (x, y), innovation)

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.control.judgement import OF_DELAY, Limits, Quantity, Shortfall
-from sysid.control.measured_margins import FEWEST, Crossing, MeasuredMargins, measured_margins, with_model
+from sysid.control.measured_margins import FEWEST, Crossing, MeasuredMargins, measured_margins
 from sysid.control.regulator import Gains
 from sysid.control.robustness import DiskMargin, disk_sizes
 from sysid.control.shadow import on_board
@@ -57,6 +57,7 @@ LOW_END, HIGH_END = 2 ** (1 / 3), 2 ** (1 / 12)
 BEYOND = 1.2
 """Of the frequency to which a sweep is asked for."""
 FARTHEST_HZ = 1000.0
+MARGINS: tuple[Quantity, ...] = ("gain_db", "phase_deg", "delay_ms")
 DRAWS, SEED = 400, 17
 """Of the disk margin's error."""
 
@@ -145,14 +146,14 @@ class MeasuredStability:
         return "not measured" if self.not_measured or self.roots is None else "cleared"
 
     def to_json(self) -> dict[str, Any]:
-        loop = self.loop
+        loop, margins = self.loop, self.margins
         return {
             "verdict": self.verdict,
             "roots_to_the_right": self.roots,
             "unstable_poles": self.unstable_poles,
             "band_hz": None if loop is None else [float(loop.frequency_hz[0]), float(loop.frequency_hz[-1])],
             "bound": None if loop is None else float(np.max(loop.reach)),
-            "margins": None if self.margins is None else self.margins.to_json(),
+            "margins": None if margins is None else {name: _crossing(getattr(margins, name)) for name in MARGINS},
             "disk": None if self.disk is None else self.disk.to_json(),
             "shortfalls": [asdict(one) for one in self.thin],
             "not_measured": [asdict(one) for one in self.not_measured],
@@ -188,7 +189,7 @@ def measured_stability(
     return MeasuredStability(
         roots=roots,
         unstable_poles=poles,
-        margins=None if margins is None else with_model(margins, gains, model),
+        margins=margins,
         disk=_disk(taken(gains, f, loop_s), f, H, error),
         thin=thin,
         not_measured=(*([] if responses.closed_loop_safe else [NotMeasured(why="excitation")]), *found, *near),
@@ -400,6 +401,10 @@ def _sweep_to(gains: Gains, model: Model, broken: BrokenLoop, left: float) -> fl
 # ------------------------------------------------------------------------------------------------ margins
 
 
+def _crossing(one: Crossing | None) -> dict[str, float] | None:
+    return None if one is None else one.to_json()
+
+
 def _thin(
     margins: MeasuredMargins | None, model: Model, limits: Limits
 ) -> tuple[tuple[Shortfall, ...], tuple[NotMeasured, ...]]:
@@ -408,12 +413,8 @@ def _thin(
         return (), ()
     thin, near = [], []
     delay_ms = max(limits.delay_ms, 1000 * OF_DELAY * model.by_name.get("T_d", 0.0))
-    each: tuple[tuple[Quantity, Crossing | None, float], ...] = (
-        ("gain_db", margins.gain_db, limits.gain_db),
-        ("phase_deg", margins.phase_deg, limits.phase_deg),
-        ("delay_ms", margins.delay_ms, delay_ms),
-    )
-    for quantity, one, limit in each:
+    for quantity, limit in zip(MARGINS, (limits.gain_db, limits.phase_deg, delay_ms), strict=True):
+        one = getattr(margins, quantity)
         if one is None or one.value >= limit:
             continue
         if one.value + one.bound < limit:

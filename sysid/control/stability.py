@@ -306,13 +306,13 @@ def margins_by_loci(transfer: Callable[[FloatArray], ComplexArray], w: FloatArra
     A common gain, phase or delay in both commands moves every eigenvalue alike, so the first to meet it is the edge.
     `transfer` is (f, 2, 2) at frequencies in rad/s, of which `w` are the first; `at_rest` the gain margin at 0 Hz, dB.
     """
-    values = eigenvalues(transfer(w))
+    values = _eigenvalues(transfer(w))
     loci = branches(values)
     for _ in range(ZOOMS):
         crossed = np.flatnonzero(np.any(unit_passed(loci) | negative_axis_met(loci), axis=1))
         between = np.linspace(w[crossed], w[crossed + 1], ZOOM, endpoint=False)[1:].ravel()
         w = np.concatenate([w, between])
-        values = np.concatenate([values, eigenvalues(transfer(between))])
+        values = np.concatenate([values, _eigenvalues(transfer(between))])
         order = np.argsort(w)
         w, values = w[order], values[order]
         loci = branches(values)
@@ -333,7 +333,7 @@ def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArra
     which decides its gain margin."""
     loop = loop_of(gains, vehicle)
     w = frequencies(gains, loop)
-    loci = branches(eigenvalues(_transfer(gains, loop, 1j * w)))
+    loci = branches(_eigenvalues(_transfer(gains, loop, 1j * w)))
     smaller = np.abs(loci[:-1]) < 1
     units, reals = (np.any(each, axis=1) for each in (unit_passed(loci), negative_axis_met(loci) & smaller))
     middle = np.sqrt(w[:-1] * w[1:]) / (2 * np.pi)
@@ -392,8 +392,7 @@ def branches(values: ComplexArray) -> ComplexArray:
     return np.where(odd[:, None], values[:, ::-1], values)
 
 
-def eigenvalues(x: ComplexArray) -> ComplexArray:
-    """(f, 2), of matrices (f, 2, 2)."""
+def _eigenvalues(x: ComplexArray) -> ComplexArray:
     half = 0.5 * (x[:, 0, 0] + x[:, 1, 1])
     apart = np.sqrt(half**2 - x[:, 0, 0] * x[:, 1, 1] + x[:, 0, 1] * x[:, 1, 0])
     return np.stack([half + apart, half - apart], axis=1)
@@ -414,7 +413,7 @@ def _at_rest(gains: Feedback, loop: Loop) -> float:
     if loop.drift:
         return math.inf
     try:
-        values = eigenvalues(_transfer(gains, loop, np.zeros(1, dtype=complex)))[0]
+        values = _eigenvalues(_transfer(gains, loop, np.zeros(1, dtype=complex)))[0]
     except np.linalg.LinAlgError:
         return math.inf
     met = [abs(x) for x in values if x.real < 0 and abs(x.imag) <= REAL * abs(x) and abs(x) < 1]

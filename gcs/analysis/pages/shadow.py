@@ -10,7 +10,7 @@ from gcs.analysis.pages.page import BLACK, BLUE, ORANGE
 from gcs.analysis.pages.pictures import logarithmic, plain, sheet
 from gcs.analysis.shadow import ShadowFlight
 from sysid.control.measured_stability import BrokenLoop
-from sysid.control.stability import branches, eigenvalues
+from sysid.control.stability import branches
 
 COLOURS = (BLUE, ORANGE)
 STYLES = ("-", "--")
@@ -33,9 +33,9 @@ def shadow_picture(found: ShadowFlight) -> Any:
     size, phase, reach = (figure.add_subplot(grid[k, 1]) for k in range(3))
     for axis in (plane, size, phase, reach):
         plain(axis)
-    loci = branches(eigenvalues(loop.loop))
+    loci = branches(np.asarray(np.linalg.eigvals(loop.loop), dtype=np.complex128))
     bound = loop.reach[:, None] * np.abs(1 + loci)
-    model = branches(eigenvalues(loop.model))
+    model = branches(np.asarray(np.linalg.eigvals(loop.model), dtype=np.complex128))
     _plane(plane, loci, bound, model, loop)
     for k, (colour, style) in enumerate(zip(COLOURS, STYLES, strict=True)):
         f = loop.frequency_hz
