@@ -6,25 +6,28 @@ The measured loop clears or refuses. What ran beside can refuse, and never clear
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gcs import documents
+from gcs.analysis.rate_gains import FORMAT as RATE_GAINS
 from gcs.errors import TippathError
-from gcs.flight.gains import checksum
+from gcs.flight.gains import LARGEST, checksum
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.opening import open_log
 from gcs.logs.runs.beside import RanBeside, ran_beside, seen_by_controllers
 from sysid.control.judgement import Limits
-from sysid.control.measured_stability import MeasuredStability, Verdict, measured_stability
+from sysid.control.measured_stability import MeasuredStability, NotMeasured, Verdict, measured_stability
 from sysid.control.regulator import Gains
-from sysid.control.shadow import Fault, Output, faults_of, outputs, refused_by
+from sysid.control.shadow import AXES, Fault, Output, faults_of, outputs, refused_by
 from sysid.data.record import Record
 from sysid.model.structure import Model
-from sysid.response.flown import flown_responses
+from sysid.response.flown import FlownResponses, flown_responses
 
 FORMAT = "tippath.shadow/1"
 ABOVE = 1.2
@@ -109,7 +112,7 @@ def shadow_flight(
     swept = [one for one in records if one.maneuver != "quiet"]
     if not swept:
         raise TippathError("quiet hover measures no loop: name the flight with the sweeps too")
-    responses = flown_responses(swept, band_hz).responses
+    measured = flown_responses(swept, band_hz)
     logs = _logs(records)
     stretches, dt, told = seen_by_controllers(swept, logs)
     loop_s = max((one.loop_dt_s or dt for one in swept), default=dt)
@@ -124,12 +127,31 @@ def shadow_flight(
         runs=tuple(one.id for one in swept),
         band_hz=band_hz,
         loop_s=loop_s,
-        stability=measured_stability(gains, model, responses, limits, loop_s),
+        stability=_of_both_axes(measured, measured_stability(gains, model, measured.responses, limits, loop_s)),
         outputs=found,
         targets_told=told,
         faults=refused_by(found),
         beside=tuple(_beside(gains, crc, one, [run for run in swept if run.path != one.path], above_hz) for one in ran),
     )
+
+
+def _of_both_axes(measured: FlownResponses, found: MeasuredStability) -> MeasuredStability:
+    """What is told by noise and feedback alone of an axis that nobody swept neither clears nor refuses."""
+    if set(measured.not_swept).isdisjoint(AXES):
+        return found
+    return replace(found, roots=None, thin=(), not_measured=(NotMeasured(why="axes"),))
+
+
+def refuse_rate_gains(path: Path) -> None:
+    """Raises TippathError for a file of an autopilot's rate gains, which are no bank's."""
+    document = None
+    with contextlib.suppress(documents.DocumentError):  # whoever reads the gains says what is wrong with the file
+        document = documents.json_value(documents.read_text(path, "set of gains", LARGEST), str(path))
+    if isinstance(document, dict) and document.get("format") == RATE_GAINS:
+        raise TippathError(
+            f"{path}: an ArduPilot's rate gains, and no LQR's: `tippath design FIT.json --for ardupilot` says what "
+            "they hold; name a GAINS.json of `tippath design`"
+        )
 
 
 def _beside(gains: Gains, crc: int, ran: RanBeside, others: Sequence[Record], above_hz: float) -> Beside:

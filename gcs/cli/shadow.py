@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.notes import note_lines
     from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.pages.shadow import shadow_picture
-    from gcs.analysis.shadow import shadow_flight
+    from gcs.analysis.shadow import refuse_rate_gains, shadow_flight
     from gcs.analysis.text.shadow import shadow_text
     from gcs.analysis.vehicles import different_vehicles
     from gcs.cli.fit import print_notes
@@ -92,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
     asked = None if args.band is None else parse_band(args.band)
     window = None if args.window is None else parse_window(args.window)
     limits = _limits(args.limits)
+    refuse_rate_gains(args.gains)
     crc = load_gains(args.gains).crc
     gains, model, usual = designed(args.gains, parse_words(args.effects))
     high_hz = 15.0 if asked is None else asked[1]

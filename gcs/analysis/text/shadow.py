@@ -83,7 +83,8 @@ def _not_measured(one: NotMeasured) -> str:
         "axes": "the flights do not show the four responses of both axes: sweep roll and pitch, each for itself",
         "excitation": "what was added to the commands is not logged: gusts that came back through the controller are "
         "in the responses; log the excitation",
-        "low": f"the model is not the vehicle's where the sweeps begin ({at}), and below them it would have to stand: "
+        "low": f"the model is not the vehicle's where what was measured begins ({at}), and it would have to stand "
+        "below: "
         f"{sweep.replace(' to ', ' from ')} on, or fit and design on this vehicle's own flights",
         "bound": f"the response's error allows for instability at {at}: sweep longer, or with more amplitude",
         "edge": f"the loop is not small where the sweeps end ({at}), and nothing is known beyond: {sweep}",

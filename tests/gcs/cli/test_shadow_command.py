@@ -116,7 +116,8 @@ def test_a_bank_that_runs_as_it_should_is_said_and_clears_nothing(
     assert all(each["saturated_at_rest"] == 0 for each in one["outputs"])
     alone = asked(capsys, gains, flown(tmp_path / "roll", gains=gains, axes=slice(1)))
     assert (alone["verdict"], alone["beside"][0]["faults"]) == ("not measured", [])
-    assert "NOT MEASURED" in text_of(capsys, gains, tmp_path / "roll" / "vehicle-1.BIN")
+    assert [one["why"] for one in alone["measured"]["not_measured"]] == ["axes"]
+    assert "sweep roll and pitch" in " ".join(text_of(capsys, gains, tmp_path / "roll" / "vehicle-1.BIN").split())
 
 
 Step = Callable[[LqrController, float, float, float, float], tuple[float, float]]
@@ -180,7 +181,7 @@ def test_destabilising_gains_are_refused(designed: tuple[Path, Path], tmp_path: 
     ("change", "words"),
     [
         (lambda document: document["K"][0].__setitem__(0, float("nan")), "design"),
-        (lambda document: document.__setitem__("format", "tippath.rate_gains/1"), "design"),
+        (lambda document: document.__setitem__("format", "tippath.rate_gains/1"), "no LQR's"),
         (lambda document: document["model"].__setitem__("structure", "cd"), "tpp"),
         (lambda document: document["model"]["parameters"].pop("L_b"), "L_b"),
         (lambda document: document["model"]["parameters"].__setitem__("tau_f", 0.0), "design"),
@@ -201,6 +202,9 @@ def test_flights_that_tell_nothing_are_refused_in_one_line(
     designed: tuple[Path, Path], tmp_path: Path, capsys: Capture
 ) -> None:
     log, gains = designed
+    broken = tmp_path / "broken.json"
+    broken.write_text('{"format": ')
+    assert "broken.json" in refused(capsys, broken, log)
     damaged = tmp_path / "damaged.BIN"
     damaged.write_bytes(log.read_bytes()[: log.stat().st_size // 6])
     assert "tippath shadow:" in refused(capsys, gains, damaged)
