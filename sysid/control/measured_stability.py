@@ -1,9 +1,9 @@
 """Does the vehicle hold gains: counted from its measured responses, where a model only stands below the sweeps.
 
 The loop is broken at both commands. With C what the controller takes from the commands per rate, and H the measured
-responses, det(I + C H) turns by pi for every open-loop pole to the right, less one turn for every root that the closed
-loop has there (Nyquist's criterion of a loop of two; MacFarlane and Postlethwaite 1977). The way from 0 to infinity has
-three parts:
+responses, det(I + C H) turns by pi for every pole of the open loop to the right, and back by pi for every root that the
+closed loop has there (Nyquist's criterion of a loop of two; MacFarlane and Postlethwaite 1977). The way from 0 to
+infinity has three parts:
 
 - below the band stands the model. It may differ there by `SLACK` times what it differs where the band begins, and by no
   more does it turn otherwise: the difference, seen round the loop, stays below 1;

@@ -114,6 +114,10 @@ def test_a_bank_that_runs_as_it_should_is_said_and_clears_nothing(
     assert (one["faults"], one["checksum"]) == ([], document["checksum"])
     assert one["seconds"] > 20
     assert all(each["saturated_at_rest"] == 0 for each in one["outputs"])
+    holed = with_hole(beside, tmp_path / "holed.BIN")
+    (parts,) = asked(capsys, gains, holed)["beside"]
+    assert parts["faults"] == []
+    assert 10 < parts["seconds"] < one["seconds"], "two stretches, each begun anew"
     alone = asked(capsys, gains, flown(tmp_path / "roll", gains=gains, axes=slice(1)))
     assert (alone["verdict"], alone["beside"][0]["faults"]) == ("not measured", [])
     assert [one["why"] for one in alone["measured"]["not_measured"]] == ["axes"]
@@ -210,12 +214,16 @@ def test_flights_that_tell_nothing_are_refused_in_one_line(
     assert "tippath shadow:" in refused(capsys, gains, damaged)
     assert "no such file" in refused(capsys, gains, tmp_path / "nowhere.BIN")
     assert "tippath shadow:" in refused(capsys, gains, flown(tmp_path / "hover", axes=slice(0)))
-    holed = tmp_path / "holed.BIN"
-    shutil.copy(log, holed)
-    with holed.open("r+b") as stream:
+    assert asked(capsys, gains, with_hole(log, tmp_path / "holed.BIN"))["verdict"] in ("cleared", "not measured")
+
+
+def with_hole(log: Path, path: Path) -> Path:
+    """A log of which a part came as zeros."""
+    shutil.copy(log, path)
+    with path.open("r+b") as stream:
         stream.seek(log.stat().st_size // 2)
         stream.write(b"\x00" * 60_000)
-    assert asked(capsys, gains, holed)["verdict"] in ("cleared", "not measured")
+    return path
 
 
 def test_gains_of_another_vehicle_are_not_cleared(designed: tuple[Path, Path], tmp_path: Path, capsys: Capture) -> None:
