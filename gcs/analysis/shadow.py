@@ -25,7 +25,7 @@ from sysid.control.judgement import Limits
 from sysid.control.measured_stability import MeasuredStability, NotMeasured, Verdict, measured_stability
 from sysid.control.regulator import Gains
 from sysid.control.shadow import AXES, Fault, Output, faults_of, outputs, refused_by
-from sysid.data.record import Record
+from sysid.data.record import CYCLIC, Record
 from sysid.model.structure import Model
 from sysid.response.flown import FlownResponses, flown_responses
 
@@ -109,6 +109,8 @@ def shadow_flight(
     Raises TippathError where nothing is long enough, NoResponseError where the runs show no response.
     """
     gains, model, limits = designed
+    if len(gains.K) != len(CYCLIC):
+        raise TippathError("gains with more than the two cyclic commands are not run over flights: design without them")
     swept = [one for one in records if one.maneuver != "quiet"]
     if not swept:
         raise TippathError("quiet hover measures no loop: name the flight with the sweeps too")

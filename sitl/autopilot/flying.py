@@ -16,12 +16,12 @@ class Controllers:
 
     def __init__(self, parameters: Parameters) -> None:
         """`LQR_LOG` tells whether the LQR runs while it does not fly, without authority."""
-        self._attitude = AttitudeController()
-        self._lqr: LqrController | None = None
-        self._lqr_flies = False
         self._parameters = parameters
         self.beside: Beside | None = None
         """Of this sample; None where the LQR flies, or does not run."""
+        self._attitude = AttitudeController()
+        self._lqr: LqrController | None = None
+        self._lqr_flies = False
 
     @property
     def has_lqr(self) -> bool:
@@ -40,7 +40,6 @@ class Controllers:
         lqr = self._lqr
         p, q, _ = gyro
         p_ref, q_ref, _ = added.rate
-        beside = None
         if lqr_selected and lqr is not None:
             if not self._lqr_flies:
                 lqr.reset()
@@ -52,22 +51,25 @@ class Controllers:
             self._lqr_flies = False
             roll, pitch, _ = added.angle
             x, y = self._attitude.step(plant.phi - roll, plant.theta - pitch, p, q, p_ref, q_ref)
-            if lqr is not None and self._parameters["LQR_LOG"] != 0:
-                beside = self._step_beside(lqr, plant, (p, q), (p_ref, q_ref))
+        self.beside = self._run_beside(plant, (p, q), added, (clip(x + added.x), clip(y + added.y)))
         x, y = clip(x + added.x), clip(y + added.y)
-        if (self._lqr_flies or beside is not None) and lqr is not None:
+        if self._lqr_flies and lqr is not None:
             lqr.applied(x, y)
-        self.beside = beside
         return x, y, p_ref, q_ref
 
-    def _step_beside(
-        self, lqr: LqrController, plant: Plant, measured: tuple[float, float], added: tuple[float, float]
-    ) -> Beside:
-        """As it would fly; it holds no integrator, so nothing winds up."""
+    def _run_beside(
+        self, plant: Plant, measured: tuple[float, float], added: Added, sent: tuple[float, float]
+    ) -> Beside | None:
+        """What the LQR would have done, had it flown; its observer gets the commands that are really sent. It holds no
+        integrator, so nothing winds up."""
+        lqr = self._lqr
+        if lqr is None or self._lqr_flies or self._parameters["LQR_LOG"] == 0:
+            return None
         if self.beside is None:
             lqr.reset()
         hold = attitude_hold(plant.phi, plant.theta)
-        asked = hold[0] + added[0], hold[1] + added[1]
+        asked = hold[0] + added.rate[0], hold[1] + added.rate[1]
         innovation = measured[0] - lqr.state[0], measured[1] - lqr.state[1]
         x, y = lqr.step(*measured, *asked)[:2]
+        lqr.applied(*sent)
         return Beside(asked, (x, y), innovation)

@@ -86,8 +86,8 @@ class RateController:
 class StockControllers:
     """Roll and pitch under the vehicle's parameters as they are at the time."""
 
-    has_lqr = False
     beside = None
+    has_lqr = False
 
     def __init__(self, parameters: Parameters, dt: float) -> None:
         self._parameters, self._dt = parameters, dt
