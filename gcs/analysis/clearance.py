@@ -105,7 +105,7 @@ def cleared_again(path: Path, named: Sequence[str] = ()) -> Clearance:
     """
     try:
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
-        gains = _gains(document)
+        gains = gains_in(document)
         on = document.judged_on
         if on is None or not on.models:
             return _judged(gains, [("fit", gains.model)], NOT_ASKED, None, Limits(), 0)
@@ -133,7 +133,7 @@ def _judged(
     return Clearance(judgement=judgement, standing=standing, covariance=covariance)
 
 
-def _gains(document: ClearedGains) -> Gains:
+def gains_in(document: GainsDocument) -> Gains:
     """The controller as it stands in the file, whoever wrote it. Raises ValueError where its model is no TPP."""
     held = document.parameters
     missing = [name for name in TPP.names if name not in held]
@@ -182,7 +182,7 @@ def designed(path: Path, named: Sequence[str] = ()) -> tuple[Gains, Model, Limit
     try:
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
         with np.errstate(all="ignore"):
-            gains, on = _gains(document), document.judged_on
+            gains, on = gains_in(document), document.judged_on
             if not np.all(np.isfinite(gains.model.matrices.A)):
                 raise ValueError("its model's numbers make no finite matrices")
         model = saved_model(on.models[0].model, path.parent, named) if on is not None and on.models else gains.model

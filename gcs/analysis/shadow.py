@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from gcs import documents
-from gcs.analysis.rate_gains import FORMAT as RATE_GAINS
 from gcs.errors import TippathError
 from gcs.flight.gains import LARGEST, checksum
 from gcs.logs.formats.dataflash_table import DataFlashTables
@@ -30,6 +29,7 @@ from sysid.model.structure import Model
 from sysid.response.flown import FlownResponses, flown_responses
 
 FORMAT = "tippath.shadow/1"
+RATE_GAINS = "tippath.rate_gains/1"
 ABOVE = 1.2
 """Of a band's end: from there on a command is noise."""
 
