@@ -22,6 +22,8 @@ class Controllers:
         self._attitude = AttitudeController()
         self._lqr: LqrController | None = None
         self._lqr_flies = False
+        self.elevator = 0.0
+        """What the law that flies asks of it, unclipped."""
 
     @property
     def has_lqr(self) -> bool:
@@ -38,6 +40,7 @@ class Controllers:
     ) -> tuple[float, float, float, float]:
         """Commands really sent, excitation and limits included, and the rates asked for."""
         lqr = self._lqr
+        self.elevator = 0.0
         p, q, _ = gyro
         p_ref, q_ref, _ = added.rate
         if lqr_selected and lqr is not None:
@@ -46,7 +49,7 @@ class Controllers:
                 self._lqr_flies = True
             p_hold, q_hold = attitude_hold(plant.phi, plant.theta)
             p_ref, q_ref = p_hold + p_ref, q_hold + q_ref
-            x, y = lqr.step(p, q, p_ref, q_ref)
+            x, y, self.elevator = lqr.step(p, q, p_ref, q_ref)
         else:
             self._lqr_flies = False
             roll, pitch, _ = added.angle
@@ -54,7 +57,7 @@ class Controllers:
         self.beside = self._run_beside(plant, (p, q), added, (clip(x + added.x), clip(y + added.y)))
         x, y = clip(x + added.x), clip(y + added.y)
         if self._lqr_flies and lqr is not None:
-            lqr.applied(x, y)
+            lqr.applied(x, y, clip(self.elevator + added.e))
         return x, y, p_ref, q_ref
 
     def _run_beside(
@@ -71,5 +74,5 @@ class Controllers:
         asked = hold[0] + added.rate[0], hold[1] + added.rate[1]
         innovation = measured[0] - lqr.state[0], measured[1] - lqr.state[1]
         x, y = lqr.step(*measured, *asked)[:2]
-        lqr.applied(*sent)
+        lqr.applied(*sent, clip(added.e))
         return Beside(asked, (x, y), innovation)

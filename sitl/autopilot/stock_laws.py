@@ -88,6 +88,7 @@ class StockControllers:
 
     beside = None
     has_lqr = False
+    elevator = 0.0
 
     def __init__(self, parameters: Parameters, dt: float) -> None:
         self._parameters, self._dt = parameters, dt

@@ -133,7 +133,23 @@ def put_out(gains: Gains, dt: float, over: OverStretch) -> PutOut:
     A, B, L, C = on_board(gains, dt)
     rates, commands, targets = over.rates, over.commands, over.targets
     states = _states(A, (commands @ B.T + rates @ L.T)[:, :, None])[:, :, 0]
-    return PutOut(output=targets @ gains.prefilter.T - states @ gains.K.T, innovation=rates - states @ C.T)
+    return PutOut(output=_forward(gains, dt, targets) - states @ gains.K.T, innovation=rates - states @ C.T)
+
+
+def _forward(gains: Gains, dt: float, targets: FloatArray) -> FloatArray:
+    """(n, 2): what the rates asked for (n, 2) put out by themselves, the models that follow them included."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.linalg import expm
+
+    steady = targets @ gains.prefilter.T
+    if gains.dynamic is None:
+        return np.asarray(steady)
+    rates, accelerations = np.empty_like(targets), np.empty_like(targets)
+    for axis, (w, zeta) in enumerate(zip(gains.dynamic.frequency, gains.dynamic.damping, strict=True)):
+        power = expm(dt * np.array([[0, 1, 0], [-(w**2), -2 * zeta * w, w**2], [0, 0, 0]]))
+        states = _states(power[:2, :2], (targets[:, axis, None] * power[:2, 2])[:, :, None])[:, :, 0]
+        rates[:, axis], accelerations[:, axis] = states.T
+    return np.asarray(steady + np.hstack([rates - targets, accelerations]) @ gains.dynamic.F.T)
 
 
 def outputs(gains: Gains, dt: float, stretches: Sequence[OverStretch], above_hz: float) -> tuple[Output, ...]:
@@ -237,7 +253,7 @@ def _parts(gains: Gains, dt: float, over: OverStretch, place: Place, expected: F
     if place == "output":
         return np.stack([np.outer(expected[:, k], np.eye(2)[i]) for i, k in crossed])
     if place == "targets":
-        return np.stack([np.outer(getattr(over, place)[:, k], gains.prefilter[:, i]) for i, k in crossed])
+        return np.stack([_forward(gains, dt, np.outer(over.targets[:, k], np.eye(2)[i])) for i, k in crossed])
     A, B, L, _ = on_board(gains, dt)
     into = B if place == "commands" else L
     driven = np.stack([np.outer(getattr(over, place)[:, k], into[:, i]) for i, k in crossed], axis=2)
@@ -273,7 +289,7 @@ def _told(M: FloatArray, place: Place) -> list[Fault]:
 def _on_its_own(gains: Gains, dt: float, over: OverStretch) -> FloatArray:
     """Output of an observer that takes its own output for the command that was sent."""
     A, B, L, _ = on_board(gains, dt)
-    asked = over.targets @ gains.prefilter.T
+    asked = _forward(gains, dt, over.targets)
     states = _states(A - B @ gains.K, (asked @ B.T + over.rates @ L.T)[:, :, None])[:, :, 0]
     return np.asarray(asked - states @ gains.K.T)
 

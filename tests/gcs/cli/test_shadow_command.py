@@ -14,7 +14,6 @@ from flying import CHIRP, PITCH, ROLL, Card, fly_maneuver, log_of
 from gcs.cli import main
 from gcs.flight.gains import load_gains
 from sitl.autopilot.control_laws import LqrController
-from sitl.autopilot.parameters import BANK_ORDER, bank_crc
 from sitl.autopilot.vehicle import make_vehicle
 from sitl.pilot import obey
 
@@ -27,10 +26,10 @@ def flown(folder: Path, *, axes: slice = slice(None), gains: Path | None = None,
     folder.mkdir(parents=True)
     vehicle = make_vehicle(plant, 5, directory=folder, on_ground=True)
     if gains is not None:
-        bank = list(load_gains(gains).values.values())
-        for name, value in zip(BANK_ORDER, bank, strict=True):
+        bank = load_gains(gains)
+        for name, value in bank.values.items():
             vehicle.write_parameter("LQS_" + name, value)
-        vehicle.write_parameter("LQR_COMMIT", bank_crc(bank))
+        vehicle.write_parameter("LQR_COMMIT", bank.crc)
         vehicle.write_parameter("LQR_LOG", 1)
     obey(vehicle, "takeoff")
     for _ in range(2500):
@@ -124,7 +123,24 @@ def test_a_bank_that_runs_as_it_should_is_said_and_clears_nothing(
     assert "sweep roll and pitch" in " ".join(text_of(capsys, gains, tmp_path / "roll" / "vehicle-1.BIN").split())
 
 
-Step = Callable[[LqrController, float, float, float, float], tuple[float, float]]
+def test_a_dynamic_prefilter_runs_beside_as_well_and_an_elevator_is_refused(
+    designed: tuple[Path, Path], tmp_path: Path, capsys: Capture
+) -> None:
+    log, gains = designed
+    dynamic = tmp_path / "dynamic.json"
+    assert main(["design", str(gains.parent / "fit.json"), "--prefilter", "dynamic", "-o", str(dynamic)]) == 0
+    document = asked(capsys, dynamic, log, flown(tmp_path / "beside", gains=dynamic, axes=slice(1)))
+    assert document["verdict"] == "cleared", document["measured"]["not_measured"]
+    assert document["beside"][0]["faults"] == []
+
+    def steer(document: dict[str, Any]) -> None:
+        document["elevator"] = {"K": [0.1, 0.1, 0.1, 0.1], "prefilter": [0.1, 0.1]}
+        document["model"]["parameters"]["M_elev"] = 30.0
+
+    assert "two cyclic commands" in refused(capsys, changed(gains, tmp_path / "elevator.json", steer), log)
+
+
+Step = Callable[[LqrController, float, float, float, float], tuple[float, float, float]]
 
 
 @pytest.mark.parametrize(
