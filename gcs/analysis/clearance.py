@@ -194,3 +194,20 @@ def _square(rows: tuple[tuple[float, ...], ...], model: Model) -> FloatArray:
     if len(rows) != size or any(len(row) != size for row in rows):
         raise ValueError(f"its covariance is not of the model's {size} parameters")
     return np.array(rows)
+
+
+def designed(path: Path, named: Sequence[str] = ()) -> tuple[Gains, Model, Limits]:
+    """The gains of a GAINS.json, the model that they were first judged on, and what was asked of them, at most as
+    loosely as usual. Raises GainsError as `cleared_again` does."""
+    try:
+        document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
+        with np.errstate(all="ignore"):
+            gains, on = gains_in(document), document.judged_on
+            if not np.all(np.isfinite(gains.model.matrices.A)):
+                raise ValueError("its model's numbers make no finite matrices")
+        model = saved_model(on.models[0].model, path.parent, named) if on is not None and on.models else gains.model
+    except documents.DocumentError as error:
+        raise GainsError(f"{error}; make it with `tippath design`") from error
+    except (SysidError, np.linalg.LinAlgError, ValueError) as error:
+        raise GainsError(f"{path}: {error}; design again with `tippath design`") from error
+    return gains, model, Limits() if document.judged is None else Limits().or_stricter(document.judged.limits)

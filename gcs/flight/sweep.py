@@ -97,7 +97,7 @@ def fly_card(
     should; it needs a log that is streamed: with `log` "card" nothing of it is sent (`gcs.flight.log_way`). `left_out`
     is what of the card this vehicle cannot fly. With `earlier` a flight goes on, in its own folder: `card` is its, and
     only what is left is flown. `choosing` decides which run is next; `profile` spares asking the vehicle what it is.
-    Raises CannotFlyError, NotReadyError, LinkError and ProcedureError before anything was flown; later is in the result.
+    Raises CannotFlyError, NotReadyError, LinkError, ProcedureError before anything was flown; later is in the result.
     """
     clock, limits, disk_free = clock or WallClock(), limits or card.limits, disk_free or free_bytes
     profile = require_flyable(session, card, clock, profile=profile, stream=log == "stream")

@@ -231,6 +231,8 @@ def lean_limit_deg(parameters: Mapping[str, float]) -> float | None:
 SHADOW, ACTIVE = "LQS_", "LQR_"
 """Before the names of a bank's values: of the one that is written, and of the one that flies."""
 BANK_KNOWN_BY: Final = "LQS_K11"
+RUN_BESIDE: Final = "LQR_LOG"
+"""1: the active bank runs while it does not fly, without authority, and is logged."""
 COMMIT, REVERT = "LQR_COMMIT", "LQR_REVERT"
 """Parameters that act when written."""
 ACTIVE_CRC: Final = "LQR_ACTIVE"

@@ -90,7 +90,7 @@ class Clothes:
     """Of telemetry: what becomes of 1 / 0.8 of a loop's milliseconds."""
 
 
-OWN_CLOTHES = Clothes(name="tippath")
+OWN_CLOTHES: Clothes = Clothes(name="tippath")
 
 _RC = ((60, "RCIN"), (62, "RCOU"))
 _CHANNELS = "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))
@@ -112,7 +112,7 @@ _ADDED_FORMATS = (
     (195, "ANG", "Qfffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,Dt", "sddddhhs", "F0000000"),
     (10, "SIDS", "QBfffffff", "TimeUS,Ax,Mag,FSt,FSp,TFin,TC,TR,TFout", "s--ssssss", "F--------"),
 )
-_NOT_STOCK = ("TPEX", "SIDY", "PAD4", "PAD5", "ARSP", "SIDS")
+_NOT_STOCK = ("TPEX", "LQRO", "SIDY", "PAD4", "PAD5", "ARSP", "SIDS")
 _STOCK_DIALECT = Dialect(
     formats=(
         *(form for form in FORMATS if form.name not in _NOT_STOCK),
@@ -121,7 +121,7 @@ _STOCK_DIALECT = Dialect(
             for number, name, layout, columns, units, multipliers in _ADDED_FORMATS
         ),
     ),
-    units=UNITS | {"E": "rad/s", "Y": "us"},
+    units=UNITS | {"Y": "us"},
     multipliers=MULTIPLIERS,
     padded=False,
 )

@@ -147,3 +147,15 @@ class LqrController:
         """The command really sent this sample, excitation and limits included: the observer advances on it."""
         known = (*self.state, delta_x, delta_y, delta_e, *self._measured)
         self.state = [sum(c * v for c, v in zip(row, known, strict=True)) for row in self._advance]
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """What the LQR would have done in one sample, had it flown: rad/s, and of full command."""
+
+    rate: tuple[float, float]
+    """Asked for."""
+    command: tuple[float, float]
+    """Unclipped."""
+    innovation: tuple[float, float]
+    """Measured rates less the observer's."""

@@ -73,6 +73,8 @@ _FORMATS = (
     # This vehicle's own: the added excitation and the commands that RATE does not carry, and what SIDS leaves out.
     (220, "TPEX", "Qfffff", "TimeUS,EX,EY,EE,Elev,Coll", "s-----", "F-----"),
     (221, "SIDY", "QBBfff", "TimeUS,Kind,Law,C1,Noise,Pulse", "s----s", "F-----"),
+    # What the active bank would do while it does not fly: targets, outputs (unclipped), its observer's innovations.
+    (224, "LQRO", "Qffffff", "TimeUS,PDes,QDes,X,Y,PInn,QInn", "sEE--EE", "F00--00"),
     (222, "PAD4", "B", "Zero", "-", "-"),
     (223, "PAD5", "H", "Zero", "-", "-"),
 )
@@ -88,6 +90,7 @@ UNITS = {
     "#": "instance",
     "b": "B",
     "d": "deg",
+    "E": "rad/s",
     "h": "degheading",
     "k": "deg/s",
     "n": "m/s",

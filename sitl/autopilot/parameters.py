@@ -109,6 +109,8 @@ TABLE = (
     Parameter("LQR_REVERT", 0, Kind.INT8),
     Parameter("LQR_ACTIVE", 0, Kind.INT32, read_only=True),
     Parameter("LQR_SW", 0, Kind.INT8, read_only=True),
+    # 1: the active bank runs beside the controller that flies, without authority, and what it puts out is logged.
+    Parameter("LQR_LOG", 0, Kind.INT8),
 )
 
 

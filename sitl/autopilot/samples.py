@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from sitl.autopilot.control_laws import Beside
 from sitl.autopilot.logger import DataFlashLog
 from sitl.plants import Plant
 
@@ -54,6 +55,8 @@ class Sample:
     rotor_rpm: float
     airspeed: float
     plant: Plant
+    beside: Beside | None = None
+    """What the LQR would have done, where it runs without authority."""
 
 
 class Sampler(Protocol):
@@ -117,6 +120,8 @@ class OwnSampler:
             _write_sidd(log, sample, sample.sweep)
         _write_rate(log, sample, 0.0)
         log.write("TPEX", time_us, *sample.excitation, *sample.commands[2:])
+        if sample.beside is not None:
+            log.write("LQRO", time_us, *sample.beside.rate, *sample.beside.command, *sample.beside.innovation)
         if self._rpm(time_us):
             log.write("RPM", time_us, 0, sample.rotor_rpm, 1.0, 1)
         if sample.plant.has_pitot and self._arsp(time_us):

@@ -86,6 +86,7 @@ class RateController:
 class StockControllers:
     """Roll and pitch under the vehicle's parameters as they are at the time."""
 
+    beside = None
     has_lqr = False
     elevator = 0.0
 

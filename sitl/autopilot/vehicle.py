@@ -114,8 +114,8 @@ class Vehicle:
 
     def _boot(self, on_ground: bool) -> None:
         """All that a power-up sets; parameters stay."""
-        seed, clothes = self.seed, self.clothes
-        self.parameters.boot()
+        seed, clothes, parameters = self.seed, self.clothes, self.parameters
+        parameters.boot()
         self.time_us = _FIRST_SAMPLE_US
         self.period_us = period_us(self.parameters.acting("SCHED_LOOP_RATE"))
         self.dt = self.period_us * 1e-6
@@ -131,7 +131,7 @@ class Vehicle:
         self.rate_sensor = Gyro(seed, self._mounts, clothes.vibration)
         self._gyro_filter = RateFilter(self.parameters.__getitem__, self.dt)
         self._sampler = clothes.sampler(self.time_us, self.parameters.__getitem__, 1 / self.dt)
-        self._controllers = StockControllers(self.parameters, self.dt) if clothes.stock_loops else Controllers()
+        self._controllers = StockControllers(parameters, self.dt) if clothes.stock_loops else Controllers(parameters)
         self._controllers.take_bank(self.parameters.active_bank())
         self._rotor_angle = 0.0
         self._phase_since_us = self.time_us
@@ -388,6 +388,7 @@ class Vehicle:
             rotor_rpm=self.rotor_rpm,
             airspeed=self.airspeed,
             plant=self.plant,
+            beside=self._controllers.beside,
         )
 
     # Once in 10 ms
