@@ -22,9 +22,8 @@ from gcs.cli.options import (
 if TYPE_CHECKING:
     from gcs.analysis.standing import Standing
     from sysid.control.judgement import Limits
-    from sysid.control.measured_margins import MeasuredMargins
-    from sysid.control.regulator import Gains
     from sysid.fit.result import Fit
+    from sysid.response.values import Responses
 
 
 def add_parser(subparsers: Any) -> None:
@@ -37,20 +36,26 @@ def add_parser(subparsers: Any) -> None:
         "input cost that does is told. They are judged, too, on every model that the fit's diagnosis leaves open (what "
         "is missing, what could not be told from it; `tippath diagnose` keeps its answer beside the fit), and over 500 "
         "samples of the fit's errors. Verdicts: holds; poor, where an answer to a doublet overshoots or couples more "
-        "than asked; fails, where a margin is less than asked, and `tippath push` refuses.",
+        "than asked, or a disturbance is raised by more; fails, where a margin is less than asked, and `tippath push` "
+        "refuses; not measured, where --measured was asked for and a margin that the model has lies outside the "
+        "measured band: it says how far to sweep, and push refuses, too.",
         epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
         '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
         '"diagnosis": {"state", "effects", "confidence", '
         '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
         '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
-        '"measured_shortfalls"}, "judged_on"}, with --costs "over_costs": [{"input_cost", "K", "verdict", "margins", '
-        '"overshoot", "coupling"}]; with '
+        '"measured_shortfalls", "measured"}, "judged_on"}, with --costs "over_costs": [{"input_cost", "K", "verdict", '
+        '"margins", "overshoot", "coupling"}]; with '
         '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
-        '"frequency_hz"}, or null where the loop does not cross in the measured band, "unstable_poles" (of the open '
-        'loop, by the model), "sweep_to_hz" (to measure what the model crosses beyond); null as a whole where the '
-        "runs do not measure it well enough. With --for ardupilot: "
+        '"frequency_hz"}, or null where the loop does not cross in the measured band, "disk" (its size in the band, '
+        'the same), "unstable_poles" (of the open loop, by the model), and "needed", "missing" (margins that the model '
+        'has, and which of them the band does not show), "sweep_to_hz", "sweep_from_hz" (to measure these), which '
+        'stand as "judged": {"measured"}, too; "band_hz" null where the runs measure nothing well enough. With '
+        "--for ardupilot: "
         '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
-        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", "diagnosis"}.',
+        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", and of the new set "diagnosis", "judged", '
+        '"judged_on" (with "loops"), "margins_measured" as above; "judged_flown", "margins_measured_flown" of the '
+        "flown one}.",
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
@@ -62,8 +67,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--limits",
         metavar="LIMITS",
-        help="what is asked (6dB,45deg,10ms,overshoot=25,coupling=25, percent, where left out; of delay at least half "
-        "of what the model has)",
+        help="what is asked (6dB,45deg,10ms,overshoot=25,coupling=25,peak=5dB where left out; overshoot and coupling "
+        "in percent, of delay at least half of what the model has, peak the most by which disturbances may be raised)",
     )
     parser.add_argument(
         "--costs",
@@ -84,7 +89,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.clearance import clearance
+    from gcs.analysis.clearance import by_measurement, clearance
     from gcs.analysis.standing import beside
     from gcs.analysis.text.clearance import clearance_text, costs_text
     from gcs.analysis.text.gains import gains_text, measured_text
@@ -101,13 +106,13 @@ def run(args: argparse.Namespace) -> int:
     for text in fit.warnings:
         print(f"warning of the fit: {text}", file=sys.stderr)
     if args.autopilot:
-        return _for_ardupilot(args, fit, beside(args.fit.parent, fit, words))
+        return _for_ardupilot(args, fit, beside(args.fit.parent, fit, words), limits)
     gains = design(fit.model, args.input_cost)
-    measured = by_measurement(fit, gains) if args.measured else None
+    measured = by_measurement(gains, fit.model, _responses(fit)) if args.measured else None
     cleared = clearance(gains, fit, beside(args.fit.parent, fit, words), limits, measured=measured)
     document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
-    if args.measured:
-        document["margins_measured"] = None if measured is None else measured.to_json()
+    if measured is not None:
+        document["margins_measured"] = measured.to_json()
     costs = over_costs(fit.model, cleared.models, limits, args.input_cost) if args.costs else ()
     if costs:
         document["over_costs"] = [one.to_json() for one in costs]
@@ -119,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(gains_text(gains))
         print(clearance_text(cleared))
-        if args.measured:
+        if measured is not None:
             print(measured_text(measured, gains.margins))
         if costs:
             print(costs_text(costs, args.input_cost))
@@ -137,18 +142,15 @@ def _limits(words: str | None) -> Limits | None:
         raise UsageError(f"--limits {words}: wants such as 6dB,45deg,10ms,overshoot=25,coupling=25") from error
 
 
-def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> int:
+def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing, limits: Limits | None) -> int:
     from gcs.analysis.rate_gains import ardupilot_gains, parameter_file
-    from gcs.analysis.text.blocks import wrapped
-    from gcs.analysis.text.clearance import standing_words
     from gcs.analysis.text.rate_gains import rate_gains_text
     from gcs.errors import UsageError
 
-    given = {"--measured": args.measured, "--costs": args.costs, "--limits": args.limits is not None}
-    if others := [option for option, is_given in given.items() if is_given]:
-        raise UsageError(f"{others[0]} goes with the paper's controller; leave it out, or --for")
-    gains = ardupilot_gains(fit)
-    document = gains.to_json() | {"diagnosis": standing.to_json()}
+    if args.costs:
+        raise UsageError("--costs goes with the paper's controller; leave it out, or --for")
+    gains = ardupilot_gains(fit, standing, limits, measured=args.measured)
+    document = gains.to_json(Path() if args.output is None else args.output.parent)
     if args.output is not None:
         if args.output.suffix == ".json":
             write_json(document, args.output)
@@ -159,16 +161,13 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
         print_json(document)
     else:
         print(rate_gains_text(gains, fit.model))
-        print("\n".join(wrapped(f"the fit: {standing_words(standing)}")))
     return 0
 
 
-def by_measurement(fit: Fit, gains: Gains) -> MeasuredMargins | None:
-    """Margins by the responses that the fit's own runs show. Raises NoResponseError, TippathError."""
+def _responses(fit: Fit) -> Responses:
+    """Those that the fit's own runs show. Raises NoResponseError, TippathError."""
     from gcs.analysis.comparison import flown
-    from sysid.control.measured_margins import measured_margins, with_model
     from sysid.response.flown import flown_responses
 
     records, _ = flown(fit)
-    found = measured_margins(gains, flown_responses(records, fit.band_hz).responses)
-    return None if found is None else with_model(found, gains, fit.model)
+    return flown_responses(records, fit.band_hz).responses
