@@ -19,6 +19,7 @@ from gcs.analysis.standing import NOT_ASKED, Standing, State
 from gcs.flight.gains import LARGEST, GainsDocument, GainsError
 from gcs.vehicle.rate_loops import AXES, name_of
 from sysid.control.bounds import SAMPLES, SEED, drawn, uncertainty
+from sysid.control.command_noise import CommandNoise
 from sysid.control.controllers import AnyGains
 from sysid.control.judgement import ROLES, Judgement, Limits, Role, judge
 from sysid.control.measured_margins import NOTHING_MEASURED, MeasuredMargins, measured_margins, with_model
@@ -122,6 +123,7 @@ class ClearedRateGains(documents.Open, frozen=True, kw_only=True):
     judged: _Judged | None = None
     diagnosis: _Diagnosis | None = None
     margins_measured: MeasuredMargins | None = None
+    command_noise: CommandNoise | None = None
 
 
 def clearance(
@@ -131,11 +133,12 @@ def clearance(
     limits: Limits | None = None,
     *,
     measured: MeasuredMargins | None = None,
+    noise: CommandNoise | None = None,
     samples: int = SAMPLES,
 ) -> Clearance:
     """Gains that were designed on a fit, on all that its diagnosis and its bounds leave open."""
     models: list[tuple[Role, Model]] = [("fit", fit.model), *standing.models]
-    return _judged(gains, models, standing, uncertainty(fit), limits or Limits(), samples, measured)
+    return _judged(gains, models, standing, uncertainty(fit), limits or Limits(), samples, measured, noise)
 
 
 def by_measurement(gains: AnyGains, model: Model, responses: Responses) -> MeasuredMargins:
@@ -188,7 +191,9 @@ def _again(
     models = [(_role(one.role), saved_model(one.model, folder, named)) for one in on.models]
     limits = Limits() if document.judged is None else Limits().or_stricter(document.judged.limits)
     covariance = None if on.covariance is None else _square(on.covariance, models[0][1])
-    return _judged(gains, models, _standing(document), covariance, limits, SAMPLES, document.margins_measured)
+    measured = document.margins_measured
+    noise = document.command_noise if isinstance(document, ClearedRateGains) else None
+    return _judged(gains, models, _standing(document), covariance, limits, SAMPLES, measured, noise)
 
 
 def _judged(
@@ -199,9 +204,10 @@ def _judged(
     limits: Limits,
     samples: int,
     measured: MeasuredMargins | None = None,
+    noise: CommandNoise | None = None,
 ) -> Clearance:
     drawing = None if covariance is None else drawn(models[0][1], covariance, np.random.default_rng(SEED), samples)
-    judgement = judge(gains, models, limits, drawing, measured)
+    judgement = judge(gains, models, limits, drawing, measured, noise)
     return Clearance(judgement=judgement, standing=standing, covariance=covariance)
 
 

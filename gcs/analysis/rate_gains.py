@@ -19,11 +19,13 @@ from gcs.logs.runs import systemid
 from gcs.logs.runs.rate_loop import BEGINS_AFTER_S, FIELDS, LEAST_S, Repeated, repeats
 from gcs.vehicle.rate_loops import AXES, RateLoops, gyro_filter_hz, name_of, rate_loops
 from sysid.control.bounds import SAMPLES, SEED, drawn, uncertainty
+from sysid.control.command_noise import CommandNoise, RateNoise, rate_noise, servo_speed
 from sysid.control.judgement import Limits, OnModel
 from sysid.control.rate_gains import MOST, RateGains, faster
 from sysid.control.sampled import NotSampledError, RateController
 from sysid.data.record import CYCLIC, RATES, Record
 from sysid.fit.result import Fit, finite
+from sysid.model.structure import Model
 from sysid.response.flown import NoResponseError, flown_responses
 
 UNDERSTOOD_PERCENT, LACKING_PERCENT = 1.0, 20.0
@@ -110,6 +112,7 @@ class ArdupilotGains:
                 for name, one in (("margins_measured", both["new"]), ("margins_measured_flown", both["flown"]))
                 if one.measured is not None
             },
+            "command_noise": judged["judged"]["noise"],
         }
 
 
@@ -132,9 +135,10 @@ def ardupilot_gains(
     ff = _feed_forward(records, fit.band_hz, loops)
     draws = drawn(fit.model, uncertainty(fit), np.random.default_rng(SEED), samples)
     models = [fit.model, *(model for _, model in standing.models)]
+    disturbed = rate_noise(records, law.vehicle(fit.model))
 
     def better(told: Mapping[int, float]) -> RateGains:
-        found = faster(law, models, limits=limits, feed_forward=told, draws=draws)
+        found = faster(law, models, limits=limits, feed_forward=told, draws=draws, noise=disturbed)
         return replace(found, new=_as_written(found.new))
 
     gains = better({list(AXES).index(axis): 1 / one.rate_per_command for axis, one in ff.items()})
@@ -148,7 +152,9 @@ def ardupilot_gains(
         seen = (
             by_measurement(one, fit.model, responses) if responses is not None and one.held(fit.model).stable else None
         )
-        return clearance(one, fit, standing, limits, measured=seen, samples=samples)
+        return clearance(
+            one, fit, standing, limits, measured=seen, noise=_moved(disturbed, one, law, models), samples=samples
+        )
 
     return ArdupilotGains(
         loops=loops,
@@ -158,6 +164,16 @@ def ardupilot_gains(
         flown=cleared(law),
         new=cleared(gains.new),
     )
+
+
+def _moved(
+    disturbed: RateNoise | None, one: RateController, flown: RateController, models: Sequence[Model]
+) -> CommandNoise | None:
+    """What disturbances make of the commands, where both sets hold the fit."""
+    if disturbed is None or not (one.held(models[0]).stable and flown.held(models[0]).stable):
+        return None
+    own, theirs = (disturbed.commands(law, law.vehicle(models[0])) for law in (one, flown))
+    return CommandNoise(own=own, flown=theirs, servo_speed=servo_speed(models))
 
 
 def _require_both_axes(fit: Fit) -> None:

@@ -36,16 +36,16 @@ def add_parser(subparsers: Any) -> None:
         "input cost that does is told. They are judged, too, on every model that the fit's diagnosis leaves open (what "
         "is missing, what could not be told from it; `tippath diagnose` keeps its answer beside the fit), and over 500 "
         "samples of the fit's errors. Verdicts: holds; poor, where an answer to a doublet overshoots or couples more "
-        "than asked, or a disturbance is raised by more; fails, where a margin is less than asked, and `tippath push` "
-        "refuses; not measured, where --measured was asked for and a margin that the model has lies outside the "
-        "measured band: it says how far to sweep, and push refuses, too.",
+        "than asked, a disturbance is raised by more, or (--for ardupilot) moves the commands by more; fails, where a "
+        "margin is less than asked, and `tippath push` refuses; not measured, where --measured was asked for and a margin "
+        "that the model has lies outside the measured band: it says how far to sweep, and push refuses, too.",
         epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
         '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
         '"diagnosis": {"state", "effects", "confidence", '
         '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
         '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
-        '"measured_shortfalls", "measured"}, "judged_on"}, with --costs "over_costs": [{"input_cost", "K", "verdict", '
-        '"margins", "overshoot", "coupling"}]; with '
+        '"measured_shortfalls", "measured", "noise", "noise_shortfalls"}, "judged_on"}, with --costs "over_costs": '
+        '[{"input_cost", "K", "verdict", "margins", "overshoot", "coupling"}]; with '
         '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
         '"frequency_hz"}, or null where the loop does not cross in the measured band, "disk" (its size in the band, '
         'the same), "unstable_poles" (of the open loop, by the model), and "needed", "missing" (margins that the model '
@@ -54,8 +54,10 @@ def add_parser(subparsers: Any) -> None:
         "--for ardupilot: "
         '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
         '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", and of the new set "diagnosis", "judged", '
-        '"judged_on" (with "loops"), "margins_measured" as above; "judged_flown", "margins_measured_flown" of the '
-        "flown one}.",
+        '"judged_on" (with "loops"), "margins_measured" as above, "command_noise" ({"own", "flown"}, each '
+        '{"rms", "rate_rms", "band_hz"}: what gusts and gyro make of both commands, of full command and a second, '
+        '"servo_speed" where a model knows it, "times_flown", "of_servo_speed"; "judged": {"noise"} is the same); '
+        '"judged_flown", "margins_measured_flown" of the flown one}.',
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
@@ -67,8 +69,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--limits",
         metavar="LIMITS",
-        help="what is asked (6dB,45deg,10ms,overshoot=25,coupling=25,peak=5dB where left out; overshoot and coupling "
-        "in percent, of delay at least half of what the model has, peak the most by which disturbances may be raised)",
+        help="what is asked (6dB,45deg,10ms,overshoot=25,coupling=25,peak=5dB,noise=1.3 where left out; overshoot "
+        "and coupling in percent, of delay at least half of what the model has, peak the most by which disturbances "
+        "may be raised, noise what these may move the commands by over what they did with the flown gains)",
     )
     parser.add_argument(
         "--costs",

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, get_args
 
 from sysid.control.bounds import OverBounds, margins_json, over_bounds
+from sysid.control.command_noise import CommandNoise
 from sysid.control.controllers import AnyGains, Controller, controller_of
 from sysid.control.loop import AxisAnswer
 from sysid.control.measured_margins import MeasuredMargins
@@ -27,16 +28,18 @@ from sysid.model.structure import FloatArray, Model
 Role = Literal["fit", "missing", "not told apart"]
 ROLES: tuple[Role, ...] = get_args(Role)
 """The fit itself; with what its diagnosis names as missing; with what it could not tell from that."""
-Quantity = Literal["held", "gain_db", "phase_deg", "delay_ms", "overshoot", "coupling", "peak_db"]
+Quantity = Literal["held", "gain_db", "phase_deg", "delay_ms", "overshoot", "coupling", "peak_db", "noise", "servos"]
 Verdict = Literal["holds", "poor", "not measured", "fails"]
 """`fails` where any model is not held or has less margin than asked; `not measured` where measured margins were asked
 for and one that the model has lies outside the measured band; `poor` where all have, and an answer overshoots or
-couples more than asked, or disturbances are raised by more."""
+couples more than asked, disturbances are raised by more, or move the commands by more."""
 REFUSED: tuple[Verdict, ...] = ("fails", "not measured")
 """What is not to be flown."""
 OF_DELAY = 0.5
 """Of the delay that a model has: as much more is asked to be held."""
-QUALITY: tuple[Quantity, ...] = ("overshoot", "coupling", "peak_db")
+ROUNDING = 1e-3
+"""Of gains, as a parameter file has them."""
+QUALITY: tuple[Quantity, ...] = ("overshoot", "coupling", "peak_db", "noise", "servos")
 """What makes a loop poor, and does not refuse it."""
 
 
@@ -54,6 +57,8 @@ class Limits:
     """the same, of the other axis."""
     peak_db: float = 5.0
     """The most by which a disturbance of a rate may be raised; ADS-33's of disturbance rejection."""
+    noise: float = 1.3
+    """Of what gusts and gyro noise moved the commands by with the gains that flew, and of how fast."""
 
     def of(self, model: Model) -> Limits:
         """With at least half of the delay that the model has."""
@@ -68,6 +73,7 @@ class Limits:
             overshoot=min(self.overshoot, other.overshoot),
             coupling=min(self.coupling, other.coupling),
             peak_db=min(self.peak_db, other.peak_db),
+            noise=min(self.noise, other.noise),
         )
 
     def to_json(self) -> dict[str, float]:
@@ -143,7 +149,20 @@ class Judgement:
     bounds: OverBounds | None
     """Over what the fit's numbers may be; None where nobody drew any."""
     measured: MeasuredMargins | None = None
-    """By measured responses; None where nobody asked, or they are not known well enough."""
+    """By measured responses; None where nobody asked."""
+    noise: CommandNoise | None = None
+    """Of the commands, beside that of the gains that flew; None where that is not known."""
+
+    @property
+    def restless(self) -> tuple[Shortfall, ...]:
+        """What disturbances move the commands by, beyond what is asked."""
+        if self.noise is None:
+            return ()
+        each: tuple[tuple[Quantity, float | None, float], ...] = (
+            ("noise", self.noise.times_flown, self.limits.noise * (1 + ROUNDING)),
+            ("servos", self.noise.of_servo_speed, 1.0),
+        )
+        return tuple(_more(each))
 
     @property
     def thin_bounds(self) -> tuple[Shortfall, ...]:
@@ -169,7 +188,12 @@ class Judgement:
 
     @property
     def verdict(self) -> Verdict:
-        found = [*self.thin_bounds, *self.thin_measured, *(one for model in self.models for one in model.shortfalls)]
+        found = [
+            *self.thin_bounds,
+            *self.thin_measured,
+            *self.restless,
+            *(one for model in self.models for one in model.shortfalls),
+        ]
         if any(one.fails for one in found):
             return "fails"
         if self.measured is not None and self.measured.missing:
@@ -191,6 +215,8 @@ class Judgement:
             "bounds_shortfalls": [asdict(one) for one in self.thin_bounds],
             "measured_shortfalls": [asdict(one) for one in self.thin_measured],
             "measured": None if self.measured is None else self.measured.lacks(),
+            "noise": None if self.noise is None else self.noise.to_json(),
+            "noise_shortfalls": [asdict(one) for one in self.restless],
         }
 
 
@@ -200,10 +226,12 @@ def judge(
     limits: Limits | None = None,
     draws: FloatArray | None = None,
     measured: MeasuredMargins | None = None,
+    noise: CommandNoise | None = None,
 ) -> Judgement:
     """Gains in the loop with each of these models, delays included.
 
-    `draws` (n, parameters) are values of the first model, `measured` the margins by responses without any.
+    `draws` (n, parameters) are values of the first model, `measured` the margins by responses without any, `noise` what
+    disturbances make of the commands.
     """
     limits, controller = limits or Limits(), controller_of(gains)
     return Judgement(
@@ -211,6 +239,7 @@ def judge(
         models=tuple(_on(controller, role, model, limits) for role, model in models),
         bounds=None if draws is None or not len(draws) else over_bounds(gains, models[0][1], draws),
         measured=measured,
+        noise=noise,
     )
 
 
@@ -220,6 +249,7 @@ _WORDS = {
     rf"{_NUMBER} ?(deg|°)": ("phase_deg", 1.0),
     rf"{_NUMBER} ?ms": ("delay_ms", 1.0),
     rf"peak={_NUMBER} ?(db)?": ("peak_db", 1.0),
+    rf"noise={_NUMBER}": ("noise", 1.0),
     rf"overshoot={_NUMBER}%?": ("overshoot", 0.01),
     rf"coupling={_NUMBER}%?": ("coupling", 0.01),
 }
@@ -256,13 +286,15 @@ def _shortfalls(one: OnModel, limits: Limits) -> list[Shortfall]:
         ("coupling", one.coupling, limits.coupling),
         ("peak_db", one.peak_db, limits.peak_db),
     )
+    return [*thin(margins, limits.of(one.model)), *_more(most)]
+
+
+def _more(most: Iterable[tuple[Quantity, float | None, float]]) -> list[Shortfall]:
+    """What is more than asked."""
     return [
-        *thin(margins, limits.of(one.model)),
-        *(
-            Shortfall(quantity=q, value=value, limit=limit)
-            for q, value, limit in most
-            if value is not None and value > limit
-        ),
+        Shortfall(quantity=q, value=value, limit=limit)
+        for q, value, limit in most
+        if value is not None and value > limit
     ]
 
 

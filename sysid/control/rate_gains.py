@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.control.bounds import bounds_of
+from sysid.control.command_noise import CommandNoise, RateNoise
 from sysid.control.judgement import Limits, thin
 from sysid.control.regulator import DesignError
 from sysid.control.sampled import RateController, SampledLoop, SampledVehicle
@@ -77,10 +78,12 @@ def faster(
     limits: Limits | None = None,
     feed_forward: Mapping[int, float] | None = None,
     draws: FloatArray | None = None,
+    noise: RateNoise | None = None,
 ) -> RateGains:
     """The gains of which disturbances of both rates are rejected up to the highest frequencies, within limits.
 
     `models`: the fit, and what else the vehicle may be; `draws` (n, parameters): what the fit's numbers may be.
+    `noise`: what disturbs the first model's rates, which moves the commands by no more than asked of the flown ones.
     `feed_forward`: by axis (0, 1), full command per rad/s; it is taken to at most `MOST` times the flown one. Steps
     overshoot and couple no more than asked or than with the flown gains, where any gains can. Raises DesignError where
     no gains near the flown ones have the margins, and NotSampledError as `sampled_plant` does.
@@ -89,7 +92,7 @@ def faster(
     roll, pitch = (
         replace(loop, ff=min(MOST * loop.ff, told.get(axis, loop.ff))) for axis, loop in enumerate(flown.loops)
     )
-    search = _Search(flown, (roll, pitch), models, limits or Limits())
+    search = _Search(flown, (roll, pitch), models, limits or Limits(), noise)
     samples = [flown.vehicle(Model(models[0].structure, values)) for values in (() if draws is None else draws)]
     best = search.best()
     for _ in range(BACK_OFFS if samples else 0):
@@ -126,7 +129,9 @@ def _short(asked: Limits, found: Sequence[Margins | None]) -> Margins | None:
 class _Search:
     """Gains by steps, each judged once on every model."""
 
-    def __init__(self, flown: RateController, begun: Loops, models: Sequence[Model], limits: Limits) -> None:
+    def __init__(
+        self, flown: RateController, begun: Loops, models: Sequence[Model], limits: Limits, noise: RateNoise | None
+    ) -> None:
         self._flown, self._begun, self._limits = flown, begun, limits
         self._titles = [one.structure.title for one in models]
         self._vehicles: list[SampledVehicle] = [flown.vehicle(one) for one in models]
@@ -136,6 +141,8 @@ class _Search:
             for one, loop in zip(models, self.as_flown, strict=True)
         ]
         self._first_asked = self.asked[0]
+        self._noise = noise if self.as_flown[0].held else None
+        self._flown_noise = None if self._noise is None else self._noise.commands(flown, self._vehicles[0])
         self._known: dict[Steps, list[SampledLoop]] = {}
         self._kind: dict[Steps, bool] = {}
         self._most = [
@@ -194,7 +201,8 @@ class _Search:
         return min(float(np.sqrt(np.prod(one.rejection_hz))) for one in loops) if least >= 1 else least - 1
 
     def _is_kind(self, steps: Steps) -> bool:
-        """Whether the first model's steps overshoot and couple no more than asked, or than with the flown gains."""
+        """Whether the first model's steps overshoot and couple no more than asked, or than with the flown gains, and
+        its commands move no more than asked."""
         if steps not in self._kind:
             loop = self.on(steps)[0]
             answers = self.controller(steps).steps(self._vehicles[0]) if loop.held else ()
@@ -203,7 +211,15 @@ class _Search:
                 for name, each in zip(("overshoot", "coupling"), self._most, strict=True)
                 for one, most in zip(answers, each, strict=True)
             )
+            self._kind[steps] = self._kind[steps] and self._is_quiet(steps)
         return self._kind[steps]
+
+    def _is_quiet(self, steps: Steps) -> bool:
+        if self._noise is None or self._flown_noise is None:
+            return True
+        own = self._noise.commands(self.controller(steps), self._vehicles[0])
+        found = CommandNoise(own=own, flown=self._flown_noise)
+        return (found.times_flown or 0.0) <= self._limits.noise + 1e-9
 
     def _refuse(self) -> Steps:
         """Raises DesignError, of the model on which the flown gains have least."""

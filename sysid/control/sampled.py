@@ -263,6 +263,13 @@ class RateController:
         """Commands by the vehicle's own rates, (f, 2, 2)."""
         return np.asarray(feedback[:, :, :2] * self._gyro(f)[:, None, None] + feedback[:, :, 2:])
 
+    def taken_of_disturbance(self, vehicle: SampledVehicle, f: FloatArray) -> ComplexArray:
+        """Commands by a disturbance that turns the vehicle, the loop closed, (f, 2, 2) at Hz."""
+        feedback = self.feedback.response(f)
+        return np.asarray(
+            np.linalg.solve(np.eye(2) - feedback @ vehicle.plant.response(f), self._of_turning(f, feedback))
+        )
+
     def _gyro(self, f: FloatArray) -> ComplexArray:
         x = f / self.gyro_corner_hz if self.gyro_corner_hz > 0 else np.zeros(f.size)
         return np.asarray(1 / (1 - x**2 + 2j * BUTTERWORTH * x))

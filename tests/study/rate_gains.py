@@ -1,9 +1,9 @@
 """Better gains for ArduPilot's default ones: what `tippath design --for ardupilot` makes of a flight, on the vehicle.
 
 Each vehicle is a quadrotor of an independent simulator that its default gains fly (`rate_loop_truth`): swept in gusts,
-its log fitted, new gains designed, once within the limits that are usual and once within the margins that the default
-gains have on that fit; then the truth is asked of default and new gains. One line of JSON a vehicle; what a file holds
-already is not flown again.
+its log fitted, new gains designed, once within the limits that are usual (on the fit and over its bounds) and once
+within the margins that the default gains have on that fit; then the truth is asked of default and new gains. One line
+of JSON a vehicle; what a file holds already is not flown again.
 
     python tests/study/rate_gains.py FILE.jsonl --count 60 [--first 0] [--workers 1] [--budget MIN]
     python tests/study/rate_gains.py FILE.jsonl --count 0       # only the tables
@@ -27,7 +27,7 @@ from rate_loop_truth import SIZES, Quad, Truth, drawn, flown, truth
 from workers import worked_off
 
 LONGEST_S = 900.0
-SAMPLES = 200
+SAMPLES = 40
 """Of the fit's bounds."""
 ASKED = (6.0, 45.0, 10.0)
 """dB, degrees, ms; of ms at least half of the delay that is there."""
@@ -67,7 +67,7 @@ def _designed(one: Quad, folder: Path) -> dict[str, Any]:
     limits: Limits | None = None
     for name in ("usual", "equal"):
         try:
-            gains = ardupilot_gains(fit, NOT_ASKED, limits, samples=SAMPLES)
+            gains = ardupilot_gains(fit, NOT_ASKED, limits, samples=SAMPLES if limits is None else 0)
         except SysidError as error:
             found[name] = {"refused": str(error)}
             continue

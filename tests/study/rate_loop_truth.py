@@ -41,7 +41,9 @@ LATE_LOOPS = 6
 GUSTS = (0.02, 0.10)
 FLOWN_DB = 3.0
 """Gain margin below which nobody would fly a sweep with the default gains; drawn again."""
-PULSE, SECONDS, BEGINS = 1e-3, 40.0, 4
+PULSE, SECONDS, BEGINS = 1e-3, 20.0, 4
+PADDED_S = 80.0
+"""Of what is transformed: it has died out by then."""
 SWEEP = {
     "SID_MAGNITUDE": 0.08,
     "SID_F_STOP_HZ": 15.0,
@@ -152,12 +154,13 @@ class Truth:
 
 def truth(one: Quad, gains: Mapping[str, float]) -> Truth | None:
     """With these parameters beside the defaults; None where the vehicle is not held."""
-    f = np.fft.rfftfreq(round(SECONDS / DT), DT)[1:]
+    n = round(PADDED_S / DT)
+    f: Array = np.asarray(np.fft.rfftfreq(n, DT)[1:], dtype=np.float64)
     seen, sent = _after_pulse(one, gains, on_rates=True), _after_pulse(one, gains, on_rates=False)
     if seen is None or sent is None:
         return None
     given = PULSE * np.exp(-2j * np.pi * f * DT * BEGINS)[:, None]
-    left, whole = (np.fft.rfft(each, axis=0)[1:] / given for each in (seen, sent))
+    left, whole = (np.fft.rfft(each, n, axis=0)[1:] / given for each in (seen, sent))
     margins = [_margins(f, 1 / whole[:, axis] - 1) for axis in range(2)]
     size = 20 * np.log10(np.abs(left))
     return Truth(

@@ -9,6 +9,7 @@ from gcs.analysis.clearance import Clearance
 from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import wrapped
 from gcs.flight.gains import GainsError
+from sysid.control.command_noise import CommandNoise
 from sysid.control.judgement import Judgement, OnModel, Quantity, Shortfall, Verdict
 from sysid.control.measured_margins import MeasuredMargins
 from sysid.control.over_costs import AtCost
@@ -27,6 +28,8 @@ NAMES: dict[Quantity, tuple[str, str, float]] = {
     "overshoot": ("overshoot", " %", 100.0),
     "coupling": ("other axis", " %", 100.0),
     "peak_db": ("disturbances raised by", " dB", 1.0),
+    "noise": ("commands moved by disturbances", " times the flown", 1.0),
+    "servos": ("their speed", " times the servos'", 1.0),
 }
 """Name, unit, and the unit's size."""
 
@@ -116,12 +119,26 @@ def clearance_told(found: Clearance) -> list[tuple[str, str]]:
     told.append(("diagnosis", standing_words(found.standing)))
     told += [(_role(one), f"{one.model.structure.title}: {_worth(one)}") for one in judgement.models]
     told += _robust(judgement.models[0])
+    if judgement.noise is not None:
+        told.append(("commands", _moved_words(judgement.noise)))
     bounds = judgement.bounds
     if bounds is not None:
         least = "" if bounds.least is None else f", 95 % of them with at least {bounds.least.words}"
         lost = f"{bounds.not_held} NOT held" if bounds.not_held else "all held"
         told.append(("bounds", f"{bounds.samples} samples of the fit's errors: {lost}{least}"))
     return told
+
+
+def _moved_words(noise: CommandNoise) -> str:
+    """What gusts and gyro make of the commands."""
+    roll, pitch = noise.own.rms
+    fast = max(noise.own.rate_rms)
+    words = f"gusts and gyro move them by {100 * roll:.2g} and {100 * pitch:.2g} % rms, {100 * fast:.2g} % a second"
+    if noise.times_flown is not None:
+        words += f", {noise.times_flown:.2f} times the flown at most"
+    if noise.of_servo_speed is not None:
+        words += f"; three of these are {100 * noise.of_servo_speed:.0f} % of the servos' speed"
+    return words + f" ({noise.own.band_hz[0]:g} to {noise.own.band_hz[1]:.0f} Hz)"
 
 
 def _role(one: OnModel) -> str:
@@ -161,6 +178,7 @@ def _broken(judgement: Judgement, *, only_failing: bool = False) -> list[str]:
     """Each model with what it falls short of."""
     found = [(one.model.structure.title, one.shortfalls) for one in judgement.models]
     found += [("over its bounds", judgement.thin_bounds), ("measured", judgement.thin_measured)]
+    found += [("on the fit", judgement.restless)]
     kept = [(name, [one for one in each if one.fails or not only_failing]) for name, each in found]
     return [f"{name}: {_short(each)}" for name, each in kept if each]
 
@@ -172,6 +190,6 @@ def _short(shortfalls: Sequence[Shortfall]) -> str:
         if one.value is None or one.limit is None:
             words.append("not held")
         else:
-            digits = 1 if one.quantity in ("gain_db", "peak_db") else 0
+            digits = 1 if one.quantity in ("gain_db", "peak_db", "noise", "servos") else 0
             words.append(f"{name} {size * one.value:.{digits}f}{unit} (asked {size * one.limit:g})")
     return ", ".join(words)

@@ -135,11 +135,13 @@ def kept(document: Mapping[str, Any], path: Path) -> Path:
 def test_both_sets_are_judged_and_the_file_is_judged_anew(quad_set: str, tmp_path: Path) -> None:
     path, document = tmp_path / "rate-gains.json", json.loads(quad_set)
     path.write_text(quad_set)
+    assert document["judged_flown"]["noise"]["times_flown"] == pytest.approx(1)
+    assert 1 < document["judged"]["noise"]["times_flown"] <= 1.3013
     for name in ("judged", "judged_flown"):
         assert document[name]["verdict"] == "holds"
         assert document[name]["bounds"]["samples"] == 500
     again = cleared_again(path)
-    assert again.judgement.to_json() == document["judged"]
+    assert json.loads(json.dumps(again.judgement.to_json())) == document["judged"]
     require_cleared(again, None)
     # what is written is judged, whatever stands there as its verdict
     document["parameters"]["ATC_RAT_RLL_P"]["new"] *= 20
@@ -159,6 +161,7 @@ def test_both_sets_are_judged_and_the_file_is_judged_anew(quad_set: str, tmp_pat
         (("judged_on", "loops"), {}),
         (("judged_on", "loops", "loop_hz"), 0),
         (("judged_on", "covariance"), [[1.0]]),
+        (("command_noise",), {"own": {"rms": [0.1]}}),
     ],
 )
 def test_a_damaged_set_is_refused_in_a_line(
