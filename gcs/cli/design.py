@@ -25,6 +25,28 @@ if TYPE_CHECKING:
     from sysid.fit.result import Fit
     from sysid.response.values import Responses
 
+_JSON = (
+    '--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
+    '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
+    '"diagnosis": {"state", "effects", "confidence", '
+    '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
+    '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
+    '"measured_shortfalls", "measured", "noise", "noise_shortfalls"}, "judged_on"}, with --costs "over_costs": '
+    '[{"input_cost", "K", "verdict", "margins", "overshoot", "coupling"}]; with '
+    '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
+    '"frequency_hz"}, or null where the loop does not cross in the measured band, "disk" (its size in the band, '
+    'the same), "unstable_poles" (of the open loop, by the model), and "needed", "missing" (margins that the model '
+    'has, and which of them the band does not show), "sweep_to_hz", "sweep_from_hz" (to measure these), which '
+    'stand as "judged": {"measured"}, too; "band_hz" null where the runs measure nothing well enough. With '
+    "--for ardupilot: "
+    '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
+    '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", and of the new set "diagnosis", "judged", '
+    '"judged_on" (with "loops"), "margins_measured" as above, "command_noise" ({"own", "flown"}, each '
+    '{"rms", "rate_rms", "band_hz"}: what gusts and gyro make of both commands, of full command and a second, '
+    '"servo_speed" where a model knows it, "times_flown", "of_servo_speed"; "judged": {"noise"} is the same); '
+    '"judged_flown", "margins_measured_flown" of the flown one}.'
+)
+
 
 def add_parser(subparsers: Any) -> None:
     parser: argparse.ArgumentParser = subparsers.add_parser(
@@ -37,27 +59,9 @@ def add_parser(subparsers: Any) -> None:
         "is missing, what could not be told from it; `tippath diagnose` keeps its answer beside the fit), and over 500 "
         "samples of the fit's errors. Verdicts: holds; poor, where an answer to a doublet overshoots or couples more "
         "than asked, a disturbance is raised by more, or (--for ardupilot) moves the commands by more; fails, where a "
-        "margin is less than asked, and `tippath push` refuses; not measured, where --measured was asked for and a margin "
-        "that the model has lies outside the measured band: it says how far to sweep, and push refuses, too.",
-        epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
-        '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
-        '"diagnosis": {"state", "effects", "confidence", '
-        '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
-        '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
-        '"measured_shortfalls", "measured", "noise", "noise_shortfalls"}, "judged_on"}, with --costs "over_costs": '
-        '[{"input_cost", "K", "verdict", "margins", "overshoot", "coupling"}]; with '
-        '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
-        '"frequency_hz"}, or null where the loop does not cross in the measured band, "disk" (its size in the band, '
-        'the same), "unstable_poles" (of the open loop, by the model), and "needed", "missing" (margins that the model '
-        'has, and which of them the band does not show), "sweep_to_hz", "sweep_from_hz" (to measure these), which '
-        'stand as "judged": {"measured"}, too; "band_hz" null where the runs measure nothing well enough. With '
-        "--for ardupilot: "
-        '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
-        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", and of the new set "diagnosis", "judged", '
-        '"judged_on" (with "loops"), "margins_measured" as above, "command_noise" ({"own", "flown"}, each '
-        '{"rms", "rate_rms", "band_hz"}: what gusts and gyro make of both commands, of full command and a second, '
-        '"servo_speed" where a model knows it, "times_flown", "of_servo_speed"; "judged": {"noise"} is the same); '
-        '"judged_flown", "margins_measured_flown" of the flown one}.',
+        "margin is less than asked, and `tippath push` refuses; not measured, where --measured was asked for and a "
+        "margin that the model has lies outside the measured band: it says how far to sweep, and push refuses, too.",
+        epilog=_JSON,
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")

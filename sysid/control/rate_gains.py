@@ -16,6 +16,7 @@ import numpy as np
 from sysid.control.bounds import bounds_of
 from sysid.control.command_noise import CommandNoise, RateNoise
 from sysid.control.judgement import Limits, thin
+from sysid.control.loop import AXES
 from sysid.control.regulator import DesignError
 from sysid.control.sampled import RateController, SampledLoop, SampledVehicle
 from sysid.control.stability import Margins
@@ -29,6 +30,8 @@ LEAST_STEP = -16
 """About a tenth."""
 MOST_STEP = 2
 ROUNDS = 12
+UNTURNED = 1e-9
+"""rad/s per full command."""
 TUNED = ("p", "i", "d")
 BACK_OFFS = 8
 """How often more is asked of the fit, so that its bounds have what was asked."""
@@ -93,6 +96,7 @@ def faster(
         replace(loop, ff=min(MOST * loop.ff, told.get(axis, loop.ff))) for axis, loop in enumerate(flown.loops)
     )
     search = _Search(flown, (roll, pitch), models, limits or Limits(), noise)
+    search.require_turned()
     samples = [flown.vehicle(Model(models[0].structure, values)) for values in (() if draws is None else draws)]
     best = search.best()
     for _ in range(BACK_OFFS if samples else 0):
@@ -149,6 +153,16 @@ class _Search:
             [max(most, getattr(one, name)) for one in flown.steps(self._vehicles[0])]
             for name, most in (("overshoot", limits.overshoot), ("coupling", limits.coupling))
         ]
+
+    def require_turned(self) -> None:
+        """Raises DesignError for a model that commands do not turn: no gains are better than others on it."""
+        for vehicle, title in zip(self._vehicles, self._titles, strict=True):
+            for axis, name in enumerate(AXES):
+                if not np.any(np.abs(vehicle.on_grid[:, axis]) > UNTURNED):
+                    raise DesignError(
+                        f"no command turns the {name} axis of {title}: no gains are designed on it; fit sweeps of both "
+                        "axes"
+                    )
 
     def controller(self, steps: Steps) -> RateController:
         return replace(self._flown, loops=_scaled(self._begun, steps))

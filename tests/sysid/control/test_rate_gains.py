@@ -104,6 +104,19 @@ def test_steps_overshoot_no_more_than_with_what_was_flown() -> None:
     assert sum(loose.new_loop.rejection_hz) > sum(found.new_loop.rejection_hz) >= sum(found.flown_loop.rejection_hz)
 
 
+def test_a_model_that_no_command_turns_is_refused() -> None:
+    still = Model(quad(90.0).structure, quad(90.0).structure.vector({**quad(90.0).by_name, "M_lon": 0.0}))
+    with pytest.raises(DesignError, match="no command turns the pitch axis"):
+        faster(flying(), [quad(90.0), still])
+
+
+def test_an_unstable_vehicle_that_its_gains_hold_is_designed_for() -> None:
+    loose = Model(quad(90.0).structure, quad(90.0).structure.vector({**quad(90.0).by_name, "L_p": 0.8}))
+    found = faster(flying(), [loose])
+    assert share(found.asked, found.new_loop) >= 1
+    assert found.new.unstable_poles(loose) == 1
+
+
 def test_without_any_such_gains_the_refusal_says_what_flew() -> None:
     with pytest.raises(DesignError, match=r"no gains between 0\.1 and 1\.3 times") as refusal:
         faster(flying(gyro_hz=0.0), [quad(90.0)], limits=Limits(gain_db=80.0))
