@@ -26,11 +26,14 @@ from intervals import share_of
 from rate_loop_truth import SIZES, Quad, Truth, drawn, flown, truth
 from workers import worked_off
 
+from sysid.control.judgement import Limits
+
 LONGEST_S = 900.0
 SAMPLES = 40
 """Of the fit's bounds."""
 ASKED = (6.0, 45.0, 10.0)
 """dB, degrees, ms; of ms at least half of the delay that is there."""
+NEARLY_NONE = Limits(gain_db=0.1, phase_deg=0.1, delay_ms=0.1)
 LOST = 0.9
 """Of a margin: less of it is not an equal one."""
 
@@ -54,7 +57,6 @@ def _designed(one: Quad, folder: Path) -> dict[str, Any]:
     from gcs.analysis.rate_gains import ardupilot_gains
     from gcs.analysis.standing import NOT_ASKED
     from gcs.cli import main
-    from sysid.control.judgement import Limits
     from sysid.errors import SysidError
     from sysid.fit.result import Fit
 
@@ -64,24 +66,23 @@ def _designed(one: Quad, folder: Path) -> dict[str, Any]:
         raise RuntimeError("no fit")
     fit = Fit.load(path)
     found: dict[str, Any] = {"fit": fit.model.by_name}
-    limits: Limits | None = None
-    for name in ("usual", "equal"):
+    default = ardupilot_gains(fit, NOT_ASKED, NEARLY_NONE, samples=0).gains.flown_loop.margins
+    if default is None:
+        raise RuntimeError("the fit is not held by the gains that flew")
+    equal = Limits(gain_db=default.gain_db, phase_deg=default.phase_deg, delay_ms=default.delay_ms)
+    for name, limits, samples in (("usual", Limits(), SAMPLES), ("equal", equal, 0)):
         try:
-            gains = ardupilot_gains(fit, NOT_ASKED, limits, samples=SAMPLES if limits is None else 0)
+            gains = ardupilot_gains(fit, NOT_ASKED, limits, samples=samples)
         except SysidError as error:
             found[name] = {"refused": str(error)}
             continue
         new = {parameter: value for parameter, (_, value) in gains.changes.items()}
-        has = gains.gains.flown_loop.margins
         found[name] = {
             "gains": new,
             "verdict": gains.new.judgement.verdict,
             "promised": gains.new.judgement.models[0].to_json(),
             "truth": _told(truth(one, new)),
         }
-        if has is None:
-            break
-        limits = Limits(gain_db=has.gain_db, phase_deg=has.phase_deg, delay_ms=has.delay_ms)
     return found
 
 
