@@ -150,6 +150,8 @@ GAINS = exactly(
         "prefilter": matrix(2, 2),
         "poles": listed(exactly({"real": NUMBER, "imag": NUMBER})),
         "observer_poles": listed(exactly({"real": NUMBER, "imag": NUMBER})),
+        "elevator": {"type": ["object", "null"]},
+        "dynamic_prefilter": {"type": ["object", "null"]},
         "margins": exactly({"gain_db": MAYBE, "phase_deg": MAYBE, "delay_ms": MAYBE}),
         "model": exactly({"structure": TEXT, "parameters": {"type": "object", "additionalProperties": NUMBER}}),
     }

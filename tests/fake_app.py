@@ -181,6 +181,9 @@ class FakeWorker:
     def start(self) -> None:
         self.ask("start")
 
+    def choose_run(self, number: int) -> None:
+        self.ask(f"run {number}")
+
     def end_card(self) -> None:
         self.ask("end card")
 

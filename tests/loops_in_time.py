@@ -192,6 +192,45 @@ def growth(loops: Sequence[tuple[Late, FloatArray, FloatArray]], seconds: int = 
     return np.polyfit(np.arange(len(half)), half, 1)[0] / (SECONDS_EACH * dt / STEP_S)
 
 
+@dataclass(frozen=True)
+class Law:
+    """What a controller asks for beside its feedback: g r + F z, z of models of r (frequency in rad/s)."""
+
+    g: FloatArray
+    F: FloatArray = field(default_factory=lambda: np.zeros((2, 4)))
+    frequency: FloatArray = field(default_factory=lambda: np.ones(2))
+    damping: float = 1.0
+
+
+def doublet(
+    vehicle: Late, K: FloatArray, L: FloatArray, law: Law, axis: int, *, pulse_s: float = 0.5, seconds: float = 1.6
+) -> FloatArray:
+    """(n, 2): measured p and q every `STEP_S`, of a unit doublet of one rate command, in small motion."""
+    A, B, F = _system(vehicle, K, L)
+    _, drive = tip_path_plane(vehicle.parameters)
+    B_asked = np.zeros_like(B)
+    B_asked[10:14] = drive
+    late = round(vehicle.lag.get("T_d", 0.0) / STEP_S)
+    block = np.zeros((LONGEST + 4, LONGEST + 4))
+    block[:LONGEST] = np.hstack([A, B, B_asked]) * STEP_S
+    step = expm(block)[:LONGEST]
+    w, zeta = law.frequency[axis], law.damping
+    follow = expm(np.array([[0, 1, 0], [-w * w, -2 * zeta * w, w * w], [0, 0, 0]]) * STEP_S)
+    measured = np.zeros((2, LONGEST))
+    measured[:, slice(8, 10) if "tau_g" in vehicle.lag else slice(0, 2)] = np.eye(2)
+    z, followed, waiting, out = np.zeros(LONGEST), np.zeros(2), [np.zeros(2)] * late, []
+    for t in STEP_S * np.arange(round(seconds / STEP_S)):
+        r = 1.0 if t < pulse_s - 1e-9 else -1.0 if t < 2 * pulse_s - 1e-9 else 0.0
+        models = np.zeros(4)
+        models[[axis, 2 + axis]] = followed[0] - r, followed[1]
+        asked = law.g[:, axis] * r + law.F @ models
+        waiting.append(asked - F @ z)
+        out.append(measured @ z)
+        z = step @ np.concatenate([z, waiting.pop(0), asked])
+        followed = (follow @ np.array([*followed, r]))[:2]
+    return np.array(out)
+
+
 def _held(A: FloatArray, B: FloatArray, F: FloatArray, dt: float, delay: float) -> tuple[FloatArray, ...]:
     """One step, exact for commands that are straight lines; without delay they are the state's own."""
     if delay == 0:

@@ -23,12 +23,14 @@ from sysid.control.command_noise import CommandNoise
 from sysid.control.controllers import AnyGains
 from sysid.control.judgement import ROLES, Judgement, Limits, Role, judge
 from sysid.control.measured_margins import NOTHING_MEASURED, MeasuredMargins, measured_margins, with_model
-from sysid.control.regulator import Gains
+from sysid.control.prefilter import DynamicPrefilter
+from sysid.control.regulator import FORWARD, Gains
 from sysid.control.sampled import RateController
-from sysid.control.stability import ClosedLoop
+from sysid.control.stability import COMMANDS, ClosedLoop
 from sysid.errors import SysidError
 from sysid.fit.result import Fit
 from sysid.fit.saved_model import ModelDocument, model_json, saved_model
+from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.structure import FloatArray, Model
 from sysid.rate_loop.settings import AxisLoop
@@ -158,7 +160,7 @@ def cleared_again(path: Path, named: Sequence[str] = ()) -> Clearance:
         if kind.format == RATE_GAINS:
             return _rate_gains_again(path, named)
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
-        gains = _gains(document)
+        gains = gains_in(document)
         on = document.judged_on
         if on is None or not on.models:
             return _judged(gains, [("fit", gains.model)], NOT_ASKED, None, Limits(), 0)
@@ -211,25 +213,43 @@ def _judged(
     return Clearance(judgement=judgement, standing=standing, covariance=covariance)
 
 
-def _gains(document: ClearedGains) -> Gains:
+def gains_in(document: GainsDocument) -> Gains:
     """The controller as it stands in the file, whoever wrote it. Raises ValueError where its model is no TPP."""
-    held = document.parameters
-    missing = [name for name in TPP.names if name not in held]
+    held, third = document.parameters, document.elevator
+    effects = [] if third is None else [name for name in FORWARD if name == "elevator" or {"L_p", "M_q"} <= set(held)]
+    structure = compose(TPP.base, effects, COMMANDS) if effects else TPP
+    missing = [name for name in structure.names if name not in held]
     if document.model.structure != TPP.base or missing:
-        raise ValueError(f"its model is not a TPP with {', '.join(TPP.names)}")
-    model = Model(TPP, TPP.vector(held))
-    A, B, C, _ = (np.asarray(one, dtype=float) for one in model.matrices)
+        raise ValueError(f"its model is not a TPP with {', '.join(structure.names)}")
+    model = Model(structure, structure.vector({name: held[name] for name in structure.names}))
     K, L = np.array(document.K), np.array(document.observer_gain)
+    g = np.array(document.prefilter)
+    if third is not None:
+        K, g = np.vstack([K, third.K]), np.vstack([g, third.prefilter])
+    A, B, C, _ = (np.asarray(one, dtype=float) for one in model.matrices)
+    B = B[:, : len(K)]
     return Gains(
         model=model,
         K=K,
         observer_gain=L,
-        prefilter=np.array(document.prefilter),
+        prefilter=g,
         poles=np.linalg.eigvals(A - B @ K),
         observer_poles=np.linalg.eigvals(A - L @ C),
         input_cost=float("nan"),
         loop=ClosedLoop(None),
+        dynamic=_dynamic(document, len(K)),
     )
+
+
+def _dynamic(document: GainsDocument, commands: int) -> DynamicPrefilter | None:
+    """Raises ValueError where it is none for so many commands."""
+    said = document.dynamic_prefilter
+    if said is None:
+        return None
+    frequency, damping, F = np.array(said.frequency_rad_s), np.array(said.damping), np.array(said.F)
+    if F.shape != (commands, 4) or not (np.all(frequency > 0) and np.all(damping > 0)):
+        raise ValueError(f"its dynamic prefilter wants {commands} rows of F, and positive frequency and damping")
+    return DynamicPrefilter(frequency=frequency, damping=damping, F=F)
 
 
 def _standing(document: ClearedGains | ClearedRateGains) -> Standing:

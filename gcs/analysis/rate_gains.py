@@ -19,7 +19,7 @@ from gcs.logs.runs import systemid
 from gcs.logs.runs.rate_loop import BEGINS_AFTER_S, FIELDS, LEAST_S, Repeated, repeats
 from gcs.vehicle.rate_loops import AXES, RateLoops, gyro_filter_hz, name_of, rate_loops
 from sysid.control.bounds import SAMPLES, SEED, drawn, uncertainty
-from sysid.control.command_noise import CommandNoise, RateNoise, rate_noise, servo_speed
+from sysid.control.command_noise import CommandNoise, RateDisturbance, rate_noise, servo_speed
 from sysid.control.judgement import Limits, OnModel
 from sysid.control.rate_gains import MOST, RateGains, faster
 from sysid.control.sampled import NotSampledError, RateController
@@ -167,7 +167,7 @@ def ardupilot_gains(
 
 
 def _moved(
-    disturbed: RateNoise | None, one: RateController, flown: RateController, models: Sequence[Model]
+    disturbed: RateDisturbance | None, one: RateController, flown: RateController, models: Sequence[Model]
 ) -> CommandNoise | None:
     """What disturbances make of the commands, where both sets hold the fit."""
     if disturbed is None or not (one.held(models[0]).stable and flown.held(models[0]).stable):

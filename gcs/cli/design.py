@@ -20,19 +20,27 @@ from gcs.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from gcs.analysis.clearance import Clearance
+    from gcs.analysis.lqr import AskedDesign
     from gcs.analysis.standing import Standing
     from sysid.control.judgement import Limits
+    from sysid.control.observers import RateNoise
+    from sysid.control.regulator import Gains
     from sysid.fit.result import Fit
     from sysid.response.values import Responses
 
 _JSON = (
     '--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
-    '"observer_poles", "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
+    '"observer_poles", "elevator": {"K", "prefilter"} or null, "dynamic_prefilter": {"frequency_rad_s", '
+    '"damping", "F"} or null, "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
     '"diagnosis": {"state", "effects", "confidence", '
     '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
     '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
     '"measured_shortfalls", "measured", "noise", "noise_shortfalls"}, "judged_on"}, with --costs "over_costs": '
-    '[{"input_cost", "K", "verdict", "margins", "overshoot", "coupling"}]; with '
+    '[{"input_cost", "K", "verdict", "margins", "overshoot", "coupling"}], '
+    'with --observers "over_observers": [{"observer", "observer_gain", '
+    '"observer_poles", "verdict", "margins", "overshoot", "coupling", "command_noise" (standard deviation of each, '
+    'of full command), "gusts_left" (of p and q, share)}]; with '
     '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
     '"frequency_hz"}, or null where the loop does not cross in the measured band, "disk" (its size in the band, '
     'the same), "unstable_poles" (of the open loop, by the model), and "needed", "missing" (margins that the model '
@@ -77,11 +85,7 @@ def add_parser(subparsers: Any) -> None:
         "and coupling in percent, of delay at least half of what the model has, peak the most by which disturbances "
         "may be raised, noise what these may move the commands by over what they did with the flown gains)",
     )
-    parser.add_argument(
-        "--costs",
-        action="store_true",
-        help="K and margins over input costs from 1 to 100, on every model that is left open",
-    )
+    _add_controller_options(parser)
     parser.add_argument(
         "--for",
         dest="autopilot",
@@ -95,34 +99,65 @@ def add_parser(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
+def _add_controller_options(parser: argparse.ArgumentParser) -> None:
+    """What the paper's controller may be beside the paper's, and what is listed side by side."""
+    parser.add_argument(
+        "--prefilter",
+        choices=("steady", "dynamic"),
+        default="steady",
+        help="steady: the paper's, right in the long run (default); dynamic: each rate follows a model of its own and "
+        "leaves the other axis alone on the way, too; margins stay, and the vehicle's bank must have it",
+    )
+    parser.add_argument(
+        "--elevator",
+        action="store_true",
+        help="the elevator as a third command: of a fit of forward flight (--with angular_damping,elevator)",
+    )
+    parser.add_argument(
+        "--costs",
+        action="store_true",
+        help="K and margins over input costs from 1 to 100, on every model that is left open",
+    )
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw what --costs lists: .png, .svg, or .html")
+    parser.add_argument(
+        "--observer",
+        metavar="POLES|kalman",
+        help="the observer's poles in 1/s (50,50,51,51, the paper's, where left out), or the Kalman filter for the "
+        "gusts and the gyro noise that the fit's runs show",
+    )
+    parser.add_argument(
+        "--observers",
+        action="store_true",
+        help="the paper's observer, slower and faster ones and the Kalman filter side by side: margins, noise of the "
+        "commands, what the loop leaves of gusts",
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.clearance import by_measurement, clearance
+    from gcs.analysis.lqr import designed
     from gcs.analysis.standing import beside
-    from gcs.analysis.text.clearance import clearance_text, costs_text
+    from gcs.analysis.text.clearance import clearance_text
     from gcs.analysis.text.gains import gains_text, measured_text
-    from gcs.errors import UsageError
-    from sysid.control.over_costs import over_costs
-    from sysid.control.regulator import design
     from sysid.fit.result import Fit
 
-    refuse_existing(args.output, args.force)
-    if not (args.input_cost > 0 and math.isfinite(args.input_cost)):
-        raise UsageError("--input-cost: wants a positive number; the paper's is 5")
-    limits, words = _limits(args.limits), parse_words(args.effects)
+    _refuse_wrong_usage(args)
+    asked, limits, words = _asked(args), _limits(args.limits), parse_words(args.effects)
     fit = Fit.load(args.fit, words)
     for text in fit.warnings:
         print(f"warning of the fit: {text}", file=sys.stderr)
     if args.autopilot:
         return _for_ardupilot(args, fit, beside(args.fit.parent, fit, words), limits)
-    gains = design(fit.model, args.input_cost)
+    standing = beside(args.fit.parent, fit, words)
+    noise = _noise(fit, asked) if args.observers or isinstance(asked.observer, str) else None
+    gains = designed(fit, asked, [model for _, model in standing.models], limits, noise)
     measured = by_measurement(gains, fit.model, _responses(fit)) if args.measured else None
-    cleared = clearance(gains, fit, beside(args.fit.parent, fit, words), limits, measured=measured)
+    cleared = clearance(gains, fit, standing, limits, measured=measured)
     document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
     if measured is not None:
         document["margins_measured"] = measured.to_json()
-    costs = over_costs(fit.model, cleared.models, limits, args.input_cost) if args.costs else ()
-    if costs:
-        document["over_costs"] = [one.to_json() for one in costs]
+    tables, text = _tables(args, fit, gains, cleared, noise)
+    document |= tables
     if args.output:
         write_json(document, args.output)
         print(f"wrote {args.output}; `tippath push {args.output} --connect LINK` writes it", file=sys.stderr)
@@ -131,11 +166,92 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(gains_text(gains))
         print(clearance_text(cleared))
+        if args.prefilter == "steady" and cleared.judgement.verdict == "poor":
+            print("  prefilter     --prefilter dynamic mends the answer, and margins stay")
         if measured is not None:
             print(measured_text(measured, gains.margins))
-        if costs:
-            print(costs_text(costs, args.input_cost))
+        if text:
+            print(text)
     return 0
+
+
+def _refuse_wrong_usage(args: argparse.Namespace) -> None:
+    """Raises UsageError."""
+    from gcs.analysis.pages.pictures import picture_kind
+    from gcs.errors import UsageError
+
+    if not (args.input_cost > 0 and math.isfinite(args.input_cost)):
+        raise UsageError("--input-cost: wants a positive number; the paper's is 5")
+    if args.measured and args.elevator:
+        raise UsageError("--measured knows a loop of two commands: leave it out, or --elevator")
+    if args.plot is not None:
+        if not args.costs:
+            raise UsageError("--plot draws what --costs lists: name both")
+        picture_kind(args.plot)
+    for path in (args.output, args.plot):
+        refuse_existing(path, args.force)
+
+
+def _asked(args: argparse.Namespace) -> AskedDesign:
+    """Raises UsageError for an observer that is none."""
+    from gcs.analysis.lqr import AskedDesign, parse_observer
+    from gcs.errors import UsageError
+
+    try:
+        observer = parse_observer(args.observer)
+    except ValueError as error:
+        raise UsageError(f"--observer {args.observer}: wants kalman or such as 50,50,51,51 ({error})") from error
+    return AskedDesign(
+        input_cost=args.input_cost, observer=observer, dynamic=args.prefilter == "dynamic", elevator=args.elevator
+    )
+
+
+def _noise(fit: Fit, asked: AskedDesign) -> RateNoise | None:
+    """What the fit's runs flew in. Without it there is no Kalman filter; others are compared, and that is said."""
+    from gcs.analysis.lqr import noise_of
+    from gcs.errors import TippathError
+    from sysid.errors import SysidError
+
+    try:
+        return noise_of(fit)
+    except (TippathError, SysidError) as error:
+        if isinstance(asked.observer, str):
+            raise
+        print(f"the noise of the fit's runs is not known: {error}", file=sys.stderr)
+        return None
+
+
+def _tables(
+    args: argparse.Namespace, fit: Fit, gains: Gains, cleared: Clearance, noise: RateNoise | None
+) -> tuple[dict[str, Any], str]:
+    """What --observers and --costs ask for: for the document, and as text; --plot is written."""
+    from gcs.analysis.lqr import at_costs
+    from gcs.analysis.text.clearance import costs_text, observers_text
+    from sysid.control.observers import over_observers
+    from sysid.control.over_costs import over_costs
+
+    document: dict[str, Any] = {}
+    texts = []
+    limits = cleared.judgement.limits
+    if args.observers:
+        observers = over_observers(gains, cleared.models, noise, limits)
+        document["over_observers"] = [one.to_json() for one in observers]
+        texts.append(observers_text(observers))
+    if args.costs:
+        others, asked = [model for _, model in cleared.models[1:]], _asked(args)
+        costs = over_costs(
+            cleared.models, limits, args.input_cost, lambda cost: at_costs(fit, asked, others, limits, noise, cost)
+        )
+        document["over_costs"] = [one.to_json() for one in costs]
+        texts.append(costs_text(costs, args.input_cost))
+        if args.plot is not None:
+            from gcs.analysis.pages.costs import costs_picture
+            from gcs.analysis.pages.pictures import write_picture
+
+            picture = costs_picture(costs, args.input_cost, limits)
+            write_picture(args.plot, picture, f"tippath design --costs: {args.fit.name}", texts[-1])
+            print(f"wrote {args.plot}", file=sys.stderr)
+    return document, "\n".join(texts)
 
 
 def _limits(words: str | None) -> Limits | None:
@@ -154,8 +270,15 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing, limit
     from gcs.analysis.text.rate_gains import rate_gains_text
     from gcs.errors import UsageError
 
-    if args.costs:
-        raise UsageError("--costs goes with the paper's controller; leave it out, or --for")
+    given = {
+        "--costs": args.costs,
+        "--prefilter": args.prefilter != "steady",
+        "--elevator": args.elevator,
+        "--observer": args.observer is not None,
+        "--observers": args.observers,
+    }
+    if others := [option for option, is_given in given.items() if is_given]:
+        raise UsageError(f"{others[0]} goes with the paper's controller; leave it out, or --for")
     gains = ardupilot_gains(fit, standing, limits, measured=args.measured)
     document = gains.to_json(Path() if args.output is None else args.output.parent)
     if args.output is not None:

@@ -124,8 +124,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(f"the vehicle had this set already ({checksum(result.crc)}); nothing was written")
     names = list(result.values)
-    for row in ("K1", "K2", "L1", "L2", "L3", "L4", "G1", "G2"):
-        print(f"  {row:4}" + " ".join(f"{result.values[n]:12.6g}" for n in names if n[:2] == row and n[2:].isdigit()))
+    for row in ("K1", "K2", "K3", "L1", "L2", "L3", "L4", "G1", "G2", "G3", "W", "Z", "F1", "F2", "F3"):
+        values = [result.values[n] for n in names if n[:-1] == row and n[-1].isdigit()]
+        if any(values):
+            print(f"  {row:4}" + " ".join(f"{value:12.6g}" for value in values))
     if result.committed and result.previous_crc:
         print(f"`tippath revert` goes back to the set before, {checksum(result.previous_crc)}")
     elif result.committed:

@@ -358,7 +358,7 @@ def print_result(result: SweepResult, followed: Sequence[Following]) -> None:
     from gcs.logs.words import printable
 
     ended = f"   stopped: {printable(result.stopped)}" if result.stopped else ""
-    count = f"{len(result.before.kept) + len(result.runs)} of {result.planned} runs"
+    count = f"{result.tried} of {result.planned} runs"
     recorded = result.recording is not None and result.recording.logs
     log = result.recording.logs[0].path if result.recording and recorded else result.folder.path
     print(f" recorded {log}  {count}  {result.missing_words}{ended}")

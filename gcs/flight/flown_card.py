@@ -14,6 +14,7 @@ from gcs.cards.maneuver import CardRun, TestCard, duration_s
 from gcs.flight.connection import Connection, LogWay
 from gcs.flight.folder import FlightFolder
 from gcs.flight.log_health import LogHealth
+from gcs.flight.order import newest
 from gcs.flight.preflight import Check
 from gcs.flight.recorder import RecordedLog, RecordingSummary
 from gcs.flight.run import RunResult
@@ -94,7 +95,27 @@ class SweepResult:
     @property
     def flown(self) -> bool:
         """Every run was flown to its end, wherever the log is."""
-        return not self.stopped and len(self.before.kept) + len(self.runs) == self.planned
+        return not self.stopped and self.tried == self.planned and self.ended_early == 0
+
+    @property
+    def tried(self) -> int:
+        """Runs of the card that were flown, however often."""
+        return len(self.before.kept) + len(self.last)
+
+    @property
+    def last(self) -> Mapping[int, RunResult]:
+        """Number of each run -> what its last try came to."""
+        return newest(self.runs)
+
+    @property
+    def ended_early(self) -> int:
+        """Of these, runs whose last try was not flown to its end."""
+        return sum(one.ending is not Ending.FINISHED for one in self.last.values())
+
+    @property
+    def kept(self) -> int:
+        """Runs of the card that are flown and clean, in one of their tries."""
+        return len(self.before.kept) + len({run.run.number for run in self.runs if run.clean})
 
     @property
     def done(self) -> bool:
@@ -123,7 +144,7 @@ class SweepResult:
         of the log that is not there."""
         if self.log == "card":
             return "log on the vehicle's card"
-        verdicts = [run.verdict for run in self.runs if run.verdict is not None]
+        verdicts = [run.verdict for run in self.last.values() if run.verdict is not None]
         samples, planned = sum(v.missing for v in verdicts), sum(v.expected for v in verdicts)
         parts = [f"{self.missing_blocks} blocks of the log missing"] if self.missing_blocks else []
         if any(not v.keep and v.missing for v in verdicts):

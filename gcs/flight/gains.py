@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -22,7 +22,18 @@ from gcs.errors import LinkError, TippathError
 from gcs.flight.session import Session
 from gcs.link.events import bits_of_float, float_of_bits
 from gcs.link.procedures import NoAnswerError, Parameter, Procedure, ProcedureError, ReadParameter, WriteParameter
-from gcs.vehicle.autopilots import ACTIVE, ACTIVE_CRC, BANK_KNOWN_BY, COMMIT, NO_BANK, REVERT, SHADOW, SWITCH
+from gcs.vehicle.autopilots import (
+    ACTIVE,
+    ACTIVE_CRC,
+    BANK_KNOWN_BY,
+    COMMIT,
+    LESS_BANK,
+    MORE_KNOWN_BY,
+    NO_BANK,
+    REVERT,
+    SHADOW,
+    SWITCH,
+)
 
 LARGEST = 2**20
 """Bytes; what `tippath design` writes is a thousandth of it."""
@@ -35,8 +46,20 @@ BANK = (
     *(name.upper() for name in MODEL),
 )
 """The 29 values of a bank, in the order of its checksum."""
+FORWARD_MODEL = ("L_p", "M_q", "M_elev")
+MORE = (
+    *(f"K3{column}" for column in (1, 2, 3, 4)),
+    *("G31", "G32"),
+    *(name.upper() for name in FORWARD_MODEL),
+    *("W1", "W2", "Z1", "Z2"),
+    *(f"F{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3, 4)),
+)
+"""25 further values, of a bank that has them: elevator and dynamic prefilter. Where all are 0 they are not in
+the checksum, so that a set without them is the same set on every vehicle."""
 
 ACT_TRIES = 4
+PROBES = 2
+"""Of a parameter that the vehicle may well not have."""
 
 T = TypeVar("T")
 
@@ -52,16 +75,26 @@ class Gains:
     """One set, as the vehicle holds it."""
 
     bits: tuple[int, ...]
-    """float32 bits, shape (29,), in the order of `BANK`."""
+    """float32 bits, shape (29,), in the order of `BANK`; of a set that has some of `MORE` (54,), those behind."""
 
     @property
     def crc(self) -> int:
         """24 bits of CRC-32: as many as a float32 carries exactly."""
-        return zlib.crc32(struct.pack(f"<{len(self.bits)}I", *self.bits)) & 0xFFFFFF
+        told = self.bits if any(self.bits[len(BANK) :]) else self.bits[: len(BANK)]
+        return zlib.crc32(struct.pack(f"<{len(told)}I", *told)) & 0xFFFFFF
 
     @property
     def values(self) -> dict[str, float]:
-        return {name: float_of_bits(bits) for name, bits in zip(BANK, self.bits, strict=True)}
+        return {name: float_of_bits(bits) for name, bits in zip(self.names, self.bits, strict=True)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return BANK if len(self.bits) == len(BANK) else (*BANK, *MORE)
+
+    @property
+    def whole(self) -> Gains:
+        """The same with all values of a bank that has `MORE`: a set without any holds zeros there."""
+        return replace(self, bits=(*self.bits, *(0,) * (len(BANK) + len(MORE) - len(self.bits))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +191,21 @@ class _Model(documents.Open, frozen=True, kw_only=True):
     parameters: dict[str, float | _Value]
 
 
+class Elevator(documents.Open, frozen=True, kw_only=True):
+    """The third row of K and of the prefilter."""
+
+    K: Row4
+    prefilter: Row2
+
+
+class DynamicPrefilter(documents.Open, frozen=True, kw_only=True):
+    """Models that the rates follow, and what is added to the commands on the way."""
+
+    frequency_rad_s: Row2
+    damping: Row2
+    F: tuple[Row4, ...]
+
+
 class GainsDocument(documents.Open, frozen=True, kw_only=True):
     """What a push reads of a GAINS.json."""
 
@@ -166,6 +214,8 @@ class GainsDocument(documents.Open, frozen=True, kw_only=True):
     observer_gain: tuple[Row2, Row2, Row2, Row2]
     prefilter: tuple[Row2, Row2]
     model: _Model
+    elevator: Elevator | None = None
+    dynamic_prefilter: DynamicPrefilter | None = None
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -198,7 +248,30 @@ def gains_of(document: object, source: str = "the gains") -> Gains:
         raise GainsError(f"{source}: model.parameters.{missing[0]} is missing, which the vehicle's observer needs")
     rows = (*held.K, *held.observer_gain, *held.prefilter)
     values = [value for row in rows for value in row] + [parameters[name] for name in MODEL]
-    return Gains(tuple(_bits(value, name, source) for name, value in zip(BANK, values, strict=True)))
+    values += _more(held, source)
+    names = (*BANK, *MORE)[: len(values)]
+    return Gains(tuple(_bits(value, name, source) for name, value in zip(names, values, strict=True)))
+
+
+def _more(held: GainsDocument, source: str) -> list[float]:
+    """In the order of `MORE`, or none where the set has nothing of it. Raises GainsError."""
+    third, dynamic = held.elevator, held.dynamic_prefilter
+    if third is None and dynamic is None:
+        return []
+    of_third = [0.0] * 9
+    if third is not None:
+        missing = [name for name in FORWARD_MODEL[2:] if name not in held.parameters]
+        if missing:
+            raise GainsError(f"{source}: model.parameters.{missing[0]} is missing, which the elevator's gains need")
+        of_third = [*third.K, *third.prefilter, *(held.parameters.get(name, 0.0) for name in FORWARD_MODEL)]
+    if dynamic is None:
+        return [*of_third, *(0.0,) * 16]
+    if len(dynamic.F) != (2 if third is None else 3):
+        raise GainsError(f"{source}: dynamic_prefilter.F has {len(dynamic.F)} rows, not one for each command")
+    if not min(*dynamic.frequency_rad_s, *dynamic.damping) > 0:
+        raise GainsError(f"{source}: dynamic_prefilter: frequency_rad_s and damping are positive")
+    rows = [*dynamic.F, (0.0,) * 4][:3]
+    return [*of_third, *dynamic.frequency_rad_s, *dynamic.damping, *(value for row in rows for value in row)]
 
 
 def _bits(value: float, name: str, source: str) -> int:
@@ -212,11 +285,12 @@ def planned_push(session: Session, gains: Gains) -> PushPlan:
     """All that a push asks before it writes, and what it would change. Raises as `push`."""
     _require_disarmed(session, "nothing was written")
     _require_bank(session)
+    gains = _as_held(session, gains)
     crc = _active_crc(session)
-    held: tuple[int | None, ...] = _bank(session, ACTIVE) if crc else (None,) * len(BANK)
+    held: tuple[int | None, ...] = _bank(session, ACTIVE, gains.names) if crc else (None,) * len(gains.bits)
     changes = {
         name: (None if now is None else float_of_bits(now), float_of_bits(then))
-        for name, now, then in zip(BANK, held, gains.bits, strict=True)
+        for name, now, then in zip(gains.names, held, gains.bits, strict=True)
         if now != then
     }
     return PushPlan(gains.crc, crc, changes, _switch(session))
@@ -240,15 +314,16 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     """
     _require_disarmed(session, "nothing was written")
     _require_bank(session)
+    gains = _as_held(session, gains)
     previous = _active_crc(session)
-    if previous == gains.crc and _bank(session, ACTIVE) == gains.bits:
+    if previous == gains.crc and _bank(session, ACTIVE, gains.names) == gains.bits:
         return PushResult(gains.crc, previous, False, gains.values, _switch(session))
 
-    on_progress(f"writing {len(BANK)} values to the shadow bank")
-    for name, bits in zip(BANK, gains.bits, strict=True):
+    on_progress(f"writing {len(gains.bits)} values to the shadow bank")
+    for name, bits in zip(gains.names, gains.bits, strict=True):
         _call(session, WriteParameter(SHADOW + name, float_of_bits(bits)))
     on_progress("reading the shadow bank back")
-    _require_equal(_bank(session, SHADOW), gains.bits, "shadow bank", "nothing was committed")
+    _require_equal(_bank(session, SHADOW, gains.names), gains, "shadow bank", "nothing was committed")
 
     on_progress(f"committing {checksum(gains.crc)}")
     refusal = _act(session, COMMIT, float(gains.crc), previous)
@@ -260,7 +335,7 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
             reason="refused",
         )
     on_progress("reading the active bank back")
-    _require_equal(_bank(session, ACTIVE), gains.bits, "active bank", "do not fly it: revert")
+    _require_equal(_bank(session, ACTIVE, gains.names), gains, "active bank", "do not fly it: revert")
     return PushResult(gains.crc, previous, True, gains.values, _switch(session))
 
 
@@ -291,6 +366,19 @@ def _require_bank(session: Session) -> None:
     except ProcedureError as error:
         _require_link(session, error)
         raise GainsError(NO_BANK, reason="no bank") from error
+
+
+def _as_held(session: Session, gains: Gains) -> Gains:
+    """The set with all values that the vehicle's bank has. Raises GainsError where it has fewer than the set."""
+    needed = len(gains.bits) > len(BANK)
+    try:
+        session.call(ReadParameter(MORE_KNOWN_BY) if needed else ReadParameter(MORE_KNOWN_BY, PROBES))
+    except ProcedureError as error:
+        _require_link(session, error)
+        if needed:
+            raise GainsError(LESS_BANK, reason="no bank") from error
+        return gains
+    return gains.whole
 
 
 def _require_link(session: Session, error: ProcedureError) -> None:
@@ -352,12 +440,12 @@ def _switch(session: Session) -> bool | None:
         return None
 
 
-def _bank(session: Session, prefix: str) -> tuple[int, ...]:
-    return tuple(_call(session, ReadParameter(prefix + name)).bits for name in BANK)
+def _bank(session: Session, prefix: str, names: Sequence[str]) -> tuple[int, ...]:
+    return tuple(_call(session, ReadParameter(prefix + name)).bits for name in names)
 
 
-def _require_equal(held: tuple[int, ...], sent: tuple[int, ...], bank: str, then: str) -> None:
-    different = [name for name, a, b in zip(BANK, held, sent, strict=True) if a != b]
+def _require_equal(held: tuple[int, ...], sent: Gains, bank: str, then: str) -> None:
+    different = [name for name, a, b in zip(sent.names, held, sent.bits, strict=True) if a != b]
     if different:
         words = f"the vehicle's {bank} differs from what was sent in {', '.join(different)}; {then}"
         raise GainsError(words, reason="differs")

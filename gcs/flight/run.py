@@ -79,6 +79,12 @@ class RunResult:
     def clean(self) -> bool:
         return self.ending is Ending.FINISHED and self.verdict is not None and self.verdict.clean
 
+    @property
+    def why_early(self) -> str:
+        """Why a card ends with it: of a run that nobody started, what ended the card."""
+        never = self.verdict is None and self.ending is Ending.ABORTED and self.reason
+        return self.reason if never else joined(f"{self.run.label} {self.ending.value}", self.reason)
+
     def to_json(self) -> dict[str, Any]:
         return {
             "number": self.run.number,
@@ -214,7 +220,7 @@ def locked(
     it does. `kept` has by their numbers the runs that were flown before this flight was resumed."""
     if run.locked_by is None:
         return ""
-    below = next((one for one in flown if one.run.number == run.locked_by), None)
+    below = next((one for one in reversed(flown) if one.run.number == run.locked_by), None)
     if below is not None and not below.clean:
         why = "; ".join(below.verdict.reasons) if below.verdict is not None else below.reason
         return f"{run.label} stays locked: {below.run.label} was not clean ({why})"

@@ -36,6 +36,7 @@ from gcs.flight.flown_card import (
 from gcs.flight.flyable import NotReadyError, controller, free_bytes, require, require_flyable
 from gcs.flight.folder import FlightFolder
 from gcs.flight.handback import Handback
+from gcs.flight.order import IN_ORDER, Choosing, Order
 from gcs.flight.preflight import Check
 from gcs.flight.probe import (
     QUIET_S,
@@ -69,9 +70,6 @@ PROBE_AROUND_S = 1.0
 """Hover before and after a probe's step that is judged with it."""
 
 
-# ------------------------------------------------------------------------------------------------ a whole card
-
-
 def fly_card(
     session: Connection,
     card: TestCard,
@@ -90,6 +88,7 @@ def fly_card(
     log: LogWay = "stream",
     left_out: Sequence[str] = (),
     earlier: Earlier | None = None,
+    choosing: Choosing = IN_ORDER,
 ) -> SweepResult:
     """Fly every run of a card, record all of it, and leave the vehicle as it was: mode and parameters.
 
@@ -97,9 +96,10 @@ def fly_card(
     flight.json. With `probe` a small step on each axis comes first, and the card only where the vehicle answers as it
     should; it needs a log that is streamed. With `log` "card" nothing of the log is sent: see `gcs.flight.log_way`.
     `left_out` is what of the card that was asked for this vehicle cannot fly. With `earlier` a flight goes on, in its
-    own folder: `card` is its, and of it only what is left is flown. Recording begins here and ends here. `profile`
-    spares asking the vehicle what it is. Raises CannotFlyError, NotReadyError, LinkError and ProcedureError before
-    anything was flown; what happens later is in the result, and in flight.json wherever recording began.
+    own folder: `card` is its, and of it only what is left is flown. `choosing` decides which run is next. Recording
+    begins and ends here. `profile` spares asking the vehicle what it is. Raises CannotFlyError, NotReadyError,
+    LinkError and ProcedureError before anything was flown; what happens later is in the result, and in flight.json
+    wherever recording began.
     """
     clock, limits, disk_free = clock or WallClock(), limits or card.limits, disk_free or free_bytes
     profile = require_flyable(session, card, clock, profile=profile, stream=log == "stream")
@@ -122,6 +122,7 @@ def fly_card(
         on_progress=on_progress,
         log=log,
         before=before,
+        choosing=choosing,
     )
     with flown_into(folder, card, earlier), flight:
         checks = flight.look(disk_free, before_it, parameters.get(LOOP_RATE))
@@ -149,6 +150,7 @@ class _Flight:
     on_progress: Callable[[Progress], None]
     log: LogWay
     before: FlownBefore
+    choosing: Choosing
     runs: list[RunResult] = field(default_factory=list)
     checks: tuple[Check, ...] = ()
     seen: Callable[[], tuple[Check, ...]] = tuple
@@ -169,12 +171,17 @@ class _Flight:
     ended: str | None = None
 
     def __post_init__(self) -> None:
-        self.handback = Handback(
-            session=self.session,
-            profile=self.profile,
-            clock=self.clock,
-            tell=lambda words: self.on_progress(Note(words)),
+        self.handback = Handback(session=self.session, profile=self.profile, clock=self.clock, tell=self._tell)
+        self.order = Order(
+            runs=[run for run, _ in self.planned],
+            flown=self.runs,
+            choosing=self.choosing,
+            locked=lambda run: locked(run, self.runs, self.limits, self.before.kept),
+            tell=self._tell,
         )
+
+    def _tell(self, words: str) -> None:
+        self.on_progress(Note(words))
 
     def briefing(self, checks: tuple[Check, ...]) -> Briefing:
         """For whoever confirms it, with what was looked at."""
@@ -267,12 +274,10 @@ class _Flight:
         mode_before = self.session.snapshot().mode
         self.handback.settings, self.handback.own = dict(parameters), self.before.own
         try:
-            for run, plan in self.planned:
+            while self.order.place is not None:
+                run, plan = self.planned[self.order.place]
                 self.stopped = (
-                    self._unfit(mode_before, aborted)
-                    or self._log_dead()
-                    or locked(run, self.runs, self.limits, self.before.kept)
-                    or self._capped(run)
+                    self._unfit(mode_before, aborted) or self._log_dead() or self.order.locked(run) or self._capped(run)
                 )
                 if self.stopped:
                     return
@@ -280,20 +285,24 @@ class _Flight:
                     self._look_at_hover()
                 result = self._fly_next(run, plan, mode_before, aborted, interruptions)
                 if result is None:
+                    if self.order.take_wish():
+                        continue
                     return
-                if result.ending is not Ending.FINISHED:
+                again = self.order.again(result)
+                if result.ending is not Ending.FINISHED and not again:
                     self.ending = result.ending
-                    self.stopped = joined(f"{run.label} {result.ending.value}", result.reason)
+                    self.stopped = result.why_early
                     return
                 if not self.handback.clear(interruptions):
                     self.stopped = joined(f"after {run.label} nothing more is written", self.handback.uncleared)
                     return
-                if run.probe or run.number < self.planned[-1][0].number:
+                if not again:
+                    self.order.move_on()
+                if run.probe or self.order.place is not None:
                     self._rest(mode_before, aborted)
-                if run.probe:
-                    self.stopped = self._probed(run, result)
-                    if self.stopped:
-                        return
+                self.stopped = self._probed(run, result) if run.probe else ""
+                if self.stopped:
+                    return
         finally:
             self.handback.restore(interruptions)
 
@@ -305,7 +314,8 @@ class _Flight:
         aborted: Callable[[], str | None],
         interruptions: Callable[[], int],
     ) -> RunResult | None:
-        """Write, wait until somebody starts it, read back, fly; None where it was not started."""
+        """Write, wait until somebody starts it, read back, fly; None where it was not started, and where nothing
+        forbade that another is wished for."""
         try:
             write_plan(self.session, plan, self.profile, self.handback.settings)
         except TippathError as error:
@@ -313,6 +323,8 @@ class _Flight:
             self.stopped, self.ending = str(error), Ending.REFUSED
             return None
         self.on_progress(RunReady(run, plan))
+        if aborted() is None and self.order.wished():
+            return None
         if aborted() is None:  # minutes may have passed
             trouble = state_trouble(self.session.snapshot().status)
             if trouble:

@@ -183,6 +183,12 @@ class TippathApp(DeskApp):
         {"ready": self.worker.ready, "start": self.worker.start, "end_card": self.worker.end_card}[wish]()
         self.look()
 
+    def action_choose_run(self, number: int) -> None:
+        """Another run of the card is the next."""
+        self._problem = ""
+        self.worker.choose_run(number)
+        self.look()
+
     def action_pilot(self, line: str) -> None:
         """A key of the simulated pilot."""
         self.work("the simulated pilot", lambda: self.worker.pilot(line))

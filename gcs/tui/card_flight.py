@@ -20,6 +20,7 @@ from gcs.flight.excitation import abort
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.flyable import free_bytes
 from gcs.flight.folder import create
+from gcs.flight.order import AGAIN
 from gcs.flight.preflight import Check
 from gcs.flight.prepare import Prepared, prepared
 from gcs.flight.probe import result_words
@@ -38,14 +39,15 @@ from gcs.vehicle.profile import CannotFlyError, VehicleProfile, load_profile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
 TOO_EARLY = "not yet: a run is under way"
-CLOSED = "the app was closed"
+R_TAKEN = "R is taken: the run is made ready as soon as the vehicle was looked at"
+CLOSED, ENDED, BY_HAND = "the app was closed", "the card was ended here", "F12 or space in the app"
 BEFORE = "flown before"
 LOOKS = 10
 """A run that waits is looked at again every so many tenths of a second."""
 
 
 class CardFlight:
-    """`ready`, `start`, `end_card` and `abort` only set a wish, and never wait."""
+    """`ready`, `start`, `choose_run`, `end_card` and `abort` only set a wish, and never wait."""
 
     def __init__(
         self,
@@ -72,6 +74,12 @@ class CardFlight:
         moment.set(card=self._card.name, runs=_views(self._card), limits=self._card.limits)
         self._abort: str | None = None
         self._started = False
+        self._ready_wished = False
+        """R came while the vehicle was still looked at."""
+        self._wish: int | None = None
+        """Number of the run that is wished for in place of the one that waits;"""
+        self._changed = False
+        """and that it is another one: it wants its own R."""
         self._notes: list[str] = []
         """Told while a card is flown, and once more when it is over."""
         self._seen: Callable[[], tuple[Check, ...]] | None = None
@@ -104,6 +112,9 @@ class CardFlight:
                 self._begin()
             elif stage is Stage.NO_VEHICLE:
                 self._moment.set(said="there is no vehicle")
+            elif stage is Stage.CHECKING and self._moment.now.progress is None:
+                self._ready_wished = True
+                self._moment.set(said=R_TAKEN)
             elif stage is not Stage.READY:
                 self._moment.set(said=TOO_EARLY)
 
@@ -118,11 +129,23 @@ class CardFlight:
             elif self._moment.now.stage is Stage.HELD:
                 self._moment.set(said="not ready: R first, then S")
 
+    def choose_run(self, number: int) -> None:
+        """Another run is the next, flown before or not; it waits for R and S like any other."""
+        with self._moment.pressed:
+            now = self._moment.now
+            if now.stage in (Stage.HELD, Stage.READY) and number != now.current:
+                self._wish = number
+                self._changed = True
+                self._moment.set(stage=Stage.HELD, said="")
+                self._moment.pressed.notify_all()
+            elif now.stage not in (Stage.HELD, Stage.READY):
+                self._moment.set(said="a run is chosen between two runs of a card")
+
     def end_card(self) -> None:
         """Between two runs: fly no further."""
         with self._moment.pressed:
             if self._moment.now.stage in (Stage.HELD, Stage.READY):
-                self._abort = "the card was ended here"
+                self._abort = ENDED
                 self._moment.pressed.notify_all()
             elif self._moment.now.stage is Stage.FLYING:
                 self._moment.set(said="a run is flying: F12 aborts it")
@@ -136,11 +159,11 @@ class CardFlight:
                 self._moment.set(stage=Stage.HELD, said="called off: nothing was started")
                 self._moment.mark(self._moment.now.current, Mark.NEXT)
             elif stage is Stage.FLYING:
-                self._abort = "F12 or space in the app"
+                self._abort = BY_HAND
                 self._moment.set(stage=Stage.ABORTING)
                 self._moment.pressed.notify_all()
             elif stage is Stage.CHECKING:
-                self._abort = "F12 or space in the app"
+                self._abort = BY_HAND
                 self._moment.pressed.notify_all()
             elif stage is Stage.IDLE and self._excited_by_another():
                 threading.Thread(target=self._end_excitation, name="tippath abort", daemon=True).start()
@@ -187,6 +210,22 @@ class CardFlight:
         if self._flying is not None:
             self._flying.join(within_s)
 
+    # Between two runs, as `gcs.flight.order` asks.
+
+    def chosen(self) -> int | None:
+        """The run that is wished for."""
+        with self._moment.lock:
+            wish, self._wish = self._wish, None
+            return wish
+
+    def again(self, result: RunResult) -> bool:
+        """A run that was aborted, by hand or at a limit, may be flown again: nothing of it resumes by itself."""
+        with self._moment.pressed:
+            if result.verdict is None or self._abort not in (None, BY_HAND) or self._link.ending.is_set():
+                return False
+            self._abort = None
+            return True
+
     # The card's own thread.
 
     def _busy(self) -> bool:
@@ -195,7 +234,8 @@ class CardFlight:
     def _begin(self) -> None:
         session = self._link.session
         assert session is not None
-        self._abort, self._started = None, False
+        self._abort, self._wish = None, None
+        self._started = self._ready_wished = self._changed = False
         self._notes.clear()
         self._moment.set(
             stage=Stage.CHECKING, runs=_views(self._card), current=1, progress=None, use=None, checks=(), said=""
@@ -238,6 +278,7 @@ class CardFlight:
                 log=asked.log,
                 left_out=ready.left_out,
                 earlier=earlier,
+                choosing=self,
             )
             words = self._landed(result, asked)
             landed = result.folder.path if result.recording is not None and result.recording.logs else None
@@ -278,7 +319,6 @@ class CardFlight:
             self._notes.append(f"left out: {'; '.join(ready.left_out)}")
 
     def _landed(self, result: SweepResult, asked: AskedCard) -> str:
-        kept = len(result.before.kept) + sum(run.clean for run in result.runs)
         where = word(result.folder.path)
         link = self._link.shell_words
         vehicle = "" if self._profile_word is None else f" --vehicle-profile {word(self._profile_word)}"
@@ -288,7 +328,7 @@ class CardFlight:
         with contextlib.suppress(TippathError):  # a disk that is full was told of by the recording
             result.folder.audit(datetime.now(UTC), "flew a card", command, by="app")
         done = "flown" if result.log == "card" else "kept"
-        text = f"recorded {where}: {kept} of {result.planned} runs {done}, {result.missing_words}"
+        text = f"recorded {where}: {result.kept} of {result.planned} runs {done}, {result.missing_words}"
         return "; ".join([text, *([result.stopped] if result.stopped else []), *self._notes, *result.problems])
 
     def _briefed(self, briefing: Briefing) -> bool:
@@ -315,33 +355,38 @@ class CardFlight:
                 self._moment.set(said=progress.words)
 
     def _wait_for_start(self, ready: RunReady) -> None:
-        """Wait until this run was made ready and started, or called off."""
+        """Wait until this run was made ready and started, or called off, or another is wished for."""
         session = self._link.session
         assert session is not None
         number = ready.run.number
-        flown = any(run.mark in (Mark.KEEP, Mark.AGAIN) and run.why != (BEFORE,) for run in self._moment.now.runs)
         with self._moment.pressed:
-            self._started = False
+            runs = self._moment.now.runs
+            before = next(run for run in runs if run.number == number)
+            flown = any(run.mark in (Mark.KEEP, Mark.AGAIN) and run.why != (BEFORE,) for run in runs)
+            held = (flown or self._changed) and not self._ready_wished
+            self._started = self._ready_wished = self._changed = False
             self._moment.set(
-                stage=Stage.HELD if flown else Stage.READY,
+                stage=Stage.HELD if held else Stage.READY,
                 current=number,
                 progress=view.Progress(0.0, ready.run.maneuver.duration_s, None, ready.plan.words),
                 rpm_reference=self._link.rpm(),
                 disk_free=None if self._moment.now.flight is None else free_bytes(self._moment.now.flight),
             )
-            self._moment.mark(number, Mark.NEXT if flown else Mark.READY)
-            if self._moment.now.said == TOO_EARLY:
+            self._moment.mark(number, Mark.NEXT if held else Mark.READY)
+            if self._moment.now.said in (TOO_EARLY, R_TAKEN):
                 self._moment.set(said="")
             mode, looked = session.snapshot().mode, 0
-            while not self._started and self._abort is None:
+            while not self._started and self._abort is None and self._wish is None:
                 self._moment.pressed.wait(0.1)
                 looked += 1
                 if looked % LOOKS == 0:
                     self._look_again()
                 self._abort = self._abort or self._called_off(session.snapshot(), mode)
-            if self._abort is None:
+            if self._wish is not None or self._abort is not None:
+                self._moment.mark(number, before.mark, before.why)
+            else:
                 self._moment.set(stage=Stage.FLYING, said="", use=None)
-                self._moment.mark(number, Mark.FLYING)
+                self._moment.mark(number, Mark.FLYING, ())
 
     def _look_again(self) -> None:
         """Show the checks as they stand now, not as they were when the card began."""
@@ -377,11 +422,16 @@ class CardFlight:
 
     def _judged(self, result: RunResult) -> None:
         mark, why, words = _outcome(result)
-        last = result.run.number == result.run.of or result.ending is not Ending.FINISHED
         with self._moment.lock:
-            self._moment.mark(result.run.number, mark, why)
+            flown = any(
+                run.number == result.run.number and run.mark in (Mark.KEEP, Mark.AGAIN) for run in self._moment.now.runs
+            )
+            if result.verdict is not None or not flown:
+                self._moment.mark(result.run.number, mark, why)
+            all_kept = all(run.mark is Mark.KEEP for run in self._moment.now.runs)
+            over = result.ending not in (Ending.FINISHED, *AGAIN) or result.verdict is None or all_kept
             self._moment.set(
-                stage=Stage.CLOSING if last else Stage.CHECKING,
+                stage=Stage.CLOSING if over else Stage.CHECKING,
                 said=f"{result.run.label}: {words}",
                 progress=None,
                 checks=(),

@@ -62,6 +62,10 @@ the line at the top
 abort is repeated only while the heartbeat shows the excitation mode: any
 other mode means that the pilot has taken over, and nothing is commanded.
 
+between two runs up and down, or a click, choose the next one: what was aborted,
+met a limit or is to be flown again waits for R and S like any other. After the
+last one come those that were not kept; E ends the card.
+
 percentages are the run's peaks against the card's limits; beyond 100 the run
 is aborted. The bell rings at the start, halfway, at 3, 2, 1, at the end, at a
 limit, when the vehicle's log stops, and when the link is lost or too late.

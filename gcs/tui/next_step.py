@@ -101,7 +101,8 @@ def _next_fly(state: State, vehicle: VehicleSnapshot | None) -> str:
         case Stage.CLOSING:
             return "wait: the rest of the log is fetched"
         case Stage.HELD:
-            return f"R makes {run.label if run else 'the next run'} ready; E ends the card here"
+            again = " again" if run is not None and run.why else ""
+            return f"R: {run.label if run else 'the next run'}{again}; up/down: another run; E ends the card here"
         case _:
             return _next_idle(state, vehicle)
 

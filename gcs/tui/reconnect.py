@@ -142,6 +142,9 @@ class Reconnecting:
     def start(self) -> None:
         self._now.start()
 
+    def choose_run(self, number: int) -> None:
+        self._now.choose_run(number)
+
     def end_card(self) -> None:
         self._now.end_card()
 

@@ -299,8 +299,8 @@ def notice_lines(text: str, width: int, height: int) -> list[str]:
     return [f" {line}" for line in lines]
 
 
-def run_lines(state: State, width: int, height: int) -> list[tuple[str, str]]:
-    """The card's runs as (line, style), at most `height` of them, the current one in sight."""
+def run_lines(state: State, width: int, height: int) -> list[tuple[str, Style]]:
+    """The card's runs, at most `height` of them, the current one in sight; one that is pressed is the next."""
     runs = state.runs
     flown = [i for i, run in enumerate(runs) if run.mark in (Mark.KEEP, Mark.AGAIN)]
     at = next((i for i, run in enumerate(runs) if run.number == state.current), flown[-1] if flown else 0)
@@ -318,7 +318,8 @@ def run_lines(state: State, width: int, height: int) -> list[tuple[str, str]]:
         if why and cell_len(text) > width:  # what became of it matters more than what was asked
             text = head + outcome
         bold = run.mark in (Mark.FLYING, Mark.READY, Mark.NEXT)
-        lines.append((fitted(sanitise_line(text), width), "bold" if bold else ""))
+        line = fitted(sanitise_line(text), width)
+        lines.append(pressed(line, f"app.choose_run({run.number})", "bold" if bold else ""))
     hidden = len(runs) - len(lines)
     if hidden and lines:
         more = f"({hidden} more)"

@@ -236,6 +236,12 @@ COMMIT, REVERT = "LQR_COMMIT", "LQR_REVERT"
 ACTIVE_CRC: Final = "LQR_ACTIVE"
 SWITCH: Final = "LQR_SW"
 """1 where the pilot's switch selects the LQR."""
+MORE_KNOWN_BY: Final = "LQS_F11"
+"""Of a bank with an elevator and a dynamic prefilter."""
+LESS_BANK: Final = (
+    f"this vehicle's LQR has no elevator and no dynamic prefilter (it has no parameter {MORE_KNOWN_BY}): design these "
+    "gains without them (`tippath design --prefilter steady`, and without --elevator); nothing was written"
+)
 NO_BANK: Final = (
     f"this vehicle offers no LQR bank (it has no parameter {BANK_KNOWN_BY}): gains can only be pushed to a vehicle "
     "whose autopilot runs the LQR"

@@ -17,6 +17,8 @@ class Controllers:
         self._attitude = AttitudeController()
         self._lqr: LqrController | None = None
         self._lqr_flies = False
+        self.elevator = 0.0
+        """What the law that flies asks of it, unclipped."""
 
     @property
     def has_lqr(self) -> bool:
@@ -32,6 +34,7 @@ class Controllers:
     ) -> tuple[float, float, float, float]:
         """Commands really sent, excitation and limits included, and the rates asked for."""
         lqr = self._lqr
+        self.elevator = 0.0
         p, q, _ = gyro
         p_ref, q_ref, _ = added.rate
         if lqr_selected and lqr is not None:
@@ -40,12 +43,12 @@ class Controllers:
                 self._lqr_flies = True
             p_hold, q_hold = attitude_hold(plant.phi, plant.theta)
             p_ref, q_ref = p_hold + p_ref, q_hold + q_ref
-            x, y = lqr.step(p, q, p_ref, q_ref)
+            x, y, self.elevator = lqr.step(p, q, p_ref, q_ref)
         else:
             self._lqr_flies = False
             roll, pitch, _ = added.angle
             x, y = self._attitude.step(plant.phi - roll, plant.theta - pitch, p, q, p_ref, q_ref)
         x, y = clip(x + added.x), clip(y + added.y)
         if self._lqr_flies and lqr is not None:
-            lqr.applied(x, y)
+            lqr.applied(x, y, clip(self.elevator + added.e))
         return x, y, p_ref, q_ref

@@ -51,9 +51,15 @@ BANK_ORDER = (
     *("L_B", "M_A", "TAU_F", "A_B", "B_A", "A_LAT", "A_LON", "B_LAT", "B_LON"),
 )
 """What the 29 values of a bank are called after LQS_ or LQR_, in the order of the CRC."""
+BANK_MORE = (
+    *("K31", "K32", "K33", "K34", "G31", "G32", "L_P", "M_Q", "M_ELEV"),
+    *("W1", "W2", "Z1", "Z2"),
+    *("F11", "F12", "F13", "F14", "F21", "F22", "F23", "F24", "F31", "F32", "F33", "F34"),
+)
+"""And 25 behind them, of the elevator and of the prefilter's models: not in the CRC where all are 0."""
 
-_SHADOW = tuple("LQS_" + name for name in BANK_ORDER)
-_ACTIVE = tuple("LQR_" + name for name in BANK_ORDER)
+_SHADOW = tuple("LQS_" + name for name in (*BANK_ORDER, *BANK_MORE))
+_ACTIVE = tuple("LQR_" + name for name in (*BANK_ORDER, *BANK_MORE))
 
 HIDDEN_WITHOUT_AXIS = frozenset(
     {"SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ", "SID_T_FADE_IN", "SID_T_REC", "SID_T_FADE_OUT"}
@@ -244,14 +250,15 @@ class Parameters:
             self._values["LQR_SW"] = 1.0 if selected else 0.0
 
     def active_bank(self) -> tuple[float, ...] | None:
-        """The 29 values that the LQR flies, or None before the first commit."""
+        """The values that the LQR flies, 29 or with those of BANK_MORE 54, or None before the first commit."""
         return None if self._values.get("LQR_ACTIVE", 0.0) == 0 else self._bank(_ACTIVE)
 
     def _bank(self, names: Sequence[str]) -> tuple[float, ...]:
-        return tuple(self._values[name] for name in names)
+        values = tuple(self._values[name] for name in names)
+        return values if any(values[len(BANK_ORDER) :]) else values[: len(BANK_ORDER)]
 
     def _activate(self, bank: Sequence[float]) -> None:
-        self._values.update(zip(_ACTIVE, bank, strict=True))
+        self._values.update(dict.fromkeys(_ACTIVE, 0.0) | dict(zip(_ACTIVE, bank, strict=False)))
         self._values["LQR_ACTIVE"] = float(bank_crc(bank))
 
     def _commit(self, value: float, armed: bool) -> Answer:

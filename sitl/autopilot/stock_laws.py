@@ -87,6 +87,7 @@ class StockControllers:
     """Roll and pitch under the vehicle's parameters as they are at the time."""
 
     has_lqr = False
+    elevator = 0.0
 
     def __init__(self, parameters: Parameters, dt: float) -> None:
         self._parameters, self._dt = parameters, dt

@@ -344,7 +344,7 @@ class Vehicle:
             raw = self.rate_sensor.measure(plant.p, plant.q, plant.r, self._rotor_angle)
             self.gyro = self._gyro_filter.step(raw)
             x, y, *wanted = self._controllers.step(plant, self.gyro, added, self.lqr_selected)
-            e = clip(added.e)
+            e = clip(self._controllers.elevator + added.e)
             c = clip(self.hands.collective + added.collective)
             yaw = clip(yaw + added.tail + self.clothes.yaw_gain * (added.rate[2] + added.angle[2]))
         else:

@@ -28,7 +28,7 @@ SERVO_SPEED = ("servo_rate_limit", "rate")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RateNoise:
+class RateDisturbance:
     """One-sided spectrum of what disturbs the rates of a vehicle, whatever flies it."""
 
     frequency_hz: FloatArray
@@ -88,7 +88,7 @@ class CommandNoise:
         return asdict(self) | {"times_flown": self.times_flown, "of_servo_speed": self.of_servo_speed}
 
 
-def rate_noise(records: Sequence[Record], vehicle: SampledVehicle) -> RateNoise | None:
+def rate_noise(records: Sequence[Record], vehicle: SampledVehicle) -> RateDisturbance | None:
     """By these runs under the loops that flew; None where they are too short.
 
     Commands that were logged more slowly than the loops ran are taken as held between samples.
@@ -116,7 +116,7 @@ def rate_noise(records: Sequence[Record], vehicle: SampledVehicle) -> RateNoise 
     top = min(float(f[-1]) for f, _ in found)
     grid = found[0][0][found[0][0] <= top]
     mean = np.mean([_on(grid, f, each) for f, each in found], axis=0)
-    return RateNoise(frequency_hz=grid, spectrum=np.asarray(mean))
+    return RateDisturbance(frequency_hz=grid, spectrum=np.asarray(mean))
 
 
 def servo_speed(models: Sequence[Model]) -> float | None:

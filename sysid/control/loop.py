@@ -114,7 +114,7 @@ def following(gains: Gains, vehicle: Model) -> Following:
     s: ComplexArray = np.asarray(RIGHT_OF_ALL + 2j * np.pi * np.fft.rfftfreq(count, STEP_S), dtype=complex)
     held = np.fft.rfft(asked * fade) * (1 - np.exp(-s * STEP_S)) / (s * STEP_S)
     commands = commands_per_rate(gains, vehicle, s)
-    rates = rates_per_command(vehicle, s) @ commands
+    rates = rates_per_command(vehicle, s, gains.commands) @ commands
     shown = slice(0, round((BEFORE_S + SHOWN_S) / STEP_S))
 
     def in_time(bins: ComplexArray) -> FloatArray:
@@ -137,11 +137,18 @@ def _doublet(count: int) -> FloatArray:
 
 
 def commands_per_rate(gains: Gains, vehicle: Model, s: ComplexArray) -> ComplexArray:
-    """(f, 2, 2): commands per rate asked for, the loop closed."""
+    """(f, commands, 2): commands per rate asked for, the loop closed."""
+    asked = gains.prefilter if gains.dynamic is None else gains.prefilter + gains.dynamic.at(s)
+    return np.asarray(commands_per_added(gains, vehicle, s) @ asked)
+
+
+def commands_per_added(gains: Gains, vehicle: Model, s: ComplexArray) -> ComplexArray:
+    """(f, commands, commands): commands per what is added to them, the loop closed."""
     A, B, C, _ = (np.asarray(x, dtype=float) for x in gains.model.matrices)
-    B = B[:, :2]
-    K, L, g = gains.K, gains.observer_gain, gains.prefilter
+    B = B[:, : len(gains.K)]
+    K, L = gains.K, gains.observer_gain
     inner = s[:, None, None] * np.eye(len(A)) - (A - L @ C - B @ K)
     feedback = K @ np.linalg.solve(inner, np.broadcast_to(L.astype(complex), (s.size, *L.shape)))
-    forward = np.eye(2) - K @ np.linalg.solve(inner, np.broadcast_to(B.astype(complex), (s.size, *B.shape)))
-    return np.asarray(np.linalg.solve(np.eye(2) + feedback @ rates_per_command(vehicle, s), forward @ g))
+    forward = np.eye(len(K)) - K @ np.linalg.solve(inner, np.broadcast_to(B.astype(complex), (s.size, *B.shape)))
+    back = feedback @ rates_per_command(vehicle, s, gains.commands)
+    return np.asarray(np.linalg.solve(np.eye(len(K)) + back, forward))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,10 +26,7 @@ class AtCost:
 
     @property
     def least(self) -> Margins | None:
-        """The smallest of each margin on any model; None where one is not held."""
-        each = [one.loop.margins for one in self.judgement.models]
-        held = [(one.gain_db, one.phase_deg, one.delay_s) for one in each if one is not None]
-        return Margins(*map(float, np.min(held, axis=0))) if len(held) == len(each) else None
+        return least_margins(self.judgement)
 
     @property
     def rate_gain(self) -> float:
@@ -52,12 +49,23 @@ class AtCost:
         }
 
 
-def over_costs(
-    model: Model, models: Sequence[tuple[Role, Model]], limits: Limits | None = None, asked: float = INPUT_COST
-) -> tuple[AtCost, ...]:
-    """Gains designed on a model at each cost, the asked one among them, and judged on these models; held or not.
+def least_margins(judgement: Judgement) -> Margins | None:
+    """The smallest of each margin on any model; None where one is not held."""
+    each = [one.loop.margins for one in judgement.models]
+    held = [(one.gain_db, one.phase_deg, one.delay_s) for one in each if one is not None]
+    return Margins(*map(float, np.min(held, axis=0))) if len(held) == len(each) else None
 
-    Raises DesignError where none can be designed.
+
+def over_costs(
+    models: Sequence[tuple[Role, Model]],
+    limits: Limits | None = None,
+    asked: float = INPUT_COST,
+    design: Callable[[float], Gains] | None = None,
+) -> tuple[AtCost, ...]:
+    """Gains designed at each cost, the asked one among them, and judged on these models; held or not.
+
+    `design` makes them of a cost, else the paper's on the first model. Raises DesignError where none can be designed.
     """
-    each = (lqr(model, cost) for cost in sorted({*OVER, asked}))
+    make = design or (lambda cost: lqr(models[0][1], cost))
+    each = (make(cost) for cost in sorted({*OVER, asked}))
     return tuple(AtCost(gains=gains, judgement=judge(gains, models, limits)) for gains in each)

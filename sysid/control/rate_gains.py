@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.control.bounds import bounds_of
-from sysid.control.command_noise import CommandNoise, RateNoise
+from sysid.control.command_noise import CommandNoise, RateDisturbance
 from sysid.control.judgement import Limits, thin
 from sysid.control.loop import AXES
 from sysid.control.regulator import DesignError
@@ -81,7 +81,7 @@ def faster(
     limits: Limits | None = None,
     feed_forward: Mapping[int, float] | None = None,
     draws: FloatArray | None = None,
-    noise: RateNoise | None = None,
+    noise: RateDisturbance | None = None,
 ) -> RateGains:
     """The gains of which disturbances of both rates are rejected up to the highest frequencies, within limits.
 
@@ -134,7 +134,12 @@ class _Search:
     """Gains by steps, each judged once on every model."""
 
     def __init__(
-        self, flown: RateController, begun: Loops, models: Sequence[Model], limits: Limits, noise: RateNoise | None
+        self,
+        flown: RateController,
+        begun: Loops,
+        models: Sequence[Model],
+        limits: Limits,
+        noise: RateDisturbance | None,
     ) -> None:
         self._flown, self._begun, self._limits = flown, begun, limits
         self._titles = [one.structure.title for one in models]

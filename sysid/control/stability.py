@@ -18,18 +18,20 @@ it, the pilot holds it, and it does not count; that it is there is said.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from sysid.data.preprocess import ComplexArray
-from sysid.data.record import RATES
+from sysid.data.record import CYCLIC, RATES
 from sysid.model.response import behind_commands
 from sysid.model.structure import DRIFT_RAD_S, AnyArray, FloatArray, Matrices, Model
 
 ATTITUDE = (("phi", "p"), ("theta", "q"))
+COMMANDS = (*CYCLIC, "delta_e")
+"""Of a controller, as many as its K has rows."""
 ON_THE_AXIS = 1e-9
 """1/s, and of the frequency: nearer to the axis no root is told from one on it."""
 LONGEST = 0.8
@@ -68,13 +70,13 @@ class Feedback(Protocol):
 
 @dataclass(frozen=True)
 class Margins:
-    """Of the loop broken at both commands together, observer included."""
+    """Of the loop broken at all commands together, observer included."""
 
     gain_db: float
     """How much the loop gain may rise before it oscillates or runs away."""
     phase_deg: float
     delay_s: float
-    """Extra lateness, equal in both commands, at which the loop becomes unstable."""
+    """Extra lateness, equal in all commands, at which the loop becomes unstable."""
 
     @property
     def delay_ms(self) -> float:
@@ -127,7 +129,7 @@ class Loop(NamedTuple):
     late: FloatArray
     vehicle: Model
     plant: Matrices
-    """Of delta_x and delta_y to p and q, without states that these do not see."""
+    """Of the controller's commands to p and q, without states that these do not see."""
     unseen: AnyArray
     """Poles of those states."""
     drift: float
@@ -163,18 +165,23 @@ def in_the_loop(vehicle: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def loop_of(gains: Feedback, vehicle: Model) -> Loop:
     """The equations of vehicle and controller together."""
-    plant, unseen, attitude = rates_by_commands(vehicle)
+    plant, unseen, attitude = rates_by_commands(vehicle, commands_of(gains))
     A, B, C, D = plant
-    a, b, c, _ = gains.model.matrices
+    a, b, c = _own(gains)
     K, L = gains.K, gains.observer_gain
     n, m = len(A), len(a)
-    now = np.block([[A, np.zeros((n, m))], [L @ C, a - L @ c - b[:, :2] @ K]])
+    now = np.block([[A, np.zeros((n, m))], [L @ C, a - L @ c - b @ K]])
     late = np.block([[np.zeros((n, n)), -B @ K], [np.zeros((m, n)), -L @ D @ K]])
     now, late = _balanced(now, late)
     return Loop(now=now, late=late, vehicle=vehicle, plant=plant, unseen=unseen, drift=DRIFT_RAD_S if attitude else 0.0)
 
 
-def rates_by_commands(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
+def commands_of(gains: Feedback) -> tuple[str, ...]:
+    """Which it gives."""
+    return COMMANDS[: len(gains.K)]
+
+
+def rates_by_commands(vehicle: Model, commands: Sequence[str] = CYCLIC) -> tuple[Matrices, AnyArray, bool]:
     """Commands to rates, poles that the rates do not show, and whether the attitude has a part.
 
     A logged attitude is what the rates integrate to: it closes a loop, whatever stood in the log.
@@ -187,9 +194,10 @@ def rates_by_commands(vehicle: Model) -> tuple[Matrices, AnyArray, bool]:
     rows = np.zeros((k, n + k))
     for i, (_, rate) in enumerate(logged):
         rows[i, structure.states.index(rate)] = 1
-    A, B = np.vstack([np.hstack([A, B[:, columns]]), rows]), np.vstack([B[:, :2], np.zeros((k, 2))])
+    given = [structure.inputs.index(name) for name in commands]
+    A, B = np.vstack([np.hstack([A, B[:, columns]]), rows]), np.vstack([B[:, given], np.zeros((k, len(given)))])
     at = [structure.outputs.index(name) for name in RATES]  # what the controller on board measures
-    C, D = np.hstack([C[at], D[at][:, columns]]), D[at, :2]
+    C, D = np.hstack([C[at], D[at][:, columns]]), D[np.ix_(at, given)]
     seen = np.any(C != 0, axis=0)
     for _ in range(len(A)):
         seen |= np.any(A[seen] != 0, axis=0)
@@ -406,22 +414,29 @@ def frequencies(gains: Feedback, loop: Loop) -> FloatArray:
 
 def _inner(gains: Feedback) -> FloatArray:
     """The controller's own matrix, from measured rates to its states."""
-    A, B, C, _ = gains.model.matrices
-    return np.asarray(A - gains.observer_gain @ C - B[:, :2] @ gains.K)
+    a, b, c = _own(gains)
+    return np.asarray(a - gains.observer_gain @ c - b @ gains.K)
 
 
-def rates_per_command(vehicle: Model, s: AnyArray) -> ComplexArray:
-    """p and q per delta_x and delta_y of a vehicle on its own, delay included, (f, 2, 2); an attitude is closed."""
-    (A, B, C, D), _, _ = rates_by_commands(vehicle)
+def _own(gains: Feedback) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The observer's matrices, of the controller's commands."""
+    a, b, c, _ = gains.model.matrices
+    return a, b[:, : len(gains.K)], c
+
+
+def rates_per_command(vehicle: Model, s: AnyArray, commands: Sequence[str] = CYCLIC) -> ComplexArray:
+    """p and q per command of a vehicle on its own, delay included, (f, 2, commands); an attitude is closed."""
+    (A, B, C, D), _, _ = rates_by_commands(vehicle, commands)
     inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B[None].astype(complex))
     return np.asarray((C @ inside + D) * behind_commands(vehicle.structure, vehicle.values, s)[:, None, None])
 
 
 def _transfer(gains: Feedback, loop: Loop, s: AnyArray) -> ComplexArray:
-    """(f, 2, 2), from the commands round the loop to what the controller takes from them."""
-    inner = _inner(gains)
-    turned = gains.observer_gain @ rates_per_command(loop.vehicle, s)
-    return np.asarray(gains.K @ np.linalg.solve(s[:, None, None] * np.eye(len(inner)) - inner, turned))
+    """(f, 2, 2), round the loop from the rates to the rates.
+
+    From commands to commands, which may be three, it has the same eigenvalues, and nothings beside them.
+    """
+    return np.asarray(rates_per_command(loop.vehicle, s, commands_of(gains)) @ from_rates(gains, s))
 
 
 def branches(values: ComplexArray) -> ComplexArray:

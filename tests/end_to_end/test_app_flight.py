@@ -64,6 +64,9 @@ async def test_connect_see_samples_fly_and_abort(tmp_path):
             await pilot.press("c")
             await pilot.press("x")
             await pilot.press("f12")
+            await until(lambda: engine.state().stage is Stage.HELD)
+            assert engine.state().runs[0].mark is Mark.NEXT, "it waits to be flown again, or for the card's end"
+            await pilot.press("escape", "e")
             await until(lambda: engine.state().stage is Stage.IDLE)
             state = engine.state()
             assert state.vehicle.mode_name == "Stabilize"
@@ -71,9 +74,9 @@ async def test_connect_see_samples_fly_and_abort(tmp_path):
             assert state.runs[0].mark is Mark.AGAIN
             assert "aborted" in " ".join(state.runs[0].why)
             about = json.loads((state.flight / "flight.json").read_text())
-            assert [run["ending"] for run in about["runs"]] == ["aborted"]
+            assert [run["ending"] for run in about["runs"]] == ["aborted", "aborted"]
+            assert [run["verdict"] is None for run in about["runs"]] == [False, True]
             assert about["missing_blocks"] == 0
-            await pilot.press("escape")
 
             # Quitting in a chirp: it is aborted first, and the log is whole.
             await make_ready(pilot, engine)

@@ -23,6 +23,10 @@ BANK_NAMES = (
     *("G11", "G12", "G21", "G22"),
     *("L_B", "M_A", "TAU_F", "A_B", "B_A", "A_LAT", "A_LON", "B_LAT", "B_LON"),
 )
+MORE_NAMES = (
+    *("K31", "K32", "K33", "K34", "G31", "G32", "L_P", "M_Q", "M_ELEV", "W1", "W2", "Z1", "Z2"),
+    *(f"F{row}{column}" for row in "123" for column in "1234"),
+)
 
 
 class FakeTime:
@@ -175,13 +179,15 @@ class ScriptedVehicle:
     def get(self, name: str) -> float:
         return float(struct.unpack("<f", struct.pack("<I", self.parameters[name][0]))[0])
 
-    def offer_bank(self) -> None:
+    def offer_bank(self, more: bool = False) -> None:
+        """`more`: with an elevator and a dynamic prefilter."""
+        self.bank_names = (*BANK_NAMES, *MORE_NAMES) if more else BANK_NAMES
         for prefix in ("LQS_", "LQR_"):
-            for name in BANK_NAMES:
+            for name in self.bank_names:
                 self.set(prefix + name, 0.0)
         for name in ("LQR_COMMIT", "LQR_REVERT", "LQR_ACTIVE", "LQR_SW"):
             self.set(name, 0.0)
-        self.read_only |= {"LQR_" + name for name in BANK_NAMES} | {"LQR_ACTIVE", "LQR_SW"}
+        self.read_only |= {"LQR_" + name for name in self.bank_names} | {"LQR_ACTIVE", "LQR_SW"}
 
     def echo(self, name: str, index: int = 65535) -> None:
         bits, kind = self.parameters[name]
@@ -230,13 +236,14 @@ class ScriptedVehicle:
         value = struct.unpack("<f", struct.pack("<I", bits))[0]
         kind = self.parameters[name][1]
         if name == "LQR_COMMIT":
-            bank = [self.parameters["LQS_" + n] for n in BANK_NAMES]
-            crc = zlib.crc32(struct.pack("<29I", *(b for b, _ in bank))) & 0xFFFFFF
+            bank = [self.parameters["LQS_" + n] for n in self.bank_names]
+            told = bank if any(b for b, _ in bank[29:]) else bank[:29]
+            crc = zlib.crc32(struct.pack(f"<{len(told)}I", *(b for b, _ in told))) & 0xFFFFFF
             if self.commit_refusal or value != crc:
                 self.text(f"LQR commit refused: {self.commit_refusal or 'CRC'}")
             else:
-                self.previous = {n: self.parameters["LQR_" + n] for n in [*BANK_NAMES, "ACTIVE"]}
-                self.parameters |= {"LQR_" + n: b for n, b in zip(BANK_NAMES, bank, strict=True)}
+                self.previous = {n: self.parameters["LQR_" + n] for n in [*self.bank_names, "ACTIVE"]}
+                self.parameters |= {"LQR_" + n: b for n, b in zip(self.bank_names, bank, strict=True)}
                 self.set("LQR_ACTIVE", float(crc))
                 self.parameters[name] = (bits, kind)
         elif name == "LQR_REVERT":

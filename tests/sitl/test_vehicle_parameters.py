@@ -9,7 +9,7 @@ import zlib
 import pytest
 
 from sitl.autopilot.control_laws import LqrGains
-from sitl.autopilot.parameters import BANK_ORDER, HIDDEN_WITHOUT_AXIS, Kind, Parameters, bank_crc, cast
+from sitl.autopilot.parameters import BANK_MORE, BANK_ORDER, HIDDEN_WITHOUT_AXIS, Kind, Parameters, bank_crc, cast
 
 
 @pytest.fixture
@@ -108,6 +108,33 @@ def test_a_commit_needs_the_whole_sets_crc(parameters: Parameters, paper_bank: t
     assert parameters.active_bank() == paper_bank
     assert parameters["LQR_ACTIVE"] == crc == bank_crc(paper_bank)
     assert [parameters["LQR_" + name] for name in BANK_ORDER] == list(paper_bank)
+
+
+MORE = (*(0.01,) * 4, 0.1, -0.1, -0.5, 2.0, 30.0, 12.0, 30.0, 0.8, 0.8, *(0.001,) * 12)
+
+
+def test_a_bank_of_more_is_one_set_too_and_without_it_the_29_are(
+    parameters: Parameters, paper_bank: tuple[float, ...]
+) -> None:
+    first = commit(parameters, paper_bank)
+    more = tuple(struct.unpack("<f", struct.pack("<f", value))[0] for value in MORE)
+    for name, value in zip(BANK_MORE, more, strict=True):
+        parameters.write("LQS_" + name, value, armed=False)
+    stale = parameters.write("LQR_COMMIT", first, armed=False)
+    assert stale is not None
+    assert stale.value == 0, "the 29 alone are another set now"
+    whole = zlib.crc32(struct.pack("<54f", *paper_bank, *more)) & 0xFFFFFF
+    taken = parameters.write("LQR_COMMIT", whole, armed=False)
+    assert taken is not None
+    assert taken.value == whole, taken.text
+    assert parameters.active_bank() == (*paper_bank, *more)
+    parameters.write("LQR_REVERT", 1, armed=False)
+    assert parameters.active_bank() == paper_bank
+    assert parameters["LQR_F34"] == 0
+    parameters.write("LQS_W2", 0, armed=False)
+    unknown = parameters.write("LQR_COMMIT", bank_crc((*paper_bank, *more[:10], 0.0, *more[11:])), armed=False)
+    assert unknown is not None
+    assert unknown.text == "LQR commit refused: what F takes has no frequency or damping"
 
 
 def test_one_bit_in_one_value_is_another_set(parameters: Parameters, paper_bank: tuple[float, ...]) -> None:

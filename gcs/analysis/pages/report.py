@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gcs import documents
-from gcs.analysis.clearance import clearance
+from gcs.analysis.clearance import clearance, gains_in
 from gcs.analysis.comparison import flown, flown_with_validation
 from gcs.analysis.diagnosis import diagnose_fit
 from gcs.analysis.fits import assess, runs_of
@@ -34,11 +35,12 @@ from gcs.analysis.text.gains import gains_text
 from gcs.analysis.text.ladder import ladder_text
 from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
-from gcs.flight.gains import GainsError, checksum, load_gains
+from gcs.flight.gains import GainsDocument, GainsError, checksum, load_gains
 from gcs.logs.words import printable
 from sysid.compare.compare import compare
 from sysid.control.loop import Following, following
 from sysid.control.regulator import Gains, lqr, not_held
+from sysid.control.stability import closed_loop
 from sysid.data.dataset import Dataset, prepared
 from sysid.data.record import CHANNELS, RATES, Record
 from sysid.errors import SysidError
@@ -236,13 +238,17 @@ def _gains_section(path: Path, named: Sequence[tuple[Path, Fit]], warn: Callable
 
 
 def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
-    """The gains of a document, with the loop that they make with this fit; or why they are not from it."""
+    """The gains of a document, with the loop that they make with this fit; or why they are not from it.
+
+    K and the steady prefilter follow from the model and the input cost; observer and dynamic prefilter may be others.
+    """
     weights = document.get("weights")
     cost = weights.get("inputs") if isinstance(weights, dict) else None
     if not isinstance(cost, int | float):
         return "the gains do not say with which input cost they were designed"
     try:
-        gains = lqr(fit.model, float(cost))
+        held = gains_in(documents.convert(document, GainsDocument, "the gains"))
+        gains = lqr(fit.model, float(cost), elevator=len(held.K) > 2)
     except SysidError as error:
         return f"no gains can be designed on it: {error}"
     own = gains.model.by_name
@@ -250,10 +256,10 @@ def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
     moved = [name for name, value in own.items() if theirs.get(name) != value]
     if moved:
         return f"its model is another ({', '.join(moved)} differ)"
-    for name, value in (("K", gains.K), ("observer_gain", gains.observer_gain), ("prefilter", gains.prefilter)):
-        if not np.allclose(document[name], value, rtol=0, atol=SAME * float(np.max(np.abs(value)))):
+    for name, here, value in (("K", held.K, gains.K), ("prefilter", held.prefilter, gains.prefilter)):
+        if not np.allclose(here, value, rtol=0, atol=SAME * float(np.max(np.abs(value)))):
             return f"{name} is not what `tippath design` makes of its model"
-    return gains
+    return replace(held, input_cost=gains.input_cost, loop=closed_loop(held, fit.model))
 
 
 def following_picture(found: Following) -> str:

@@ -12,6 +12,7 @@ from gcs.flight.gains import GainsError
 from sysid.control.command_noise import CommandNoise
 from sysid.control.judgement import Judgement, OnModel, Quantity, Shortfall, Verdict
 from sysid.control.measured_margins import MeasuredMargins
+from sysid.control.observers import KALMAN, WithObserver
 from sysid.control.over_costs import AtCost
 
 VERDICTS: dict[Verdict, str] = {
@@ -45,7 +46,7 @@ def costs_text(costs: Sequence[AtCost], asked: float) -> str:
     """A table of gains over input cost: margins are the least on any model, the answer is the fit's."""
     rows = [
         "K over input cost (margins: the least on any model above; answer: the fit's)",
-        "    cost   |K| rates  flapping   gain dB  phase °  delay ms  overshoot  coupling",
+        "    cost  K rates flapping gain dB phase ° delay ms overshoot coupling",
     ]
     for one in costs:
         fit, least = one.judgement.models[0], one.least
@@ -54,10 +55,37 @@ def costs_text(costs: Sequence[AtCost], asked: float) -> str:
             worth = "   not held on every model"
         else:
             margins = (_or_any(least.gain_db, 1), _or_any(least.phase_deg, 0), _or_any(least.delay_ms, 0))
-            answer = f"{100 * fit.overshoot:8.0f} %{100 * fit.coupling:8.0f} %"
-            worth = f"{margins[0]:>9}{margins[1]:>9}{margins[2]:>10} {answer}"
-        head = f"  {mark}{one.gains.input_cost:5g} {one.rate_gain:11.3f}{one.flapping_gain:10.2f} "
+            answer = f"{100 * fit.overshoot:7.0f} %{100 * fit.coupling:7.0f} %"
+            worth = f"{margins[0]:>8}{margins[1]:>8}{margins[2]:>9} {answer}"
+        head = f"  {mark}{one.gains.input_cost:5g} {one.rate_gain:8.3f}{one.flapping_gain:9.2f}"
         rows.append(f"{head}{worth}  {one.judgement.verdict}")
+    return "\n".join(rows)
+
+
+def observers_text(observers: Sequence[WithObserver]) -> str:
+    """A table of observers: noise of the commands and gusts are the fit's runs', margins the least on any model."""
+    rows = [
+        "observers, K as designed (noise: of commands x / y; gusts: what the loop",
+        "leaves of what they do to p / q; margins: the least on any model above)",
+        "               gain dB  phase °  delay ms        noise %    gusts %",
+    ]
+    for one in observers:
+        least = one.least
+        worth = "   not held on every model"
+        if least is not None:
+            margins = (_or_any(least.gain_db, 1), _or_any(least.phase_deg, 0), _or_any(least.delay_ms, 0))
+            worth = f"{margins[0]:>9}{margins[1]:>9}{margins[2]:>10}"
+        stirred = "not known" if one.noise is None else " / ".join(f"{100 * value:.2f}" for value in one.noise[:2])
+        left = "" if one.gusts_left is None else " / ".join(f"{100 * value:.0f}" for value in one.gusts_left)
+        rows.append(f"  {one.name:11}{worth:28} {stirred:>14} {left:>10}  {one.judgement.verdict}")
+    poles = {one.name: one.gains.observer_poles for one in observers}.get(KALMAN)
+    if poles is not None:
+        shown = ", ".join(
+            f"{pole.real:.1f}" + (f" ± {pole.imag:.1f}j" if pole.imag > 0 else "")
+            for pole in sorted(poles, key=lambda pole: -pole.real)
+            if pole.imag >= 0
+        )
+        rows += wrapped(f"  {KALMAN}: poles {shown} 1/s, for gusts and gyro noise of the fit's runs", rest=" " * 4)
     return "\n".join(rows)
 
 

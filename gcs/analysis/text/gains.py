@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from gcs.analysis.text.blocks import wrapped
 from sysid.control.measured_margins import Crossing, MeasuredMargins
+from sysid.control.prefilter import DynamicPrefilter
 from sysid.control.regulator import Gains
 from sysid.control.robustness import DiskMargin
 from sysid.control.stability import SENSIBLE_MS, ClosedLoop, Margins
@@ -35,14 +37,22 @@ def gains_text(gains: Gains) -> str:
             *rows("K", gains.K),
             *rows("observer L", gains.observer_gain),
             *rows("prefilter g", gains.prefilter),
+            *([] if gains.dynamic is None else rows("and on the way", gains.dynamic.F)),
+            *([] if gains.dynamic is None else [f"  {'':14}{_followed(gains.dynamic)}"]),
             f"  poles         {poles(gains.poles)} 1/s",
             f"  observer      {poles(gains.observer_poles)} 1/s",
-            *_loop_lines(gains.loop),
+            *_loop_lines(gains.loop, "both" if len(gains.K) == 2 else "all"),
         ]
     )
 
 
-def _loop_lines(loop: ClosedLoop) -> list[str]:
+def _followed(dynamic: DynamicPrefilter) -> str:
+    """The models that the rates follow."""
+    p, q = (f"{w / (2 * math.pi):.1f} Hz" for w in dynamic.frequency)
+    return f"of models that p and q follow, {p} and {q}, damping {dynamic.damping[0]:g}"
+
+
+def _loop_lines(loop: ClosedLoop, which: str) -> list[str]:
     """Margins, and of what; or that there are none."""
 
     def named(effects: Sequence[str]) -> str:
@@ -51,13 +61,15 @@ def _loop_lines(loop: ClosedLoop) -> list[str]:
     if loop.margins is None:
         lines = ["NOT held: no margins"]
     else:
-        lines = [f"held: {loop.margins.words} in both commands"]
+        lines = [f"held: {loop.margins.words} in {which} commands"]
         if not loop.margins.sensible:
             lines.append("that is thin: a higher input cost leaves more, and sampling takes its share of the delay")
     lines += [f"with {named(loop.effects)} in the loop"] if loop.effects else []
     lines += [f"without {named(loop.left_out)}: small motion does not show it"] if loop.left_out else []
     lines += ["it drifts, slower than 0.5 Hz, which the rates do not show: the pilot holds it"] if loop.drifts else []
-    return [f"  {'loop' if k == 0 else '':14}{line}" for k, line in enumerate(lines)]
+    return [
+        row for k, line in enumerate(lines) for row in wrapped(f"  {'loop' if k == 0 else '':14}{line}", rest=" " * 16)
+    ]
 
 
 def measured_text(found: MeasuredMargins, by_model: Margins | None) -> str:

@@ -7,11 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from loops_in_time import Late, flown
 from planted import TABLE_4
 
+from gcs.analysis.clearance import cleared_again
 from gcs.analysis.text.gains import measured_text
+from gcs.flight.gains import GainsError
 from sysid.control.measured_margins import NOTHING_MEASURED, Crossing, MeasuredMargins
 from sysid.control.regulator import design
 from sysid.control.stability import Margins
@@ -130,6 +133,79 @@ def test_a_diagnosis_is_kept_beside_its_fit_and_the_design_says_so(flight: Path,
     kept = flight / "tpp-diagnosis.json"
     assert f"wrote {kept}" in err
     assert json.loads(kept.read_text())["verdict"] == json.loads(out)["verdict"] == state()
+
+
+def test_a_dynamic_prefilter_is_designed_kept_judged_again_and_reported(
+    flight: Path, tippath: Tippath, tmp_path: Path
+) -> None:
+    path = tmp_path / "gains.json"
+    options = (flight / "tpp.json", "--input-cost", 1000)
+    status, out, _ = tippath("design", *options)
+    assert status == 0
+    assert "--prefilter dynamic mends the answer" in out
+    status, out, _ = tippath("design", *options, "--prefilter", "dynamic", "-o", path)
+    assert status == 0
+    assert "of models that p and q follow" in out
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+    document = json.loads(path.read_text())
+    dynamic = document["dynamic_prefilter"]
+    assert np.shape(dynamic["F"]) == (2, 4)
+    assert min(dynamic["frequency_rad_s"]) > 0
+    (fit, *_) = document["judged"]["models"]
+    assert max(fit["coupling"], fit["overshoot"]) < 0.25
+    again = cleared_again(path)
+    assert again.judgement.models[0].coupling == pytest.approx(fit["coupling"], abs=1e-9)
+    page = tmp_path / "page.html"
+    assert tippath("report", flight / "tpp.json", "--gains", path, "--no-diagnosis", "-o", page)[0] == 0
+    assert "of models that p and q follow" in page.read_text()
+    path.write_text(json.dumps(document | {"dynamic_prefilter": dynamic | {"F": dynamic["F"][:1]}}))
+    with pytest.raises(GainsError, match="wants 2 rows of F"):
+        cleared_again(path)
+
+
+def test_the_elevator_is_asked_of_a_fit_that_has_one(flight: Path, tippath: Tippath) -> None:
+    status, out, err = tippath("design", flight / "tpp.json", "--elevator")
+    assert (status, out) == (1, "")
+    assert "the model has no elevator: fit forward flight --with angular_damping,elevator" in err
+
+
+def test_observers_stand_side_by_side_and_costs_are_drawn(flight: Path, tippath: Tippath, tmp_path: Path) -> None:
+    picture = tmp_path / "costs.png"
+    options = (flight / "tpp.json", "--input-cost", 1000)
+    status, out, _ = tippath("design", *options, "--observers", "--costs", "--plot", picture)
+    assert status == 0
+    rows = {line.split()[0]: line for line in out.splitlines() if line.startswith("  ") and line.split()}
+    assert {"half", "paper", "twice", "four", "kalman"} <= set(rows)
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    status, out, _ = tippath("design", *options, "--observers", "--json")
+    document = json.loads(out)
+    each = {one["observer"]: one for one in document["over_observers"]}
+    assert each["paper"]["observer_gain"] == pytest.approx(np.array(document["observer_gain"]))
+    assert each["half"]["command_noise"][0] < each["paper"]["command_noise"][0] < each["twice"]["command_noise"][0]
+    assert min(each["kalman"]["gusts_left"]) > 0
+    path = tmp_path / "kalman.json"
+    assert tippath("design", *options, "--observer", "kalman", "-o", path)[0] == 0
+    assert json.loads(path.read_text())["observer_gain"] == pytest.approx(np.array(each["kalman"]["observer_gain"]))
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--observer", "50,50,51"), "wants kalman or such as 50,50,51,51 (four poles"),
+        (("--observer", "50,50,50,51"), "each pole at most twice"),
+        (("--observer", "50,50,51,nan"), "four poles, each below 0"),
+        (("--observer", "fast"), "wants kalman or such as 50,50,51,51"),
+        (("--measured", "--elevator"), "--measured knows a loop of two commands"),
+        (("--plot", "costs.png"), "--plot draws what --costs lists: name both"),
+        (("--costs", "--plot", "costs.gif"), "name a file that ends in .png, .svg or .html"),
+        (("--for", "ardupilot", "--observer", "kalman"), "--observer goes with the paper's controller"),
+    ],
+)
+def test_wrong_words_for_a_design(flight: Path, tippath: Tippath, options: tuple[str, ...], says: str) -> None:
+    status, out, err = tippath("design", flight / "tpp.json", *options)
+    assert (status, out) == (2, "")
+    assert says in err
 
 
 def test_a_push_of_gains_that_fail_asks_nothing_of_any_vehicle(flight: Path, tippath: Tippath, tmp_path: Path) -> None:

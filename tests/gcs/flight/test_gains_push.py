@@ -21,7 +21,7 @@ from gcs import documents
 from gcs.cli import push as push_command
 from gcs.cli import revert as revert_command
 from gcs.errors import LinkError
-from gcs.flight.gains import BANK, GainsDocument, GainsError, gains_of, load_gains, push, revert
+from gcs.flight.gains import BANK, MORE, GainsDocument, GainsError, gains_of, load_gains, push, revert
 from gcs.flight.session import Session
 from gcs.link.procedures import RefusedError
 
@@ -35,6 +35,80 @@ def session(vehicle: Any, connect: Callable[..., Session]) -> Iterator[Session]:
 
 def active(vehicle: Any) -> tuple[int, ...]:
     return tuple(vehicle.parameters[f"LQR_{name}"][0] for name in BANK)
+
+
+MORE_DOCUMENT: dict[str, Any] = {
+    "elevator": {"K": [0.5, 0.25, -1.5, 2.0], "prefilter": [0.75, -0.5]},
+    "dynamic_prefilter": {
+        "frequency_rad_s": [12.0, 30.0],
+        "damping": [0.8, 0.75],
+        "F": [[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0], [9.0, 10.0, 11.0, 12.0]],
+    },
+}
+
+
+def with_more(document: dict[str, Any]) -> dict[str, Any]:
+    parameters = {**document["model"]["parameters"], "L_p": -0.5, "M_q": 2.5, "M_elev": 37.5}
+    return {**document, **MORE_DOCUMENT, "model": {"structure": "tpp", "parameters": parameters}}
+
+
+def test_elevator_and_dynamic_prefilter_stand_behind_the_29(gains_document: dict[str, Any]) -> None:
+    gains = gains_of(with_more(gains_document))
+    assert gains.bits[:29] == gains_of(gains_document).bits
+    flat = [0.5, 0.25, -1.5, 2.0, 0.75, -0.5, -0.5, 2.5, 37.5, 12.0, 30.0, 0.8, 0.75, *range(1, 13)]
+    assert struct.pack("<25I", *gains.bits[29:]) == struct.pack("<25f", *flat)
+    assert gains.crc == zlib.crc32(struct.pack("<54I", *gains.bits)) & 0xFFFFFF
+    assert list(gains.values)[29:42:6] == ["K31", "L_P", "Z2"]
+    assert gains_of(gains_document).whole.crc == gains_of(gains_document).crc
+    two = {**gains_document, "dynamic_prefilter": {**MORE_DOCUMENT["dynamic_prefilter"], "F": [[1.0] * 4] * 2}}
+    assert [name for name, value in gains_of(two).values.items() if name[0] in "FW" and value == 0] == [
+        "F31",
+        "F32",
+        "F33",
+        "F34",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "match"),
+    [
+        ("F", [[1.0] * 4], "F has 1 rows, not one for each command"),
+        ("damping", [0.8, 0.0], "frequency_rad_s and damping are positive"),
+        ("frequency_rad_s", [float("nan"), 1.0], "frequency_rad_s"),
+    ],
+)
+def test_a_dynamic_prefilter_that_is_none_is_refused(
+    gains_document: dict[str, Any], key: str, value: Any, match: str
+) -> None:
+    document = with_more(gains_document)
+    document["dynamic_prefilter"] = {**document["dynamic_prefilter"], key: value}
+    with pytest.raises(GainsError, match=match):
+        gains_of(document)
+
+
+def test_a_bank_that_has_more_takes_a_set_with_it_and_one_without(
+    vehicle: Any, connect: Callable[..., Session], gains_document: dict[str, Any]
+) -> None:
+    vehicle.offer_bank(more=True)
+    with connect() as session:
+        full = gains_of(with_more(gains_document))
+        assert push(session, full).crc == full.crc
+        assert vehicle.parameters["LQR_F34"][0] == full.bits[-1]
+        bare = gains_of(gains_document)
+        result = push(session, bare)
+        assert (result.crc, result.previous_crc, len(result.values)) == (bare.crc, full.crc, 54)
+        assert all(vehicle.parameters[f"LQR_{name}"][0] == 0 for name in MORE)
+        assert push(session, bare).committed is False
+        assert revert(session).crc == full.crc
+
+
+def test_a_bank_without_it_is_told_and_nothing_is_written(
+    session: Session, vehicle: Any, gains_document: dict[str, Any]
+) -> None:
+    with pytest.raises(GainsError, match=r"no parameter LQS_F11.*--prefilter steady") as caught:
+        push(session, gains_of(with_more(gains_document)))
+    assert caught.value.reason == "no bank"
+    assert not any(m.get_type() == "PARAM_SET" for m in vehicle.heard)
 
 
 def writes(vehicle: Any, name: str) -> int:

@@ -129,7 +129,21 @@ class FakeCard:
         """What flies a log into the folder, where there is to be one."""
 
     def __call__(
-        self, session, card, profile, *, folder, confirm, on_progress, aborted, about, probe, log, left_out, earlier
+        self,
+        session,
+        card,
+        profile,
+        *,
+        folder,
+        confirm,
+        on_progress,
+        aborted,
+        about,
+        probe,
+        log,
+        left_out,
+        earlier,
+        choosing,
     ):
         self.folder, self.probe = folder.path, probe
         planned = [(run, _plan(run)) for run in (card.runs() if earlier is None else earlier.left)]
@@ -145,32 +159,21 @@ class FakeCard:
             )
         )
         results: list[RunResult] = []
-        for run, plan in planned[:2]:
+        left = list(planned[:2])
+        while left:
+            run, plan = left[0]
             on_progress(RunReady(run, plan))
+            wish = choosing.chosen()
+            if wish is not None:
+                left.sort(key=lambda one: one[0].number != wish)
+                continue
             self.aborts.append(aborted())
-            ending = Ending.FINISHED if aborted() is None else Ending.ABORTED
-            if aborted() is None:
-                self.flown.append(run.label)
-                on_progress(
-                    RunProgress(
-                        run=run,
-                        plan=plan,
-                        phase=Phase.FLYING,
-                        elapsed_s=3.0,
-                        frequency_hz=1.5,
-                        peaks=Peaks(p=0.5),
-                        use=Use(16.0, 1.0, 2.0),
-                        snapshot=VEHICLE,
-                    )
-                )
-                self.flying.set()
-                while aborted() is None and not self.land.wait(0.01):
-                    pass
-                ending = Ending.FINISHED if aborted() is None else Ending.ABORTED
-                self.flying.clear()
+            ending = self._fly(run, plan, on_progress, aborted)
             results.append(_result(run, plan, ending, aborted() or ""))
             on_progress(results[-1])
-            if ending is not Ending.FINISHED:
+            if ending is Ending.FINISHED:
+                left.remove((run, plan))
+            elif not choosing.again(results[-1]):
                 break
         stopped = "" if results[-1].ending is Ending.FINISHED else results[-1].reason
         recording = None
@@ -190,6 +193,28 @@ class FakeCard:
             stopped=stopped,
             link_loss=loss,
         )
+
+    def _fly(self, run, plan, on_progress, aborted) -> Ending:
+        if aborted() is not None:
+            return Ending.ABORTED
+        self.flown.append(run.label)
+        on_progress(
+            RunProgress(
+                run=run,
+                plan=plan,
+                phase=Phase.FLYING,
+                elapsed_s=3.0,
+                frequency_hz=1.5,
+                peaks=Peaks(p=0.5),
+                use=Use(16.0, 1.0, 2.0),
+                snapshot=VEHICLE,
+            )
+        )
+        self.flying.set()
+        while aborted() is None and not self.land.wait(0.01):
+            pass
+        self.flying.clear()
+        return Ending.FINISHED if aborted() is None else Ending.ABORTED
 
 
 def _plan(run) -> Plan:
@@ -261,8 +286,8 @@ def until(condition) -> None:
     raise AssertionError("it did not come about")
 
 
-def reach(engine, stage) -> None:
-    until(lambda: engine.state().stage is stage)
+def reach(engine, stage, so=lambda state: True) -> None:
+    until(lambda: engine.state().stage is stage and so(engine.state()))
 
 
 def left_in(folder: Path, card: str = "quick") -> Path:
@@ -291,6 +316,8 @@ def test_what_is_left_of_a_flight_is_offered_and_goes_on(engine, tmp_path):
     engine.start()
     until(engine.fake_card.flying.is_set)
     engine.abort()
+    reach(engine, Stage.HELD)
+    engine.end_card()
     reach(engine, Stage.IDLE)
     assert engine.fake_card.folder == flight
     assert engine.fake_card.probe is False, "its log stays on the card"
@@ -381,16 +408,64 @@ def test_ready_then_start_flies_and_each_run_asks_again(engine):
     assert [run.mark for run in engine.state().runs] == [Mark.KEEP, Mark.KEEP, Mark.SKIPPED, Mark.SKIPPED]
 
 
-def test_abort_in_flight_ends_the_run_and_the_card(engine):
+def test_abort_in_flight_ends_the_run_which_waits_to_be_flown_again(engine):
     engine.ready()
     reach(engine, Stage.READY)
     engine.start()
     assert engine.fake_card.flying.wait(WITHIN_S)
     engine.abort()
-    assert engine.state().stage in (Stage.ABORTING, Stage.CLOSING, Stage.IDLE)
-    reach(engine, Stage.IDLE)
-    assert engine.state().runs[0].mark is Mark.AGAIN
+    reach(engine, Stage.HELD)
+    assert engine.state().current == 1
+    assert engine.state().runs[0].mark is Mark.NEXT
     assert "F12" in engine.state().said
+    engine.start()
+    assert engine.fake_card.flown == ["roll chirp"], "nothing starts that was not made ready"
+    engine.fake_card.land.set()
+    engine.ready()
+    engine.start()
+    reach(engine, Stage.HELD, lambda state: state.current == 2)
+    assert engine.state().runs[0].mark is Mark.KEEP
+    engine.end_card()
+    reach(engine, Stage.IDLE)
+    assert engine.fake_card.flown == ["roll chirp", "roll chirp"]
+    assert "1 of 2 runs kept" in engine.state().said
+    assert "the card was ended here" in engine.state().said
+
+
+def test_another_run_is_chosen_while_one_waits(engine):
+    engine.choose_run(2)
+    assert "between two runs" in engine.state().said
+    engine.ready()
+    reach(engine, Stage.READY)
+    engine.choose_run(2)
+    reach(engine, Stage.HELD, lambda state: state.current == 2)
+    assert engine.state().runs[0].mark is Mark.WAITING
+    engine.start()
+    assert engine.fake_card.flown == [], "the other run wants its own R"
+    engine.ready()
+    engine.choose_run(2)
+    assert engine.state().stage is Stage.READY, "it is the next already"
+    engine.start()
+    assert engine.fake_card.flying.wait(WITHIN_S)
+    engine.choose_run(1)
+    assert "between two runs" in engine.state().said
+    engine.fake_card.land.set()
+    reach(engine, Stage.HELD, lambda state: state.current == 1)
+    assert engine.fake_card.flown == ["pitch chirp"]
+    engine.end_card()
+    reach(engine, Stage.IDLE)
+
+
+def test_a_ready_that_comes_while_the_vehicle_is_looked_at_is_not_lost(engine):
+    engine.ready()
+    reach(engine, Stage.READY)
+    engine._card._judged(
+        _result(load_card("quick").runs()[0], _plan(load_card("quick").runs()[0]), Ending.FINISHED, "")
+    )
+    assert engine.state().stage is Stage.CHECKING
+    engine.ready()
+    assert "R is taken" in engine.state().said
+    assert engine.state().stage is Stage.CHECKING, "nothing is ready yet"
 
 
 def test_abort_while_ready_calls_off_and_moves_nothing(engine):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid.control.command_noise import CommandNoise, Moved, RateNoise, rate_noise, servo_speed
+from sysid.control.command_noise import CommandNoise, Moved, RateDisturbance, rate_noise, servo_speed
 from sysid.control.judgement import Limits, judge
 from sysid.control.rate_gains import faster
 from sysid.control.sampled import RateController
@@ -67,7 +67,7 @@ def rms(rows: FloatArray, band_hz: tuple[float, float]) -> tuple[FloatArray, Flo
 
 
 @pytest.fixture(scope="module")
-def noise() -> RateNoise:
+def noise() -> RateDisturbance:
     law = times(1.0)
     found = rate_noise([record(hovered(law, 80.0, 1))], law.vehicle(VEHICLE))
     assert found is not None
@@ -75,7 +75,7 @@ def noise() -> RateNoise:
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.5, 0.4])
-def test_commands_move_as_foretold_from_another_gain_s_flight(noise: RateNoise, factor: float) -> None:
+def test_commands_move_as_foretold_from_another_gain_s_flight(noise: RateDisturbance, factor: float) -> None:
     law = times(factor)
     told = noise.commands(law, law.vehicle(VEHICLE))
     flown, fast = rms(hovered(law, 80.0, 2), told.band_hz)
@@ -83,7 +83,7 @@ def test_commands_move_as_foretold_from_another_gain_s_flight(noise: RateNoise, 
     assert told.rate_rms == pytest.approx(fast, rel=0.06)
 
 
-def test_commands_that_move_more_than_asked_make_gains_poor(noise: RateNoise) -> None:
+def test_commands_that_move_more_than_asked_make_gains_poor(noise: RateDisturbance) -> None:
     flown, new = (noise.commands(law, law.vehicle(VEHICLE)) for law in (times(1.0), times(1.3)))
     both = CommandNoise(own=new, flown=flown)
     assert both.times_flown is not None
@@ -98,7 +98,7 @@ def test_commands_that_move_more_than_asked_make_gains_poor(noise: RateNoise) ->
     assert [one.quantity for one in judge(times(1.3), models, easy, noise=slow).restless] == ["servos"]  # type: ignore[arg-type]
 
 
-def test_new_gains_move_the_commands_no_more_than_asked(noise: RateNoise) -> None:
+def test_new_gains_move_the_commands_no_more_than_asked(noise: RateDisturbance) -> None:
     flown = times(1.0)
     free = faster(flown, [VEHICLE], noise=noise)
     quiet = faster(flown, [VEHICLE], limits=Limits(noise=1.1), noise=noise)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, place_poles
 
-from sysid.control.regulator import OBSERVER_POLES, _observer_gain, lqr
+from sysid.control.regulator import OBSERVER_POLES, lqr, observer_gain
 from sysid.diagnose.maneuver_plans import Plan
 from sysid.model.modal import Modes
 from sysid.model.paper import TPP
@@ -58,9 +58,9 @@ def test_a_recursion_is_that_of_a_filter() -> None:
 def test_the_papers_observer_leaves_no_choice() -> None:
     A, _, C, _ = NOMINAL.matrices
     wanted = place_poles(A.T, C.T, np.array(OBSERVER_POLES)).gain_matrix.T
-    np.testing.assert_allclose(_observer_gain(A, C, OBSERVER_POLES), wanted, rtol=1e-7)
+    np.testing.assert_allclose(observer_gain(A, C, OBSERVER_POLES), wanted, rtol=1e-7)
     others = (-40.0, -50.0, -60.0, -70.0)
-    np.testing.assert_allclose(sorted(np.linalg.eigvals(A - _observer_gain(A, C, others) @ C).real), sorted(others))
+    np.testing.assert_allclose(sorted(np.linalg.eigvals(A - observer_gain(A, C, others) @ C).real), sorted(others))
 
 
 def test_gains_and_plans_load_no_scipy_signal(monkeypatch: pytest.MonkeyPatch) -> None:
