@@ -166,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(gains_text(gains))
         print(clearance_text(cleared))
-        if args.prefilter == "steady" and cleared.judgement.verdict == "poor":
+        if args.prefilter == "steady" and cleared.judgement.answers_poorly:
             print("  prefilter     --prefilter dynamic mends the answer, and margins stay")
         if measured is not None:
             print(measured_text(measured, gains.margins))

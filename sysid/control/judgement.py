@@ -201,6 +201,12 @@ class Judgement:
         return "poor" if found else "holds"
 
     @property
+    def answers_poorly(self) -> bool:
+        """Whether it is `poor`, and by its answers."""
+        short = (one.quantity for model in self.models for one in model.shortfalls)
+        return self.verdict == "poor" and any(one in ("overshoot", "coupling") for one in short)
+
+    @property
     def refused(self) -> bool:
         """Whether nobody is to fly them who does not say why."""
         return self.verdict in REFUSED
