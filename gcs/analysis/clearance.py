@@ -7,20 +7,25 @@ for people, and nobody who pushes believes it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from msgspec import Meta
 
 from gcs import documents
 from gcs.analysis.standing import NOT_ASKED, Standing, State
 from gcs.flight.gains import LARGEST, GainsDocument, GainsError
+from gcs.vehicle.rate_loops import AXES, name_of
 from sysid.control.bounds import SAMPLES, SEED, drawn, uncertainty
+from sysid.control.command_noise import CommandNoise
+from sysid.control.controllers import AnyGains
 from sysid.control.judgement import ROLES, Judgement, Limits, Role, judge
-from sysid.control.measured_margins import MeasuredMargins
+from sysid.control.measured_margins import NOTHING_MEASURED, MeasuredMargins, measured_margins, with_model
 from sysid.control.prefilter import DynamicPrefilter
 from sysid.control.regulator import FORWARD, Gains
+from sysid.control.sampled import RateController
 from sysid.control.stability import COMMANDS, ClosedLoop
 from sysid.errors import SysidError
 from sysid.fit.result import Fit
@@ -28,6 +33,8 @@ from sysid.fit.saved_model import ModelDocument, model_json, saved_model
 from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.structure import FloatArray, Model
+from sysid.rate_loop.settings import AxisLoop
+from sysid.response.values import Responses
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,6 +61,15 @@ class Clearance:
         }
 
 
+RATE_GAINS = "tippath.rate_gains/1"
+GAINS = {"P": "p", "I": "i", "D": "d", "FF": "ff"}
+"""Of an ArduPilot's rate loop, that are designed: a parameter's word and what it is in a loop."""
+
+
+class _Kind(documents.Open, frozen=True, kw_only=True):
+    format: str | None = None
+
+
 class _Model(documents.Open, frozen=True, kw_only=True):
     role: str
     model: ModelDocument
@@ -62,6 +78,22 @@ class _Model(documents.Open, frozen=True, kw_only=True):
 class _JudgedOn(documents.Open, frozen=True, kw_only=True):
     models: tuple[_Model, ...]
     covariance: tuple[tuple[float, ...], ...] | None = None
+
+
+class _Loops(documents.Open, frozen=True, kw_only=True):
+    roll: AxisLoop
+    pitch: AxisLoop
+    loop_hz: Annotated[float, Meta(gt=0)]
+    gyro_filter_hz: Annotated[float, Meta(ge=0)] = 0.0
+
+
+class _LoopsJudgedOn(_JudgedOn, frozen=True, kw_only=True):
+    loops: _Loops
+    """As they were flown; what is written into them are the parameters' new values."""
+
+
+class _New(documents.Open, frozen=True, kw_only=True):
+    new: float
 
 
 class _Judged(documents.Open, frozen=True, kw_only=True):
@@ -85,53 +117,99 @@ class ClearedGains(GainsDocument, frozen=True, kw_only=True):
     """The runs may be elsewhere by now: what was measured is taken as it stands."""
 
 
+class ClearedRateGains(documents.Open, frozen=True, kw_only=True):
+    """What of a `tippath.rate_gains/1` document its gains are judged by."""
+
+    parameters: dict[str, _New]
+    judged_on: _LoopsJudgedOn
+    judged: _Judged | None = None
+    diagnosis: _Diagnosis | None = None
+    margins_measured: MeasuredMargins | None = None
+    command_noise: CommandNoise | None = None
+
+
 def clearance(
-    gains: Gains,
+    gains: AnyGains,
     fit: Fit,
     standing: Standing,
     limits: Limits | None = None,
     *,
     measured: MeasuredMargins | None = None,
+    noise: CommandNoise | None = None,
     samples: int = SAMPLES,
 ) -> Clearance:
     """Gains that were designed on a fit, on all that its diagnosis and its bounds leave open."""
     models: list[tuple[Role, Model]] = [("fit", fit.model), *standing.models]
-    return _judged(gains, models, standing, uncertainty(fit), limits or Limits(), samples, measured)
+    return _judged(gains, models, standing, uncertainty(fit), limits or Limits(), samples, measured, noise)
+
+
+def by_measurement(gains: AnyGains, model: Model, responses: Responses) -> MeasuredMargins:
+    """Margins by the responses of a fit's own runs, and what of them is missing; the gains hold the model."""
+    return with_model(measured_margins(gains, responses) or NOTHING_MEASURED, gains, model)
 
 
 def cleared_again(path: Path, named: Sequence[str] = ()) -> Clearance:
-    """The gains of a GAINS.json judged anew, on what stands in it; at most as loosely as usual.
+    """The gains of a GAINS.json, the paper's or an ArduPilot's, judged anew, on what stands in it; at most as loosely
+    as usual.
 
     `named`: files of the user's, whose code may run. Raises GainsError for a file that holds no gains, or models that
     cannot be had.
     """
     try:
+        kind = documents.read_json(path, _Kind, what="set of gains", largest=LARGEST)
+        if kind.format == RATE_GAINS:
+            return _rate_gains_again(path, named)
         document = documents.read_json(path, ClearedGains, what="set of gains", largest=LARGEST)
         gains = gains_in(document)
         on = document.judged_on
         if on is None or not on.models:
             return _judged(gains, [("fit", gains.model)], NOT_ASKED, None, Limits(), 0)
-        models = [(_role(one.role), saved_model(one.model, path.parent, named)) for one in on.models]
-        limits = Limits() if document.judged is None else Limits().or_stricter(document.judged.limits)
-        covariance = None if on.covariance is None else _square(on.covariance, models[0][1])
-        return _judged(gains, models, _standing(document), covariance, limits, SAMPLES, document.margins_measured)
+        return _again(gains, on, document, path.parent, named)
     except documents.DocumentError as error:
         raise GainsError(f"{error}; make it with `tippath design`") from error
     except (SysidError, np.linalg.LinAlgError, ValueError) as error:
         raise GainsError(f"{path}: {error}; design again with `tippath design`") from error
 
 
+def _rate_gains_again(path: Path, named: Sequence[str]) -> Clearance:
+    document = documents.read_json(path, ClearedRateGains, what="set of gains", largest=LARGEST)
+    on = document.judged_on
+    values = {name: one.new for name, one in document.parameters.items()}
+    if unknown := sorted({*values} - {name_of(axis, word) for axis in AXES for word in GAINS}):
+        raise ValueError(f"{', '.join(unknown)} is no gain that is designed here")
+    roll, pitch = (
+        replace(loop, **{field: values.get(name_of(axis, word), getattr(loop, field)) for word, field in GAINS.items()})
+        for axis, loop in zip(AXES, (on.loops.roll, on.loops.pitch), strict=True)
+    )
+    gains = RateController((roll, pitch), 1 / on.loops.loop_hz, on.loops.gyro_filter_hz)
+    if not on.models:
+        raise ValueError("it holds no model")
+    return _again(gains, on, document, path.parent, named)
+
+
+def _again(
+    gains: AnyGains, on: _JudgedOn, document: ClearedGains | ClearedRateGains, folder: Path, named: Sequence[str]
+) -> Clearance:
+    models = [(_role(one.role), saved_model(one.model, folder, named)) for one in on.models]
+    limits = Limits() if document.judged is None else Limits().or_stricter(document.judged.limits)
+    covariance = None if on.covariance is None else _square(on.covariance, models[0][1])
+    measured = document.margins_measured
+    noise = document.command_noise if isinstance(document, ClearedRateGains) else None
+    return _judged(gains, models, _standing(document), covariance, limits, SAMPLES, measured, noise)
+
+
 def _judged(
-    gains: Gains,
+    gains: AnyGains,
     models: list[tuple[Role, Model]],
     standing: Standing,
     covariance: FloatArray | None,
     limits: Limits,
     samples: int,
     measured: MeasuredMargins | None = None,
+    noise: CommandNoise | None = None,
 ) -> Clearance:
     drawing = None if covariance is None else drawn(models[0][1], covariance, np.random.default_rng(SEED), samples)
-    judgement = judge(gains, models, limits, drawing, measured)
+    judgement = judge(gains, models, limits, drawing, measured, noise)
     return Clearance(judgement=judgement, standing=standing, covariance=covariance)
 
 
@@ -174,7 +252,7 @@ def _dynamic(document: GainsDocument, commands: int) -> DynamicPrefilter | None:
     return DynamicPrefilter(frequency=frequency, damping=damping, F=F)
 
 
-def _standing(document: ClearedGains) -> Standing:
+def _standing(document: ClearedGains | ClearedRateGains) -> Standing:
     """What the design knew of its fit; the models stand beside it."""
     said = document.diagnosis
     if said is None:

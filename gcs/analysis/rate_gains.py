@@ -9,43 +9,30 @@ from typing import Any
 
 import numpy as np
 
+from gcs.analysis.clearance import GAINS, RATE_GAINS, Clearance, by_measurement, clearance
 from gcs.analysis.comparison import flown
+from gcs.analysis.standing import Standing
 from gcs.errors import TippathError
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.opening import open_log
 from gcs.logs.runs import systemid
 from gcs.logs.runs.rate_loop import BEGINS_AFTER_S, FIELDS, LEAST_S, Repeated, repeats
 from gcs.vehicle.rate_loops import AXES, RateLoops, gyro_filter_hz, name_of, rate_loops
-from sysid.control.rate_gains import MOST, Asked, RateGains, faster
-from sysid.control.sampled import SampledLoop, rate_step
-from sysid.data.record import CYCLIC, RATES, FloatArray, Record
+from sysid.control.bounds import SAMPLES, SEED, drawn, uncertainty
+from sysid.control.command_noise import CommandNoise, RateDisturbance, rate_noise, servo_speed
+from sysid.control.judgement import Limits, OnModel
+from sysid.control.rate_gains import MOST, RateGains, faster
+from sysid.control.sampled import NotSampledError, RateController
+from sysid.data.record import CYCLIC, RATES, Record
 from sysid.fit.result import Fit, finite
+from sysid.model.structure import Model
 from sysid.response.flown import NoResponseError, flown_responses
 
-FORMAT = "tippath.rate_gains/1"
 UNDERSTOOD_PERCENT, LACKING_PERCENT = 1.0, 20.0
 """Of the vehicle's own commands that its loops, by its parameters, may leave; the second where the log lacks loops: one
 of every fourth leaves 2 %, one with a hundred gaps 8 %."""
 STEADY_HZ = 1.0
 """Up to here a helicopter turns as fast as its command says."""
-OVERSHOOT = 0.25
-"""Of a step, or that of the gains that flew where it is more: a feed-forward that makes it more is left as it was."""
-GAINS = {"P": "p", "I": "i", "D": "d", "FF": "ff"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Answer:
-    """To a step of the rate's target."""
-
-    rise_ms: float | None
-    """Until nine tenths of it; None where it gets there in no two seconds."""
-    overshoot: float
-    coupling: float
-    """Largest rate of the other axis; both of what was asked."""
-
-
-Pair = tuple[Answer, Answer]
-"""Of roll and pitch."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,37 +57,38 @@ class ArdupilotGains:
     """How well the loops repeat the vehicle's own commands, of each run and axis."""
     feed_forward: Mapping[str, FeedForward]
     """By axis; empty where none was flown, or none is measured."""
-    gyro_hz: float
-    """Of the filter between the model's rates and the loops; 0 where the model has it."""
-    answers: tuple[Pair, Pair]
-    """Flown, then new."""
+    flown: Clearance
+    new: Clearance
+    """Each on every model that is left open, the new set as it is written."""
 
     @property
     def changes(self) -> dict[str, tuple[float, float]]:
         """Parameter -> value that was flown, new value (rounded as it is written)."""
-        pairs = zip(AXES, self.gains.flown, self.gains.new, strict=True)
+        pairs = zip(AXES, self.gains.flown.loops, self.gains.new.loops, strict=True)
         return {
-            name_of(axis, word): (getattr(old, field), float(f"{getattr(new, field):.4g}"))
+            name_of(axis, word): (getattr(old, field), getattr(new, field))
             for axis, old, new in pairs
             for word, field in GAINS.items()
             if getattr(old, field) or getattr(new, field)
         }
 
-    def to_json(self) -> dict[str, Any]:
-        """The `tippath.rate_gains/1` document."""
-        flown_answers, new_answers = self.answers
+    def to_json(self, folder: Path) -> dict[str, Any]:
+        """The `tippath.rate_gains/1` document, for a folder."""
+        judged = self.new.to_json(folder)
+        gyro_hz = self.gains.flown.gyro_corner_hz
+        roll, pitch = (one.to_json() for one in self.gains.flown.loops)
+        judged["judged_on"]["loops"] = {
+            "roll": roll,
+            "pitch": pitch,
+            "loop_hz": self.loops.loop_hz,
+            "gyro_filter_hz": gyro_hz,
+        }
+        both = {"flown": self.flown.judgement, "new": self.new.judgement}
         return {
-            "format": FORMAT,
+            "format": RATE_GAINS,
             "parameters": {name: {"flown": old, "new": new} for name, (old, new) in self.changes.items()},
-            "flown": _loop_json(self.gains.flown_loop, flown_answers),
-            "new": _loop_json(self.gains.new_loop, new_answers),
-            "asked": {
-                "gain_db": self.gains.asked.gain_db,
-                "phase_deg": self.gains.asked.phase_deg,
-                "delay_ms": self.gains.asked.delay_ms,
-                "peak_db": self.gains.asked.peak_db,
-                "most_times_flown": MOST,
-            },
+            **{name: _loop_json(one.models[0]) for name, one in both.items()},
+            "asked": {**self.gains.asked.to_json(), "most_times_flown": MOST},
             "feed_forward": {
                 axis: {"rate_per_command": one.rate_per_command, "error": one.error, "taken": one.taken}
                 for axis, one in self.feed_forward.items()
@@ -115,25 +103,90 @@ class ArdupilotGains:
                 }
                 for one in self.repeated
             ],
-            "gyro_filter_hz": self.gyro_hz,
+            "gyro_filter_hz": gyro_hz,
             "in_the_vehicle": list(self.loops.in_the_vehicle),
+            **judged,
+            "judged_flown": self.flown.judgement.to_json(),
+            **{
+                name: one.measured.to_json()
+                for name, one in (("margins_measured", both["new"]), ("margins_measured_flown", both["flown"]))
+                if one.measured is not None
+            },
+            "command_noise": judged["judged"]["noise"],
         }
 
 
-def ardupilot_gains(fit: Fit, asked: Asked | None = None) -> ArdupilotGains:
-    """From the fit, and the logs that it was made from.
+def ardupilot_gains(
+    fit: Fit, standing: Standing, limits: Limits | None = None, *, measured: bool = False, samples: int = SAMPLES
+) -> ArdupilotGains:
+    """From the fit, what its diagnosis leaves open, and the logs that it was made from.
 
-    Raises TippathError where what acts on board is not known or not modelled, or the loops do not repeat what was
-    flown; DesignError and NotSampledError as `faster` does.
+    `measured`: with margins by the runs' own responses. Raises TippathError where what acts on board is not known or
+    not modelled, or the loops do not repeat what was flown; DesignError and NotSampledError as `faster` does.
     """
+    _require_both_axes(fit)
+    records, _ = flown(fit)
+    parameters, repeated = _flown_with([Path(one.path) for one in fit.records if one.path])
+    loops = _understood(parameters, repeated)
+    law = RateController(
+        (loops.roll, loops.pitch), 1 / loops.loop_hz, gyro_filter_hz(parameters, records[0].rate_source)
+    )
+    standing = _that_loops_can_hold(standing, law)
+    ff = _feed_forward(records, fit.band_hz, loops)
+    draws = drawn(fit.model, uncertainty(fit), np.random.default_rng(SEED), samples)
+    models = [fit.model, *(model for _, model in standing.models)]
+    disturbed = rate_noise(records, law.vehicle(fit.model))
+
+    def better(told: Mapping[int, float]) -> RateGains:
+        found = faster(law, models, limits=limits, feed_forward=told, draws=draws, noise=disturbed)
+        return replace(found, new=_as_written(found.new))
+
+    gains = better({list(AXES).index(axis): 1 / one.rate_per_command for axis, one in ff.items()})
+    if ff and _overshoots_more(gains, fit, limits or Limits()):
+        gains = better({})
+        ff = {axis: replace(one, taken=False) for axis, one in ff.items()}
+
+    responses = flown_responses(records, fit.band_hz, CYCLIC).responses if measured else None
+
+    def cleared(one: RateController) -> Clearance:
+        seen = (
+            by_measurement(one, fit.model, responses) if responses is not None and one.held(fit.model).stable else None
+        )
+        return clearance(
+            one, fit, standing, limits, measured=seen, noise=_moved(disturbed, one, law, models), samples=samples
+        )
+
+    return ArdupilotGains(
+        loops=loops,
+        gains=gains,
+        repeated=repeated,
+        feed_forward=ff,
+        flown=cleared(law),
+        new=cleared(gains.new),
+    )
+
+
+def _moved(
+    disturbed: RateDisturbance | None, one: RateController, flown: RateController, models: Sequence[Model]
+) -> CommandNoise | None:
+    """What disturbances make of the commands, where both sets hold the fit."""
+    if disturbed is None or not (one.held(models[0]).stable and flown.held(models[0]).stable):
+        return None
+    own, theirs = (disturbed.commands(law, law.vehicle(models[0])) for law in (one, flown))
+    return CommandNoise(own=own, flown=theirs, servo_speed=servo_speed(models))
+
+
+def _require_both_axes(fit: Fit) -> None:
     structure = fit.model.structure
     if not (set(RATES) <= set(structure.outputs) and set(CYCLIC) <= set(structure.commands)):
         raise TippathError(
             f"{structure.title} has not both roll and pitch, and their loops are judged together: fit sweeps of both, "
             "such as --model multirotor or tpp"
         )
-    records, _ = flown(fit)
-    parameters, repeated = _flown_with([Path(one.path) for one in fit.records if one.path])
+
+
+def _understood(parameters: Mapping[str, float], repeated: Sequence[Repeated]) -> RateLoops:
+    """The loops of these parameters, that repeat what was flown."""
     loops = rate_loops(parameters)
     if loops.not_modelled:
         raise TippathError(
@@ -145,30 +198,34 @@ def ardupilot_gains(fit: Fit, asked: Asked | None = None) -> ArdupilotGains:
                 f"the loops that the parameters tell of do not repeat the vehicle's own {one.axis} command: "
                 f"{one.residual_percent:.1f} % are left ({'; '.join(one.causes)}); no gains are designed on them"
             )
-    gyro_hz = gyro_filter_hz(parameters, records[0].rate_source)
-    ff = _feed_forward(records, fit.band_hz, loops)
-    dt = 1 / loops.loop_hz
-    told = {list(AXES).index(axis): 1 / one.rate_per_command for axis, one in ff.items()}
+    return loops
 
-    def judged(feed_forward: Mapping[int, float]) -> tuple[RateGains, Pair, Pair]:
-        found = faster(
-            (loops.roll, loops.pitch),
-            dt,
-            fit.model,
-            gyro_corner_hz=gyro_hz,
-            feed_forward=feed_forward,
-            asked=asked,
-        )
-        old, new = (_answers(rate_step(each, dt, fit.model, gyro_hz), dt) for each in (found.flown, found.new))
-        return found, old, new
 
-    gains, old, new = judged(told)
-    if told and any(now.overshoot > max(OVERSHOOT, before.overshoot) for before, now in zip(old, new, strict=True)):
-        gains, old, new = judged({})
-        ff = {axis: replace(one, taken=False) for axis, one in ff.items()}
-    return ArdupilotGains(
-        loops=loops, gains=gains, repeated=repeated, feed_forward=ff, gyro_hz=gyro_hz, answers=(old, new)
+def _that_loops_can_hold(standing: Standing, law: RateController) -> Standing:
+    """Without models that no loop of this kind is computed with; these are named."""
+    models, lost = [], []
+    for role, model in standing.models:
+        try:
+            law.vehicle(model)
+        except NotSampledError:
+            lost.append(model.structure.title)
+        else:
+            models.append((role, model))
+    return replace(standing, models=tuple(models), not_modelled=(*standing.not_modelled, *lost))
+
+
+def _as_written(law: RateController) -> RateController:
+    """With gains rounded as the parameter file has them."""
+    roll, pitch = (
+        replace(loop, **dict[str, Any]((field, float(f"{getattr(loop, field):.4g}")) for field in GAINS.values()))
+        for loop in law.loops
     )
+    return replace(law, loops=(roll, pitch))
+
+
+def _overshoots_more(gains: RateGains, fit: Fit, limits: Limits) -> bool:
+    old, new = (one.answers(fit.model) for one in (gains.flown, gains.new))
+    return any(now.overshoot > max(limits.overshoot, before.overshoot) for before, now in zip(old, new, strict=True))
 
 
 def _flown_with(paths: Sequence[Path]) -> tuple[dict[str, float], tuple[Repeated, ...]]:
@@ -232,40 +289,20 @@ def _feed_forward(records: Sequence[Record], band_hz: tuple[float, float], loops
     return found
 
 
-def _answers(rates: FloatArray, dt: float) -> Pair:
-    """Of `rate_step`."""
-    each = []
-    for axis in range(2):
-        own = rates[axis, axis]
-        there = np.flatnonzero(own >= 0.9)
-        each.append(
-            Answer(
-                rise_ms=1000 * dt * float(there[0]) if there.size else None,
-                overshoot=max(0.0, float(own.max()) - 1),
-                coupling=float(np.abs(rates[axis, 1 - axis]).max()),
-            )
-        )
-    return each[0], each[1]
-
-
-def _loop_json(loop: SampledLoop, answers: Pair) -> dict[str, Any]:
-    margins = loop.margins
-    return {
-        "held": loop.held,
-        "margins": None
-        if margins is None
-        else {name: finite(getattr(margins, name)) for name in ("gain_db", "phase_deg", "delay_ms")},
-        "peak_db": loop.peak_db,
-        **{
-            axis: {
-                "rejection_hz": hz,
-                "rise_ms": answer.rise_ms,
-                "overshoot": answer.overshoot,
-                "coupling": answer.coupling,
-            }
-            for axis, hz, answer in zip(AXES, loop.rejection_hz, answers, strict=True)
-        },
+def _loop_json(on: OnModel) -> dict[str, Any]:
+    """Of the fit."""
+    found = on.to_json()
+    axes: dict[str, Any] = {
+        one.axis: {
+            "rise_ms": None if one.rise_s is None else 1000 * one.rise_s,
+            "overshoot": one.overshoot,
+            "coupling": one.coupling,
+        }
+        for one in on.answers or ()
     }
+    for one in on.robustness.handling if on.robustness else ():
+        axes[one.axis]["rejection_hz"] = one.rejection_hz
+    return {"held": found["held"], "margins": found["margins"], "peak_db": on.peak_db, **axes}
 
 
 def parameter_file(changes: Mapping[str, tuple[float, float]]) -> str:

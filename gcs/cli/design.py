@@ -24,10 +24,38 @@ if TYPE_CHECKING:
     from gcs.analysis.lqr import AskedDesign
     from gcs.analysis.standing import Standing
     from sysid.control.judgement import Limits
-    from sysid.control.measured_margins import MeasuredMargins
     from sysid.control.observers import RateNoise
     from sysid.control.regulator import Gains
     from sysid.fit.result import Fit
+    from sysid.response.values import Responses
+
+_JSON = (
+    '--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
+    '"observer_poles", "elevator": {"K", "prefilter"} or null, "dynamic_prefilter": {"frequency_rad_s", '
+    '"damping", "F"} or null, "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
+    '"diagnosis": {"state", "effects", "confidence", '
+    '"not_modelled"}, "judged": {"verdict", "limits", "models": [{"role", "model", "held", "margins", "overshoot", '
+    '"coupling", "rise_ms", "robustness", "without", "shortfalls"}], "bounds", "bounds_shortfalls", '
+    '"measured_shortfalls", "measured", "noise", "noise_shortfalls"}, "judged_on", "identified": '
+    '{"parameters", "changed", "battery_v", "rotor_rpm"} (of the vehicle in the fit\'s logs: `tippath push` '
+    'compares)}, with --costs "over_costs": '
+    '[{"input_cost", "K", "verdict", "margins", "overshoot", "coupling"}], '
+    'with --observers "over_observers": [{"observer", "observer_gain", '
+    '"observer_poles", "verdict", "margins", "overshoot", "coupling", "command_noise" (standard deviation of each, '
+    'of full command), "gusts_left" (of p and q, share)}]; with '
+    '--measured also "margins_measured": {"band_hz", "phase_deg", "delay_ms", "gain_db"}, each {"value", "bound", '
+    '"frequency_hz"}, or null where the loop does not cross in the measured band, "disk" (its size in the band, '
+    'the same), "unstable_poles" (of the open loop, by the model), and "needed", "missing" (margins that the model '
+    'has, and which of them the band does not show), "sweep_to_hz", "sweep_from_hz" (to measure these), which '
+    'stand as "judged": {"measured"}, too; "band_hz" null where the runs measure nothing well enough. With '
+    "--for ardupilot: "
+    '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
+    '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", and of the new set "diagnosis", "judged", '
+    '"judged_on" (with "loops"), "margins_measured" as above, "command_noise" ({"own", "flown"}, each '
+    '{"rms", "rate_rms", "band_hz"}: what gusts and gyro make of both commands, of full command and a second, '
+    '"servo_speed" where a model knows it, "times_flown", "of_servo_speed"; "judged": {"noise"} is the same); '
+    '"judged_flown", "margins_measured_flown" of the flown one; "identified"}.'
+)
 
 
 def add_parser(subparsers: Any) -> None:
@@ -40,23 +68,10 @@ def add_parser(subparsers: Any) -> None:
         "input cost that does is told. They are judged, too, on every model that the fit's diagnosis leaves open (what "
         "is missing, what could not be told from it; `tippath diagnose` keeps its answer beside the fit), and over 500 "
         "samples of the fit's errors. Verdicts: holds; poor, where an answer to a doublet overshoots or couples more "
-        "than asked; fails, where a margin is less than asked, and `tippath push` refuses.",
-        epilog='--json prints {"format": "tippath.gains/1", "K", "observer_gain", "prefilter", "poles", '
-        '"observer_poles", "elevator": {"K", "prefilter"} or null, "dynamic_prefilter": {"frequency_rad_s", '
-        '"damping", "F"} or null, "margins", "margins_with", "margins_without", "drifts", "weights", "model", '
-        '"diagnosis": {"state", "effects", "confidence", "not_modelled"}, "judged": {"verdict", "limits", "models": '
-        '[{"role", "model", "held", "margins", "overshoot", "coupling", "rise_ms", "robustness", "without", '
-        '"shortfalls"}], "bounds", "bounds_shortfalls", "measured_shortfalls"}, "judged_on", "identified": '
-        '{"parameters", "changed", "battery_v", "rotor_rpm"} (of the vehicle in the fit\'s logs: `tippath '
-        'push` compares)}, with --costs "over_costs": [{"input_cost", "K", "verdict", "margins", "overshoot", '
-        '"coupling"}], with --observers "over_observers": [{"observer", "observer_gain", "observer_poles", "verdict", '
-        '"margins", "overshoot", "coupling", "command_noise" (standard deviation of each, of full command), '
-        '"gusts_left" (of p and q, share)}]; with --measured also "margins_measured": {"band_hz", "phase_deg", '
-        '"delay_ms", "gain_db"}, each {"value", "bound", "frequency_hz"}, or null where the loop does not cross in '
-        'the measured band, "unstable_poles" (of the open loop, by the model), "sweep_to_hz" (to measure what the '
-        "model crosses beyond); null as a whole where the runs do not measure it well enough. With --for ardupilot: "
-        '{"format": "tippath.rate_gains/1", "parameters": {NAME: {"flown", "new"}}, "flown", "new", "asked", '
-        '"feed_forward", "repeated", "gyro_filter_hz", "in_the_vehicle", "diagnosis", "identified"}.',
+        "than asked, a disturbance is raised by more, or (--for ardupilot) moves the commands by more; fails, where a "
+        "margin is less than asked, and `tippath push` refuses; not measured, where --measured was asked for and a "
+        "margin that the model has lies outside the measured band: it says how far to sweep, and push refuses, too.",
+        epilog=_JSON,
     )
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
@@ -68,8 +83,9 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--limits",
         metavar="LIMITS",
-        help="what is asked (6dB,45deg,10ms,overshoot=25,coupling=25, percent, where left out; of delay at least half "
-        "of what the model has)",
+        help="what is asked (6dB,45deg,10ms,overshoot=25,coupling=25,peak=5dB,noise=1.3 where left out; overshoot "
+        "and coupling in percent, of delay at least half of what the model has, peak the most by which disturbances "
+        "may be raised, noise what these may move the commands by over what they did with the flown gains)",
     )
     _add_controller_options(parser)
     _add_ardupilot(parser)
@@ -132,7 +148,7 @@ def _add_controller_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.clearance import clearance
+    from gcs.analysis.clearance import by_measurement, clearance
     from gcs.analysis.identified import identified
     from gcs.analysis.lqr import designed
     from gcs.analysis.standing import beside
@@ -146,16 +162,16 @@ def run(args: argparse.Namespace) -> int:
     for text in fit.warnings:
         print(f"warning of the fit: {text}", file=sys.stderr)
     if args.autopilot:
-        return _for_ardupilot(args, fit, beside(args.fit.parent, fit, words))
+        return _for_ardupilot(args, fit, beside(args.fit.parent, fit, words), limits)
     standing = beside(args.fit.parent, fit, words)
     noise = _noise(fit, asked) if args.observers or isinstance(asked.observer, str) else None
     gains = designed(fit, asked, [model for _, model in standing.models], limits, noise)
-    measured = by_measurement(fit, gains) if args.measured else None
+    measured = by_measurement(gains, fit.model, _responses(fit)) if args.measured else None
     cleared = clearance(gains, fit, standing, limits, measured=measured)
     document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
     document["identified"] = identified(fit).to_json()
-    if args.measured:
-        document["margins_measured"] = None if measured is None else measured.to_json()
+    if measured is not None:
+        document["margins_measured"] = measured.to_json()
     tables, text = _tables(args, fit, gains, cleared, noise)
     document |= tables
     if args.output:
@@ -166,9 +182,9 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(gains_text(gains))
         print(clearance_text(cleared))
-        if args.prefilter == "steady" and cleared.judgement.verdict == "poor":
+        if args.prefilter == "steady" and cleared.judgement.answers_poorly:
             print("  prefilter     --prefilter dynamic mends the answer, and margins stay")
-        if args.measured:
+        if measured is not None:
             print(measured_text(measured, gains.margins))
         if text:
             print(text)
@@ -268,19 +284,15 @@ def _limits(words: str | None) -> Limits | None:
         raise UsageError(f"--limits {words}: wants such as 6dB,45deg,10ms,overshoot=25,coupling=25") from error
 
 
-def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> int:
+def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing, limits: Limits | None) -> int:
     from gcs.analysis.identified import identified
     from gcs.analysis.rate_gains import ardupilot_gains, parameter_file
-    from gcs.analysis.text.blocks import wrapped
-    from gcs.analysis.text.clearance import standing_words
     from gcs.analysis.text.rate_gains import rate_gains_text
     from gcs.errors import UsageError
     from gcs.vehicle.gain_switch import SCRIPT
 
     given = {
-        "--measured": args.measured,
         "--costs": args.costs,
-        "--limits": args.limits is not None,
         "--prefilter": args.prefilter != "steady",
         "--elevator": args.elevator,
         "--observer": args.observer is not None,
@@ -288,8 +300,9 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
     }
     if others := [option for option, is_given in given.items() if is_given]:
         raise UsageError(f"{others[0]} goes with the paper's controller; leave it out, or --for")
-    gains = ardupilot_gains(fit)
-    document = gains.to_json() | {"diagnosis": standing.to_json(), "identified": identified(fit).to_json()}
+    gains = ardupilot_gains(fit, standing, limits, measured=args.measured)
+    document = gains.to_json(Path() if args.output is None else args.output.parent)
+    document["identified"] = identified(fit).to_json()
     if args.output is not None:
         if args.output.suffix == ".json":
             write_json(document, args.output)
@@ -303,16 +316,13 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing) -> in
         print_json(document)
     else:
         print(rate_gains_text(gains, fit.model))
-        print("\n".join(wrapped(f"the fit: {standing_words(standing)}")))
     return 0
 
 
-def by_measurement(fit: Fit, gains: Gains) -> MeasuredMargins | None:
-    """Margins by the responses that the fit's own runs show. Raises NoResponseError, TippathError."""
+def _responses(fit: Fit) -> Responses:
+    """Those that the fit's own runs show. Raises NoResponseError, TippathError."""
     from gcs.analysis.comparison import flown
-    from sysid.control.measured_margins import measured_margins, with_model
     from sysid.response.flown import flown_responses
 
     records, _ = flown(fit)
-    found = measured_margins(gains, flown_responses(records, fit.band_hz).responses)
-    return None if found is None else with_model(found, gains, fit.model)
+    return flown_responses(records, fit.band_hz).responses

@@ -186,7 +186,7 @@ class Designed:
     @property
     def cleared(self) -> bool:
         """Whether they may be pushed without saying why."""
-        return self.clearance.judgement.verdict != "fails"
+        return not self.clearance.judgement.refused
 
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)

@@ -421,7 +421,7 @@ def _cleared_said(found: Clearance) -> list[Line]:
     """What the gains are worth; what refuses a push, or is not known of the fit, in bold."""
     from gcs.analysis.text.clearance import clearance_told  # scipy comes along, which is there once gains are
 
-    bold = {"judged": found.judgement.verdict == "fails", "diagnosis": not found.standing.complete}
+    bold = {"judged": found.judgement.refused, "diagnosis": not found.standing.complete}
     return [(f" {name}: {words}", "bold" if bold.get(name) else "") for name, words in clearance_told(found)]
 
 

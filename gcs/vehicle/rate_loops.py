@@ -20,6 +20,7 @@ from sysid.rate_loop.settings import AxisLoop, Notch
 AXES: Final = {"roll": "RLL", "pitch": "PIT"}
 USUAL_LOOP_HZ: Final = 400.0
 _GAINS: Final = ("P", "I", "D", "FF", "D_FF", "IMAX", "FLTT", "FLTE", "FLTD")
+_NEEDED: Final = ("P", "I", "D", "FLTT", "FLTE", "FLTD")
 _SINCE_4_5: Final = "ATC_RAT_RLL_D_FF"
 _HELICOPTERS_OWN: Final = "ATC_RAT_RLL_ILMI"
 _LEAKY: Final = 1
@@ -68,6 +69,11 @@ def rate_loops(parameters: Mapping[str, float]) -> RateLoops:
             f"no rate loop that is known here: {missing} is not among the {len(parameters)} parameters, which "
             "ArduCopter 4.5 and later have; take a log or a vehicle of such a version"
         )
+    if lost := [name for name in _needed() if name not in parameters]:
+        raise TippathError(
+            f"the parameters are not whole: {', '.join(lost)} not among them, as every such vehicle has; take the "
+            "whole log"
+        )
     helicopter = _HELICOPTERS_OWN in parameters
     hz = _number(parameters, LOOP_RATE, USUAL_LOOP_HZ)
     if hz <= 0:
@@ -82,6 +88,11 @@ def rate_loops(parameters: Mapping[str, float]) -> RateLoops:
         not_modelled=(*_active(parameters), *filters),
         in_the_vehicle=_in_the_vehicle(parameters, helicopter),
     )
+
+
+def _needed() -> list[str]:
+    """Without which a loop is not known."""
+    return [*(name_of(axis, gain) for axis in AXES for gain in _NEEDED), *(f"ATC_ANG_{AXES[axis]}_P" for axis in AXES)]
 
 
 def _axis(parameters: Mapping[str, float], axis: str, helicopter: bool, say: Callable[[str], None]) -> AxisLoop:
@@ -137,7 +148,7 @@ def _active(parameters: Mapping[str, float]) -> list[str]:
     said = []
     for axis in AXES:
         slew = name_of(axis, "SMAX")
-        if parameters.get(slew, 0.0) > 0:
+        if _number(parameters, slew) > 0:
             said.append(f"the slew limit takes P and D of {axis} back while they move fast ({slew}): set it to 0")
     for name, words in (
         ("ATC_THR_G_BOOST", "P and D rise while the throttle moves fast"),
@@ -146,14 +157,14 @@ def _active(parameters: Mapping[str, float]) -> list[str]:
         ("CC_TYPE", "a custom controller may fly instead"),
         ("FSTRATE_ENABLE", "the rate loops run faster than the main loop, at a rate that nothing tells"),
     ):
-        value = parameters.get(name, 0.0)
+        value = _number(parameters, name)
         if value > 0:
             said.append(f"{words} ({name} {value:g}): set it to 0")
     said.extend(
         f"a notch follows throttle, rotor or spectrum ({prefix}_MODE {parameters[f'{prefix}_MODE']:g}), so that its "
         "lag is not one: fix it (0), or switch it off, for the flight that is identified"
         for prefix in _GYRO_NOTCHES
-        if parameters.get(f"{prefix}_ENABLE", 0.0) > 0 and parameters.get(f"{prefix}_MODE", _FIXED) != _FIXED
+        if _number(parameters, f"{prefix}_ENABLE") > 0 and _number(parameters, f"{prefix}_MODE", _FIXED) != _FIXED
     )
     return said
 
@@ -178,7 +189,7 @@ def gyro_filter_hz(parameters: Mapping[str, float], rate_source: str) -> float:
     """
     if rate_source != "SIDD":
         return 0.0
-    notches = [name for name in (f"{prefix}_ENABLE" for prefix in _GYRO_NOTCHES) if parameters.get(name, 0.0) > 0]
+    notches = [name for name in (f"{prefix}_ENABLE" for prefix in _GYRO_NOTCHES) if _number(parameters, name) > 0]
     if notches:
         raise TippathError(
             f"the rates of SIDD are before the notches that the loops are behind ({', '.join(notches)}): fit the rates "

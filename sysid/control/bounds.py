@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sysid.control.stability import Feedback, Margins, closed_loop
+from sysid.control.controllers import AnyGains, controller_of
+from sysid.control.stability import Margins
 from sysid.fit.result import Fit, finite
 from sysid.model.structure import FloatArray, Model
 
@@ -53,9 +55,14 @@ def drawn(model: Model, covariance: FloatArray, rng: np.random.Generator, count:
     return np.asarray(np.clip(values, low, high))
 
 
-def over_bounds(gains: Feedback, model: Model, draws: FloatArray) -> OverBounds:
+def over_bounds(gains: AnyGains, model: Model, draws: FloatArray) -> OverBounds:
     """Gains in the loop with a model at each of these values, (count, parameters)."""
-    found = [closed_loop(gains, Model(model.structure, values)).margins for values in draws]
+    held = controller_of(gains).held
+    return bounds_of([held(Model(model.structure, values)).margins for values in draws])
+
+
+def bounds_of(found: Sequence[Margins | None]) -> OverBounds:
+    """Of the margins of samples, None where one is not held."""
     sizes = np.array([(0.0, 0.0, 0.0) if one is None else (one.gain_db, one.phase_deg, one.delay_s) for one in found])
     lost = sum(one is None for one in found)
     rare = np.sort(sizes, axis=0)[int(RARE * len(found))]

@@ -12,35 +12,34 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, get_args
 
 from sysid.control.bounds import OverBounds, margins_json, over_bounds
-from sysid.control.loop import Following, following
+from sysid.control.command_noise import CommandNoise
+from sysid.control.controllers import AnyGains, Controller, controller_of
+from sysid.control.loop import AxisAnswer
 from sysid.control.measured_margins import MeasuredMargins
-from sysid.control.regulator import Gains
-from sysid.control.robustness import Robustness, robustness
-from sysid.control.stability import (
-    SENSIBLE_GAIN_DB,
-    SENSIBLE_MS,
-    SENSIBLE_PHASE_DEG,
-    ClosedLoop,
-    Margins,
-    closed_loop,
-)
+from sysid.control.robustness import Robustness
+from sysid.control.stability import SENSIBLE_GAIN_DB, SENSIBLE_MS, SENSIBLE_PHASE_DEG, ClosedLoop, Margins
 from sysid.model.structure import FloatArray, Model
 
 Role = Literal["fit", "missing", "not told apart"]
 ROLES: tuple[Role, ...] = get_args(Role)
 """The fit itself; with what its diagnosis names as missing; with what it could not tell from that."""
-Quantity = Literal["held", "gain_db", "phase_deg", "delay_ms", "overshoot", "coupling"]
-Verdict = Literal["holds", "poor", "fails"]
-"""`fails` where any model is not held or has less margin than asked; `poor` where all have, and an answer overshoots or
-couples more than asked."""
+Quantity = Literal["held", "gain_db", "phase_deg", "delay_ms", "overshoot", "coupling", "peak_db", "noise", "servos"]
+Verdict = Literal["holds", "poor", "not measured", "fails"]
+"""`fails` where any model is not held or has less margin than asked; `not measured` where measured margins were asked
+for and one that the model has lies outside the measured band; `poor` where all have, and an answer overshoots or
+couples more than asked, disturbances are raised by more, or move the commands by more."""
+REFUSED: tuple[Verdict, ...] = ("fails", "not measured")
+"""What is not to be flown."""
 OF_DELAY = 0.5
 """Of the delay that a model has: as much more is asked to be held."""
-QUALITY: tuple[Quantity, ...] = ("overshoot", "coupling")
+ROUNDING = 1e-3
+"""Of gains, as a parameter file has them."""
+QUALITY: tuple[Quantity, ...] = ("overshoot", "coupling", "peak_db", "noise", "servos")
 """What makes a loop poor, and does not refuse it."""
 
 
@@ -56,6 +55,14 @@ class Limits:
     """Of the rate asked for;"""
     coupling: float = 0.25
     """the same, of the other axis."""
+    peak_db: float = 5.0
+    """The most by which a disturbance of a rate may be raised; ADS-33's of disturbance rejection."""
+    noise: float = 1.3
+    """Of what gusts and gyro noise moved the commands by with the gains that flew, and of how fast."""
+
+    def of(self, model: Model) -> Limits:
+        """With at least half of the delay that the model has."""
+        return replace(self, delay_ms=max(self.delay_ms, 1000 * OF_DELAY * max(model.input_delay_s)))
 
     def or_stricter(self, other: Limits) -> Limits:
         """The stricter of each."""
@@ -65,6 +72,8 @@ class Limits:
             delay_ms=max(self.delay_ms, other.delay_ms),
             overshoot=min(self.overshoot, other.overshoot),
             coupling=min(self.coupling, other.coupling),
+            peak_db=min(self.peak_db, other.peak_db),
+            noise=min(self.noise, other.noise),
         )
 
     def to_json(self) -> dict[str, float]:
@@ -93,8 +102,8 @@ class OnModel:
     role: Role
     model: Model
     loop: ClosedLoop
-    answer: Following | None
-    """None where it is not held;"""
+    answers: tuple[AxisAnswer, AxisAnswer] | None
+    """Of roll and pitch to what is asked of their rate; None where it is not held;"""
     robustness: Robustness | None
     """the same."""
     shortfalls: tuple[Shortfall, ...]
@@ -102,12 +111,17 @@ class OnModel:
     @property
     def overshoot(self) -> float | None:
         """The larger of both axes."""
-        return None if self.answer is None else max(self.answer.roll.overshoot, self.answer.pitch.overshoot)
+        return None if self.answers is None else max(one.overshoot for one in self.answers)
 
     @property
     def coupling(self) -> float | None:
         """The larger of both axes."""
-        return None if self.answer is None else max(self.answer.roll.coupling, self.answer.pitch.coupling)
+        return None if self.answers is None else max(one.coupling for one in self.answers)
+
+    @property
+    def peak_db(self) -> float | None:
+        """The larger of both axes."""
+        return None if self.robustness is None else max(one.rejection_peak_db for one in self.robustness.handling)
 
     def to_json(self) -> dict[str, Any]:
         margins = self.loop.margins
@@ -118,9 +132,7 @@ class OnModel:
             "margins": None if margins is None else margins_json(margins),
             "overshoot": self.overshoot,
             "coupling": self.coupling,
-            "rise_ms": None
-            if self.answer is None
-            else [_ms(one.rise_s) for one in (self.answer.roll, self.answer.pitch)],
+            "rise_ms": None if self.answers is None else [_ms(one.rise_s) for one in self.answers],
             "robustness": None if self.robustness is None else self.robustness.to_json(),
             "without": list(self.loop.left_out),
             "shortfalls": [asdict(one) for one in self.shortfalls],
@@ -137,7 +149,20 @@ class Judgement:
     bounds: OverBounds | None
     """Over what the fit's numbers may be; None where nobody drew any."""
     measured: MeasuredMargins | None = None
-    """By measured responses; None where nobody asked, or they are not known well enough."""
+    """By measured responses; None where nobody asked."""
+    noise: CommandNoise | None = None
+    """Of the commands, beside that of the gains that flew; None where that is not known."""
+
+    @property
+    def restless(self) -> tuple[Shortfall, ...]:
+        """What disturbances move the commands by, beyond what is asked."""
+        if self.noise is None:
+            return ()
+        each: tuple[tuple[Quantity, float | None, float], ...] = (
+            ("noise", self.noise.times_flown, self.limits.noise * (1 + ROUNDING)),
+            ("servos", self.noise.of_servo_speed, 1.0),
+        )
+        return tuple(_more(each))
 
     @property
     def thin_bounds(self) -> tuple[Shortfall, ...]:
@@ -146,7 +171,7 @@ class Judgement:
             return ()
         if self.bounds.not_held or self.bounds.least is None:
             return (Shortfall(quantity="held", value=None, limit=None),)
-        return tuple(_thin(self.bounds.least, self.models[0].model, self.limits))
+        return tuple(thin(self.bounds.least, self.limits.of(self.models[0].model)))
 
     @property
     def thin_measured(self) -> tuple[Shortfall, ...]:
@@ -159,12 +184,32 @@ class Judgement:
             "delay_ms": self.measured.delay_ms,
         }
         gain, phase, delay = (math.inf if one is None else one.value for one in at.values())
-        return tuple(_thin(Margins(gain, phase, delay / 1000), self.models[0].model, self.limits))
+        return tuple(thin(Margins(gain, phase, delay / 1000), self.limits.of(self.models[0].model)))
 
     @property
     def verdict(self) -> Verdict:
-        found = [*self.thin_bounds, *self.thin_measured, *(one for model in self.models for one in model.shortfalls)]
-        return "fails" if any(one.fails for one in found) else "poor" if found else "holds"
+        found = [
+            *self.thin_bounds,
+            *self.thin_measured,
+            *self.restless,
+            *(one for model in self.models for one in model.shortfalls),
+        ]
+        if any(one.fails for one in found):
+            return "fails"
+        if self.measured is not None and self.measured.missing:
+            return "not measured"
+        return "poor" if found else "holds"
+
+    @property
+    def answers_poorly(self) -> bool:
+        """Whether it is `poor`, and by its answers."""
+        short = (one.quantity for model in self.models for one in model.shortfalls)
+        return self.verdict == "poor" and any(one in ("overshoot", "coupling") for one in short)
+
+    @property
+    def refused(self) -> bool:
+        """Whether nobody is to fly them who does not say why."""
+        return self.verdict in REFUSED
 
     def to_json(self) -> dict[str, Any]:
         """`verdict`, `limits`, `models`."""
@@ -175,26 +220,32 @@ class Judgement:
             "bounds": None if self.bounds is None else self.bounds.to_json(),
             "bounds_shortfalls": [asdict(one) for one in self.thin_bounds],
             "measured_shortfalls": [asdict(one) for one in self.thin_measured],
+            "measured": None if self.measured is None else self.measured.lacks(),
+            "noise": None if self.noise is None else self.noise.to_json(),
+            "noise_shortfalls": [asdict(one) for one in self.restless],
         }
 
 
 def judge(
-    gains: Gains,
+    gains: AnyGains,
     models: Sequence[tuple[Role, Model]],
     limits: Limits | None = None,
     draws: FloatArray | None = None,
     measured: MeasuredMargins | None = None,
+    noise: CommandNoise | None = None,
 ) -> Judgement:
     """Gains in the loop with each of these models, delays included.
 
-    `draws` (n, parameters) are values of the first model, `measured` the margins by responses without any.
+    `draws` (n, parameters) are values of the first model, `measured` the margins by responses without any, `noise` what
+    disturbances make of the commands.
     """
-    limits = limits or Limits()
+    limits, controller = limits or Limits(), controller_of(gains)
     return Judgement(
         limits=limits,
-        models=tuple(_on(gains, role, model, limits) for role, model in models),
+        models=tuple(_on(controller, role, model, limits) for role, model in models),
         bounds=None if draws is None or not len(draws) else over_bounds(gains, models[0][1], draws),
         measured=measured,
+        noise=noise,
     )
 
 
@@ -203,6 +254,8 @@ _WORDS = {
     rf"{_NUMBER} ?db": ("gain_db", 1.0),
     rf"{_NUMBER} ?(deg|°)": ("phase_deg", 1.0),
     rf"{_NUMBER} ?ms": ("delay_ms", 1.0),
+    rf"peak={_NUMBER} ?(db)?": ("peak_db", 1.0),
+    rf"noise={_NUMBER}": ("noise", 1.0),
     rf"overshoot={_NUMBER}%?": ("overshoot", 0.01),
     rf"coupling={_NUMBER}%?": ("coupling", 0.01),
 }
@@ -222,11 +275,11 @@ def parse_limits(words: str) -> Limits:
     return replace(Limits(), **given)
 
 
-def _on(gains: Gains, role: Role, model: Model, limits: Limits) -> OnModel:
-    loop = closed_loop(gains, model)
-    answer = following(gains, model) if loop.stable else None
-    holds = robustness(gains, model) if loop.stable else None
-    found = OnModel(role=role, model=model, loop=loop, answer=answer, robustness=holds, shortfalls=())
+def _on(controller: Controller, role: Role, model: Model, limits: Limits) -> OnModel:
+    loop = controller.held(model)
+    answers = controller.answers(model) if loop.stable else None
+    holds = controller.robustness(model) if loop.stable else None
+    found = OnModel(role=role, model=model, loop=loop, answers=answers, robustness=holds, shortfalls=())
     return replace(found, shortfalls=tuple(_shortfalls(found, limits)))
 
 
@@ -237,24 +290,26 @@ def _shortfalls(one: OnModel, limits: Limits) -> list[Shortfall]:
     most: tuple[tuple[Quantity, float | None, float], ...] = (
         ("overshoot", one.overshoot, limits.overshoot),
         ("coupling", one.coupling, limits.coupling),
+        ("peak_db", one.peak_db, limits.peak_db),
     )
+    return [*thin(margins, limits.of(one.model)), *_more(most)]
+
+
+def _more(most: Iterable[tuple[Quantity, float | None, float]]) -> list[Shortfall]:
+    """What is more than asked."""
     return [
-        *_thin(margins, one.model, limits),
-        *(
-            Shortfall(quantity=q, value=value, limit=limit)
-            for q, value, limit in most
-            if value is not None and value > limit
-        ),
+        Shortfall(quantity=q, value=value, limit=limit)
+        for q, value, limit in most
+        if value is not None and value > limit
     ]
 
 
-def _thin(margins: Margins, model: Model, limits: Limits) -> list[Shortfall]:
+def thin(margins: Margins, limits: Limits) -> list[Shortfall]:
     """The margins that are less than asked."""
-    delay_ms = max(limits.delay_ms, 1000 * OF_DELAY * model.by_name.get("T_d", 0.0))
     least: tuple[tuple[Quantity, float, float], ...] = (
         ("gain_db", margins.gain_db, limits.gain_db),
         ("phase_deg", margins.phase_deg, limits.phase_deg),
-        ("delay_ms", margins.delay_ms, delay_ms),
+        ("delay_ms", margins.delay_ms, limits.delay_ms),
     )
     return [Shortfall(quantity=q, value=value, limit=limit) for q, value, limit in least if value < limit]
 

@@ -32,6 +32,19 @@ RIGHT_OF_ALL = DRIFT_RAD_S + 1.0
 NOT_HELD = "the gains do not hold this model: there is no answer to predict"
 
 
+@dataclass(frozen=True, kw_only=True)
+class AxisAnswer:
+    """What an answer to a rate command comes to."""
+
+    axis: str
+    rise_s: float | None
+    """From the step until nine tenths of it are reached; None where they never are."""
+    overshoot: float
+    """Beyond what was asked, as a share of it; 0 where it stays below."""
+    coupling: float
+    """Largest rate of the other axis, as a share of what was asked."""
+
+
 class Answer(NamedTuple):
     """To a doublet on one axis; arrays of shape (n,)."""
 
@@ -72,6 +85,10 @@ class Answer(NamedTuple):
         reached = np.flatnonzero(self.own * np.sign(self.asked[self.asked != 0][0]) >= 0.9 * np.max(np.abs(self.asked)))
         asked = np.flatnonzero(self.asked)
         return None if not reached.size else float((reached[0] - asked[0]) * STEP_S)
+
+    @property
+    def worth(self) -> AxisAnswer:
+        return AxisAnswer(axis=self.axis, rise_s=self.rise_s, overshoot=self.overshoot, coupling=self.coupling)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,15 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sysid.control.stability import (
-    Feedback,
-    branches,
-    crossings_hz,
-    from_rates,
-    negative_axis_met,
-    unit_passed,
-    unstable_poles,
-)
+from sysid.control.controllers import AnyGains, controller_of
+from sysid.control.robustness import disk_sizes
+from sysid.control.stability import branches, negative_axis_met, unit_passed
 from sysid.data.preprocess import ComplexArray
 from sysid.data.record import CYCLIC, RATES, FloatArray
 from sysid.model.structure import Model
@@ -34,6 +28,9 @@ FINER = 10
 """Points between those measured: a locus is smooth."""
 BEYOND = 1.25
 """Of a crossing's frequency: as far a sweep goes, so that it is measured on either side."""
+STEP = 1e-4
+CELLS = np.eye(4).reshape(4, 2, 2)
+"""Each response of the two by two alone."""
 FACTOR = 1.96
 """Standard errors in a bound of 95 %."""
 
@@ -56,23 +53,42 @@ class Crossing:
 class MeasuredMargins:
     """The smallest margins inside the band; None where no locus crosses there."""
 
-    band_hz: tuple[float, float]
+    band_hz: tuple[float, float] | None
+    """None where the responses are nowhere known well enough."""
     phase_deg: Crossing | None
     delay_ms: Crossing | None
     gain_db: Crossing | None
+    disk: Crossing | None = None
+    """Size of the disk margin where it is smallest in the band."""
     unstable_poles: int = 0
     """Of the open loop, by the model: responses do not tell how often their loci should go round -1."""
+    needed: tuple[str, ...] = ()
+    """Margins that the model has at some frequency, and so is to be measured;"""
+    missing: tuple[str, ...] = ()
+    """of these, what the band does not show."""
     sweep_to_hz: float | None = None
-    """To measure what the model crosses beyond the band; None where that is nothing."""
+    """To measure what is missing above the band; None where nothing is."""
+    sweep_from_hz: float | None = None
+    """The same, below."""
 
     def to_json(self) -> dict[str, Any]:
-        """`band_hz`, of each margin `value`, `bound`, `frequency_hz`, or null, `unstable_poles`, `sweep_to_hz`."""
-        each = {"phase_deg": self.phase_deg, "delay_ms": self.delay_ms, "gain_db": self.gain_db}
+        """`band_hz`, of each margin and the disk's size `value`, `bound`, `frequency_hz`, or null, `unstable_poles`,
+        `needed`, `missing`, `sweep_to_hz`, `sweep_from_hz`."""
+        each = {"phase_deg": self.phase_deg, "delay_ms": self.delay_ms, "gain_db": self.gain_db, "disk": self.disk}
         return {
-            "band_hz": list(self.band_hz),
+            "band_hz": None if self.band_hz is None else list(self.band_hz),
             **{name: None if one is None else one.to_json() for name, one in each.items()},
             "unstable_poles": self.unstable_poles,
+            **self.lacks(),
+        }
+
+    def lacks(self) -> dict[str, Any]:
+        """`needed`, `missing`, `sweep_to_hz`, `sweep_from_hz`."""
+        return {
+            "needed": list(self.needed),
+            "missing": list(self.missing),
             "sweep_to_hz": self.sweep_to_hz,
+            "sweep_from_hz": self.sweep_from_hz,
         }
 
 
@@ -86,9 +102,11 @@ class Loci:
     """(f, 2)"""
     errors: FloatArray
     """(f, 2), standard errors of real and imaginary part each."""
+    of: tuple[ComplexArray, ComplexArray, FloatArray]
+    """Controller, responses and their standard errors, (f, 2, 2) each."""
 
 
-def measured_margins(gains: Feedback, responses: Responses) -> MeasuredMargins | None:
+def measured_margins(gains: AnyGains, responses: Responses) -> MeasuredMargins | None:
     """Margins under gains by measured responses of p and q; None where these are not measured well enough."""
     loci = measured_loci(gains, responses)
     if loci is None:
@@ -111,16 +129,31 @@ def measured_margins(gains: Feedback, responses: Responses) -> MeasuredMargins |
         phase_deg=_smallest(phases),
         delay_ms=_smallest(delays),
         gain_db=_smallest(levels),
+        disk=_disk(loci),
     )
 
 
-def with_model(found: MeasuredMargins, gains: Feedback, vehicle: Model) -> MeasuredMargins:
-    """The same with what only a model tells: poles of the open loop, and what it crosses beyond the band."""
-    beyond = [hz for each in crossings_hz(gains, vehicle) for hz in each.tolist() if hz > found.band_hz[1]]
+NOTHING_MEASURED = MeasuredMargins(band_hz=None, phase_deg=None, delay_ms=None, gain_db=None)
+
+
+def with_model(found: MeasuredMargins, gains: AnyGains, vehicle: Model) -> MeasuredMargins:
+    """The same with what only a model that the gains hold tells: poles of the open loop, and where its margins are
+    decided, which is to be measured."""
+    controller = controller_of(gains)
+    edges = controller.edges(vehicle)
+    at = {"gain_db": edges.gain_hz, "phase_deg": edges.phase_hz, "delay_ms": edges.delay_hz}
+    needed = {name: hz for name, hz in at.items() if hz is not None}
+    low, high = found.band_hz or (0.0, math.inf)
+    missing = {name: hz for name, hz in needed.items() if getattr(found, name) is None or not low <= hz <= high}
+    above = [max(hz, high) for hz in missing.values() if hz >= low and found.band_hz]
+    below = [hz for hz in missing.values() if hz < low]
     return replace(
         found,
-        unstable_poles=unstable_poles(gains, vehicle),
-        sweep_to_hz=math.ceil(BEYOND * max(beyond)) if beyond else None,
+        unstable_poles=controller.unstable_poles(vehicle),
+        needed=tuple(needed),
+        missing=tuple(missing),
+        sweep_to_hz=math.ceil(BEYOND * max(above)) if above else None,
+        sweep_from_hz=float(f"{min(below) / BEYOND:.1g}") if below else None,
     )
 
 
@@ -137,7 +170,7 @@ def _between_points(
     return rows[0], rows[1], error
 
 
-def measured_loci(gains: Feedback, responses: Responses) -> Loci | None:
+def measured_loci(gains: AnyGains, responses: Responses) -> Loci | None:
     """Loci where all four responses have a small error beside the distance from -1; None where that is nowhere."""
     if not (set(RATES) <= set(responses.outputs) and set(CYCLIC) <= set(responses.commands)):
         return None
@@ -146,7 +179,7 @@ def measured_loci(gains: Feedback, responses: Responses) -> Loci | None:
     )
     H, error = np.moveaxis(responses.H[rows], -1, 0), np.moveaxis(responses.error[rows], -1, 0)
     known = np.all(np.isfinite(error), axis=(1, 2))
-    C = from_rates(gains, 2j * np.pi * responses.frequency_hz)
+    C = controller_of(gains).from_rates(responses.frequency_hz)
     loci = np.full((known.size, 2), np.nan + 0j)
     errors = np.full((known.size, 2), np.nan)
     if np.count_nonzero(known) >= FEWEST:
@@ -156,7 +189,12 @@ def measured_loci(gains: Feedback, responses: Responses) -> Loci | None:
         return None
     values = branches(loci[good])
     swapped = values[:, 0] != loci[good][:, 0]
-    return Loci(responses.frequency_hz[good], values, np.where(swapped[:, None], errors[good][:, ::-1], errors[good]))
+    return Loci(
+        responses.frequency_hz[good],
+        values,
+        np.where(swapped[:, None], errors[good][:, ::-1], errors[good]),
+        (C[good], H[good], error[good]),
+    )
 
 
 def _eigenvalues(C: ComplexArray, H: ComplexArray, error: FloatArray) -> tuple[ComplexArray, FloatArray]:
@@ -165,6 +203,21 @@ def _eigenvalues(C: ComplexArray, H: ComplexArray, error: FloatArray) -> tuple[C
     left = np.linalg.inv(right) @ C
     variance = np.einsum("fik,fkm,fmi->fi", np.abs(left) ** 2, error**2, np.abs(right) ** 2)
     return values, np.sqrt(0.5 * variance)
+
+
+def _disk(loci: Loci) -> Crossing:
+    """The smallest disk of the band, its error by how its size changes with each response."""
+    C, H, error = loci.of
+    sizes = disk_sizes(C @ H)
+    at = int(np.argmin(sizes))
+    step = STEP * np.maximum(np.abs(H[at]), error[at])
+    moved = [way * turn * step * cell for cell in CELLS for turn in (1, 1j) for way in (1, -1)]
+    there = disk_sizes(C[at] @ (H[at] + np.array(moved))).reshape(len(CELLS), 2, 2)
+    slopes = (there[..., 0] - there[..., 1]) / (2 * step.ravel()[:, None])
+    variance = float(np.sum(0.5 * error[at].ravel()[:, None] ** 2 * slopes**2))
+    return Crossing(
+        value=float(sizes[at]), bound=FACTOR * math.sqrt(variance), frequency_hz=float(loci.frequency_hz[at])
+    )
 
 
 def _at_unit(

@@ -13,6 +13,7 @@ is the attitudes' as well: bandwidth where it passes -3 dB, and peak (ADS-33F's,
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -62,6 +63,16 @@ class DiskMargin:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rejection:
+    """How a disturbance of one rate is met."""
+
+    hz: float | None
+    """Up to where less than -3 dB of it is left; None where that is nowhere, as in a loop without integral action."""
+    peak_db: float
+    peak_hz: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Handling:
     """Of one axis; None of what is nowhere between 0.02 and 200 Hz."""
 
@@ -71,7 +82,7 @@ class Handling:
     limited_by: str | None
     """`gain` or `phase`."""
     rejection_hz: float | None
-    """None too where a disturbance at rest is not attenuated by 3 dB: a loop without integral action."""
+    """As of `Rejection`."""
     rejection_peak_db: float
     rejection_peak_hz: float
 
@@ -100,10 +111,20 @@ def robustness(gains: Gains, vehicle: Model) -> Robustness:
     """Of a loop that is held."""
     loop = loop_of(gains, vehicle)
     units, _ = crossings_hz(gains, vehicle)
+    f = np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS)
+    s: ComplexArray = np.asarray(2j * np.pi * f, dtype=complex)
+    commands = commands_of(gains)
+    plant = rates_per_command(vehicle, s, commands)
     return Robustness(
-        disk=_disk(gains, vehicle, frequencies(gains, loop)),
+        disk=disk_margin(
+            lambda w: from_rates(gains, 1j * w) @ rates_per_command(vehicle, 1j * w, commands), frequencies(gains, loop)
+        ),
         crossover_hz=float(np.max(units)) if units.size else None,
-        handling=_handling(gains, vehicle),
+        handling=handling(
+            f,
+            plant @ commands_per_rate(gains, vehicle, s),
+            np.asarray(np.linalg.inv(np.eye(2) + plant @ from_rates(gains, s))),
+        ),
     )
 
 
@@ -137,39 +158,45 @@ def _largest_balanced(M: ComplexArray) -> FloatArray:
     return np.asarray(np.linalg.norm(M * scale[:, :, None] / scale[:, None, :], 2, axis=(1, 2)))
 
 
-def _disk(gains: Gains, vehicle: Model, w: FloatArray) -> DiskMargin:
+def disk_margin(transfer: Callable[[FloatArray], ComplexArray], w: FloatArray) -> DiskMargin:
+    """Of the loop broken at all commands, (f, n, n) at rad/s, of which `w` are the first."""
     for _ in range(ZOOMS + 1):
-        s = 1j * w
-        sizes = disk_sizes(from_rates(gains, s) @ rates_per_command(vehicle, s, commands_of(gains)))
+        sizes = disk_sizes(transfer(w))
         least = int(np.argmin(sizes))
         found = DiskMargin(size=float(sizes[least]), frequency_hz=float(w[least] / (2 * np.pi)))
         w = np.linspace(w[max(least - 1, 0)], w[min(least + 1, w.size - 1)], ZOOM)
     return found
 
 
-def _handling(gains: Gains, vehicle: Model) -> tuple[Handling, ...]:
-    f = np.geomspace(LOWEST_HZ, HIGHEST_HZ, POINTS)
-    s: ComplexArray = np.asarray(2j * np.pi * f, dtype=complex)
-    plant = rates_per_command(vehicle, s, commands_of(gains))
-    answer = plant @ commands_per_rate(gains, vehicle, s)
-    S = np.linalg.inv(np.eye(2) + plant @ from_rates(gains, s))
+def handling(f: FloatArray, answer: ComplexArray, left: ComplexArray) -> tuple[Handling, ...]:
+    """Of both axes: rates per rate asked for, and what is left of a disturbance of the rates, (f, 2, 2) at Hz."""
     return tuple(
-        _of_axis(axis, f, answer[:, k, k], np.asarray(S[:, k, k], dtype=complex)) for k, axis in enumerate(AXES)
+        _of_axis(axis, f, answer[:, k, k], np.asarray(left[:, k, k], dtype=complex)) for k, axis in enumerate(AXES)
     )
 
 
-def _of_axis(axis: str, f: FloatArray, answer: ComplexArray, S: ComplexArray) -> Handling:
+def _of_axis(axis: str, f: FloatArray, answer: ComplexArray, left: ComplexArray) -> Handling:
     bandwidth, limited, delay = bandwidth_of(f, answer)
-    size = DB * np.log(np.abs(S))
-    peak = int(np.argmax(size))
+    met = rejection(f, left)
     return Handling(
         axis=axis,
         bandwidth_hz=bandwidth,
         phase_delay_ms=delay,
         limited_by=limited,
-        rejection_hz=None if size[0] > -3 else _first(f, size, -3.0),
-        rejection_peak_db=float(size[peak]),
-        rejection_peak_hz=float(f[peak]),
+        rejection_hz=met.hz,
+        rejection_peak_db=met.peak_db,
+        rejection_peak_hz=met.peak_hz,
+    )
+
+
+def rejection(f: FloatArray, left: ComplexArray) -> Rejection:
+    """Of what is left of a disturbance (f,), at Hz in ascending order."""
+    size = DB * np.log(np.abs(left))
+    peak = int(np.argmax(size))
+    return Rejection(
+        hz=None if size[0] > -3 else _first(f, size, -3.0),
+        peak_db=float(size[peak]),
+        peak_hz=float(f[peak]),
     )
 
 

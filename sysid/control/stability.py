@@ -142,7 +142,7 @@ class Loop(NamedTuple):
 def closed_loop(gains: Feedback, vehicle: Model) -> ClosedLoop:
     """A vehicle, whatever its states and its delay, under gains designed on another model."""
     loop = loop_of(gains, vehicle)
-    inside, outside = _in_the_loop(vehicle)
+    inside, outside = in_the_loop(vehicle)
     poles = loop.unseen[np.abs(loop.unseen) >= loop.drift]
     if np.any(poles.real > ON_THE_AXIS) or roots_to_the_right(loop) != 0:
         return ClosedLoop(None, inside, outside)
@@ -150,7 +150,8 @@ def closed_loop(gains: Feedback, vehicle: Model) -> ClosedLoop:
     return ClosedLoop(_margins(gains, loop), inside, outside, drifts)
 
 
-def _in_the_loop(vehicle: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def in_the_loop(vehicle: Model) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Its effects that small motion shows in a loop, and the others."""
     structure = vehicle.structure
     carried = {*structure.channels} - {name for name, _ in ATTITUDE}
     names = structure.effects
@@ -308,32 +309,71 @@ def _margins(gains: Feedback, loop: Loop) -> Margins:
     return margins_by_loci(lambda w: _transfer(gains, loop, 1j * w), frequencies(gains, loop), _at_rest(gains, loop))
 
 
+class Edges(NamedTuple):
+    """Margins, and the frequency at which each of them is decided, Hz; None where nothing at a frequency does."""
+
+    margins: Margins
+    gain_hz: float | None = None
+    phase_hz: float | None = None
+    delay_hz: float | None = None
+
+
+def edges(gains: Feedback, vehicle: Model) -> Edges:
+    """Of a loop that is held."""
+    loop = loop_of(gains, vehicle)
+    w = frequencies(gains, loop)
+    return edges_by_loci(lambda at: _transfer(gains, loop, 1j * at), w, _at_rest(gains, loop))
+
+
 def margins_by_loci(transfer: Callable[[FloatArray], ComplexArray], w: FloatArray, at_rest: float) -> Margins:
+    """Of a loop that is held, as `edges_by_loci`."""
+    return edges_by_loci(transfer, w, at_rest).margins
+
+
+def edges_by_loci(transfer: Callable[[FloatArray], ComplexArray], w: FloatArray, at_rest: float) -> Edges:
     """Where the loci of a loop that is held, broken at the commands, meet -1 with more gain, phase or delay.
 
     A common gain, phase or delay in both commands moves every eigenvalue alike, so the first to meet it is the edge.
     `transfer` is (f, 2, 2) at frequencies in rad/s, of which `w` are the first; `at_rest` the gain margin at 0 Hz, dB.
     """
-    values = _eigenvalues(transfer(w))
+    values = eigenvalues(transfer(w))
     loci = branches(values)
     for _ in range(ZOOMS):
         crossed = np.flatnonzero(np.any(unit_passed(loci) | negative_axis_met(loci), axis=1))
         between = np.linspace(w[crossed], w[crossed + 1], ZOOM, endpoint=False)[1:].ravel()
         w = np.concatenate([w, between])
-        values = np.concatenate([values, _eigenvalues(transfer(between))])
+        values = np.concatenate([values, eigenvalues(transfer(between))])
         order = np.argsort(w)
         w, values = w[order], values[order]
         loci = branches(values)
-    gain, phase, delay = at_rest, math.inf, math.inf
+    gains: list[_Met] = [(at_rest, None)]
+    phases: list[_Met] = [(math.inf, None)]
+    delays: list[_Met] = [(math.inf, None)]
     for branch in loci.T:
         size, turn = np.log(np.abs(branch)), np.mod(np.angle(branch) - np.pi, 2 * np.pi)
         for i in np.flatnonzero(unit_passed(branch)):
             part = size[i] / (size[i] - size[i + 1])
             angle = turn[i] + part * ((turn[i + 1] - turn[i] + np.pi) % (2 * np.pi) - np.pi)
-            phase = min(phase, float(np.degrees(min(angle, 2 * np.pi - angle))))
-            delay = min(delay, float(angle / (w[i] + part * (w[i + 1] - w[i]))))
-        gain = min([gain, *(-20 / math.log(10) * size[:-1][negative_axis_met(branch) & (size[:-1] < 0)])])
-    return Margins(float(gain), phase, delay)
+            at = float(w[i] + part * (w[i + 1] - w[i]))
+            phases.append((float(np.degrees(min(angle, 2 * np.pi - angle))), at))
+            delays.append((float(angle / at), at))
+        met = np.flatnonzero(negative_axis_met(branch) & (size[:-1] < 0))
+        gains += [(-20 / math.log(10) * float(size[i]), float(w[i])) for i in met]
+    (gain, gain_at), (phase, phase_at), (delay, delay_at) = (
+        min(each, key=_first_of) for each in (gains, phases, delays)
+    )
+    return Edges(
+        Margins(gain, phase, delay),
+        *(None if at is None else at / (2 * math.pi) for at in (gain_at, phase_at, delay_at)),
+    )
+
+
+_Met = tuple[float, float | None]
+"""A margin, and the rad/s at which it is."""
+
+
+def _first_of(met: _Met) -> float:
+    return met[0]
 
 
 def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArray]:
@@ -341,7 +381,7 @@ def crossings_hz(gains: Feedback, vehicle: Model) -> tuple[FloatArray, FloatArra
     which decides its gain margin."""
     loop = loop_of(gains, vehicle)
     w = frequencies(gains, loop)
-    loci = branches(_eigenvalues(_transfer(gains, loop, 1j * w)))
+    loci = branches(eigenvalues(_transfer(gains, loop, 1j * w)))
     smaller = np.abs(loci[:-1]) < 1
     units, reals = (np.any(each, axis=1) for each in (unit_passed(loci), negative_axis_met(loci) & smaller))
     middle = np.sqrt(w[:-1] * w[1:]) / (2 * np.pi)
@@ -407,7 +447,8 @@ def branches(values: ComplexArray) -> ComplexArray:
     return np.where(odd[:, None], values[:, ::-1], values)
 
 
-def _eigenvalues(x: ComplexArray) -> ComplexArray:
+def eigenvalues(x: ComplexArray) -> ComplexArray:
+    """(f, 2) of matrices (f, 2, 2)."""
     half = 0.5 * (x[:, 0, 0] + x[:, 1, 1])
     apart = np.sqrt(half**2 - x[:, 0, 0] * x[:, 1, 1] + x[:, 0, 1] * x[:, 1, 0])
     return np.stack([half + apart, half - apart], axis=1)
@@ -428,7 +469,7 @@ def _at_rest(gains: Feedback, loop: Loop) -> float:
     if loop.drift:
         return math.inf
     try:
-        values = _eigenvalues(_transfer(gains, loop, np.zeros(1, dtype=complex)))[0]
+        values = eigenvalues(_transfer(gains, loop, np.zeros(1, dtype=complex)))[0]
     except np.linalg.LinAlgError:
         return math.inf
     met = [abs(x) for x in values if x.real < 0 and abs(x.imag) <= REAL * abs(x) and abs(x) < 1]

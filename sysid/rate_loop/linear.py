@@ -1,7 +1,8 @@
 """A rate loop in small motion: a discrete linear system, and what it answers at a frequency.
 
 Limits and the slew limit are not in it, and the integrator does not leak (it leaks only beyond ILMI). The attitude is
-what the rates integrate to, and what the attitude asks for is followed by the next loop, as on board.
+what the rates integrate to, before the filter that the loops' own rates are behind where these are told apart; and what
+the attitude asks for is followed by the next loop, as on board.
 """
 
 from __future__ import annotations
@@ -31,17 +32,19 @@ class Discrete(NamedTuple):
         return np.asarray(self.C @ inside + self.D)
 
 
-def axis_system(loop: AxisLoop, dt: float) -> Discrete:
+def axis_system(loop: AxisLoop, dt: float, *, turns: bool = False) -> Discrete:
     """One axis: of target and rate, rad/s, to the output, full command.
 
-    The output is that of the loop that measured the rate: it is held from then on until the next.
+    The output is that of the loop that measured the rate: it is held from then on until the next. With `turns` a third
+    input is the rate that the attitude is the integral of; else it is the same rate.
     """
-    signals = _Signals(2)
+    signals = _Signals(3 if turns else 2)
     target, rate = signals.input(0), signals.input(1)
+    turn = signals.input(2) if turns else rate
     attitude = signals.state()
     if loop.angle_p:
         target = target - loop.angle_p * attitude.now
-    attitude.becomes(attitude.now + dt * rate)
+    attitude.becomes(attitude.now + dt * turn)
     T = signals.state()
     target_now = T.now + low_pass(dt, loop.target_hz) * (_behind(signals, loop.target_notch, target, dt) - T.now)
     E = signals.state()
@@ -58,16 +61,17 @@ def axis_system(loop: AxisLoop, dt: float) -> Discrete:
     return signals.system(output, dt)
 
 
-def controller(loops: tuple[AxisLoop, AxisLoop], dt: float) -> Discrete:
+def controller(loops: tuple[AxisLoop, AxisLoop], dt: float, *, turns: bool = False) -> Discrete:
     """Both axes: of targets of roll and pitch, then rates p and q, to delta_x and delta_y; inputs (4), outputs (2).
+    With `turns` two more inputs, of `axis_system`.
 
     Its feedback is positive: the rates enter as they are, and what they cause has the sign that it has on board.
     """
-    roll, pitch = (axis_system(loop, dt) for loop in loops)
-    n, m = len(roll.A), len(pitch.A)
-    A, B, C, D = np.zeros((n + m, n + m)), np.zeros((n + m, 4)), np.zeros((2, n + m)), np.zeros((2, 4))
+    roll, pitch = (axis_system(loop, dt, turns=turns) for loop in loops)
+    n, m, k = len(roll.A), len(pitch.A), 2 * roll.B.shape[1]
+    A, B, C, D = np.zeros((n + m, n + m)), np.zeros((n + m, k)), np.zeros((2, n + m)), np.zeros((2, k))
     for axis, one, states in ((0, roll, slice(0, n)), (1, pitch, slice(n, n + m))):
-        inputs = [axis, axis + 2]
+        inputs = list(range(axis, k, 2))
         A[states, states] = one.A
         B[states, inputs] = one.B
         C[axis, states] = one.C[0]

@@ -16,7 +16,8 @@ it is beyond ILMI, unless it flies fast. The gains are of full command per rad/s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 LEAK = 0.02
 """Part of what the integrator is beyond ILMI that a helicopter's loses in every loop, whatever the loop's length."""
@@ -63,6 +64,10 @@ class AxisLoop:
     """1/s: rate asked for per rad of attitude error; 0 where the pilot asks for rates."""
     output_max: float = math.inf
     """To which feedback, feed-forward and what is injected together are held."""
+
+    def to_json(self) -> dict[str, Any]:
+        """By names; limits that are none are left out."""
+        return {name: value for name, value in asdict(self).items() if value != math.inf}
 
 
 def low_pass(dt: float, corner_hz: float) -> float:

@@ -9,13 +9,16 @@ from gcs.analysis.clearance import Clearance
 from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import wrapped
 from gcs.flight.gains import GainsError
+from sysid.control.command_noise import CommandNoise
 from sysid.control.judgement import Judgement, OnModel, Quantity, Shortfall, Verdict
+from sysid.control.measured_margins import MeasuredMargins
 from sysid.control.observers import KALMAN, WithObserver
 from sysid.control.over_costs import AtCost
 
 VERDICTS: dict[Verdict, str] = {
     "holds": "holds: every margin and answer is as asked",
     "poor": "poor: it holds, and does not fly as asked",
+    "not measured": "NOT MEASURED: no measured margin stands where the model has one; do not fly it yet",
     "fails": "FAILS: do not fly it",
 }
 NAMES: dict[Quantity, tuple[str, str, float]] = {
@@ -25,6 +28,9 @@ NAMES: dict[Quantity, tuple[str, str, float]] = {
     "delay_ms": ("delay", " ms", 1.0),
     "overshoot": ("overshoot", " %", 100.0),
     "coupling": ("other axis", " %", 100.0),
+    "peak_db": ("disturbances raised by", " dB", 1.0),
+    "noise": ("commands moved by disturbances", " times the flown", 1.0),
+    "servos": ("their speed", " times the servos'", 1.0),
 }
 """Name, unit, and the unit's size."""
 
@@ -88,14 +94,33 @@ def _or_any(value: float, digits: int) -> str:
 
 
 def require_cleared(found: Clearance, why: str | None) -> None:
-    """Raises GainsError, reason `margins`, for gains that fail and of which nobody says why they are pushed."""
-    if found.judgement.verdict == "fails" and not (why or "").strip():
-        broken = "; ".join(_broken(found.judgement, only_failing=True))
+    """Raises GainsError, reason `margins` or `not measured`, for gains that fail, or whose margins were to be measured
+    and are not, and of which nobody says why they are pushed."""
+    judgement = found.judgement
+    if not judgement.refused or (why or "").strip():
+        return
+    if judgement.verdict == "not measured" and judgement.measured is not None:
+        raise GainsError(
+            f"these gains are not cleared: not measured: {missing_words(judgement.measured)}; nothing was sent. Sweep "
+            "so far and design again, or say --why",
+            reason="not measured",
+        )
+    if judgement.verdict == "fails":
+        broken = "; ".join(_broken(judgement, only_failing=True))
         raise GainsError(
             f"these gains are not cleared: {broken}; nothing was sent. Design others (a higher --input-cost leaves "
             "more), or say --why",
             reason="margins",
         )
+
+
+def missing_words(measured: MeasuredMargins) -> str:
+    """Which margins the measured band does not show, and how far to sweep."""
+    names = " and ".join(NAMES[name][0] for name in NAMES if name in measured.missing)
+    if measured.band_hz is None:
+        return f"{names}: fly longer sweeps of both axes"
+    each = [("to", measured.sweep_to_hz), ("from", measured.sweep_from_hz)]
+    return f"{names}: sweep " + " and ".join(f"{way} {hz:g} Hz" for way, hz in each if hz is not None)
 
 
 def standing_words(standing: Standing) -> str:
@@ -116,10 +141,14 @@ def clearance_told(found: Clearance) -> list[tuple[str, str]]:
     """The same, unbroken: what each sentence is about, and the sentence."""
     judgement = found.judgement
     broken = _broken(judgement, only_failing=judgement.verdict == "fails")
+    if judgement.measured is not None and judgement.measured.missing:
+        broken.append(f"not measured: {missing_words(judgement.measured)}")
     told = [("judged", VERDICTS[judgement.verdict] + (f"; {'; '.join(broken)}" if broken else ""))]
     told.append(("diagnosis", standing_words(found.standing)))
     told += [(_role(one), f"{one.model.structure.title}: {_worth(one)}") for one in judgement.models]
     told += _robust(judgement.models[0])
+    if judgement.noise is not None:
+        told.append(("commands", _moved_words(judgement.noise)))
     bounds = judgement.bounds
     if bounds is not None:
         least = "" if bounds.least is None else f", 95 % of them with at least {bounds.least.words}"
@@ -128,17 +157,29 @@ def clearance_told(found: Clearance) -> list[tuple[str, str]]:
     return told
 
 
+def _moved_words(noise: CommandNoise) -> str:
+    """What gusts and gyro make of the commands."""
+    roll, pitch = noise.own.rms
+    fast = max(noise.own.rate_rms)
+    words = f"gusts and gyro move them by {100 * roll:.2g} and {100 * pitch:.2g} % rms, {100 * fast:.2g} % a second"
+    if noise.times_flown is not None:
+        words += f", {noise.times_flown:.2f} times the flown at most"
+    if noise.of_servo_speed is not None:
+        words += f"; three of these are {100 * noise.of_servo_speed:.0f} % of the servos' speed"
+    return words + f" ({noise.own.band_hz[0]:g} to {noise.own.band_hz[1]:.0f} Hz)"
+
+
 def _role(one: OnModel) -> str:
     return {"fit": "on the fit", "missing": "completed", "not told apart": "or as well"}[one.role]
 
 
 def _worth(one: OnModel) -> str:
-    margins, answer = one.loop.margins, one.answer
-    if margins is None or answer is None:
+    margins = one.loop.margins
+    if margins is None or one.answers is None:
         return "NOT held"
     each = (
         f"{axis.axis} overshoots {100 * axis.overshoot:.0f} %, other axis {100 * axis.coupling:.0f} %"
-        for axis in (answer.roll, answer.pitch)
+        for axis in one.answers
     )
     return f"{margins.words}; {'; '.join(each)}"
 
@@ -165,6 +206,7 @@ def _broken(judgement: Judgement, *, only_failing: bool = False) -> list[str]:
     """Each model with what it falls short of."""
     found = [(one.model.structure.title, one.shortfalls) for one in judgement.models]
     found += [("over its bounds", judgement.thin_bounds), ("measured", judgement.thin_measured)]
+    found += [("on the fit", judgement.restless)]
     kept = [(name, [one for one in each if one.fails or not only_failing]) for name, each in found]
     return [f"{name}: {_short(each)}" for name, each in kept if each]
 
@@ -176,6 +218,6 @@ def _short(shortfalls: Sequence[Shortfall]) -> str:
         if one.value is None or one.limit is None:
             words.append("not held")
         else:
-            digits = 1 if one.quantity == "gain_db" else 0
+            digits = 1 if one.quantity in ("gain_db", "peak_db", "noise", "servos") else 0
             words.append(f"{name} {size * one.value:.{digits}f}{unit} (asked {size * one.limit:g})")
     return ", ".join(words)

@@ -10,6 +10,7 @@ from gcs.analysis.text.blocks import wrapped
 from sysid.control.measured_margins import Crossing, MeasuredMargins
 from sysid.control.prefilter import DynamicPrefilter
 from sysid.control.regulator import Gains
+from sysid.control.robustness import DiskMargin
 from sysid.control.stability import SENSIBLE_MS, ClosedLoop, Margins
 
 LESS_DEG = 5.0
@@ -71,28 +72,44 @@ def _loop_lines(loop: ClosedLoop, which: str) -> list[str]:
     ]
 
 
-def measured_text(found: MeasuredMargins | None, by_model: Margins) -> str:
+def measured_text(found: MeasuredMargins, by_model: Margins | None) -> str:
     """Margins by the measured responses of the fit's runs, to stand below a design."""
-    if found is None:
+    if found.band_hz is None:
         return _measured(
             "not measured well enough for margins: fly longer sweeps of both axes (one alone tells of no loop of two)"
         )
     low, high = found.band_hz
-    to = "the model has none beyond" if found.sweep_to_hz is None else f"sweep to {found.sweep_to_hz:g} Hz"
-    beyond = f"not measured between {low:.2g} and {high:.2g} Hz: {to}"
+    each = [("to", found.sweep_to_hz), ("from", found.sweep_from_hz)]
+    to = " and ".join(f"{way} {hz:g} Hz" for way, hz in each if hz is not None)
 
-    def margin(name: str, one: Crossing | None, unit: str, digits: int) -> str:
+    def margin(name: str, key: str, one: Crossing | None, unit: str, digits: int) -> str:
+        where = f"between {low:.2g} and {high:.2g} Hz"
         if one is None:
-            return f"{name}: {beyond}"
-        return f"{name} {one.value:.{digits}f} ± {one.bound:.{digits}f}{unit} at {one.frequency_hz:.1f} Hz"
+            return f"{name}: not measured {where}: " + (f"sweep {to}" if key in found.missing else "the model has none")
+        beyond = f"; the model's is not {where}: sweep {to}" if key in found.missing else ""
+        return f"{name} {one.value:.{digits}f} ± {one.bound:.{digits}f}{unit} at {one.frequency_hz:.1f} Hz{beyond}"
 
-    each = [margin("phase", found.phase_deg, "°", 0), margin("gain margin", found.gain_db, " dB", 1)]
+    told = [
+        margin("phase", "phase_deg", found.phase_deg, "°", 0),
+        margin("gain margin", "gain_db", found.gain_db, " dB", 1),
+    ]
     if found.delay_ms is not None:
-        each.insert(1, margin("delay", found.delay_ms, " ms", 0 if found.delay_ms.value >= SENSIBLE_MS else 1))
-    each.append(f"{found.unstable_poles or 'no'} unstable poles in the open loop, by the model")
-    less = found.phase_deg is not None and found.phase_deg.value + found.phase_deg.bound + LESS_DEG < by_model.phase_deg
+        digits = 0 if found.delay_ms.value >= SENSIBLE_MS else 1
+        told.insert(1, margin("delay", "delay_ms", found.delay_ms, " ms", digits))
+    if found.disk is not None:
+        disk = DiskMargin(size=found.disk.value, frequency_hz=found.disk.frequency_hz)
+        told.append(
+            f"disk margin in this band {disk.size:.2f} ± {found.disk.bound:.2f} ({disk.gain_db:.1f} dB or "
+            f"{disk.phase_deg:.0f}°) at {disk.frequency_hz:.1f} Hz"
+        )
+    told.append(f"{found.unstable_poles or 'no'} unstable poles in the open loop, by the model")
+    less = (
+        found.phase_deg is not None
+        and by_model is not None
+        and found.phase_deg.value + found.phase_deg.bound + LESS_DEG < by_model.phase_deg
+    )
     missing = ". The model promises more: it lacks something, which `tippath diagnose` names; do not fly these"
-    return _measured("; ".join(each) + (missing if less else ""))
+    return _measured("; ".join(told) + (missing if less else ""))
 
 
 def _measured(words: str) -> str:

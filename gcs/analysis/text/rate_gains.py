@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-from gcs.analysis.rate_gains import Answer, ArdupilotGains
+from gcs.analysis.clearance import Clearance
+from gcs.analysis.rate_gains import ArdupilotGains
 from gcs.analysis.text.blocks import wrapped
+from gcs.analysis.text.clearance import clearance_text
+from gcs.analysis.text.gains import measured_text
 from gcs.logs.runs.rate_loop import FLOAT32_PERCENT
-from gcs.vehicle.rate_loops import AXES
 from sysid.control.rate_gains import MOST
-from sysid.control.sampled import SampledLoop
 from sysid.model.structure import Model
+
+CHANGED = 1e-3
+"""Of a gain: less is the parameter file's rounding."""
 
 
 def rate_gains_text(gains: ArdupilotGains, vehicle: Model) -> str:
     """All of it, in 78 columns."""
-    asked = gains.gains.asked
+    asked, gyro_hz = gains.gains.asked, gains.gains.flown.gyro_corner_hz
     lines = [
         f"rate loops of an ArduPilot {'helicopter' if gains.loops.helicopter else 'multicopter'} at "
         f"{gains.loops.loop_hz:g} Hz on {vehicle.structure.title}",
         f"  {'parameter':20} {'flown':>10} {'new':>10}",
         *(f"  {name:20} {old:10.4g} {new:10.4g}" for name, (old, new) in gains.changes.items()),
-        *_loop("flown", gains.gains.flown_loop, gains.answers[0]),
-        *_loop("new", gains.gains.new_loop, gains.answers[1]),
+        *_judged("flown", gains.flown),
+        *_judged("new", gains.new),
     ]
     said = [
         f"Asked: {asked.gain_db:g} dB, {asked.phase_deg:g}°, {asked.delay_ms:.0f} ms, no disturbance raised by more "
-        f"than {asked.peak_db:.1f} dB, no gain above {MOST:g} times the flown one. Filters, angle gains and limits "
-        "stay.",
+        f"than {asked.peak_db:.1f} dB, no gain above {MOST:g} times the flown one, on every model above and over the "
+        "bounds; answers are to steps of the rate. Filters, angle gains and limits stay.",
         *(
             f"{axis}: {one.rate_per_command:.3g} ± {one.error:.2g} rad/s per full command, so that the feed-forward "
             f"would be {1 / one.rate_per_command:.3g}; "
@@ -36,8 +40,9 @@ def rate_gains_text(gains: ArdupilotGains, vehicle: Model) -> str:
             )
             for axis, one in gains.feed_forward.items()
         ),
+        *([] if _better(gains) else ["No gains near the flown ones reject more within what is asked: they stay."]),
         _repeated(gains),
-        *([f"The gyro filter of {gains.gyro_hz:g} Hz is in the loop."] if gains.gyro_hz else []),
+        *([f"The gyro filter of {gyro_hz:g} Hz is in the loop."] if gyro_hz else []),
         *(f"The model has it as it was in this flight: {what}" for what in gains.loops.in_the_vehicle),
         "Small motion: limits, the slew limit and what the pilot's inputs are shaped by are not in it. Load the file "
         "on the ground, disarmed; keep the old one.",
@@ -45,19 +50,18 @@ def rate_gains_text(gains: ArdupilotGains, vehicle: Model) -> str:
     return "\n".join([*lines, *(line for text in said for line in wrapped(text))])
 
 
-def _loop(which: str, loop: SampledLoop, answers: tuple[Answer, Answer]) -> list[str]:
-    if loop.margins is None:
-        return [f"{which}: the model is not held"]
+def _judged(which: str, found: Clearance) -> list[str]:
+    measured = found.judgement.measured
+    margins = found.judgement.models[0].loop.margins
     return [
-        f"{which}: {loop.margins.words}",
-        f"  disturbances raised by {loop.peak_db:.1f} dB at most",
-        *(
-            f"  {axis:5} rejects to {hz:.2f} Hz; step: "
-            + ("no rise in 2 s" if answer.rise_ms is None else f"rise {answer.rise_ms:.0f} ms")
-            + f", overshoot {100 * answer.overshoot:.0f} %, other axis {100 * answer.coupling:.0f} %"
-            for axis, hz, answer in zip(AXES, loop.rejection_hz, answers, strict=True)
-        ),
+        f"{which}:",
+        *clearance_text(found).splitlines(),
+        *([] if measured is None else measured_text(measured, margins).splitlines()),
     ]
+
+
+def _better(gains: ArdupilotGains) -> bool:
+    return any(abs(new - old) > CHANGED * abs(old) for old, new in gains.changes.values())
 
 
 def _repeated(gains: ArdupilotGains) -> str:

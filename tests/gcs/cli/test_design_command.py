@@ -15,7 +15,7 @@ from planted import TABLE_4
 from gcs.analysis.clearance import cleared_again
 from gcs.analysis.text.gains import measured_text
 from gcs.flight.gains import GainsError
-from sysid.control.measured_margins import Crossing, MeasuredMargins
+from sysid.control.measured_margins import NOTHING_MEASURED, Crossing, MeasuredMargins
 from sysid.control.regulator import design
 from sysid.control.stability import Margins
 from sysid.fit.identify import identify
@@ -245,10 +245,11 @@ def test_a_model_that_promises_more_than_was_measured_is_told_so() -> None:
     text = measured_text(found, promised)
     words = " ".join(text.split())
     assert words.startswith("measured phase 21 ± 4° at 4.8 Hz; delay 12 ± 2 ms at 4.8 Hz; gain margin: not measured")
-    assert "not measured between 0.5 and 10 Hz: the model has none beyond; no unstable poles" in words
-    further = " ".join(measured_text(replace(found, sweep_to_hz=14, unstable_poles=2), promised).split())
+    assert "not measured between 0.5 and 10 Hz: the model has none; no unstable poles" in words
+    lacking = replace(found, missing=("gain_db",), sweep_to_hz=14, unstable_poles=2)
+    further = " ".join(measured_text(lacking, promised).split())
     assert "not measured between 0.5 and 10 Hz: sweep to 14 Hz; 2 unstable poles in the open loop" in further
     assert "The model promises more: it lacks something" in words
     assert all(len(line) <= 78 for line in text.splitlines())
     assert "promises more" not in measured_text(found, kept)
-    assert "not measured well enough" in measured_text(None, promised)
+    assert "not measured well enough" in measured_text(NOTHING_MEASURED, promised)

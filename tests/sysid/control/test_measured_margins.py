@@ -10,14 +10,17 @@ import pytest
 from planted import TABLE_4
 from swept_loops import SWEPT_HZ, sweeps
 
-from sysid.control.judgement import judge
-from sysid.control.measured_margins import MeasuredMargins, measured_margins, with_model
+from sysid.control.judgement import Limits, judge
+from sysid.control.measured_margins import NOTHING_MEASURED, MeasuredMargins, measured_margins, with_model
 from sysid.control.regulator import Gains, lqr
-from sysid.control.stability import crossings_hz, unstable_poles
+from sysid.control.robustness import disk_sizes
+from sysid.control.sampled import RateController
+from sysid.control.stability import crossings_hz, from_rates, rates_per_command, unstable_poles
 from sysid.data.record import Record
 from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
+from sysid.rate_loop.settings import AxisLoop
 from sysid.response.flown import flown_responses
 from sysid.response.values import Responses
 
@@ -89,6 +92,58 @@ def test_what_the_model_crosses_beyond_the_band_is_to_be_swept_to() -> None:
     assert found.sweep_to_hz >= 1.25 * beyond
     assert found.unstable_poles == 0
     assert with_model(margins(gains, responses), gains, late).sweep_to_hz == found.sweep_to_hz
+
+
+def test_a_measured_disk_is_the_model_s_and_its_bound_holds_in_gusts() -> None:
+    gains = lqr(VEHICLE, 1.0)
+    (clean,) = measured(0.0)
+    w = 2 * np.pi * clean.frequency_hz
+    seen = margins(gains, clean)
+    assert seen.band_hz is not None
+    inside = (clean.frequency_hz >= seen.band_hz[0]) & (clean.frequency_hz <= seen.band_hz[1])
+    L = from_rates(gains, 1j * w) @ rates_per_command(VEHICLE, 1j * w)
+    truth = float(disk_sizes(L[inside]).min())
+    assert seen.disk is not None
+    assert seen.disk.value == pytest.approx(truth, rel=0.01)
+    z = []
+    for responses in measured(0.05, seeds=16, points=20):
+        found = margins(gains, responses).disk
+        assert found is not None
+        f = np.array([found.frequency_hz])
+        there = from_rates(gains, 2j * np.pi * f) @ rates_per_command(VEHICLE, 2j * np.pi * f)
+        z.append(1.96 * (found.value - disk_sizes(there)[0]) / found.bound)
+    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_rate_loops_are_measured_as_well() -> None:
+    """ArduPilot's loops over the same sweeps, beside their discrete margins on the vehicle that was swept."""
+    law = RateController((AxisLoop(p=0.3, i=0.3, d=0.0),) * 2, 0.0025)
+    (responses,) = measured(0.0)
+    found = measured_margins(law, responses)
+    truth = law.edges(VEHICLE)
+    assert found is not None
+    assert found.phase_deg is not None
+    assert found.phase_deg.value == pytest.approx(truth.margins.phase_deg, abs=1.0)
+    assert found.phase_deg.frequency_hz == pytest.approx(truth.phase_hz, rel=0.02)
+    with_it = with_model(found, law, VEHICLE)
+    assert with_it.unstable_poles == 0
+    assert set(with_it.missing) == {name for name in with_it.needed if getattr(found, name) is None}
+
+
+def test_margins_that_are_needed_and_not_measured_are_a_verdict_of_their_own() -> None:
+    gains = lqr(VEHICLE, 5.0)
+    (responses,) = measured(0.0)
+    limits = Limits(overshoot=9.0, coupling=9.0)
+    found = with_model(margins(gains, responses), gains, VEHICLE)
+    assert found.missing == ("gain_db",)
+    judged = judge(gains, [("fit", VEHICLE)], limits, measured=found)
+    assert judged.verdict == "not measured"
+    assert judged.refused
+    whole = replace(found, missing=())
+    assert judge(gains, [("fit", VEHICLE)], limits, measured=whole).verdict == "holds"
+    nothing = with_model(NOTHING_MEASURED, gains, VEHICLE)
+    assert set(nothing.missing) == set(nothing.needed) == {"gain_db", "phase_deg", "delay_ms"}
+    assert nothing.sweep_to_hz is None
 
 
 def test_unstable_poles_are_those_of_vehicle_and_controller() -> None:

@@ -6,13 +6,16 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
+from helicopter_loops import HELI, PITCH, ROLL, heli
 from scipy.signal import cont2discrete
 
 from sitl.autopilot.vehicle import make_vehicle
 from sitl.plants.stock import QUAD
-from sysid.control.sampled import NotSampledError, sampled_loop, sampled_plant
+from sysid.control.robustness import disk_sizes
+from sysid.control.sampled import NotSampledError, RateController, sampled_loop, sampled_plant
 from sysid.control.stability import rates_per_command
 from sysid.model.compose import compose
 from sysid.model.effect import load
@@ -20,21 +23,7 @@ from sysid.model.structure import Model
 from sysid.rate_loop.settings import AxisLoop
 
 DT = 0.0025
-HELI = {
-    "L_b": 3592.566711812119, "M_a": 619.8094377415392, "tau_f": 0.0680338161132252, "A_b": -1.3337047594933167,
-    "B_a": 1.3001938735972434, "A_lat": 0.07264540581484866, "A_lon": 0.2697942519965967,
-    "B_lat": 0.2446091953116641, "B_lon": -0.08555143801791774, "T_d": 0.050749921110463884,
-}  # fmt: skip
-"""Fitted to a helicopter's flights."""
-ROLL = AxisLoop(p=0.06, i=0.105, d=1e-4, ff=0.21, target_hz=20, error_hz=20, angle_p=4.0)
-PITCH = AxisLoop(p=0.024, i=0.095, d=2e-3, ff=0.19, target_hz=20, error_hz=20, angle_p=6.0)
-"""What it flew with."""
 STOCK_QUAD = AxisLoop(p=0.135, i=0.135, d=0.0036, target_hz=20, derivative_hz=20, angle_p=4.5)
-
-
-def heli(**values: float) -> Model:
-    structure = compose("tpp", ("transport_delay",))
-    return Model(structure, structure.vector({**HELI, **values}))
 
 
 def quad() -> Model:
@@ -138,3 +127,39 @@ def test_what_is_more_than_a_delay_is_refused(tmp_path: Path) -> None:
     structure = compose("tpp", (load(effect),))
     with pytest.raises(NotSampledError, match="more than a delay"):
         sampled_plant(Model(structure, structure.vector(HELI)), DT)
+
+
+def test_disk_bandwidth_and_rejection_are_control_s() -> None:
+    """python-control's discrete loops and sensitivities, and SLICOT's disk where it is there."""
+    vehicle = heli(T_d=0.010)
+    law = RateController((ROLL, PITCH), DT)
+    found = law.robustness(vehicle)
+    plant, feedback = (
+        control.ss(one.A, one.B, one.C, one.D, DT) for one in (law.vehicle(vehicle).system, law.feedback)
+    )
+    w = 2 * np.pi * np.geomspace(0.02, 0.4999 / DT, 3000)
+    both = np.vstack([np.eye(2), np.eye(2)])  # as measured, and as they turn: without a filter the same
+    loop = plant * feedback
+    left = control.feedback(control.ss([], [], [], np.eye(4), DT), loop, sign=1)(np.exp(1j * w * DT))
+    left = np.einsum("ij,jkf->ikf", 0.5 * both.T, np.einsum("ijf,jk->ikf", left, both))
+    for k, one in enumerate(found.handling):
+        size = 20 * np.log10(np.abs(left[k, k]))
+        assert one.rejection_peak_db == pytest.approx(size.max(), abs=1e-3)
+        at = int(np.flatnonzero(size > -3)[0])
+        assert one.rejection_hz == pytest.approx(w[at] / (2 * np.pi), rel=3e-3)
+    L = -feedback * plant
+    sizes = disk_sizes(np.moveaxis(np.asarray(L(np.exp(1j * w * DT))), -1, 0))
+    assert found.disk.size == pytest.approx(sizes.min(), rel=1e-3)
+    edges = law.edges(vehicle)
+    assert edges.margins == law.held(vehicle).margins
+    assert edges.gain_hz is not None
+    values = np.linalg.eigvals(L(np.exp(2j * np.pi * edges.gain_hz * DT)))
+    nearest = values[np.argmin(np.abs(np.angle(-values)))]
+    assert -20 * math.log10(abs(nearest)) == pytest.approx(edges.margins.gain_db, abs=0.02)
+
+
+def test_what_a_controller_takes_joins_a_continuous_model() -> None:
+    law, vehicle, f = RateController((ROLL, PITCH), DT, 20.0), heli(), np.array([0.5, 2.0, 8.0])
+    joined = law.from_rates(f) @ rates_per_command(vehicle, 2j * np.pi * f)
+    ours = law.transfer(law.vehicle(vehicle), 2 * np.pi * f)
+    assert joined == pytest.approx(ours, rel=8e-3)
