@@ -340,6 +340,9 @@ def push(session: Session, gains: Gains, *, on_progress: Callable[[str], None] =
     on_progress(f"committing {checksum(gains.crc)}")
     refusal = _act(session, COMMIT, float(gains.crc), previous)
     active = _active_crc(session)
+    if active != gains.crc:  # asked a moment before the commit, too: a late copy of that answer proves nothing
+        _bank(session, ACTIVE, gains.names)
+        active = _active_crc(session)
     if active != gains.crc:
         raise GainsError(
             f"the vehicle did not take the set: {refusal or f'its active bank is {checksum(active)}'}; "

@@ -148,7 +148,7 @@ class _Flight:
     on_progress: Callable[[Progress], None]
     log: LogWay
     before: FlownBefore
-    choosing: Choosing
+    choosing: Choosing = IN_ORDER
     runs: list[RunResult] = field(default_factory=list)
     checks: tuple[Check, ...] = ()
     seen: Callable[[], tuple[Check, ...]] = tuple

@@ -4,9 +4,8 @@ It needs no socket and no clock: `step` advances it by one loop, so a minute of 
 A sample is one instant t_k: the gyro is read, the command computed from it and held until t_(k+1); both are logged
 with t_k.
 
-What is scripted, not modelled: taking off and landing (a few seconds each, in forward flight, too; on the ground the
-plant stands still), height, position, and the battery. In RTL it stays where it is and does not land. The collective
-holds a constant and wanders a little, as a pilot's hand does; how much, and what else moves, is the condition's.
+What is scripted, not modelled: taking off and landing (seconds each; on the ground the plant stands still), height,
+position, battery. In RTL it stays where it is. The collective wanders a little, as the condition has it.
 """
 
 from __future__ import annotations
