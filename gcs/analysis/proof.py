@@ -22,7 +22,7 @@ from gcs.logs.opening import open_log
 from gcs.logs.runs import systemid
 from gcs.logs.runs.rate_loop import LATER_LOOPS, repeats
 from gcs.logs.runs.span import Span
-from gcs.vehicle.autopilots import ACTIVE_CRC, SWITCHED
+from gcs.vehicle.autopilots import ACTIVE_CRC, SWITCH, SWITCHED
 from gcs.vehicle.rate_loops import AXES, gyro_filter_hz, rate_loops
 from sysid.control.in_time import Followed, InLoops, in_loops, lqr_law, predicted_rates
 from sysid.control.proof import FlownRun, Proof, ProofError, flown_run, prove
@@ -180,11 +180,13 @@ def _judged_on(path: Path, document: ClearedGains, named: Sequence[str]) -> tupl
 
 def _require_flown(log: DataFlashTables, span: Span, crc: int) -> None:
     """Raises TippathError where another set flew, or none."""
-    active = log.parameters(span.start_s).get(ACTIVE_CRC)
+    parameters = log.parameters(span.start_s)
+    active = parameters.get(ACTIVE_CRC)
     if active is not None and int(active) != crc:
         raise TippathError(f"another set flew ({int(active):06x}, not {crc:06x})")
+    # turned before the log began, it stands among the parameters at its begin alone
     said = [text for t, text in log.texts() if t <= span.start_s and text in SWITCHED]
-    if not said or said[-1] != SWITCHED[1]:
+    if (said[-1] != SWITCHED[1]) if said else (parameters.get(SWITCH) != 1):
         raise TippathError("the pilot's switch did not select the LQR")
 
 
