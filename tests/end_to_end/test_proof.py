@@ -111,6 +111,7 @@ def test_a_vehicle_that_flies_as_predicted_is_accepted_and_drawn(
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_a_dynamic_prefilter_leaves_the_other_axis_alone_as_predicted(
     gains: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -197,6 +198,7 @@ def identified_and_flown(
     return path, proof_flight(plant, path, folder / "flown", repeat=repeat)
 
 
+@pytest.mark.thorough
 def test_forward_flight_is_as_predicted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("--with", "angular_damping,elevator")
     document = asked(capsys, *identified_and_flown("forward", words, "5", tmp_path, repeat=3))
@@ -248,6 +250,7 @@ def stock_flight(
     return path
 
 
+@pytest.mark.thorough
 def test_new_rate_gains_of_a_stock_autopilot_are_pushed_and_fly_as_predicted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

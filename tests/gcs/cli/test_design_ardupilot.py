@@ -339,6 +339,7 @@ def test_a_real_autopilot_s_helicopter(shared_data: Path, tmp_path: Path, capsys
         assert 1 / told["rate_per_command"] > one["flown"]
 
 
+@pytest.mark.thorough
 def test_the_gains_know_the_vehicle_of_their_fit(quad_fit: Path, capsys: pytest.CaptureFixture[str]) -> None:
     known = designed(capsys, quad_fit)["identified"]
     assert known["parameters"]["ATC_RAT_RLL_P"] == pytest.approx(0.135)

@@ -169,6 +169,7 @@ def test_the_elevator_is_asked_of_a_fit_that_has_one(flight: Path, tippath: Tipp
     assert "the model has no elevator: fit forward flight --with angular_damping,elevator" in err
 
 
+@pytest.mark.thorough
 def test_observers_stand_side_by_side_and_costs_are_drawn(flight: Path, tippath: Tippath, tmp_path: Path) -> None:
     picture = tmp_path / "costs.png"
     options = (flight / "tpp.json", "--input-cost", 1000)

@@ -117,6 +117,7 @@ def test_an_unstable_vehicle_that_its_gains_hold_is_designed_for() -> None:
     assert found.new.unstable_poles(loose) == 1
 
 
+@pytest.mark.thorough
 def test_without_any_such_gains_the_refusal_says_what_flew() -> None:
     with pytest.raises(DesignError, match=r"no gains between 0\.1 and 1\.3 times") as refusal:
         faster(flying(gyro_hz=0.0), [quad(90.0)], limits=Limits(gain_db=80.0))

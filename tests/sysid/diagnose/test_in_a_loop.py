@@ -142,6 +142,7 @@ def _flown(
     return Record(id, {"t": t, "p": ys[:, 0], "q": ys[:, 1], "delta_x": us[:, 0], "delta_y": us[:, 1]})
 
 
+@pytest.mark.thorough
 def test_a_controller_with_a_derivative_is_coped_with() -> None:
     runs = with_derivative(0)
     fit = identify(TPP, runs, band_hz=BAND)

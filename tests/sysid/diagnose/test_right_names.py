@@ -41,6 +41,7 @@ def test_gusts_do_not_hide_that_a_log_thinned_the_commands() -> None:
     assert thinned[0].early_s == pytest.approx(early_s, abs=3 * thinned[0].error_s)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("input_coupling",)], indirect=True)
 def test_runs_that_cannot_tell_what_it_explains_do_not_judge_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
