@@ -24,7 +24,8 @@ from gcs.logs.runs.rate_loop import LATER_LOOPS, repeats
 from gcs.logs.runs.span import Span
 from gcs.vehicle.autopilots import ACTIVE_CRC, SWITCH, SWITCHED
 from gcs.vehicle.rate_loops import AXES, gyro_filter_hz, rate_loops
-from sysid.control.in_time import Followed, InLoops, in_loops, lqr_law, predicted_rates
+from sysid.control.in_time import InLoops, in_loops, lqr_law, predicted_rates
+from sysid.control.prefilter import DynamicPrefilter
 from sysid.control.proof import FlownRun, Proof, ProofError, flown_run, prove
 from sysid.errors import SysidError
 from sysid.fit.result import Fit
@@ -143,9 +144,10 @@ def _bank(path: Path, fit: Path | None, named: Sequence[str]) -> tuple[Given, Mo
         raise GainsError(f"{error}; make it with `tippath design`") from error
     if document.elevator is not None:
         raise GainsError(f"{path}: what a third command does is not predicted yet: fly the set of two")
-    said, followed = document.dynamic_prefilter, None
+    said, dynamic = document.dynamic_prefilter, None
     if said is not None:
-        followed = Followed(*(np.array(one, dtype=float) for one in (said.frequency_rad_s, said.damping, said.F)))
+        frequency, damping, F = (np.array(one, dtype=float) for one in (said.frequency_rad_s, said.damping, said.F))
+        dynamic = DynamicPrefilter(frequency=frequency, damping=damping, F=F)
     own = Model(TPP, TPP.vector({name: document.parameters[name] for name in TPP.names}))
     model, completed = (own, False) if fit is None else (Fit.load(fit, named).model, False)
     if fit is None and document.judged_on is not None:
@@ -160,7 +162,7 @@ def _bank(path: Path, fit: Path | None, named: Sequence[str]) -> tuple[Given, Mo
             raise TippathError("RATE is not in the log")
         dt = round(float(np.median(spacing)), 5)
         if dt not in made:
-            made[dt] = lqr_law(own, K, observer, prefilter, dt, followed), in_loops(model, dt)
+            made[dt] = lqr_law(own, K, observer, prefilter, dt, dynamic), in_loops(model, dt)
         return *made[dt], 0
 
     return given, model, completed

@@ -207,14 +207,19 @@ def progress_line(state: State, width: int, style: PlotStyle) -> str:
             run = current(state)
             return fitted(f" ● READY: {run.label if run else ''} · nothing moves until S", width)
         case Stage.CHECKING:
-            return fitted(" · ".join(filter(None, [" looking at the vehicle", state.so_far])), width)
+            return _with_so_far(" looking at the vehicle", state, width)
         case Stage.HELD:
             run = current(state)
-            return fitted(" · ".join(filter(None, [f" ○ next: {run.label if run else ''}", state.so_far])), width)
+            return _with_so_far(f" ○ next: {run.label if run else ''}", state, width)
         case Stage.CLOSING:
-            return fitted(" · ".join(filter(None, [" the log is completed", state.so_far])), width)
+            return _with_so_far(" the log is completed", state, width)
         case _:
-            return fitted(" · ".join(filter(None, [" no run under way", state.so_far])), width)
+            return _with_so_far(" no run under way", state, width)
+
+
+def _with_so_far(text: str, state: State, width: int) -> str:
+    """With what the runs that were kept say of the vehicle."""
+    return fitted(f"{text} · {state.so_far}" if state.so_far else text, width)
 
 
 def amplitude(run: RunView | None) -> str:

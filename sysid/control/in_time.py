@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.control.prefilter import DynamicPrefilter
 from sysid.control.sampled import NotSampledError, sampled_plant
 from sysid.data.record import FloatArray
 from sysid.model.acting import divided
@@ -48,40 +49,22 @@ def in_loops(vehicle: Model, dt: float, gyro_corner_hz: float = 0.0) -> InLoops:
     return InLoops(sampled_plant(behind, dt, gyro_corner_hz).system, front, named)
 
 
-class Followed(NamedTuple):
-    """Models of second order that the rates are to follow, one for each, and what they add to the commands."""
-
-    frequency_rad_s: FloatArray
-    """(2,)"""
-    damping: FloatArray
-    """(2,)"""
-    F: FloatArray
-    """(2, 4): command per rate of either model less what was asked, then per their accelerations."""
-
-
 def lqr_law(
     model: Model,
     K: FloatArray,
     observer_gain: FloatArray,
     prefilter: FloatArray,
     dt: float,
-    followed: Followed | None = None,
+    dynamic: DynamicPrefilter | None = None,
 ) -> Discrete:
     """The LQR with its observer as a loop of dt seconds answers: targets, then rates, to commands.
 
     Observer and followed models are advanced exactly between loops, rates, targets and commands held.
     """
-    # heavier than NumPy itself to load: only where it is needed
-    from scipy.linalg import expm
-
-    A, B, C, _ = (np.asarray(one, dtype=float) for one in model.matrices)
-    B, n = B[:, :2], len(A)
-    block = np.zeros((n + 4, n + 4))
-    block[:n, :n], block[:n, n : n + 2], block[:n, n + 2 :] = A - observer_gain @ C, B, observer_gain
-    power = expm(block * dt)[:n]
-    of_state, of_command, of_rates = power[:, :n], power[:, n : n + 2], power[:, n + 2 :]
-    ahead = np.zeros((4, 6)) if followed is None else _advanced(followed, dt)
-    F = np.zeros((2, 4)) if followed is None else followed.F
+    of_state, of_command, of_rates = observer_in_loops(model, observer_gain, dt)
+    n = len(of_state)
+    ahead = np.zeros((4, 6)) if dynamic is None else followed_in_loops(dynamic, dt)
+    F = np.zeros((2, 4)) if dynamic is None else dynamic.F
     # commands: -K x + F (rates, accelerations of the models) + (g - F of rates) asked
     of_asked = prefilter - F[:, :2]
     return Discrete(
@@ -93,12 +76,25 @@ def lqr_law(
     )
 
 
-def _advanced(followed: Followed, dt: float) -> FloatArray:
+def observer_in_loops(model: Model, observer_gain: FloatArray, dt: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The observer's states after a loop: per states (n, n), per command and per rate (n, 2), both held."""
+    # heavier than NumPy itself to load: only where it is needed
+    from scipy.linalg import expm
+
+    A, B, C, _ = (np.asarray(one, dtype=float) for one in model.matrices)
+    n = len(A)
+    block = np.zeros((n + 4, n + 4))
+    block[:n] = np.hstack([A - observer_gain @ C, B[:, :2], observer_gain])
+    power = expm(block * dt)[:n]
+    return power[:, :n], power[:, n : n + 2], power[:, n + 2 :]
+
+
+def followed_in_loops(dynamic: DynamicPrefilter, dt: float) -> FloatArray:
     """(4, 6): rates, then accelerations of both models after a loop, of these and of what is asked."""
     # heavier than NumPy itself to load: only where it is needed
     from scipy.linalg import expm
 
-    w, zeta = np.diag(followed.frequency_rad_s), np.diag(followed.damping)
+    w, zeta = np.diag(dynamic.frequency), np.diag(dynamic.damping)
     block = np.zeros((6, 6))
     block[:2, 2:4] = np.eye(2)
     block[2:4, :2], block[2:4, 2:4], block[2:4, 4:] = -w @ w, -2 * zeta @ w, w @ w

@@ -17,6 +17,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.control.in_time import followed_in_loops, observer_in_loops
 from sysid.control.regulator import Gains
 from sysid.data.record import FloatArray
 
@@ -138,18 +139,13 @@ def put_out(gains: Gains, dt: float, over: OverStretch) -> PutOut:
 
 def _forward(gains: Gains, dt: float, targets: FloatArray) -> FloatArray:
     """(n, 2): what the rates asked for (n, 2) put out by themselves, the models that follow them included."""
-    # heavier than NumPy itself to load: only where it is needed
-    from scipy.linalg import expm
-
     steady = targets @ gains.prefilter.T
     if gains.dynamic is None:
         return np.asarray(steady)
-    rates, accelerations = np.empty_like(targets), np.empty_like(targets)
-    for axis, (w, zeta) in enumerate(zip(gains.dynamic.frequency, gains.dynamic.damping, strict=True)):
-        power = expm(dt * np.array([[0, 1, 0], [-(w**2), -2 * zeta * w, w**2], [0, 0, 0]]))
-        states = _states(power[:2, :2], (targets[:, axis, None] * power[:2, 2])[:, :, None])[:, :, 0]
-        rates[:, axis], accelerations[:, axis] = states.T
-    return np.asarray(steady + np.hstack([rates - targets, accelerations]) @ gains.dynamic.F.T)
+    ahead = followed_in_loops(gains.dynamic, dt)
+    z = _states(ahead[:, :4], (targets @ ahead[:, 4:].T)[:, :, None])[:, :, 0]
+    z[:, :2] -= targets
+    return np.asarray(steady + z @ gains.dynamic.F.T)
 
 
 def outputs(gains: Gains, dt: float, stretches: Sequence[OverStretch], above_hz: float) -> tuple[Output, ...]:
@@ -296,14 +292,8 @@ def _on_its_own(gains: Gains, dt: float, over: OverStretch) -> FloatArray:
 
 def on_board(gains: Gains, dt: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Of the observer over one loop: states on states, on commands, on rates; and rates of states."""
-    # heavier than NumPy itself to load: only where it is needed
-    from scipy.linalg import expm
-
-    A, B, C, _ = (np.asarray(x, dtype=float) for x in gains.model.matrices)
-    n, block = len(A), np.zeros((len(A) + 4, len(A) + 4))
-    block[:n] = np.hstack([A - gains.observer_gain @ C, B[:, :2], gains.observer_gain])
-    power = expm(block * dt)[:n]
-    return power[:, :n], power[:, n : n + 2], power[:, n + 2 :], C
+    C = np.asarray(gains.model.matrices.C, dtype=float)
+    return *observer_in_loops(gains.model, gains.observer_gain, dt), C
 
 
 def _left(logged: FloatArray, expected: FloatArray, dt: float) -> float:

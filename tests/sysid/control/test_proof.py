@@ -8,8 +8,9 @@ from planted import TABLE_4
 from scipy import signal, stats
 from scipy.linalg import expm
 
-from sysid.control.in_time import Followed, _sampled, in_loops, lqr_law, predicted_rates
+from sysid.control.in_time import _sampled, in_loops, lqr_law, predicted_rates
 from sysid.control.loop import PULSE_S, following
+from sysid.control.prefilter import DynamicPrefilter
 from sysid.control.proof import (
     COUPLING,
     KNOTS_S,
@@ -62,7 +63,9 @@ def test_a_delay_and_a_lag_are_as_the_design_promises_too() -> None:
 def test_models_that_are_followed_act_as_they_are_described() -> None:
     """Command by command beside the same written down loop by loop, the models as SciPy steps them."""
     w, zeta, F = np.array([12.0, 20.0]), np.array([0.8, 1.1]), np.random.default_rng(5).normal(0, 0.1, (2, 4))
-    law = lqr_law(MODEL, GAINS.K, GAINS.observer_gain, GAINS.prefilter, DT, Followed(w, zeta, F))
+    law = lqr_law(
+        MODEL, GAINS.K, GAINS.observer_gain, GAINS.prefilter, DT, DynamicPrefilter(frequency=w, damping=zeta, F=F)
+    )
     asked = doublets(2.0)
     t = DT * np.arange(len(asked))
     of_models = [
