@@ -39,10 +39,10 @@ from gcs.vehicle.autopilots import SYSTEMID
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile, load_profile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
-TOO_EARLY = "not yet: a run is under way"
+TOO_EARLY, BEFORE = "not yet: a run is under way", "flown before"
 R_TAKEN = "R is taken: the run is made ready as soon as the vehicle was looked at"
 CLOSED, ENDED, BY_HAND = "the app was closed", "the card was ended here", "F12 or space in the app"
-BEFORE = "flown before"
+SENT_BLIND = "sent unheard until it is heard: the maneuver's size to 0; it may not arrive, and the mode is the pilot's"
 LOOKS = 10
 """A run that waits is looked at again every so many tenths of a second."""
 
@@ -74,6 +74,7 @@ class CardFlight:
         self._card = load_card(self._asked.card or SHOWN_FIRST)
         moment.set(card=self._card.name, runs=_views(self._card), limits=self._card.limits)
         self._abort: str | None = None
+        self._blind = False
         self._started = False
         self._ready_wished = False
         """R came while the vehicle was still looked at."""
@@ -171,6 +172,9 @@ class CardFlight:
                 threading.Thread(target=self._end_excitation, name="tippath abort", daemon=True).start()
             elif stage is not Stage.ABORTING:
                 self._moment.set(said="nothing is excited")
+            elif (vehicle := self._link.snapshot()) is not None and vehicle.lost:
+                self._blind = True
+                self._moment.set(said=SENT_BLIND)
 
     def _excited_by_another(self) -> bool:
         vehicle = self._link.snapshot()
@@ -226,8 +230,12 @@ class CardFlight:
         with self._moment.pressed:
             if result.verdict is None or self._abort not in (None, BY_HAND) or self._link.ending.is_set():
                 return False
-            self._abort = None
+            self._abort, self._blind = None, False
             return True
+
+    def blind(self) -> bool:
+        """F12 was pressed once more while the link was lost in a run."""
+        return self._blind
 
     # The card's own thread.
 
@@ -238,7 +246,7 @@ class CardFlight:
         session = self._link.session
         assert session is not None
         self._abort, self._wish = None, None
-        self._started = self._ready_wished = self._changed = False
+        self._started = self._ready_wished = self._changed = self._blind = False
         self._notes.clear()
         self._so_far.forget()
         self._moment.set(

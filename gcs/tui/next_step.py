@@ -15,7 +15,7 @@ ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
 def next_words(state: State, screen: str) -> str:
     """What to do now."""
     if state.lost and state.stage in (Stage.FLYING, Stage.ABORTING):
-        return "the PILOT ends it with the transmitter: no abort reaches the vehicle now"
+        return "the PILOT ends it with the transmitter; F12 sends a stop unheard"
     if state.stage is Stage.FLYING and screen != "Fly":
         return _flying(state)
     if state.busy:

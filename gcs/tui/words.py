@@ -200,7 +200,7 @@ def progress_line(state: State, width: int, style: PlotStyle) -> str:
             run = current(state)
             return fitted(f" ▶ {_progress(state.progress, amplitude(run), style, 20 if width < 100 else 40)}", width)
         case Stage.ABORTING if state.lost:
-            return fitted(" LINK LOST IN THE RUN: nothing is sent until the vehicle is heard again", width)
+            return fitted(" LINK LOST IN THE RUN: nothing is sent until it is heard, unless you press F12", width)
         case Stage.ABORTING:
             return " ENDING EARLY: asking for the mode before, until the vehicle shows it"
         case Stage.READY:
