@@ -20,13 +20,13 @@ from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
 from gcs.tui import themes, words
-from gcs.tui.actions import PILOT
+from gcs.tui.actions import GUIDE, NOTE, PILOT, REVEAL, bindings
 from gcs.tui.asked_card import AskedCard
 from gcs.tui.base import Dialog, Page
 from gcs.tui.connect import ConnectScreen
 from gcs.tui.connections import Connection, typed
-from gcs.tui.desk_keys import DeskApp
 from gcs.tui.dialogs import Confirm
+from gcs.tui.field_keys import FieldApp
 from gcs.tui.fly import SPAN_S, FlyScreen
 from gcs.tui.help import HelpScreen
 from gcs.tui.pages import GENERAL, PAGES, mode_of
@@ -50,7 +50,7 @@ class Connections(Protocol):
     def connect(self, connection: Connection) -> None: ...
 
 
-class TippathApp(DeskApp):
+class TippathApp(FieldApp):
     """Connect, fly, fit, compare, diagnose, climb the ladder, design, push, report."""
 
     TITLE = "tippath"
@@ -61,8 +61,10 @@ class TippathApp(DeskApp):
         Binding("space", "abort", "abort", show=False),
         *(Binding(str(k), f"screen('{mode_of(page)}')", page.NAME) for k, page in enumerate(PAGES, 1)),
         Binding("question_mark", "screen('help')", "help"),
-        Binding("ctrl+p", "palette", "all keys"),
+        Binding("f1", "screen('help')", "help", priority=True),
+        Binding("f2,ctrl+p", "palette", "all keys"),
         Binding("f9", "theme", "colours", priority=True),
+        *bindings((NOTE, GUIDE, REVEAL)),
         Binding("escape,k,K", "cancel", "call off"),
         Binding("q,Q", "leave", "quit"),
         Binding("ctrl+q", "leave", "quit", show=False, priority=True),
@@ -134,7 +136,7 @@ class TippathApp(DeskApp):
                 self._read_audit(state)
                 screen.audited(self._audit)
             if isinstance(screen, Page):
-                screen.show(state, self._problem)
+                screen.show(state, self._problem, guided=self.guided)
             elif isinstance(screen, Dialog):
                 screen.show(state)
             if isinstance(screen, FlyScreen):
@@ -274,11 +276,17 @@ class TippathApp(DeskApp):
         connections, state = self.connections, self.worker.state()
         if connections is None:
             return
+        if connection.flight is not None:
+            flight = str(connection.flight)
+            self.work("the flight", lambda: self.worker.open_flight(flight))
+            self.call_later(self.action_screen, "runs")
+            return
         if state.stage.under_way:
             self.notice("a card is being flown: end it first (2, then E)")
             return
 
         def do() -> None:
+            self.guided = self.guided or connection.guided
             connections.connect(connection)
 
         vehicle = state.vehicle

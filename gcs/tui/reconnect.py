@@ -58,6 +58,7 @@ class Reconnecting:
         self._on_command: Callable[[str], None] = lambda _: None
         self._on_said: Callable[[str], None] = lambda _: None
         self._desk = Desk(on_command=lambda text: self._on_command(text), on_said=lambda text: self._on_said(text))
+        self._secret: Path | None = None
         self._connection = connection
         self._now = self._on(connection)
 
@@ -89,13 +90,16 @@ class Reconnecting:
 
     def _on(self, connection: Connection) -> FlightWorker:
         start: Callable[[], SimulatedVehicle] | None = None
+        self._secret = None
         if connection.plant is not None:
 
             def start() -> SimulatedVehicle:
                 seed = secrets.randbelow(10_000) if connection.hidden and connection.seed is None else connection.seed
+                directory = vehicle_logs(self._folder, connection.hidden)
+                self._secret = directory if connection.hidden else None
                 return self._make_vehicle(
                     connection.plant,
-                    vehicle_logs(self._folder, connection.hidden),
+                    directory,
                     seed=seed,
                     on_ground=connection.on_ground,
                     more=("--hidden", "random") if connection.hidden else (),
@@ -111,7 +115,7 @@ class Reconnecting:
             start_vehicle=start,
             folder=self._folder,
             primary=self._primary or connection.plant is not None,
-            card=self._card,
+            card=connection.card or self._card,
             profile=self._profile,
             probe=self._probe,
             options=options if real else (),
@@ -131,7 +135,7 @@ class Reconnecting:
     def state(self) -> State:
         """This moment."""
         state = self._now.state()
-        return replace(state, commands=(*self._before, *state.commands)) if self._before else state
+        return replace(state, commands=(*self._before, *state.commands), secret=self._secret)
 
     def window(self, last_s: float) -> LiveWindow:
         return self._now.window(last_s)

@@ -152,6 +152,8 @@ class State:
     busy: str = ""
     """What is being worked on away from the screen: a fit, a push."""
     bank: Bank | None = None
+    secret: Path | None = None
+    """Folder with the sealed answer of the simulated vehicle; None where nothing is hidden."""
     commands: tuple[str, ...] = ()
     """What was done, as a shell would do it; newest last."""
     desk: DeskState = field(default_factory=DeskState)
