@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
@@ -19,10 +20,11 @@ from gcs.cards.maneuver import bundled_cards
 from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
-from gcs.tui import themes, words
+from gcs.tui import themes
 from gcs.tui.actions import GUIDE, NOTE, PILOT, REVEAL, bindings
 from gcs.tui.asked_card import AskedCard
 from gcs.tui.base import Dialog, Page
+from gcs.tui.calls import calls
 from gcs.tui.connect import ConnectScreen
 from gcs.tui.connections import Connection, typed
 from gcs.tui.dialogs import Confirm
@@ -80,18 +82,18 @@ class TippathApp(FieldApp):
         style: Style = "braille",
         *,
         bell: bool = True,
+        say: Callable[[str], None] | None = None,
         theme: str = "dark",
         connections: Connections | None = None,
         first: str = "fly",
         flight: str | None = None,
     ) -> None:
         """`connections`: where the link can be changed; None where the worker has one only. `flight` is opened
-        at once."""
-        super().__init__(worker, style)
+        at once; `say` speaks what is called out, and does not wait."""
+        super().__init__(worker, style, bell=bell, say=say)
         self.connections = connections
         self._first = first
         self._flight = flight
-        self._rings = bell
         self._seen: State | None = None
         self._leaving = False
         self._connections: tuple[Connection, ...] = ()
@@ -127,8 +129,8 @@ class TippathApp(FieldApp):
         """Show this moment."""
         state = self.worker.state()
         before, self._seen = self._seen, state
-        if self._rings and before is not None and words.rings(before, state):
-            self.bell()
+        if before is not None:
+            self.call_out(calls(before, state))
         for screen in self.screen_stack:
             if isinstance(screen, ConnectScreen):
                 screen.offer(self._connections, "" if self.connections is None else self.connections.connection.name)
@@ -178,12 +180,6 @@ class TippathApp(FieldApp):
     def action_theme(self) -> None:
         """Other colours."""
         self.theme = themes.after(self.theme)
-
-    def action_wish(self, wish: str) -> None:
-        """A wish that does not wait."""
-        self._problem = ""
-        {"ready": self.worker.ready, "start": self.worker.start, "end_card": self.worker.end_card}[wish]()
-        self.look()
 
     def action_choose_run(self, number: int) -> None:
         """Another run of the card is the next."""

@@ -19,6 +19,7 @@ from gcs.tui.next_step import next_words
 from gcs.tui.plot import Plot, Style
 from gcs.tui.pressing import pressed, pressing_keys
 from gcs.tui.state import State
+from gcs.tui.top_line import top_line
 from gcs.tui.widgets.lines import Line, Lines
 from gcs.tui.widgets.traces import Traces
 
@@ -78,7 +79,7 @@ class Page(Screen[None]):
         width = self.size.width
         if width < 1 or not self._there or not self.query("#pilot"):
             return  # not there yet, or being taken down
-        self.query_one("#top", Lines).show([words.top_line(state, width)])
+        self.query_one("#top", Lines).show([top_line(state, width)])
         if self._too_small():
             text = words.too_small((width, self.size.height), SMALLEST)
             self.query_one("#screens", Lines).show([(text, "bold")])
@@ -236,7 +237,7 @@ class Dialog(ModalScreen[str | None]):
     def show(self, state: State) -> None:
         """Keep the line that is always visible up to date."""
         if self.size.width and self.query("#top"):
-            self.query_one("#top", Lines).show([words.top_line(state, self.size.width)])
+            self.query_one("#top", Lines).show([top_line(state, self.size.width)])
 
 
 def guide_lines(state: State, name: str, width: int) -> list[Line]:

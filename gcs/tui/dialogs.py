@@ -45,7 +45,18 @@ class Ask(Dialog):
 
     def on_mount(self) -> None:
         self.query_one("#question", Lines).show([(f" {self._question}", "bold")])
-        self.query_one("#hint", Lines).show([f" {self._hint}", ANSWERS])
+        self.break_text()
+
+    def on_resize(self) -> None:
+        """The hint is broken anew."""
+        self.break_text()
+
+    def break_text(self) -> None:
+        """Break the hint to the box."""
+        lines = wrapped(f" {sanitise(self._hint)}", max(20, self.app.size.width - 8), 0)
+        hint = self.query_one("#hint", Lines)
+        hint.styles.height = len(lines) + 1
+        hint.show([*lines, ANSWERS])
 
     def action_take(self) -> None:
         """As enter."""

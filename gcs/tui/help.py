@@ -79,8 +79,8 @@ the line at the top
   (pilot)        who commands the mode: pilot, autopilot, tippath (a run of
                  this app), excitation (somebody else's run)
   LQR ON         the pilot's switch selects the controller that was pushed
-  AIR 3:12       minutes and seconds in the air; > where it flew before it was
-                 heard
+  ARMED 3:12     armed, and minutes and seconds in the air; > where it flew
+                 before it was heard
   RPM +0.1 %     rotor speed, and its deviation since the run was made ready
   BAT            bar, volts and what is left; LOW below a quarter
 

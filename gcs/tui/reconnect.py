@@ -17,6 +17,7 @@ from gcs.desk import Desk
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
 from gcs.flight.session import Session
+from gcs.flight.session_notes import SessionNote
 from gcs.tui.connections import NOWHERE, Connection, connections, vehicle_logs
 from gcs.tui.state import State
 from gcs.tui.worker import FlightWorker
@@ -154,6 +155,17 @@ class Reconnecting:
 
     def abort(self) -> None:
         self._now.abort()
+
+    def answer(self, number: int, word: str) -> None:
+        self._now.answer(number, word)
+
+    def note(self, note: SessionNote) -> None:
+        self._now.note(note)
+
+    @property
+    def waiting_notes(self) -> tuple[str, ...]:
+        """That no flight has taken."""
+        return self._now.waiting_notes
 
     def check(self) -> None:
         self._now.check()

@@ -17,6 +17,11 @@ from gcs.tui.guide import LINES, guide_words
 from gcs.tui.words import SCREENS, notice_lines
 
 
+def name_of(app) -> str:
+    """Of the screen that is shown."""
+    return app.screen.NAME
+
+
 class Beginnings:
     """A guided flight, and one that was recorded."""
 
@@ -42,7 +47,7 @@ async def test_a_recorded_flight_is_opened_and_the_guide_comes_with_its_flight_o
         await app.workers.wait_for_complete()
         await pilot.pause()
         assert engine.asked == ["flight flight-0003"]
-        assert (app.screen.NAME, app.guided, begin.sent) == ("Runs", False, [])
+        assert (name_of(app), app.guided, begin.sent) == ("Runs", False, [])
         await pilot.press("1", "up", "enter")
         await app.workers.wait_for_complete()
         await settle(app)
@@ -115,4 +120,4 @@ async def test_a_sealed_answer_is_opened_where_the_diagnosis_was_made(monkeypatc
         assert engine.asked == ["desk audit opened the sealed answer tippath reveal vehicle-0007"]
         await pilot.press("f12", "escape")
         assert engine.asked[-1] == "abort"
-        assert app.screen.NAME == "Diagnose"
+        assert name_of(app) == "Diagnose"
