@@ -103,6 +103,14 @@ def _add_screen(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-bell", action="store_true", help="do not ring")
     parser.add_argument(
+        "--say",
+        metavar="COMMAND",
+        nargs="?",
+        const="",
+        help="speak start, half, three, two, one, end, limit, abort and verdicts, by the system's voice, or by a "
+        "command such as 'espeak-ng -s 180 {}'",
+    )
+    parser.add_argument(
         "--serve",
         nargs="?",
         type=_port,
@@ -137,6 +145,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.tui.app import TippathApp  # as in every command: --help answers at once without textual
     from gcs.tui.connections import NOWHERE
     from gcs.tui.reconnect import Reconnecting
+    from gcs.tui.speaking import Speaker, voice
 
     connection = _connection(args)
     first = "runs" if args.flight is not None else "connect" if connection is NOWHERE else "fly"
@@ -151,11 +160,15 @@ def run(args: argparse.Namespace) -> int:
             key=args.key,
             system=args.system,
         )
+        speaker = None if args.say is None else Speaker(voice(args.say))
+        if speaker is not None:
+            ends.callback(speaker.close)
         ends.callback(_close, worker)
         app = TippathApp(
             worker,
             args.plot,
             bell=not args.no_bell,
+            say=None if speaker is None else speaker.say,
             theme=args.theme,
             connections=worker,
             first=first,
@@ -164,6 +177,8 @@ def run(args: argparse.Namespace) -> int:
         gc.collect()
         gc.freeze()  # a full collection over all that was imported stops the keys for a tenth of a second
         app.run()
+    for text in worker.waiting_notes:
+        print(f"a note that no flight has taken: {text}", file=sys.stderr)
     commands = worker.state().commands
     if commands and not _served():
         with contextlib.suppress(OSError):
@@ -181,6 +196,7 @@ def _require_words(args: argparse.Namespace) -> None:
     from gcs.cards.maneuver import load_card
     from gcs.link.key_file import read_key
     from gcs.link.transport import parse_link
+    from gcs.tui.speaking import voice
     from gcs.vehicle.profile import load_profile
 
     if args.connect is not None:
@@ -193,6 +209,8 @@ def _require_words(args: argparse.Namespace) -> None:
         load_card(args.card)
     if args.vehicle_profile is not None:
         load_profile(args.vehicle_profile)
+    if args.say is not None:
+        voice(args.say)
     if args.flight is not None and not Path(args.flight).expanduser().exists():
         raise TippathError(f"{args.flight}: no such folder or log")
 
@@ -260,6 +278,7 @@ def _again(args: argparse.Namespace) -> list[str]:
         ("--seed", args.seed),
         ("--plot", args.plot),
         ("--theme", args.theme),
+        ("--say", args.say),
     ):
         words += [] if value is None else [name, str(value)]
     words += ["--log", "card"] if args.log == "card" else []

@@ -26,7 +26,6 @@ class RunsScreen(Scrolled):
         Act("v,V", "choose('VALIDATE')", "validate", "use the marked run to validate"),
         Act("x,X", "choose('OUT')", "leave out", "leave the marked run out"),
         Act("o,O", "app.open_flight", "open", "open another flight folder or log"),
-        Act("n,N", "app.note", "note", "write a note"),
         Act("m,M", "app.rename", "name", "name the flight"),
         Act("d,D", "app.keep_in", "", "keep results in another folder"),
         Act("pagedown", "scroll(5)", "", "scroll the reasons down", "page down"),

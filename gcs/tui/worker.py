@@ -20,6 +20,7 @@ from gcs.errors import TippathError
 from gcs.flight import gains
 from gcs.flight.live import LiveWindow
 from gcs.flight.session import Session
+from gcs.flight.session_notes import SessionNote
 from gcs.tui import state as view
 from gcs.tui.card_flight import CardFlight
 from gcs.tui.moment import Moment
@@ -44,8 +45,11 @@ class AppWorker(Protocol):
     def choose_run(self, number: int) -> None: ...
     def end_card(self) -> None: ...
     def abort(self) -> None: ...
+    def answer(self, number: int, word: str) -> None:
+        """To a question of the card's checklist. Raises TippathError."""
 
     # These wait, and are called from a worker. They raise TippathError.
+    def note(self, note: SessionNote) -> None: ...
     def check(self) -> None: ...
     def take_over(self) -> None: ...
     def choose_card(self, word: str) -> None: ...
@@ -109,6 +113,7 @@ class FlightWorker:
         if session is None or vehicle is None:
             return state
         received = session.samples(0.0).received if vehicle.recording is not None else 0
+        state = replace(state, air_s=self._link.air_s, air_known=self._link.air.known)
         return replace(state, vehicle=vehicle, samples=received, station=session.station)
 
     def window(self, last_s: float) -> LiveWindow:
@@ -130,6 +135,18 @@ class FlightWorker:
 
     def abort(self) -> None:
         self._card.abort()
+
+    def answer(self, number: int, word: str) -> None:
+        self._card.logbook.answer(number, word)
+
+    def note(self, note: SessionNote) -> None:
+        """Into the flight under way, or the last one; before the first it waits."""
+        self._card.logbook.note(note)
+
+    @property
+    def waiting_notes(self) -> tuple[str, ...]:
+        """That no flight has taken."""
+        return self._card.logbook.waiting
 
     def check(self) -> None:
         """Whether the card can be flown with the vehicle as it is set; not while a card is flown."""

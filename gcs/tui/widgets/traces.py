@@ -21,10 +21,10 @@ FAR = 10
 class Traces(Canvas, can_focus=True):
     """Shows a `Plot` (TimePlot or FrequencyPlot). Give it one each tick; only what changed is drawn again.
 
-    Keys, where focused: left/right the cursor by a column, but at least by a sample; shift+left/right ten columns;
-    home/end to the first and last sample; + and - zoom around the cursor; [ and ] pan by half a view; 0 shows
-    everything again, without cursor. A click puts the cursor. The actions `cursor(columns)`, `ends(which)`,
-    `zoom(steps)`, `pan(halves)` and `reset` can be bound to other keys, or called.
+    Keys, where focused: left/right the cursor by a column, but at least by a sample; comma and full stop (or
+    shift+left/right) ten columns; home/end to the first and last sample; + and - zoom around the cursor; [ and ] pan
+    by half a view; 0 shows everything again, without cursor. A click puts the cursor. The actions `cursor(columns)`,
+    `ends(which)`, `zoom(steps)`, `pan(halves)` and `reset` can be bound to other keys, or called.
 
     A live plot (span_s) moves along until it is zoomed or panned; a cursor that its view has left behind goes.
     """
@@ -34,8 +34,8 @@ class Traces(Canvas, can_focus=True):
     BINDINGS = [
         Binding("left", "cursor(-1)", "cursor", show=False),
         Binding("right", "cursor(1)", "cursor", show=False),
-        Binding("shift+left", f"cursor({-FAR})", "cursor", show=False),
-        Binding("shift+right", f"cursor({FAR})", "cursor", show=False),
+        Binding("shift+left,comma", f"cursor({-FAR})", "cursor", show=False),
+        Binding("shift+right,full_stop", f"cursor({FAR})", "cursor", show=False),
         Binding("home", "ends('first')", "first sample", show=False),
         Binding("end", "ends('last')", "last sample", show=False),
         Binding("plus,equals_sign", "zoom(1)", "zoom in", show=False),

@@ -572,7 +572,7 @@ def test_f12_ends_an_excitation_of_somebody_else(engine):
 
 def test_f12_commands_no_mode_where_nothing_is_excited(engine):
     engine.abort()
-    assert engine.state().said == "nothing is excited"
+    assert engine.state().said == "nothing to abort: no maneuver is running"
     assert "SetMode" not in engine.fake_session.called
 
 
