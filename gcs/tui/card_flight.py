@@ -41,7 +41,7 @@ from gcs.vehicle.autopilots import SYSTEMID
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile, load_profile
 from gcs.vehicle.snapshot import VehicleSnapshot
 
-TOO_EARLY, BEFORE = "not yet: a run is under way", "flown before"
+TOO_EARLY = "not yet: a run is under way"
 R_TAKEN = "R is taken: the run is made ready as soon as the vehicle was looked at"
 CLOSED, ENDED, BY_HAND = "the app was closed", "the card was ended here", "F12 or space in the app"
 SENT_BLIND = "sent unheard until it is heard: the maneuver's size to 0; it may not arrive, and the mode is the pilot's"

@@ -369,26 +369,36 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
 def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
     worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gcs.analysis.pages.report
+    import gcs.analysis.pages.page
 
-    def counted(figure: Figure) -> str:
+    def counted(figure: Figure, **_: bool) -> str:
         return f"<svg>{len(figure.axes)} panels</svg>"
 
-    monkeypatch.setattr(gcs.analysis.pages.report, "svg", counted)
+    monkeypatch.setattr(gcs.analysis.pages.page, "svg", counted)
     desk, home = worked
     monkeypatch.chdir(home)
-    desk.rename("first flight")
+    desk.rename("first <script>flight</script> $x^{")
     desk.report()
     state = desk.state()
     assert state.report is not None
     text = state.report.read_text()
     for part in (
-        *("<h1>first flight</h1>", "run 2: fly again: gust", "The ladder to tpp-servo_lag.json", "Where tpp-servo_lag"),
         *(
+            "<h1>first &lt;script&gt;flight&lt;/script&gt; $x^{</h1>",
+            "run 2: fly again: gust",
+            "The ladder to tpp-servo_lag.json",
+            "Where tpp-servo_lag",
+        ),
+        *(
+            "What tpp.json lacks",
+            "missing: servo_lag",
             "What tpp-servo_lag.json lacks",
             "complete: what is left is noise",
             "Gains, gains.json",
             "<svg>3 panels</svg>",
+            "servo_lag</td>",
+            "SHA-256",
+            "What was done",
         ),
         "✓ its size is physically plausible",
     ):
