@@ -22,6 +22,7 @@ from sysid.control.regulator import design
 from sysid.control.stability import Margins
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.proposals import LogSignal, SignalTells
+from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.parameter import Parameter
 from sysid.model.structure import Model
@@ -49,12 +50,14 @@ RUNS = (
 
 
 def fit(*effects: str, p: float, q: float, base: str = "tpp") -> Any:
-    structure = SimpleNamespace(base=base, effects=effects, composed=())
+    structure = compose(base, effects)
+    values = np.array([TABLE_4.get(one.name, one.typical) for one in structure.parameters])
     return SimpleNamespace(
-        model=SimpleNamespace(structure=structure),
+        model=Model(structure, values), standard_errors=0.01 * np.abs(values), fixed=(), at_bound=(), undetermined=(),
+        implausible=(), model_errors={}, validation=(SimpleNamespace(id="flight.BIN#4"),),
         nrmse_percent={"p": p, "q": q},
         validation_nrmse_percent={"p": p - 0.7, "q": q - 1.2},
-    )
+    )  # fmt: skip
 
 
 def comparison() -> Any:
@@ -88,6 +91,7 @@ def comparison() -> Any:
     )
     return SimpleNamespace(
         outputs=("p", "q"), band_hz=(0.0, 15.0), traces=traces, bands=bands,
+        nrmse_percent={"p": 64.1, "q": 60.9}, noise_floor_percent={"p": 82.0, "q": 88.3},
         responses=tuple(response(o, c) for o in "pq" for c in ("delta_x", "delta_y")),
         densities=Densities(f, levels, 0.1 * levels, 0.01 * levels),
         findings=(
@@ -179,7 +183,8 @@ COMPLETE = replace(
 
 TABLES = "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60))
 FITTED: Any = Fitted(
-    found=SimpleNamespace(), tables=TABLES, runs=("flight.BIN#1", "flight.BIN#3"), validation=("flight.BIN#4",),  # type: ignore[arg-type]
+    found=SimpleNamespace(tpp=fit(p=64.1, q=70.9), cd=fit(p=60.2, q=31.5, base="cd")),  # type: ignore[arg-type]
+    tables=TABLES, runs=("flight.BIN#1", "flight.BIN#3"), validation=("flight.BIN#4",),
     warnings=("look at this " * 12,), tpp_path=HOME / "tpp.json", cd_path=HOME / "cd.json",
     commands=("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
 )  # fmt: skip

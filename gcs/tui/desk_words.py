@@ -8,19 +8,15 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len
 from textual.style import Style as TextStyle
 
 from gcs.analysis.candidates import ranked, shows
-from gcs.analysis.ladder import RungNumbers, short_names
+from gcs.analysis.ladder import short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.analysis.text.findings import finding_text, suspicion_text
-from gcs.analysis.text.hidden import hidden_sentences
-from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
-from gcs.tui.plot import Style, bar
 from gcs.tui.pressing import pressed
 from gcs.tui.state import State
 from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
@@ -195,7 +191,7 @@ def compare_lines(desk: DeskState, width: int, *, full: bool = True) -> list[Lin
         " nothing to tell: what is left looks like noise"
     ]
     if full:
-        lines += ["", *_indented(spaced(rung.comparison_text, KEYS, but=("findings",)))]  # those stand above
+        lines += ["", *indented(spaced(rung.comparison_text, KEYS, but=("findings",)))]  # those stand above
     return broken(lines, width)
 
 
@@ -216,8 +212,8 @@ def verdict_lines(desk: DeskState, width: int) -> list[Line]:
             " what noise allows and by the runs that were not fitted",
         ]
     head, rest = _parted(rung.diagnosis_text, ("answer",))
-    answer: list[Line] = [(line, "bold") for line in _indented(spaced(head, KEYS))]
-    return broken([*answer, *_indented(spaced(rest, KEYS, but=TO_TYPE))], width)
+    answer: list[Line] = [(line, "bold") for line in indented(spaced(head, KEYS))]
+    return broken([*answer, *indented(spaced(rest, KEYS, but=TO_TYPE))], width)
 
 
 def explained_lines(rung: Rung, width: int) -> list[Line]:
@@ -227,7 +223,7 @@ def explained_lines(rung: Rung, width: int) -> list[Line]:
     from gcs.analysis.text.diagnosis import diagnosis_blocks  # scipy comes along; with a diagnosis it is there
 
     head, rest = _parted(diagnosis_blocks(rung.diagnosis, full=True), ("answer", "reasons"))
-    return broken(_indented([*spaced(head, KEYS), "", *spaced(rest, KEYS, but=TO_TYPE)]), width)
+    return broken(indented([*spaced(head, KEYS), "", *spaced(rest, KEYS, but=TO_TYPE)]), width)
 
 
 def _parted(blocks: Blocks, keys: Collection[str]) -> tuple[Blocks, Blocks]:
@@ -235,7 +231,8 @@ def _parted(blocks: Blocks, keys: Collection[str]) -> tuple[Blocks, Blocks]:
     return tuple(one for one in blocks if one.key in keys), tuple(one for one in blocks if one.key not in keys)
 
 
-def _indented(lines: Sequence[str]) -> list[str]:
+def indented(lines: Sequence[str]) -> list[str]:
+    """A blank before each."""
     return [f" {line}" for line in lines]
 
 
@@ -270,130 +267,17 @@ def ladder_title(desk: DeskState, width: int) -> tuple[str, str]:
     rung = desk.current
     if rung is None:
         return (" no fit yet", "bold")
-    text = f" {full_name(desk)}   fitted {_pair(rung.nrmse_percent)}"
+    text = f" {full_name(desk)}   fitted {pair(rung.nrmse_percent)}"
     if rung.validation_nrmse_percent is not None:
-        text += f"   valid. {_pair(rung.validation_nrmse_percent)}"
+        text += f"   valid. {pair(rung.validation_nrmse_percent)}"
     if desk.noise_floor_percent is not None:
-        text += f"   noise {_pair(desk.noise_floor_percent)}"
+        text += f"   noise {pair(desk.noise_floor_percent)}"
     return (fitted(text, width), "bold")
 
 
-def _pair(percent: Nrmse) -> str:
+def pair(percent: Nrmse) -> str:
+    """`64.1 / 70.9`."""
     return f"{percent['p']:.1f} / {percent['q']:.1f}"
-
-
-def rung_lines(desk: DeskState, width: int, style: Style) -> list[Line]:
-    """Rung by rung: fitted and validated, a bar of the mean; what the last says; the placebo beside it."""
-    lines: list[Line] = []
-    wrong = None if desk.current is None else desk.current.placebo
-    names = [sanitise(one.name) for one in desk.ladder] + ([] if wrong is None else [f"placebo {sanitise(wrong[0])}"])
-    name_width = max(map(cell_len, names), default=0)
-    name_width = min(max(name_width, 10), max(12, width - 38))
-    room = max(0, width - name_width - 36)
-    lines.append((fitted(f"   {'rungs':<{name_width}}  p fit valid   q fit valid", width), "underline"))
-    for number, rung in enumerate(desk.ladder):
-        top = number == len(desk.ladder) - 1
-        lines.append((_rung(rung, name_width, room, style), "bold") if top else _rung(rung, name_width, room, style))
-    current = desk.current
-    if wrong is not None:
-        name, percent, judged = wrong
-        lines.append(_numbers("·", (f"placebo {name}", percent, judged), name_width, room, style))
-    shares = explained_shares(desk)
-    if shares is not None:
-        drawn = "  ".join(f"{axis} {bar(one, 8, style)} {100 * one:.0f} %" for axis, one in shares.items())
-        lines.append(f"   explained  {drawn}")
-    if current is not None:
-        said = {
-            "complete": " ✓ complete: what is left is noise",
-            "unexplained": " ? unexplained: no known effect does it",
-            "missing": " ○ something is missing still",
-        }
-        lines.append(said.get(current.verdict or "", " ○ not asked yet what is missing: D"))
-    return [fitted(one, width) if isinstance(one, str) else (fitted(one[0], width), one[1]) for one in lines]
-
-
-def explained_shares(desk: DeskState) -> dict[str, float] | None:
-    """Of the lowest rung's error less noise, what the rungs above explain; None where there are none, or no floor."""
-    floor = desk.noise_floor_percent
-    if floor is None or len(desk.ladder) < 2:
-        return None
-    found = {}
-    for axis, top in desk.ladder[-1].nrmse_percent.items():
-        first, now, least = (
-            ((1 - value / 100) ** 2) for value in (desk.ladder[0].nrmse_percent[axis], top, floor[axis])
-        )
-        if first <= least:
-            return None
-        found[axis] = min(max((first - now) / (first - least), 0.0), 1.0)
-    return found
-
-
-def _rung(rung: Rung, name_width: int, room: int, style: Style) -> str:
-    return _numbers("●", (rung.name, rung.nrmse_percent, rung.validation_nrmse_percent), name_width, room, style)
-
-
-def _numbers(sign: str, rung: RungNumbers, name_width: int, room: int, style: Style) -> str:
-    name, percent, judged = rung
-    cells = "   ".join(f"{percent[k]:5.1f} " + (f"{judged[k]:5.1f}" if judged else "    -") for k in percent)
-    drawn = f"  {bar(sum(percent.values()) / (100 * len(percent)), room, style)}" if room >= 6 else ""
-    return f" {sign} {fitted(sanitise(name), name_width):<{name_width}}  {cells}{drawn}"
-
-
-def next_candidates(desk: DeskState, width: int, height: int) -> list[Line]:
-    """What the top rung's diagnosis offers, with shares; how many could not be asked."""
-    rung = desk.current
-    if rung is None or rung.diagnosis is None:
-        return [(fitted(" next candidates", width), "underline"), fitted(" D asks which effect is missing", width)]
-    rows = candidates(rung.diagnosis)
-    asked = [one for one in rows if one[1] is not None]
-    untold = len(rows) - len(asked)
-    head: Line = (justified(" next candidates", "share ", width), "underline")
-    if rung.verdict == "complete":
-        lines: list[Line] = [" none: what is left is noise"]
-    else:
-        room = max(1, height - 1 - (untold > 0))
-        lines = [
-            justified(f" {name}{f' ({note})' if note else ''}", f"{share:.2f} ", width)
-            for name, share, note in asked[:room]
-            if share is not None
-        ]
-    if untold:
-        lines.append(fitted(f" {untold} not testable: 6 says why", width))
-    return [head, *lines]
-
-
-def sign_lines(rung: Rung, width: int) -> list[Line]:
-    """What was added and whether it is really there: the command's text, less what to type."""
-    text = rung.addition_text
-    if not text:
-        return [
-            "",
-            " this rung was not added here: nothing is known of its placebo"
-            if rung.effect
-            else " the lowest rung has no placebo: nothing was added",
-        ]
-    return broken(_indented(spaced(text, KEYS, but=TO_TYPE)), width)
-
-
-def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
-    """Which maneuver would tell, and what could hide."""
-    found = rung.diagnosis
-    if found is None:
-        return ["", " not asked yet: D asks, and then knows which maneuver would tell more"]
-    lines: list[Line] = []
-    if found.next is not None:
-        lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
-        lines += [f"   {proposal_text(found.next.proposal)}", f"   {why_text(found.next.why)}"]
-        if found.next.card is None:
-            lines.append(f"   {how_text(found.next.proposal, found.runs.records) or 'no card can hold that'}")
-        else:
-            lines.append("   6, then W writes it as a test card")
-    else:
-        lines.append(" no maneuver would tell more")
-    if desk.card is not None:
-        lines.append(f" written: {desk.card}; 2, then C flies it")
-    lines += ["", *(f" {text}" for text in hidden_sentences(found.hiding))]
-    return broken(lines, width)
 
 
 # ------------------------------------------------------------------------------------------------ gains

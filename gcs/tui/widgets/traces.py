@@ -7,9 +7,10 @@ from typing import Literal
 
 from textual.binding import Binding
 from textual.events import Click
+from textual.geometry import Region
 
 from gcs.tui.plot import Plot, Prepared, Reading, Style, View, picture, prepared
-from gcs.tui.plot.layout import cursor_at, layout
+from gcs.tui.plot.layout import cursor_at, layout, shaded_at, sheet_of
 from gcs.tui.plot.ready import clamped, holding, moved, readings, zoomed
 from gcs.tui.widgets.canvas import Canvas
 
@@ -72,7 +73,10 @@ class Traces(Canvas, can_focus=True):
         view = self._shown(ready)
         if self._cursor is not None and not view.low <= self._cursor <= view.high:
             self._cursor = None
-        self.put(picture(ready, view, width, height, self._style, cursor=self._cursor))
+        sheet = sheet_of(ready, view, width, height, self._style, cursor=self._cursor)
+        top, left, high = int(sheet.plan.head), sheet.plan.left, sum(sheet.plan.rows)
+        shaded = tuple(Region(left + first, top, last - first + 1, high) for first, last in shaded_at(sheet))
+        self.put(picture(ready, view, width, height, self._style, cursor=self._cursor), shaded)
 
     @property
     def cursor(self) -> float | None:
