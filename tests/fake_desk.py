@@ -20,6 +20,7 @@ from sysid.compare.values import BandError, Densities, Trace
 from sysid.control.judgement import judge
 from sysid.control.regulator import design
 from sysid.control.stability import Margins
+from sysid.data.record import Record
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.proposals import LogSignal, SignalTells
 from sysid.model.paper import TPP
@@ -27,6 +28,19 @@ from sysid.model.parameter import Parameter
 from sysid.model.structure import Model
 
 HOME = Path("flight-0007")
+
+
+def record(id: str, axis: str, **vehicle: str) -> Record:
+    """A run of 12 s, its own rate the larger."""
+    t = np.arange(0.0, 12.0, 0.02)
+    wave = 0.1 * np.sin(4 * t)
+    own, other = (4 * wave, wave) if axis == "roll" else (wave, 4 * wave)
+    return Record(
+        id,
+        {"t": t, "p": own, "q": other, "delta_x": wave, "delta_y": 0.5 * wave, "excitation_x": 0.8 * wave},
+        axis=axis,
+        vehicle=vehicle,
+    )
 
 
 def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "roll", **more: Any) -> RunRow:
@@ -39,9 +53,9 @@ def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "r
 
 
 RUNS = (
-    run_row(1, Choice.FIT, notes=("Tischler's law, C1 4, noise 0.2",)),
+    run_row(1, Choice.FIT, notes=("Tischler's law, C1 4, noise 0.2",), record=record("flight.BIN#1", "roll")),
     run_row(2, Choice.OUT, verdict="fly again: gust", health="gust"),
-    run_row(3, Choice.FIT, axis="pitch"),
+    run_row(3, Choice.FIT, axis="pitch", record=record("flight.BIN#3", "pitch")),
     run_row(4, Choice.VALIDATE, "doublet"),
     run_row(5, Choice.OUT, usable=False, reasons=("the gyro clips at 34.9 rad/s: fly it smaller",), health="clipped"),
     run_row(6, Choice.NOISE, "quiet", axis=None, size=None),
@@ -212,8 +226,14 @@ OPEN = DeskState(
     notes=(TimedNote("2026-05-04T12:30:00.000+00:00", "gusty [/] after noon"),), vehicle="simulated 4.5.7", runs=RUNS,
     unread=("other.BIN: not read: it is cut short",), base=Base(), commands=("tippath ingest flight-0007",),
 )  # fmt: skip
+MIXED = tuple(
+    replace(one, record=record(one.id, str(one.axis), frame="QUAD" if one.id.endswith("4") else "HELI"))
+    for one in RUNS[:4]
+)
+"""Of two vehicles."""
 DESKS = {
     "open": OPEN,
+    "mixed": replace(OPEN, runs=(*MIXED, *RUNS[4:])),
     "fitting": replace(OPEN, busy="fitting: TPP and CD", progress=0.5),
     "fitted": replace(OPEN, fitted=FITTED, ladder=(BOTTOM,)),
     "compared": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,)),

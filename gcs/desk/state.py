@@ -7,7 +7,7 @@ asked on each, the gains with the response they promise, the report; and the she
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
     from sysid.compare.values import Comparison
     from sysid.control.loop import Following
     from sysid.control.regulator import Gains
+    from sysid.data.record import Record
     from sysid.fit.result import Fit
 
 Nrmse = Mapping[str, float]
@@ -67,6 +68,12 @@ class RunRow:
     choice: Choice
     default: Choice
     """What the desk chose by itself."""
+    start_s: float = 0.0
+    """Of the maneuver as it was flown, in the log's own time: what windows count from."""
+    record: Record | None = field(default=None, compare=False, repr=False)
+    """To be drawn; None where there are no samples."""
+    alone: tuple[str, ...] = ()
+    """What a fit of this run's axis to this run says; empty where nobody asked."""
 
 
 @dataclass(frozen=True, slots=True)

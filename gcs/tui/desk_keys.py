@@ -44,6 +44,34 @@ class DeskApp(AskingApp):
         if 0 <= number < len(runs):
             self.do_now(lambda: self.worker.desk.use(runs[number].word, choice))
 
+    def use_alike(self) -> None:
+        """Leave out what is not like the others."""
+        self.do_now(self.worker.desk.use_alike)
+
+    def split_runs(self) -> None:
+        """Every second run validates."""
+        self.do_now(self.worker.desk.alternate)
+
+    def halve_run(self, word: str) -> None:
+        """One half is fitted, the other validates."""
+        self.work("halving", lambda: self.worker.desk.halve(word))
+
+    def cut_run(self, word: str, start_s: float | None, stop_s: float | None) -> None:
+        """Another begin or end."""
+        self.work("cutting", lambda: self.worker.desk.cut(word, start_s, stop_s))
+
+    def whole_run(self, word: str) -> None:
+        """All of a run."""
+        self.work("cutting", lambda: self.worker.desk.take_whole(word))
+
+    def fit_alone(self, word: str) -> None:
+        """One axis of one run."""
+        self.work("fitting one axis", lambda: self.worker.desk.fit_alone(word))
+
+    def action_fetch_log(self) -> None:
+        """The vehicle's own log."""
+        self.notice("not yet")
+
     # What is worked out.
 
     def action_work(self, what: str) -> None:

@@ -25,6 +25,7 @@ from gcs.analysis.text.blocks import text_of
 from gcs.desk import Base, Cancelled, Choice, Desk
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
+from gcs.logs import resolve_runs
 from sysid.fit.result import Fit
 
 pytestmark = pytest.mark.usefixtures("answers_kept")
@@ -137,6 +138,52 @@ def test_runs_are_used_as_their_kind_says(raw: Path) -> None:
         desk.use("flight.BIN#9", Choice.FIT)
     with pytest.raises(TippathError, match="not quiet hover"):
         desk.use("flight.BIN#1", Choice.NOISE)
+
+
+def test_a_part_of_a_run_is_taken_as_a_command_takes_it_and_found_again(
+    worked: tuple[Desk, Path], tmp_path: Path
+) -> None:
+    shutil.copytree(worked[1] / "flight-0001", tmp_path / "flight-0001", ignore=lambda *_: ["report.html"])
+    desk = Desk(now=lambda: WHEN)
+    desk.open(str(tmp_path / "flight-0001"))
+    whole = desk.state().runs[0]
+    desk.cut(whole.word, 1.04, None)
+    desk.cut(desk.state().runs[0].word, None, 7.5)
+    part = desk.state().runs[0]
+    assert (part.word, part.start_s, part.choice) == (f"{whole.word}@1:7.5", whole.start_s, whole.choice)
+    assert part.record is not None
+    (read,) = resolve_runs([part.word])
+    assert np.array_equal(part.record.t, read.t)
+    desk.fit()
+    assert f"{part.word} " in desk.state().commands[-1]
+    again = Desk(now=lambda: WHEN)
+    again.open(str(tmp_path / "flight-0001"))
+    assert [run.id for run in again.state().chosen(Choice.FIT)] == [run.id for run in desk.state().chosen(Choice.FIT)]
+    assert again.state().fitted is not None
+    with pytest.raises(TippathError, match="stays whole"):
+        desk.halve(part.word)
+    with pytest.raises(TippathError, match="nothing is left"):
+        desk.cut(part.word, 7.4, None)
+    desk.take_whole(part.word)
+    assert desk.state().runs[0] == whole
+    with pytest.raises(TippathError, match="whole already"):
+        desk.take_whole(whole.word)
+
+
+def test_runs_are_split_by_a_key(short: Path, raw: Path) -> None:
+    desk = Desk(now=lambda: WHEN)
+    desk.open(str(short))
+    with pytest.raises(TippathError, match="H halves"):
+        desk.alternate()
+    with pytest.raises(TippathError, match="alike"):
+        desk.use_alike()
+    desk.fit_alone(desk.state().runs[0].word)
+    assert desk.state().runs[0].alone[0].startswith("roll alone, of first order: NRMSE p ")
+    desk.open(str(raw))
+    desk.alternate()
+    assert [run.choice for run in desk.state().runs[2:4]] == [Choice.FIT, Choice.VALIDATE]
+    desk.alternate()
+    assert [run.choice for run in desk.state().runs[2:4]] == [Choice.VALIDATE, Choice.FIT]
 
 
 def test_a_base_is_checked_when_it_is_chosen(raw: Path) -> None:
