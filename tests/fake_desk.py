@@ -14,10 +14,11 @@ from gcs.analysis.clearance import Clearance
 from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from gcs.desk.state import OnFit, Present, Trial, Weights
 from gcs.flight.identified import Identified
 from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
-from sysid.control.judgement import judge
+from sysid.control.judgement import Limits, judge
 from sysid.control.regulator import design
 from sysid.control.stability import Margins
 from sysid.data.record import Record
@@ -221,6 +222,13 @@ GAINS: Any = Designed(
     following=SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
 )  # fmt: skip
 
+ON_FIT = OnFit(gains=GAINS.gains, judgement=CLEARED.judgement, following=GAINS.following)
+PRESENT = Present(
+    path=HOME / "gains-1.json", crc=0x123456, document={},
+    found=replace(ON_FIT, judgement=judge(design(MODEL), [("fit", MODEL)], Limits(gain_db=60.0, overshoot=0.01))),
+)  # fmt: skip
+"""Of a vehicle whose margins are too low for what is asked."""
+
 OPEN = DeskState(
     path=HOME, home=HOME, name="first day",
     notes=(TimedNote("2026-05-04T12:30:00.000+00:00", "gusty [/] after noon"),), vehicle="simulated 4.5.7", runs=RUNS,
@@ -245,6 +253,10 @@ DESKS = {
     "added": replace(OPEN, fitted=FITTED, ladder=(ASKED, ADDED)),
     "complete": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE)),
     "designed": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS),
+    "tried": replace(
+        OPEN, fitted=FITTED, ladder=(ASKED,), designed=GAINS, present=PRESENT, weights=Weights(input_cost=8.0),
+        trial=Trial(fit=ASKED.fit, weights=Weights(input_cost=8.0), found=ON_FIT),
+    ),
     "reported": replace(
         OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS, report=HOME / "report.html",
         commands=tuple(f"tippath step-{i} flight-0007/flight.BIN#{i}" for i in range(30)),
@@ -259,6 +271,11 @@ class FakeDesk:
     def __init__(self, asked: list[str]) -> None:
         self.now = DeskState()
         self.asked = asked
+        self.followed = 0
+        """How often gains followed the sliders; the screen does that by itself, too."""
+
+    def follow(self) -> None:
+        self.followed += 1
 
     def state(self) -> DeskState:
         return self.now

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gcs.desk.desk import Cancelled
-from gcs.desk.runs_work import RunsDesk as Desk
+from gcs.desk.gains_work import GainsDesk as Desk
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
 
 __all__ = ["Base", "Cancelled", "Choice", "Designed", "Desk", "DeskState", "Fitted", "RunRow", "Rung", "TimedNote"]

@@ -12,32 +12,26 @@ from typing import Any, Protocol
 
 from gcs.analysis.addition import Addition, add_effect
 from gcs.analysis.band import chosen_band
-from gcs.analysis.clearance import clearance
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
 from gcs.analysis.fits import PAIR, assess, identify_flight, on_airframe, on_cd, side_by_side
-from gcs.analysis.identified import identified
 from gcs.analysis.quantities import quantity
-from gcs.analysis.standing import beside, digest, standing_of
 from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
 from gcs.analysis.text.diagnosis import diagnosis_blocks
 from gcs.analysis.text.documents import comparison_document, diagnosis_document
 from gcs.analysis.text.fit import judgement_document
-from gcs.analysis.text.gains import gains_text
 from gcs.analysis.vehicles import doubted
 from gcs.desk import choices, ladder, saved, shell, windows
-from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from gcs.desk.state import Base, Choice, DeskState, Fitted, Rung, RunRow, TimedNote
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder, flight_of
-from gcs.flight.gains import gains_of
 from gcs.logs import Ingest, Run, check_same_rate_source, ingest
 from gcs.logs.words import printable
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
-from sysid.control.loop import following
-from sysid.control.regulator import design, designs_on
+from sysid.control.regulator import designs_on
 from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
@@ -186,35 +180,6 @@ class Calculations:
     def designs_on(self, fit: Fit) -> bool:
         """Whether gains are designed on a fit of this structure."""
         return designs_on(fit.model.structure)
-
-    def design(self, fit: Fit, input_cost: float, asked: FitDiagnosis | None, folder: Path) -> Designed:
-        """Gains, what they are worth, and the answer they promise; kept nowhere yet.
-
-        What the fit lacks is known by this session's diagnosis, else by one that a folder holds.
-        """
-        self._step("")
-        gains = design(fit.model, input_cost)
-        self._step("judging them", 0.1)
-        files = shell.user_files(fit)
-        if asked is not None and digest(asked.fit) == digest(fit):
-            standing = standing_of(diagnosis_document(asked, folder=folder), folder, files)
-        else:
-            standing = beside(folder, fit, files)
-        cleared = clearance(gains, fit, standing)
-        self._step("the predicted answer", 0.5)
-        answer = following(gains, fit.model)
-        self._step("")
-        return Designed(
-            text=gains_text(gains),
-            path=None,
-            crc=gains_of(gains.to_json()).crc,
-            command="",
-            rung=ladder.full_name(fit),
-            gains=gains,
-            clearance=cleared,
-            identified=identified(fit),
-            following=answer,
-        )
 
     def used(self, rows: Sequence[RunRow], runs: Sequence[Run], choice: Choice) -> list[Record]:
         """Of the runs that are used so, in their order. Raises TippathError where their rates differ in kind."""

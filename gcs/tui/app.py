@@ -28,6 +28,7 @@ from gcs.tui.connections import Connection, typed
 from gcs.tui.desk_keys import DeskApp
 from gcs.tui.dialogs import Confirm
 from gcs.tui.fly import SPAN_S, FlyScreen
+from gcs.tui.gains_words import push_lines
 from gcs.tui.help import HelpScreen
 from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
@@ -300,15 +301,10 @@ class TippathApp(DeskApp):
         if designed is None or reason is not None:
             self.notice(reason if designed is not None and reason else "no gains yet: D designs them")
             return
-        lines = (
-            f"{designed.path} goes to the vehicle's shadow bank, is read back bit for bit, and becomes the active "
-            f"bank by its checksum {designed.crc:06x}. The bank before is kept.",
-            "Nothing flies by it until the pilot's switch says so.",
-        )
         if not designed.cleared:
             self._ask_why("they fail (see above)")
             return
-        self.confirm("Push these gains?", lines, "push", self._push)
+        self.confirm("Push these gains?", push_lines(state), "push", self._push)
 
     def _push(self) -> None:
         """In a thread; where the vehicle is not as it was identified, words why are asked for."""

@@ -22,10 +22,9 @@ from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
 from gcs.tui.plot import Style, bar
 from gcs.tui.state import State
-from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
+from gcs.tui.words import fitted, justified, sanitise_line, wrapped
 
 if TYPE_CHECKING:
-    from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
 
 Line = str | tuple[str, str | TextStyle]
@@ -325,54 +324,6 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
         lines.append(f" written: {desk.card}; 2, then C flies it")
     lines += ["", *(f" {text}" for text in hidden_sentences(found.hiding))]
     return broken(lines, width)
-
-
-# ------------------------------------------------------------------------------------------------ gains
-
-
-def controller_lines(state: State, width: int) -> list[Line]:
-    """Margins first, then the matrices, where they are kept, and the command."""
-    designed, desk = state.designed, state.desk
-    if designed is None:
-        on = full_name(desk) or "a fitted TPP"
-        return ["", f" no gains are designed yet; they will be on {on}"]
-    lines: list[Line] = []
-    made = desk.designed
-    if made is not None:
-        lines.append((f" on {made.rung}: {made.gains.margins.words}", "bold"))
-        lines += _cleared_said(made.clearance)
-        lines += _following_said(state)
-    lines += ["", *(f" {line}" for line in designed.text.splitlines())]
-    lines += ["", f" checksum {designed.crc:06x}, kept in {designed.path}"]
-    lines += ["", " the same in a shell:", *(f"   {command}" for command in state.commands[-4:])]
-    return broken(lines, width)
-
-
-def _cleared_said(found: Clearance) -> list[Line]:
-    """What the gains are worth; what refuses a push, or is not known of the fit, in bold."""
-    from gcs.analysis.text.clearance import clearance_told  # scipy comes along, which is there once gains are
-
-    bold = {"judged": found.judgement.refused, "diagnosis": not found.standing.complete}
-    return [(f" {name}: {words}", "bold" if bold.get(name) else "") for name, words in clearance_told(found)]
-
-
-def _following_said(state: State) -> list[Line]:
-    made = state.desk.designed
-    if made is None:
-        return []
-    said: list[Line] = []
-    for one in (made.following.roll, made.following.pitch):
-        rise = "never reaches nine tenths" if one.rise_s is None else f"rises in {1000 * one.rise_s:.0f} ms"
-        said.append(
-            f" {one.axis} doublet: {rise}, overshoot {100 * one.overshoot:.0f} %, other axis {100 * one.coupling:.0f} %"
-        )
-    return said
-
-
-def bank_title(state: State, width: int) -> tuple[str, str]:
-    if state.vehicle is None:
-        return (fitted(" no vehicle: gains can be designed, and pushed once one is connected (1)", width), "bold")
-    return (fitted(f" {bank_line(state.bank)}", width), "bold")
 
 
 # ------------------------------------------------------------------------------------------------ report

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gcs.desk.state import Designed, Rung
-from gcs.tui.plot import Panel, TimePlot, time_plot
+from gcs.desk.state import Rung
+from gcs.tui.plot import TimePlot, time_plot
 from gcs.tui.plot.model import FloatArray
 
 if TYPE_CHECKING:
@@ -36,18 +36,3 @@ def commands_of(found: Comparison, part: int, *, both: bool) -> dict[str, FloatA
         most = max(moving, key=lambda name: float(np.std(moving[name])))
         return {most: moving[most]}
     return moving
-
-
-def predicted(designed: Designed, axis: int) -> TimePlot:
-    """The closed loop's answer to a rate doublet on roll (0) or pitch (1)."""
-    found = designed.following
-    one = (found.roll, found.pitch)[axis % 2]
-    asked = {"p": one.asked if one.axis == "roll" else None, "q": one.asked if one.axis != "roll" else None}
-    t = found.t
-    panels = (
-        Panel(name="p", x=t, line=one.p, over=asked["p"], unit="rad/s", weight=2.0),
-        Panel(name="q", x=t, line=one.q, over=asked["q"], unit="rad/s", weight=2.0),
-        Panel(name="δx", x=t, line=one.delta_x),
-        Panel(name="δy", x=t, line=one.delta_y),
-    )
-    return TimePlot(panels=panels, title=f"{one.axis} doublet, predicted", words=("answer", "asked for", ""))

@@ -228,18 +228,19 @@ def _next_controller(state: State) -> str:
     designed, desk = state.designed, state.desk
     if designed is None:
         return "D designs gains" if desk.ladder or state.fitted is not None else "4 fits a flight first"
+    shadow = "" if designed.shadow is not None or not desk.chosen(Choice.FIT) else "S: the shadow over these runs; "
     if state.vehicle is None:
-        return "1 connects, to push them; 9 writes the report"
+        return f"{shadow}1 connects, to push them; 9 writes the report"
     if state.bank is not None and state.bank.active == designed.crc:
         if state.bank.switch_on:
-            return "the LQR flies; card lqr-doublet (2, C) shows how it follows"
+            return "the LQR flies; card proof (2, C), then F here: flown against predicted"
         switch = "B" if state.simulated else "the pilot's switch"
-        return f"in the air {switch} puts the LQR on; then card lqr-doublet (2, C)"
+        return f"in the air {switch} puts the LQR on; then card proof (2, C), and F here"
     if state.vehicle.armed:
         return (
             "L: the simulated pilot lands; then P" if state.simulated else "the pilot lands and disarms; then P pushes"
         )
-    return "P pushes them to the vehicle (asks first)"
+    return f"{shadow}P pushes them to the vehicle (asks first)"
 
 
 def _next_report(desk: DeskState) -> str:

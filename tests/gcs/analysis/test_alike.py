@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -42,7 +44,7 @@ def test_the_larger_group_goes_first_and_the_others_are_odd() -> None:
         ({"FRAME_CLASS": "6"}, {"FRAME_CLASS": "1"}, "vehicle"),
     ],
 )
-def test_each_kind_of_difference_is_told(one: dict[str, float], other: dict[str, float], kind: str) -> None:
+def test_each_kind_of_difference_is_told(one: dict[str, Any], other: dict[str, Any], kind: str) -> None:
     (difference,) = alike([record("a#1", **one), record("a#2", "pitch", **other)]).differences
     assert difference.kind == kind
 
