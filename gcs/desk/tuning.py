@@ -47,15 +47,18 @@ MOST_FILES = 200
 
 def asked_of(weights: Weights) -> AskedDesign:
     """What the sliders ask for, as a command asks for it."""
-    observer: Observer = KALMAN
-    if weights.observer:
-        observer = tuple(weights.observer * pole for pole in OBSERVER_POLES)
+    observer: Observer = _poles(weights) or KALMAN
     return AskedDesign(
         input_cost=weights.input_cost,
         flapping_cost=weights.flapping_cost,
         observer=observer,
         dynamic=weights.dynamic,
     )
+
+
+def _poles(weights: Weights) -> tuple[float, ...]:
+    """1/s; none of the Kalman filter, which finds its own."""
+    return tuple(round(weights.observer * pole, 3) for pole in OBSERVER_POLES) if weights.observer else ()
 
 
 def standing(fit: Fit, asked: FitDiagnosis | None, folder: Path) -> Standing:
@@ -177,5 +180,5 @@ def options(weights: Weights) -> list[Any]:
     if not weights.observer:
         told += ["--observer", KALMAN]
     elif weights.observer != usual.observer:
-        told += ["--observer", ",".join(repr(-weights.observer * pole) for pole in OBSERVER_POLES)]
+        told += ["--observer", ",".join(f"{-pole:g}" for pole in _poles(weights))]
     return [*told, *(["--prefilter", "dynamic"] if weights.dynamic else [])]

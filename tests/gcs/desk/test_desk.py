@@ -219,7 +219,7 @@ def test_sliders_are_followed_at_once_judged_at_rest_and_kept_by_a_key(
     assert made is not None
     assert made.clearance is judged.clearance
     assert made.command.endswith(
-        "--input-cost 12.0 --flapping-cost 0.01 --observer 40.0,40.0,40.8,40.8 --prefilter dynamic "
+        "--input-cost 12.0 --flapping-cost 0.01 --observer 40,40,40.8,40.8 --prefilter dynamic "
         f"-o {short / 'gains.json'}"
     )
     desk.shadow()
