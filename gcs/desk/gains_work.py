@@ -183,14 +183,16 @@ class GainsDesk(RunsDesk):
         from gcs.analysis.proof import prove_flights
 
         with self._working("flown against predicted"):
-            flight = self._keeping.folder().path if self._state.path is None else self._state.path
+            logs = [Path(path) for path in dict.fromkeys(run.path for run in self._runs if run.path)]
+            if not logs:
+                raise TippathError("no flight yet: 3, then O opens the one with the card `proof`")
             held, made = self._state.present, self._state.designed
             gains = held.path if held is not None else None if made is None else made.path
             if gains is None:
                 raise TippathError("nothing is known of gains that flew: fly the card `proof` with pushed gains first")
             self._step(gains.name)
-            found = prove_flights(gains, [flight])
+            found = prove_flights(gains, logs)
             self._step("")
             self._set(proof=found, said=f"{found.proof.verdict}: {len(found.proof.runs)} runs against {found.model}")
-            self._did(shell.words(["tippath", "proof", gains, flight]))
+            self._did(shell.words(["tippath", "proof", gains, *logs]))
             self._keeping.audit(f"flown against predicted with {gains.name}: {found.proof.verdict}")

@@ -212,8 +212,10 @@ class Present:
     crc: int
     document: Mapping[str, Any]
     found: OnFit | None = None
-    """In the loop with the fit under the ladder's cursor; None where nothing was fitted yet."""
+    """In the loop with the fit under the ladder's cursor, or with the model that they were designed on where nothing is
+    fitted yet; None where that cannot be had."""
     fit: Fit | None = None
+    """That they were looked at on."""
 
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ import numpy as np
 from gcs import documents
 from gcs.analysis.band import chosen_band
 from gcs.analysis.clearance import Clearance, clearance, gains_in
+from gcs.analysis.clearance import designed as designed_in
 from gcs.analysis.diagnosis import FitDiagnosis
 from gcs.analysis.identified import identified
 from gcs.analysis.lqr import AskedDesign, Observer, at_costs
@@ -147,8 +148,19 @@ def present(folder: Path, crc: int, first: Path | None = None) -> Present | None
         with contextlib.suppress(TippathError, OSError, ValueError):
             document = json.loads(documents.read_text(path, "set of gains", LARGEST))
             if gains_of(document, str(path)).crc == crc:
-                return Present(path=path, crc=crc, document=document)
+                return Present(path=path, crc=crc, document=document, found=_on_its_own(path))
     return None
+
+
+def _on_its_own(path: Path) -> OnFit | None:
+    """Gains on the model that they were first judged on; None where the file has none that can be had."""
+    try:
+        gains, model, limits = designed_in(path)
+        judgement = judge(gains, [("fit", model)], limits)
+        held = judgement.models[0].loop.stable
+        return OnFit(gains=gains, judgement=judgement, following=following(gains, model) if held else None)
+    except (TippathError, SysidError, np.linalg.LinAlgError):
+        return None
 
 
 def kept_gains(folder: Path) -> list[Path]:

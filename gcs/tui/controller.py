@@ -105,7 +105,7 @@ class ControllerScreen(Split):
         desk = state.desk
         self._weights = desk.weights
         self._follow(state)
-        beside = gains_words.columns(desk)
+        beside = gains_words.columns(state)
         if desk.proof is not None and desk.proof is not self._proof:
             self.view = 2  # it was asked for, and is shown
         self._proof = desk.proof

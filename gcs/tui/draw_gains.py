@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -55,7 +56,8 @@ def flown(found: FlownProof, part: int) -> TimePlot:
     """One run of a proof: rates flown, predicted over them, what was asked as a strip of its own."""
     run: FlownRun = found.proof.runs[part % len(found.proof.runs)]
     t = run.t - run.t[0]
-    largest = 1.1 * max(float(np.max(np.abs(one))) for one in (run.asked, run.measured, run.predicted))
+    largest = max(float(np.max(np.abs(one))) for one in (run.asked, run.measured, run.predicted))
+    largest = math.ceil(10 * largest) / 10
     panels = [Panel(name="asked", x=t, line=run.asked[:, run.axis], unit="rad/s", fixed=(-largest, largest))]
     panels += [
         Panel(

@@ -40,13 +40,13 @@ class Column:
     """None where bounds were not looked at yet."""
 
 
-def columns(desk: DeskState) -> list[Column]:
-    """Gains in the vehicle, those that are kept, and what the sliders would make, as far as there are any."""
-    found = []
+def columns(state: State) -> list[Column]:
+    """Gains in the vehicle or flown, those that are kept, and what the sliders would make, as far as there are any."""
+    found, desk = [], state.desk
     held, made, trial = desk.present, desk.designed, desk.trial
     if held is not None and held.found is not None:
         now = held.found
-        head = "in the vehicle"
+        head = "in the vehicle" if state.bank is not None and state.bank.active == held.crc else "flown"
         found.append(_column(head, f"{held.crc:06x}", now.judgement, now.following, None))
     if made is not None and not (held is not None and held.crc == made.crc and held.found is not None):
         cleared = made.clearance
@@ -68,7 +68,7 @@ def _column(
 def controller_lines(state: State, width: int) -> list[Line]:
     """What decides first: side by side; then what speaks against them; then matrices, files and commands."""
     desk = state.desk
-    beside = columns(desk)
+    beside = columns(state)
     lines: list[Line] = []
     if desk.trial is not None and desk.trial.problem:
         lines += broken([(f" no gains of these weights: {desk.trial.problem}", "bold")], width)
@@ -77,6 +77,8 @@ def controller_lines(state: State, width: int) -> list[Line]:
     elif not lines:
         on = full_name(desk) or "a fitted TPP"
         lines += ["", f" no gains are designed yet; they will be on {on}"]
+    if desk.present is not None and desk.present.fit is None:
+        lines.append(fitted(f" {desk.present.crc:06x}: {sanitise(str(desk.present.path))}, on its own model", width))
     lines += broken(_standing_said(desk), width)
     lines += broken([*_shadow_said(desk), *_proof_said(desk)], width)
     made = desk.designed

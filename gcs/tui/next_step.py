@@ -226,6 +226,8 @@ def _next_ladder(desk: DeskState) -> str:
 
 def _next_controller(state: State) -> str:
     designed, desk = state.designed, state.desk
+    if designed is None and desk.present is not None and not desk.ladder:
+        return "F: flown against predicted" if desk.proof is None else "X: the next run; 4 fits this flight"
     if designed is None:
         return "D designs gains" if desk.ladder or state.fitted is not None else "4 fits a flight first"
     shadow = "" if designed.shadow is not None or not desk.chosen(Choice.FIT) else "S: the shadow over these runs; "

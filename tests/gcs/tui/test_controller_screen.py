@@ -18,7 +18,7 @@ from gcs.tui.draw_gains import answers, flown
 from gcs.tui.sliders import SLIDERS, slider_lines, value_words
 from gcs.tui.state import Bank, joined
 
-TRIED = joined(replace(IDLE, vehicle=None), DESKS["tried"])
+TRIED = joined(replace(IDLE, vehicle=None, bank=Bank(PRESENT.crc, None, False)), DESKS["tried"])
 
 
 def plain(lines) -> list[str]:
@@ -120,7 +120,7 @@ async def test_a_push_says_what_changes_from_old_to_new():
 
 
 def test_answers_are_drawn_old_under_new_and_a_proof_as_the_papers_figure():
-    beside = gains_words.columns(DESKS["tried"])
+    beside = gains_words.columns(TRIED)
     plot = answers(beside, 1)
     assert plot is not None
     assert plot.words[:2] == ("sliders", "designed")
