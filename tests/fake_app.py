@@ -148,6 +148,7 @@ class FakeWorker:
         self.now = state
         self.asked: list[str] = []
         self.refusal: str | None = None
+        self.called_off = 0
         self.closed = threading.Event()
         self.desk = FakeDesk(self.asked)
         self.desk.now = state.desk
@@ -213,6 +214,12 @@ class FakeWorker:
 
     def revert(self) -> None:
         self.ask("revert")
+
+    def fetch_log(self) -> None:
+        self.ask("fetch")
+
+    def call_off(self) -> None:
+        self.called_off += 1
 
     def pilot(self, line: str) -> None:
         self.ask(f"pilot {line}")

@@ -164,6 +164,7 @@ class TippathApp(DeskApp):
         """Call off what the desk works on."""
         self._problem = ""
         self.worker.desk.cancel()
+        self.worker.call_off()
         self.look()
 
     async def action_screen(self, name: str) -> None:

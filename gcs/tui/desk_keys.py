@@ -74,8 +74,8 @@ class DeskApp(AskingApp):
         self.work("fitting one axis", lambda: self.worker.desk.fit_alone(word))
 
     def action_fetch_log(self) -> None:
-        """The vehicle's own log."""
-        self.notice("not yet")
+        """The flight's log off the vehicle's card."""
+        self.work("fetching the log", self.worker.fetch_log)
 
     # What is worked out.
 

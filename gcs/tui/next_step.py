@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs.desk.state import Choice, DeskState, Rung
 from gcs.link.decode import sanitise
-from gcs.tui.state import Mark, RunView, Stage, State
+from gcs.tui.state import FETCHING, Mark, RunView, Stage, State
 from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
 from gcs.vehicle.snapshot import VehicleSnapshot
 
@@ -47,7 +47,8 @@ def next_words(state: State, screen: str) -> str:
 
 def _wait(state: State) -> str:
     share = "" if state.desk.progress is None else f" {100 * state.desk.progress:.0f} %"
-    off = "; K calls it off" if state.desk.busy and not state.desk.called_off else ""
+    by_key = (state.desk.busy and not state.desk.called_off) or state.busy.startswith(FETCHING)
+    off = "; K calls it off" if by_key else ""
     return f"wait: {sanitise(state.busy)}{share}{off}"
 
 
