@@ -56,7 +56,8 @@ def test_what_is_called_off_is_gone_on_with(session: Any, flight: Path) -> None:
     fetch = LogFetching()
 
     def off(text: str) -> None:
-        if "%" in text:
+        share = text.partition(" %")[0]
+        if share.isdigit() and int(share) > 10:
             fetch.call_off()
 
     with pytest.raises(TippathError, match="called off"):
