@@ -33,11 +33,9 @@ class LogFetching:
                 raise TippathError("fetching was called off; what came is kept, and G goes on with it")
             if progress.lost_s is not None:
                 say(f"link lost for {progress.lost_s:.0f} s, waiting")
-                return
-            share = 100 * progress.at // max(1, progress.size)
-            rate = "" if progress.rate is None else f", {size_words(round(progress.rate))}/s"
-            left = "" if progress.left_s is None else f", {time_words(progress.left_s)} left"
-            say(f"{share} %{rate}{left}")
+            elif progress.rate is not None and progress.left_s is not None:  # else it is only looked at
+                share, rate = 100 * progress.at // max(1, progress.size), size_words(round(progress.rate))
+                say(f"{share} %, {rate}/s, {time_words(progress.left_s)} left")
 
         self._off.clear()
         require_disarmed(session)
