@@ -255,7 +255,7 @@ DESKS = {
     "designed": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS),
     "tried": replace(
         OPEN, fitted=FITTED, ladder=(ASKED,), designed=GAINS, present=PRESENT, weights=Weights(input_cost=8.0),
-        trial=Trial(fit=ASKED.fit, weights=Weights(input_cost=8.0), found=ON_FIT),
+        trial=Trial(fit=ASKED.fit, weights=Weights(input_cost=8.0), standing=CLEARED.standing, found=ON_FIT),
     ),
     "reported": replace(
         OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS, report=HOME / "report.html",

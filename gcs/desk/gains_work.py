@@ -71,8 +71,7 @@ class GainsDesk(RunsDesk):
             try:
                 fit, weights = self._to_design_on(), self._state.weights
                 known = self._standing(fit)
-                now = self._state.trial
-                if now is None or now.fit is not fit or now.weights != weights:
+                if not self._tried(fit):
                     records = () if weights.observer else self._flown(fit)[0]
                     self._set(trial=tuning.trial(fit, weights, known, records))
                 held = self._state.present
@@ -85,9 +84,18 @@ class GainsDesk(RunsDesk):
                 self._tuning.release()
 
     def _to_follow(self) -> bool:
-        fit, state = self._to_design_on(), self._state
-        same = state.trial is not None and state.trial.fit is fit and state.trial.weights == state.weights
-        return not same or (state.present is not None and state.present.fit is not fit)
+        fit, held = self._to_design_on(), self._state.present
+        return not self._tried(fit) or (held is not None and held.fit is not fit)
+
+    def _tried(self, fit: Fit) -> bool:
+        """Whether the trial is of this fit, of all that is known of it, and of where the sliders stand."""
+        trial = self._state.trial
+        return (
+            trial is not None
+            and trial.fit is fit
+            and trial.weights == self._state.weights
+            and trial.standing is self._standing(fit)
+        )
 
     def _standing(self, fit: Fit) -> Standing:
         """What is known of a fit, once for each diagnosis."""
@@ -125,10 +133,10 @@ class GainsDesk(RunsDesk):
             fit, weights = self._to_design_on(), self._state.weights
             read = self._calculations.as_read(fit, self._places.get(fit))
             self._step("")
-            trial = self._state.trial
-            same = trial is not None and trial.fit is fit and trial.weights == weights and read is fit
+            trial = self._state.trial if self._tried(fit) and read is fit else None
+            self._known = None  # a diagnosis may have come beside the fit meanwhile
             records = () if weights.observer else self._flown(fit)[0]
-            made = tuning.designed(read, weights, self._standing(fit), records, trial if same else None)
+            made = tuning.designed(read, weights, self._standing(fit), records, trial)
             self._step("")
             made = replace(made, rung=self._calculations.full_name(fit))
             self._set(designed=made, said="gains designed")

@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
     from gcs.analysis.fits import Identification
     from gcs.analysis.proof import FlownProof
     from gcs.analysis.shadow import ShadowFlight
+    from gcs.analysis.standing import Standing
     from gcs.flight.identified import Identified
     from sysid.compare.values import Comparison
     from sysid.control.judgement import Judgement
@@ -196,6 +197,8 @@ class Trial:
 
     fit: Fit
     weights: Weights
+    standing: Standing
+    """What was known of the fit's lacks."""
     found: OnFit | None
     """None where there are no such gains:"""
     problem: str = ""

@@ -88,9 +88,9 @@ def trial(fit: Fit, weights: Weights, known: Standing, records: Sequence[Record]
     try:
         noise, asked = noise_of(weights, fit, records), asked_of(weights)
         gains = at_costs(fit, asked, [model for _, model in known.models], None, noise, weights.input_cost)
-        return Trial(fit=fit, weights=weights, found=on_fit(gains, fit, known))
+        return Trial(fit=fit, weights=weights, standing=known, found=on_fit(gains, fit, known))
     except (SysidError, TippathError, np.linalg.LinAlgError) as error:
-        return Trial(fit=fit, weights=weights, found=None, problem=str(error))
+        return Trial(fit=fit, weights=weights, standing=known, found=None, problem=str(error))
 
 
 def judged(gains: Gains, fit: Fit, known: Standing) -> Clearance:
@@ -99,11 +99,17 @@ def judged(gains: Gains, fit: Fit, known: Standing) -> Clearance:
 
 
 def designed(fit: Fit, weights: Weights, known: Standing, records: Sequence[Record], before: Trial | None) -> Designed:
-    """Gains, what they are worth, and the answer they promise; kept nowhere yet. `before`: judged by sliders at rest.
+    """Gains, what they are worth, and the answer they promise; kept nowhere yet. `before`: of this fit and these
+    weights; where it was judged by what is known now, that counts.
 
     Raises DesignError for gains that do not hold the fit.
     """
-    if before is not None and before.found is not None and before.clearance is not None:
+    if (
+        before is not None
+        and before.found is not None
+        and before.clearance is not None
+        and before.standing.to_json() == known.to_json()
+    ):
         gains, cleared = before.found.gains, before.clearance
     else:
         models, noise = [model for _, model in known.models], noise_of(weights, fit, records)

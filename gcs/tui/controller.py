@@ -132,10 +132,10 @@ class ControllerScreen(Split):
         crc = 0 if state.bank is None else state.bank.active
         if desk.current is None or desk.busy:
             return
-        key = (desk.current.fit, crc)
+        key = (desk.current.fit, desk.current.diagnosis, crc)
         if key == self._followed:
             return
-        self._followed = key
+        again, self._followed = bool(self._followed), key
         wanted = crc if crc and (desk.present is None or desk.present.crc != crc) else 0
-        if desk.trial is None or desk.trial.fit is not desk.current.fit or wanted:
+        if desk.trial is None or again or wanted:
             self.app.follow_weights(wanted)  # type: ignore[attr-defined]

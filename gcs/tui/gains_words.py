@@ -50,7 +50,8 @@ def columns(state: State) -> list[Column]:
         found.append(_column(head, f"{held.crc:06x}", now.judgement, now.following, None))
     if made is not None and not (held is not None and held.crc == made.crc and held.found is not None):
         cleared = made.clearance
-        found.append(_column("designed", f"{made.crc:06x}", cleared.judgement, made.following, cleared))
+        older = "" if made.rung == full_name(desk) or not desk.ladder else f" on {sanitise(made.rung)}"
+        found.append(_column("designed", f"{made.crc:06x}{older}", cleared.judgement, made.following, cleared))
     if trial is not None and trial.found is not None and (made is None or trial.weights != made.weights):
         under = "not kept: D" if trial.weights == desk.weights else "…"
         one = trial.found

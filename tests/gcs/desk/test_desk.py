@@ -190,7 +190,7 @@ def test_runs_are_split_by_a_key(short: Path, raw: Path) -> None:
 
 
 def test_sliders_are_followed_at_once_judged_at_rest_and_kept_by_a_key(
-    short: Path, monkeypatch: pytest.MonkeyPatch
+    short: Path, few_effects: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tuning, "clearance", partial(clearance, samples=20))
     desk = Desk(now=lambda: WHEN)
@@ -222,15 +222,21 @@ def test_sliders_are_followed_at_once_judged_at_rest_and_kept_by_a_key(
         "--input-cost 12.0 --flapping-cost 0.01 --observer 40,40,40.8,40.8 --prefilter dynamic "
         f"-o {short / 'gains.json'}"
     )
+    desk.diagnose()
+    desk.design()
+    made = desk.state().designed
+    assert made is not None
+    assert made.clearance is not judged.clearance, "it was judged before anything was known of what the fit lacks"
+    assert made.clearance.standing.state != "not asked"
     desk.shadow()
     made = desk.state().designed
     assert made is not None
     assert made.shadow is not None
-    assert desk.state().commands[-1].startswith(f"tippath shadow {short / 'gains.json'} {short / 'flight.BIN'}#1")
+    assert desk.state().commands[-1].startswith(f"tippath shadow {short / 'gains-2.json'} {short / 'flight.BIN'}#1")
     desk.seek_present(made.crc)
     held = desk.state().present
     assert held is not None
-    assert (held.path, held.found is not None) == (short / "gains.json", True)
+    assert (held.path, held.found is not None) == (short / "gains-2.json", True)
     desk.seek_present(0x123456)
     assert desk.state().present is None
     with pytest.raises(TippathError, match="fly the card"):
