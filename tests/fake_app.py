@@ -152,6 +152,7 @@ class FakeWorker:
         self.asked: list[str] = []
         self.notes: list[SessionNote] = []
         self.refusal: str | None = None
+        self.called_off = 0
         self.closed = threading.Event()
         self.desk = FakeDesk(self.asked)
         self.desk.now = state.desk
@@ -227,6 +228,12 @@ class FakeWorker:
 
     def revert(self) -> None:
         self.ask("revert")
+
+    def fetch_log(self) -> None:
+        self.ask("fetch")
+
+    def call_off(self) -> None:
+        self.called_off += 1
 
     def pilot(self, line: str) -> None:
         self.ask(f"pilot {line}")

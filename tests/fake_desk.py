@@ -14,12 +14,14 @@ from gcs.analysis.clearance import Clearance
 from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import Block, Sentence
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from gcs.desk.state import OnFit, Present, Trial, Weights
 from gcs.flight.identified import Identified
 from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
-from sysid.control.judgement import judge
+from sysid.control.judgement import Limits, judge
 from sysid.control.regulator import design
 from sysid.control.stability import Margins
+from sysid.data.record import Record
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.proposals import LogSignal, SignalTells
 from sysid.model.compose import compose
@@ -28,6 +30,19 @@ from sysid.model.parameter import Parameter
 from sysid.model.structure import Model
 
 HOME = Path("flight-0007")
+
+
+def record(id: str, axis: str, **vehicle: str) -> Record:
+    """A run of 12 s, its own rate the larger."""
+    t = np.arange(0.0, 12.0, 0.02)
+    wave = 0.1 * np.sin(4 * t)
+    own, other = (4 * wave, wave) if axis == "roll" else (wave, 4 * wave)
+    return Record(
+        id,
+        {"t": t, "p": own, "q": other, "delta_x": wave, "delta_y": 0.5 * wave, "excitation_x": 0.8 * wave},
+        axis=axis,
+        vehicle=vehicle,
+    )
 
 
 def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "roll", **more: Any) -> RunRow:
@@ -40,9 +55,9 @@ def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "r
 
 
 RUNS = (
-    run_row(1, Choice.FIT, notes=("Tischler's law, C1 4, noise 0.2",)),
+    run_row(1, Choice.FIT, notes=("Tischler's law, C1 4, noise 0.2",), record=record("flight.BIN#1", "roll")),
     run_row(2, Choice.OUT, verdict="fly again: gust", health="gust"),
-    run_row(3, Choice.FIT, axis="pitch"),
+    run_row(3, Choice.FIT, axis="pitch", record=record("flight.BIN#3", "pitch")),
     run_row(4, Choice.VALIDATE, "doublet"),
     run_row(5, Choice.OUT, usable=False, reasons=("the gyro clips at 34.9 rad/s: fly it smaller",), health="clipped"),
     run_row(6, Choice.NOISE, "quiet", axis=None, size=None),
@@ -212,13 +227,26 @@ GAINS: Any = Designed(
     following=SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
 )  # fmt: skip
 
+ON_FIT = OnFit(gains=GAINS.gains, judgement=CLEARED.judgement, following=GAINS.following)
+PRESENT = Present(
+    path=HOME / "gains-1.json", crc=0x123456, document={},
+    found=replace(ON_FIT, judgement=judge(design(MODEL), [("fit", MODEL)], Limits(gain_db=60.0, overshoot=0.01))),
+)  # fmt: skip
+"""Of a vehicle whose margins are too low for what is asked."""
+
 OPEN = DeskState(
     path=HOME, home=HOME, name="first day",
     notes=(TimedNote("2026-05-04T12:30:00.000+00:00", "gusty [/] after noon"),), vehicle="simulated 4.5.7", runs=RUNS,
     unread=("other.BIN: not read: it is cut short",), base=Base(), commands=("tippath ingest flight-0007",),
 )  # fmt: skip
+MIXED = tuple(
+    replace(one, record=record(one.id, str(one.axis), frame="QUAD" if one.id.endswith("4") else "HELI"))
+    for one in RUNS[:4]
+)
+"""Of two vehicles."""
 DESKS = {
     "open": OPEN,
+    "mixed": replace(OPEN, runs=(*MIXED, *RUNS[4:])),
     "fitting": replace(OPEN, busy="fitting: TPP and CD", progress=0.5),
     "fitted": replace(OPEN, fitted=FITTED, ladder=(BOTTOM,)),
     "compared": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,)),
@@ -230,6 +258,10 @@ DESKS = {
     "added": replace(OPEN, fitted=FITTED, ladder=(ASKED, ADDED)),
     "complete": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE)),
     "designed": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS),
+    "tried": replace(
+        OPEN, fitted=FITTED, ladder=(ASKED,), designed=GAINS, present=PRESENT, weights=Weights(input_cost=8.0),
+        trial=Trial(fit=ASKED.fit, weights=Weights(input_cost=8.0), standing=CLEARED.standing, found=ON_FIT),
+    ),
     "reported": replace(
         OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS, report=HOME / "report.html",
         commands=tuple(f"tippath step-{i} flight-0007/flight.BIN#{i}" for i in range(30)),
@@ -244,6 +276,11 @@ class FakeDesk:
     def __init__(self, asked: list[str]) -> None:
         self.now = DeskState()
         self.asked = asked
+        self.followed = 0
+        """How often gains followed the sliders; the screen does that by itself, too."""
+
+    def follow(self) -> None:
+        self.followed += 1
 
     def state(self) -> DeskState:
         return self.now

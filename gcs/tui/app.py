@@ -30,6 +30,7 @@ from gcs.tui.connections import Connection, typed
 from gcs.tui.dialogs import Confirm
 from gcs.tui.field_keys import FieldApp
 from gcs.tui.fly import SPAN_S, FlyScreen
+from gcs.tui.gains_words import push_lines
 from gcs.tui.help import HelpScreen
 from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
@@ -167,6 +168,7 @@ class TippathApp(FieldApp):
         """Call off what the desk works on."""
         self._problem = ""
         self.worker.desk.cancel()
+        self.worker.call_off()
         self.look()
 
     async def action_screen(self, name: str) -> None:
@@ -304,15 +306,10 @@ class TippathApp(FieldApp):
         if designed is None or reason is not None:
             self.notice(reason if designed is not None and reason else "no gains yet: D designs them")
             return
-        lines = (
-            f"{designed.path} goes to the vehicle's shadow bank, is read back bit for bit, and becomes the active "
-            f"bank by its checksum {designed.crc:06x}. The bank before is kept.",
-            "Nothing flies by it until the pilot's switch says so.",
-        )
         if not designed.cleared:
             self._ask_why("they fail (see above)")
             return
-        self.confirm("Push these gains?", lines, "push", self._push)
+        self.confirm("Push these gains?", push_lines(state), "push", self._push)
 
     def _push(self) -> None:
         """In a thread; where the vehicle is not as it was identified, words why are asked for."""

@@ -14,21 +14,17 @@ from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.ladder import short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.analysis.text.findings import finding_text, suspicion_text
-from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
+from gcs.desk.state import Choice, DeskState, Nrmse, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
-from gcs.tui.pressing import pressed
 from gcs.tui.state import State
-from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
+from gcs.tui.words import fitted, sanitise_line, wrapped
 
 if TYPE_CHECKING:
-    from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
 
 Line = str | tuple[str, str | TextStyle]
 
-SIGNS = {Choice.FIT: "●", Choice.VALIDATE: "○", Choice.OUT: " ", Choice.NOISE: "~"}
-"""Beside the word, never in its place."""
 MOST_CANDIDATES = 12
 KEYS = {
     "card": "; W writes that as a test card",
@@ -62,72 +58,6 @@ def broken(lines: Sequence[Line], width: int) -> list[Line]:
         text, style = (line, "") if isinstance(line, str) else line
         found += [(piece, style) if style else piece for piece in wrapped(sanitise_line(text), width)]
     return found
-
-
-# ------------------------------------------------------------------------------------------------ runs
-
-
-def run_head(width: int) -> tuple[str, str]:
-    return (fitted(_row(("", "run", "maneuver", "s", "size", "used to", "health"), width), width), "underline")
-
-
-def _row(cells: tuple[str, str, str, str, str, str, str], width: int) -> str:
-    mark, run, maneuver, duration, size, use, health = cells
-    wide = 28 if width >= 120 else 15
-    name = fitted(run, wide)
-    return f" {mark:1} {name:<{wide}} {maneuver:<14} {duration:>5} {size:>5}  {use:<12}  {health}"
-
-
-def run_rows(desk: DeskState, at: int, width: int, height: int) -> list[Line]:
-    """The runs, at most `height`, the one under the cursor in sight."""
-    rows = desk.runs
-    if not rows:
-        return [" no runs: O opens a flight folder or a log"] if desk.path is None else [" no runs in this log"]
-    first = max(0, min(at - height // 2, len(rows) - height))
-    lines: list[Line] = []
-    for number, row in enumerate(rows[first : first + height], first):
-        maneuver = " ".join(word for word in (row.axis, row.maneuver) if word)
-        size = "" if row.size is None else f"{row.size:.2f}"
-        use = f"{SIGNS[row.choice]} {row.choice.value}" if row.usable else "✗ not usable"
-        mark, name, duration = "▶" if number == at else " ", sanitise(row.id), f"{row.duration_s:.1f}"
-        text = _row((mark, name, sanitise(maneuver), duration, size, use, sanitise(row.health)), width)
-        lines.append(pressed(fitted(text, width), f"screen.mark({number})", "reverse" if number == at else ""))
-    hidden = len(rows) - len(lines)
-    if hidden:
-        place = -1 if first == 0 else 0
-        one = lines[place]
-        text, style = (one, "") if isinstance(one, str) else one
-        lines[place] = (justified(text, f"({hidden} more)", width), style)
-    return lines
-
-
-def run_details(desk: DeskState, at: int, width: int) -> list[Line]:
-    """Why the run under the cursor is as it is; then the flight's notes."""
-    lines: list[Line] = []
-    if 0 <= at < len(desk.runs):
-        lines += _run_said(desk.runs[at])
-    lines += [f" not read: {text}" for text in desk.unread]
-    if desk.unkept:
-        lines.append((f" NOT KEPT: {', '.join(desk.unkept)}; D keeps them in another folder", "bold"))
-    lines += [f" note {_time(one.time)}: {one.text}" for one in desk.notes]
-    return broken(lines, width - 1)
-
-
-def _run_said(row: RunRow) -> list[Line]:
-    lines: list[Line] = [(f" {row.id}" if row.reasons else f" {row.id}: {row.health}", "bold")]
-    lines += [f"   against it: {text}" for text in row.reasons]
-    if row.verdict:
-        lines.append(f"   whoever flew it: {row.verdict}")
-    lines += [f"   note: {text}" for text in row.notes]
-    if row.choice is Choice.NOISE:
-        lines.append("   quiet hover: it tells the noise and enters no fit")
-    elif row.choice is not row.default:
-        lines.append(f"   by itself it would be: {row.default.value}")
-    return lines
-
-
-def _time(stamp: str) -> str:
-    return stamp[:16].replace("T", " ")
 
 
 # ------------------------------------------------------------------------------------------------ fit
@@ -278,54 +208,6 @@ def ladder_title(desk: DeskState, width: int) -> tuple[str, str]:
 def pair(percent: Nrmse) -> str:
     """`64.1 / 70.9`."""
     return f"{percent['p']:.1f} / {percent['q']:.1f}"
-
-
-# ------------------------------------------------------------------------------------------------ gains
-
-
-def controller_lines(state: State, width: int) -> list[Line]:
-    """Margins first, then the matrices, where they are kept, and the command."""
-    designed, desk = state.designed, state.desk
-    if designed is None:
-        on = full_name(desk) or "a fitted TPP"
-        return ["", f" no gains are designed yet; they will be on {on}"]
-    lines: list[Line] = []
-    made = desk.designed
-    if made is not None:
-        lines.append((f" on {made.rung}: {made.gains.margins.words}", "bold"))
-        lines += _cleared_said(made.clearance)
-        lines += _following_said(state)
-    lines += ["", *(f" {line}" for line in designed.text.splitlines())]
-    lines += ["", f" checksum {designed.crc:06x}, kept in {designed.path}"]
-    lines += ["", " the same in a shell:", *(f"   {command}" for command in state.commands[-4:])]
-    return broken(lines, width)
-
-
-def _cleared_said(found: Clearance) -> list[Line]:
-    """What the gains are worth; what refuses a push, or is not known of the fit, in bold."""
-    from gcs.analysis.text.clearance import clearance_told  # scipy comes along, which is there once gains are
-
-    bold = {"judged": found.judgement.refused, "diagnosis": not found.standing.complete}
-    return [(f" {name}: {words}", "bold" if bold.get(name) else "") for name, words in clearance_told(found)]
-
-
-def _following_said(state: State) -> list[Line]:
-    made = state.desk.designed
-    if made is None:
-        return []
-    said: list[Line] = []
-    for one in (made.following.roll, made.following.pitch):
-        rise = "never reaches nine tenths" if one.rise_s is None else f"rises in {1000 * one.rise_s:.0f} ms"
-        said.append(
-            f" {one.axis} doublet: {rise}, overshoot {100 * one.overshoot:.0f} %, other axis {100 * one.coupling:.0f} %"
-        )
-    return said
-
-
-def bank_title(state: State, width: int) -> tuple[str, str]:
-    if state.vehicle is None:
-        return (fitted(" no vehicle: gains can be designed, and pushed once one is connected (1)", width), "bold")
-    return (fitted(f" {bank_line(state.bank)}", width), "bold")
 
 
 # ------------------------------------------------------------------------------------------------ report

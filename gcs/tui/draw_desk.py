@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.analysis.ladder import errors_left
 from gcs.analysis.overlays import in_band, loud, modelled_by
-from gcs.desk.state import Designed, DeskState
+from gcs.desk.state import DeskState
 from gcs.tui.plot import BarPlot, FrequencyPlot, Panel, TimePlot, fallen_plot, left_bars, round_limit, time_plot
 from gcs.tui.plot.model import FloatArray
 
@@ -166,18 +166,3 @@ def fallen(desk: DeskState) -> FrequencyPlot | None:
     if below and below[-1].comparison is not None:
         before = below[-1].name, below[-1].comparison.densities
     return fallen_plot(before, (top.name, top.comparison.densities), top.comparison.outputs, top.comparison.band_hz)
-
-
-def predicted(designed: Designed, axis: int) -> TimePlot:
-    """The closed loop's answer to a rate doublet on roll (0) or pitch (1)."""
-    found = designed.following
-    one = (found.roll, found.pitch)[axis % 2]
-    asked = {"p": one.asked if one.axis == "roll" else None, "q": one.asked if one.axis != "roll" else None}
-    t = found.t
-    panels = (
-        Panel(name="p", x=t, line=one.p, over=asked["p"], unit="rad/s", weight=2.0),
-        Panel(name="q", x=t, line=one.q, over=asked["q"], unit="rad/s", weight=2.0),
-        Panel(name="δx", x=t, line=one.delta_x),
-        Panel(name="δy", x=t, line=one.delta_y),
-    )
-    return TimePlot(panels=panels, title=f"{one.axis} doublet, predicted", words=("answer", "asked for", ""))

@@ -192,6 +192,12 @@ class Reconnecting:
     def revert(self) -> None:
         self._now.revert()
 
+    def fetch_log(self) -> None:
+        self._now.fetch_log()
+
+    def call_off(self) -> None:
+        self._now.call_off()
+
     def pilot(self, line: str) -> None:
         self._now.pilot(line)
 

@@ -18,6 +18,9 @@ from gcs.flight.preflight import Check
 from gcs.flight.readiness import Readiness
 from gcs.vehicle.snapshot import VehicleSnapshot
 
+FETCHING = "fetching the log"
+"""What is worked on then; a key calls it off."""
+
 
 class Stage(Enum):
     """Where a flight is, from the app's side. What the vehicle does is in its snapshot."""
@@ -192,16 +195,16 @@ class State:
         """Number of the checklist's first question without an answer, from 0; None where all have one."""
         return next((i for i, answer in enumerate(self.answers) if answer is None), None)
 
-    def not_on_ground(self) -> str | None:
-        """Why gains cannot be moved now; None where they can."""
+    def not_on_ground(self, what: str = "gains are moved") -> str | None:
+        """Why gains cannot be moved now, or a log fetched; None where they can."""
         if self.vehicle is None:
             return "there is no vehicle"
         if self.vehicle.lost:
             return "the link is lost"
         if self.stage.under_way:
-            return "a card is being flown: gains are moved after it, on the ground"
+            return f"a card is being flown: {what} after it, on the ground"
         if self.vehicle.armed:
-            return "the vehicle is armed: gains are moved on the ground, disarmed; the pilot lands first"
+            return f"the vehicle is armed: {what} on the ground, disarmed; the pilot lands first"
         return None
 
 

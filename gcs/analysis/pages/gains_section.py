@@ -61,15 +61,15 @@ def gains_section(path: Path, fits: Sequence[KeptFit], warn: Callable[[str], Non
 def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
     """The gains of a document, with the loop that they make with this fit; or why they are not from it.
 
-    K and the steady prefilter follow from the model and the input cost; observer and dynamic prefilter may be others.
+    K and the steady prefilter follow from the model and the weights; observer and dynamic prefilter may be others.
     """
     weights = document.get("weights")
-    cost = weights.get("inputs") if isinstance(weights, dict) else None
-    if not isinstance(cost, int | float):
-        return "the gains do not say with which input cost they were designed"
+    cost, flapping = (weights.get(name) if isinstance(weights, dict) else None for name in ("inputs", "flapping"))
+    if not (isinstance(cost, int | float) and isinstance(flapping, int | float)):
+        return "the gains do not say with which weights they were designed"
     try:
         held = gains_in(documents.convert(document, GainsDocument, "the gains"))
-        gains = lqr(fit.model, float(cost), elevator=len(held.K) > 2)
+        gains = lqr(fit.model, float(cost), elevator=len(held.K) > 2, flapping_cost=float(flapping))
     except SysidError as error:
         return f"no gains can be designed on it: {error}"
     own = gains.model.by_name
@@ -80,4 +80,6 @@ def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
     for name, here, value in (("K", held.K, gains.K), ("prefilter", held.prefilter, gains.prefilter)):
         if not np.allclose(here, value, rtol=0, atol=SAME * float(np.max(np.abs(value)))):
             return f"{name} is not what `tippath design` makes of its model"
-    return replace(held, input_cost=gains.input_cost, loop=closed_loop(held, fit.model))
+    return replace(
+        held, input_cost=gains.input_cost, flapping_cost=gains.flapping_cost, loop=closed_loop(held, fit.model)
+    )
