@@ -177,12 +177,8 @@ class Excitation:
         if self.state.ending is Ending.LATE and not self._shed:
             self._shed = True
             self._session.shed_log()  # what is left of the link is for the way back
-        if isinstance(order, Order):
-            self.orders += 1
-            self._answer = self._ask(order)
-        elif isinstance(order, Still) and self.plan.size is not None:
-            self.stills += 1
-            self._session.send(ParamWrite(self.plan.size, bits_of_float(0.0), ParameterType.REAL32))
+        if order is not None:
+            self._send(order)
         return self.out_of_hand
 
     @property
@@ -207,6 +203,14 @@ class Excitation:
         if vehicle_s is not None and self._first_asked_s is not None:
             self.log_start_within_s = 0.5 * (now - self._first_asked_s)
             self.log_start_s = vehicle_s - self.log_start_within_s
+
+    def _send(self, order: Order | Still) -> None:
+        if isinstance(order, Order):
+            self.orders += 1
+            self._answer = self._ask(order)
+        elif self.plan.size is not None:
+            self.stills += 1
+            self._session.send(ParamWrite(self.plan.size, bits_of_float(0.0), ParameterType.REAL32))
 
     def _ask(self, order: Order) -> Answer:
         # One send each: repeating is the step's business, which looks at the mode in between.
