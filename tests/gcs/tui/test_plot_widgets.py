@@ -250,7 +250,7 @@ async def test_the_live_charts_say_where_no_value_is_now():
         assert [line[:4].strip() for line in lines[::2]] == ["p", "q", "δx", "δy"] or "δx" in charts.shown
         assert f"{WAVE[-1]:+.2f} rad/s" in charts.shown
         assert "peak 1.00" in charts.shown
-        assert charts.shown.count("comes with the log") == 2
+        assert charts.shown.count("shown once recording starts") == 2
         charts.draw(window, 20.0, stale=True)
         assert "no link" in charts.shown
         assert "rad/s" not in charts.shown
