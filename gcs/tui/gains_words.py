@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 from textual.content import Content
 
 from gcs.desk.state import DeskState
@@ -21,7 +22,7 @@ from gcs.tui.words import bank_line, fitted
 if TYPE_CHECKING:
     from gcs.analysis.clearance import Clearance
     from sysid.control.judgement import Judgement, Limits, OnModel, Quantity
-    from sysid.control.loop import Following
+    from sysid.control.loop import Answer, Following
 
 NAME, COLUMN = 18, 17
 FAILS, POOR = "bold $text-error", "bold $text-warning"
@@ -180,8 +181,15 @@ def _rise(one: Column, number: int) -> _Cell:
     found = one.following if number == 0 else None
     if found is None:
         return _Cell("-")
-    each = ["never" if axis.rise_s is None else f"{1000 * axis.rise_s:.0f}" for axis in (found.roll, found.pitch)]
-    return _Cell(f"{each[0]} / {each[1]} ms")
+    roll, pitch = (_risen(axis) for axis in (found.roll, found.pitch))
+    return _Cell(f"{roll} / {pitch} ms")
+
+
+def _risen(answer: Answer) -> str:
+    """ms until nine tenths of what is asked; or how much of it is ever reached."""
+    if answer.rise_s is not None:
+        return f"{1000 * answer.rise_s:.0f}"
+    return f"max {100 * float(np.max(np.abs(answer.own)) / np.max(np.abs(answer.asked))):.0f} %"
 
 
 def _verdict(one: Column) -> _Cell:
