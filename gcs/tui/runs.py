@@ -39,7 +39,7 @@ class RunsScreen(Split):
         Act("e,E", "cut_end", "end", "the marked run ends at the cursor"),
         Act("w,W", "whole", "whole", "the marked run as it was flown, not a part of it"),
         Act("enter", "alone", "", "fit the marked run's axis to it alone", "enter"),
-        Act("g,G", "app.fetch_log", "log", "fetch the flight's log off the vehicle"),
+        Act("i,I", "app.fetch_log", "log in", "fetch the flight's log off the vehicle"),
         Act("o,O", "app.open_flight", "open", "open another flight folder or log"),
         Act("m,M", "app.rename", "name", "name the flight"),
         Act("d,D", "app.keep_in", "", "keep results in another folder"),
