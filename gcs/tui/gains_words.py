@@ -135,7 +135,7 @@ def _rows(limits: Limits) -> list[tuple[str, str, Cell]]:
     """Name, what is asked, and the cell of a column on its n-th model."""
     return [
         ("gain margin", f"{limits.gain_db:g} dB or more", _margin("gain_db", 1, " dB")),
-        ("phase margin", f"{limits.phase_deg:g}° or more", _margin("phase_deg", 0, "°")),
+        ("phase margin", f"{limits.phase_deg:g} deg or more", _margin("phase_deg", 0, " deg")),
         ("delay margin", f"{limits.delay_ms:g} ms or more", _margin("delay_ms", 0, " ms")),
         ("rise roll/pitch", "", _rise),
         ("overshoot", f"{100 * limits.overshoot:g} % or less", _answer("overshoot", 100.0, " %")),
