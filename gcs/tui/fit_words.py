@@ -9,6 +9,7 @@ from rich.cells import cell_len
 
 from gcs.analysis.quantities import amount
 from gcs.analysis.text.checks import check_text
+from gcs.analysis.text.findings import listed_runs
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung
 from gcs.tui.desk_words import Line, broken
 from gcs.tui.next_step import full_name
@@ -37,8 +38,8 @@ def fit_lines(state: State, width: int) -> list[Line]:
     if found is not None:
         lines += [
             "",
-            (f" both bases on {_runs(found.runs)}", "bold"),
-            f" checked on {_runs(found.validation)} (not used in the fit)"
+            (f" both bases on {listed_runs(found.runs)}", "bold"),
+            f" checked on {listed_runs(found.validation)} (not used in the fit)"
             if found.validation
             else " checked on the same runs: none was left to check on",
             *(f" {line}" for line in found.tables.splitlines()),
@@ -106,13 +107,3 @@ def _columns(cells: Sequence[str], width: int) -> list[Line]:
     count = max((width - 3) // wide, 1)
     rows = [cells[i : i + count] for i in range(0, len(cells), count)]
     return ["   " + "".join(one + " " * (wide - cell_len(one)) for one in row).rstrip() for row in rows]
-
-
-def _runs(ids: Sequence[str]) -> str:
-    """`flight.BIN#1, #2, #5`: a log's name once."""
-    said, last = [], ""
-    for one in ids:
-        log, mark, number = one.rpartition("#")
-        said.append(f"#{number}" if mark and log == last else one)
-        last = log
-    return ", ".join(said)
