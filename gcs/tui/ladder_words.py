@@ -9,6 +9,7 @@ from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from gcs.desk.state import DeskState, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.desk_words import KEYS, TO_TYPE, Line, broken, candidates, indented, pair
+from gcs.tui.fit_words import MARKS
 from gcs.tui.words import fitted, justified
 
 VERDICTS = {
@@ -16,7 +17,6 @@ VERDICTS = {
     "unexplained": " ? unexplained: no known effect does it",
     "missing": " ○ something is missing still",
 }
-MARKS = {True: "✓", False: "✗", None: "?"}
 
 
 def status_lines(desk: DeskState, width: int) -> list[Line]:

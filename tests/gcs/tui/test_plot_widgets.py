@@ -225,6 +225,28 @@ async def test_without_colours_the_model_is_bold_and_the_cursor_reversed(monkeyp
         assert next(style for text, style in styles.items() if text == "│").reverse
 
 
+async def test_what_is_looked_at_stands_on_another_ground_and_keeps_its_signs():
+    traces = Traces("braille", "t")
+    async with Shown(traces).run_test(size=(80, 12)) as pilot:
+        traces.show(RESPONSE)
+        await pilot.pause()
+        plain = [traces.render_line(y).text for y in range(12)]
+        traces.show(replace(RESPONSE, shaded=((2.0, 20.0), (0.1, 0.4))))
+        for width in (80, 30, 12, 120):
+            await pilot.resize_terminal(width, 12)
+            await pilot.pause()
+            strips = [traces.render_line(y) for y in range(12)]
+            assert [one.cell_length for one in strips] == [width] * 12
+            grounds = [{style.bgcolor for _, style, _ in one} for one in strips]
+            assert [len(one) > 1 for one in grounds] == [False, *[True] * 10, False]
+        await pilot.resize_terminal(80, 12)
+        await pilot.pause()
+        signs = str.maketrans("┊·", "  ")  # edges stand before the grid
+        assert [traces.render_line(y).text.translate(signs) for y in range(12)] == [
+            one.translate(signs) for one in plain
+        ]
+
+
 async def test_another_theme_gives_other_colours():
     traces = Traces("braille", "t")
     app = Shown(traces)
