@@ -132,7 +132,7 @@ def flight_document(
     sections += [_failing_section(found, fitted), _models_section(rungs, fitted)]
     sections += [] if not others else [_others_section(others)]
     sections += [] if designed is None else [designed]
-    drawn = [(one.fit.model.structure.title, one.fit) for one in (main, *rungs[-2:-1], *others)]
+    drawn = [(one.fit.model.structure.title, one.fit) for one in (main, *(rungs[-2:-1] or others[:1]))]
     sections.append(_runs_section(drawn, main.fit, runs, lambda what, done: say(what, 1 - (1 - done) / steps)))
     files = [one.path for one in (*rungs, *others)]
     sources = [runs_table(main.fit, runs), *source_parts(main, folder, files, version("tippath"))]
@@ -299,6 +299,7 @@ def _runs_section(
         say(record.id, number / len(runs))
         what = f"{record.axis or ''} {record.maneuver}".strip()
         kind = "fitted" if key in used else "not fitted"
-        caption = printable(f"{record.id}, {what}, {kind}: measured and modelled inside the band.")
+        left = f"below each, what {models[0][0]} leaves"
+        caption = printable(f"{record.id}, {what}, {kind}: measured and modelled inside the band; {left}.")
         parts.append(Picture(run_figure(record, models, main.band_hz, columns_for(len(runs))), caption))
     return Section("Measured against modelled", tuple(parts), fresh=True)
