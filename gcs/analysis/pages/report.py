@@ -118,10 +118,7 @@ def flight_document(
         say(kept.path.name, (1 + number) / steps)
         found.append(_rung(kept, fitted, quiet, named, diagnosing and kept.fit is main.fit, say))
     say("the runs", (1 + len(rungs)) / steps)
-    runs = {(one.path, one.id): one for one in fitted.records}
-    for kept in fits:
-        for one in [*runs_of(kept.fit, kept.fit.records), *runs_of(kept.fit, kept.fit.validation)]:
-            runs.setdefault((one.path, one.id), one)
+    runs = _all_runs(fitted, fits)
     folder = flight_of(Path(next(iter(runs.values())).path))
     floor = added.noise_floor_percent or found[-1].comparison.noise_floor_percent
     sections = [_summary(found, floor, gains, worth)]
@@ -139,6 +136,15 @@ def flight_document(
     sections.append(Section("Where this comes from", tuple(sources), fresh=True))
     title = folder.name or "tippath: " + ", ".join(path.stem for path in paths)
     return Document(printable(title), _about_line(folder, runs), tuple(sections))
+
+
+def _all_runs(fitted: Dataset, fits: Sequence[KeptFit]) -> dict[tuple[str, str], Record]:
+    """By log and name: the fitted ones first, then those that only judge, and other fits' own."""
+    runs = {(one.path, one.id): one for one in fitted.records}
+    for kept in fits:
+        for one in [*runs_of(kept.fit, kept.fit.records), *runs_of(kept.fit, kept.fit.validation)]:
+            runs.setdefault((one.path, one.id), one)
+    return runs
 
 
 def _rung(
