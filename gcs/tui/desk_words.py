@@ -190,7 +190,7 @@ def report_lines(state: State, audit: Sequence[str], width: int) -> list[Line]:
     desk = state.desk
     lines: list[Line] = []
     if desk.report is not None:
-        lines += [(f" the page: {desk.report}", "bold")]
+        lines += [(f" the page: {desk.report}", "bold"), " for paper, as PDF: its command below with --pdf"]
     elif desk.path is not None:
         lines += [" no page is written yet"]
     if desk.home is not None:
