@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +12,13 @@ from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.progress import Asking, Listener, Stage, unheard
+from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.checks import fit_checks
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
-
-Progress = Callable[[str], None]
 
 AGREEING = 1.5
 """Standard errors, rms, that parameters of sets of runs may differ by."""
@@ -76,27 +75,29 @@ def add_effect(
     validation: Runs = (),
     *,
     band_hz: Band | None = None,
-    say: Progress = lambda _: None,
+    asked: Diagnosis | None = None,
+    say: Listener = unheard,
 ) -> Addition:
     """Refit with one effect more, and look for the signs that it is the right one.
 
-    Raises EffectError where it cannot act on these runs, FitError where they do not determine it.
+    `asked` is a diagnosis of this fit on these runs: where it has the effect, the catalogue is not asked again.
+    Raises EffectError where the effect cannot act on these runs, FitError where they do not determine it.
     """
     composed = [*fit.model.structure.composed]
     band = band_hz or fit.band_hz
     fitted, judging = prepared(records, band), prepared(validation, band)
     before = fit if made_from(fit, fitted, judging) else refitted(fit, composed, fitted, judging, band)
-    say("the structure as it is")
-    after = refitted(fit, [*composed, effect], fitted, judging, band, grown=before)
-    say(effect.id)
-    runs = [*fitted.records, *judging.records]
-    structure = on_runs(fit.model.structure.base_, composed, runs, fitted.records, fit.model.structure.outputs)
-    held = {name: fit.model[name] for name in fit.fixed}
-    users = [] if effect.path is None else [effect]
-    asked = diagnose(
-        structure, fitted, judging, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
-    )
     name = effect.path or effect.id
+    say(Asking(stage=Stage.REFITS, effects=(name,)))
+    after = refitted(fit, [*composed, effect], fitted, judging, band, grown=before)
+    if before is not fit or asked is None or not any(one.effects == (name,) for one in asked.candidates):
+        runs = [*fitted.records, *judging.records]
+        structure = on_runs(fit.model.structure.base_, composed, runs, fitted.records, fit.model.structure.outputs)
+        held = {name: fit.model[name] for name in fit.fixed}
+        users = [] if effect.path is None else [effect]
+        asked = diagnose(
+            structure, fitted, judging, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
+        )
     return Addition(
         named=name,
         before=before,

@@ -106,6 +106,12 @@ def open_models(found: FitDiagnosis, folder: Path) -> list[dict[str, Any]]:
 
 def beside(folder: Path, fit: Fit, named: Sequence[str] = ()) -> Standing:
     """How a fit stands by the newest diagnosis of it in a folder; `named`: files of the user's, whose code may run."""
+    document = diagnosis_beside(folder, fit)
+    return NOT_ASKED if document is None else standing_of(document, folder, named)
+
+
+def diagnosis_beside(folder: Path, fit: Fit) -> dict[str, Any] | None:
+    """The newest `tippath.diagnosis/1` document of a fit in a folder; None where there is none."""
     own, found = digest(fit), []
     try:
         for path in sorted(folder.glob("*.json"))[:MOST_FILES]:
@@ -114,9 +120,9 @@ def beside(folder: Path, fit: Fit, named: Sequence[str] = ()) -> Standing:
                 if document is not None and document.get("fit_sha256") == own:
                     found.append((path.stat().st_mtime_ns, document))
     except OSError:
-        return NOT_ASKED
+        return None
     newest = max(found, key=lambda one: one[0], default=None)
-    return NOT_ASKED if newest is None else standing_of(newest[1], folder, named)
+    return None if newest is None else newest[1]
 
 
 def standing_of(document: Any, folder: Path, named: Sequence[str] = ()) -> Standing:

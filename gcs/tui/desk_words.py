@@ -11,29 +11,26 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 from textual.style import Style as TextStyle
 
-from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.ladder import RungNumbers, short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.analysis.text.findings import finding_text, suspicion_text
-from gcs.analysis.text.hidden import hidden_sentences
-from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from gcs.desk.state import Choice, DeskState, Nrmse, Rung, RunRow
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
 from gcs.tui.plot import Style, bar
 from gcs.tui.pressing import pressed
+from gcs.tui.ranking_words import candidates_of, unanswered
 from gcs.tui.state import State
 from gcs.tui.words import bank_line, fitted, justified, sanitise_line, wrapped
 
 if TYPE_CHECKING:
+    from gcs.analysis.answer import Answer
     from gcs.analysis.clearance import Clearance
-    from gcs.analysis.diagnosis import FitDiagnosis
 
 Line = str | tuple[str, str | TextStyle]
 
 SIGNS = {Choice.FIT: "●", Choice.VALIDATE: "○", Choice.OUT: " ", Choice.NOISE: "~"}
 """Beside the word, never in its place."""
-MOST_CANDIDATES = 12
 KEYS = {
     "card": "; W writes that as a test card",
     "validate some": "; 3, then V marks some, and 4, then F fits again",
@@ -207,26 +204,18 @@ def verdict_lines(desk: DeskState, width: int) -> list[Line]:
     rung = desk.current
     if rung is None:
         return ["", " no fit yet"]
-    if rung.diagnosis is None:
-        return [
-            "",
-            f" {full_name(desk)} was not asked yet",
-            "",
-            " D refits it with each effect of the catalogue, one by one, and judges by",
-            " what noise allows and by the runs that were not fitted",
-        ]
-    head, rest = _parted(rung.diagnosis_text, ("answer",))
+    if rung.answer is None:
+        return broken(unanswered(desk), width)
+    head, rest = _parted(rung.answer.brief, ("answer",))
     answer: list[Line] = [(line, "bold") for line in _indented(spaced(head, KEYS))]
     return broken([*answer, *_indented(spaced(rest, KEYS, but=TO_TYPE))], width)
 
 
 def explained_lines(rung: Rung, width: int) -> list[Line]:
     """All reasons: they were asked for, and come right behind the answer."""
-    if rung.diagnosis is None:
-        return ["", " not asked yet"]
-    from gcs.analysis.text.diagnosis import diagnosis_blocks  # scipy comes along; with a diagnosis it is there
-
-    head, rest = _parted(diagnosis_blocks(rung.diagnosis, full=True), ("answer", "reasons"))
+    if rung.answer is None:
+        return ["", " not diagnosed yet"]
+    head, rest = _parted(rung.answer.full, ("answer", "reasons"))
     return broken(_indented([*spaced(head, KEYS), "", *spaced(rest, KEYS, but=TO_TYPE)]), width)
 
 
@@ -239,22 +228,10 @@ def _indented(lines: Sequence[str]) -> list[str]:
     return [f" {line}" for line in lines]
 
 
-def candidates(found: FitDiagnosis | None) -> list[tuple[str, float | None, str]]:
+def candidates(found: Answer | None) -> list[tuple[str, float | None, str]]:
     """(name, explained share or None where not testable, note): the answer first, then the likeliest."""
-    if found is None:
-        return []
-    last = found.last
-    rows: list[tuple[str, float | None, str]] = [
-        (short_name(one.effects), one.explained_share or 0.0, "implausible" if one.implausible else "")
-        for one in ranked(last)[:MOST_CANDIDATES]
-        if shows(one, last)
-    ]
-    rows += [
-        (short_name(one.effects), None, "")
-        for one in last.candidates
-        if one.not_testable is not None and not one.not_offered
-    ]
-    return rows
+    rows = () if found is None else found.candidates
+    return [(short_name(one.effects), one.share, "implausible" if one.implausible else "") for one in rows]
 
 
 def short_name(effects: Sequence[str]) -> str:
@@ -342,9 +319,11 @@ def _numbers(sign: str, rung: RungNumbers, name_width: int, room: int, style: St
 def next_candidates(desk: DeskState, width: int, height: int) -> list[Line]:
     """What the top rung's diagnosis offers, with shares; how many could not be asked."""
     rung = desk.current
-    if rung is None or rung.diagnosis is None:
+    if rung is None or (rung.answer is None and desk.ranking is None):
         return [(fitted(" next candidates", width), "underline"), fitted(" D asks which effect is missing", width)]
-    rows = candidates(rung.diagnosis)
+    rows = [(short_name(one.effects), one.share, "") for one in candidates_of(desk)]
+    if rung.answer is not None:
+        rows = candidates(rung.answer)
     asked = [one for one in rows if one[1] is not None]
     untold = len(rows) - len(asked)
     head: Line = (justified(" next candidates", "share ", width), "underline")
@@ -377,22 +356,22 @@ def sign_lines(rung: Rung, width: int) -> list[Line]:
 
 def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
     """Which maneuver would tell, and what could hide."""
-    found = rung.diagnosis
+    found = rung.answer
     if found is None:
-        return ["", " not asked yet: D asks, and then knows which maneuver would tell more"]
+        return ["", " not diagnosed yet: D asks, and then knows which maneuver would tell more"]
     lines: list[Line] = []
-    if found.next is not None:
-        lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
-        lines += [f"   {proposal_text(found.next.proposal)}", f"   {why_text(found.next.why)}"]
-        if found.next.card is None:
-            lines.append(f"   {how_text(found.next.proposal, found.runs.records) or 'no card can hold that'}")
+    if found.plan is not None:
+        lines += [(f" to tell {' from '.join(short_names(found.plan.separates))}", "bold")]
+        lines += [f"   {found.plan.maneuver}", f"   {found.plan.why}"]
+        if found.plan.card is None:
+            lines.append(f"   {found.plan.how or 'no card can hold that'}")
         else:
             lines.append("   6, then W writes it as a test card")
     else:
         lines.append(" no maneuver would tell more")
     if desk.card is not None:
         lines.append(f" written: {desk.card}; 2, then C flies it")
-    lines += ["", *(f" {text}" for text in hidden_sentences(found.hiding))]
+    lines += ["", *(f" {text}" for text in found.hiding)]
     return broken(lines, width)
 
 

@@ -11,14 +11,15 @@ import numpy as np
 from sysid.diagnose.candidates import (
     CRUMBS,
     REMAINDER,
-    Progress,
     Ranked,
     composed_with,
     explained_by,
+    heard,
     residual_shares,
     values_outside,
 )
 from sysid.diagnose.evidence import Candidate, by_the_noise, predicting, refit
+from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
@@ -40,12 +41,14 @@ WORTH_THE_TIME = math.log(0.01)
 """Chance that noise alone shows as much at an entry's best point, above which it is neither simulated nor refitted
 twice. All points counted in, a mode that explained chi squared of 130 was above it."""
 FEW_POINTS = 8
+PRICES = {"linear": 2.0, "samples": 12.0, "in time": 25.0}
+"""Base fits that a refit takes, by what has to be simulated."""
 NEAR = 0.7
 """Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
 
 
 def refit_serious(
-    asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress, elsewhere: float = 0.0
+    asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Listener, elsewhere: float = 0.0
 ) -> list[Ranked]:
     """Refits of what may be the answer, the most promising first: linear entries, which take milliseconds, then others.
     `elsewhere` is chi squared that something outside the catalogue explains.
@@ -56,26 +59,60 @@ def refit_serious(
     scored = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
     top, least_quick = max(scored, elsewhere), SERIOUS if scored > elsewhere else SERIOUS_BESIDE
     found: dict[tuple[str, ...], Ranked] = {}
-    best, question_open = parent, True
+    best, question_open, spent = parent, True, 0.0
+    testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
+    slow = list(_worth_simulating(testable))
+
+    def quick_enough(one: Ranked) -> bool:
+        return _share(one, top) >= (least_quick if question_open else SERIOUS_BESIDE)
+
+    def slow_enough(one: Ranked) -> bool:
+        return _share(one, top) >= (SERIOUS_SLOW if question_open and not _on_samples(one) else SERIOUS_SLOW_BESIDE)
 
     def fit(one: Ranked) -> None:
-        nonlocal best, question_open
+        nonlocal best, question_open, spent
+        waiting = [other for other in filter(_quick, testable) if quick_enough(other)]
+        waiting = [
+            other
+            for other in [*waiting, *(other for other, _ in slow if slow_enough(other))]
+            if other.effects not in found
+        ]
+        ahead = sum(map(_price, waiting))
+        number = len(found) + 1
+        say(
+            Asking(
+                stage=Stage.REFITS,
+                effects=one.effects,
+                number=number,
+                of=number - 1 + len(waiting),
+                done=spent / (spent + ahead),
+            )
+        )
         found[one.effects] = again = refitted(one, parent, users)
-        say(one.effect)
+        spent += _price(one)
         if again.fit is not None and again.fit.error_share < best.error_share:
             best, question_open = again.fit, _leaves_more(again.fit, parent)
+        say(heard(again, parent, _avoidable(best, parent)))
 
-    testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
     for one in filter(_quick, testable):
-        if _share(one, top) >= (least_quick if question_open else SERIOUS_BESIDE):
+        if quick_enough(one):
             fit(one)
     linear_enough = not question_open
     explained = 0.0 if best is parent else explained_by(best, parent, best.metric)
-    for one, score in _worth_simulating(testable):
-        least = SERIOUS_SLOW if question_open and not _on_samples(one) else SERIOUS_SLOW_BESIDE
-        if _share(one, top) >= least and (score.chi_squared > NEAR * explained or not linear_enough):
+    for one, score in slow:
+        if slow_enough(one) and (score.chi_squared > NEAR * explained or not linear_enough):
             fit(one)
     return [found.get(one.effects, one) for one in asked]
+
+
+def _price(one: Ranked) -> float:
+    return PRICES["linear" if _quick(one) else "samples" if _on_samples(one) else "in time"]
+
+
+def _avoidable(best: Candidate, parent: Candidate) -> float:
+    """Error share of the parent that is no noise, as far as the best so far tells."""
+    left = float(np.sum((1 - best.division.noise_share) * residual_shares(best)))
+    return parent.error_share - best.error_share + left
 
 
 def _worth_simulating(asked: Sequence[Ranked]) -> Iterator[tuple[Ranked, Score]]:

@@ -33,6 +33,7 @@ from gcs.analysis.text.diagnosis import diagnosis_text
 from gcs.analysis.text.fit import fit_text
 from gcs.analysis.text.gains import gains_text
 from gcs.analysis.text.ladder import ladder_text
+from gcs.analysis.text.progress import spoken
 from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.flight.gains import GainsDocument, GainsError, checksum, load_gains
@@ -209,7 +210,7 @@ def _ladder_section(path: Path, fit: Fit, added: AddedDocument, floor: Nrmse | N
 
 def _diagnosis_section(path: Path, fit: Fit, fitted: Dataset, say: Callable[[str], None]) -> Section:
     _, validation, quiet = flown_with_validation(fit, (), (), None, None)
-    found = diagnose_fit(fit, fitted, validation, quiet, say=say)
+    found = diagnose_fit(fit, fitted, validation, quiet, say=spoken(say))
     return f"What {path.name} lacks", diagnosis_text(found, path.name, full=True), [svg(drawn(found))]
 
 

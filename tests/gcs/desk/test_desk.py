@@ -21,10 +21,12 @@ from flying import CHIRP, ELEVATOR, LAG, LAG_CARD, PITCH, QUIET, ROLL, TWO_CHIRP
 from matplotlib.figure import Figure
 
 import gcs.desk.keeping
+from gcs.analysis.answer import answer_of
 from gcs.analysis.text.blocks import text_of
 from gcs.desk import Base, Cancelled, Choice, Desk
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
+from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
 from sysid.fit.result import Fit
 
 pytestmark = pytest.mark.usefixtures("answers_kept")
@@ -185,11 +187,13 @@ def test_the_hidden_lag_is_found_and_the_ladder_says_so(worked: tuple[Desk, Path
     assert last.placebo[0] != "servo_lag"
     assert last.noise_floor_percent is not None
     assert last.noise_floor_percent["q"] == pytest.approx(last.nrmse_percent["q"], abs=1.0)
-    assert "missing: servo_lag" in text_of(first.diagnosis_text)
+    assert first.answer is not None
+    assert "missing: servo_lag" in text_of(first.answer.brief)
     assert "on runs that were not fitted" in text_of(last.addition_text).replace("\n  ", " ")
     assert state.comparison is last.comparison is not None
     assert state.comparison.traces
-    assert state.diagnosis is last.diagnosis
+    assert state.answer is last.answer
+    assert state.asked is None
     assert state.fitted is not None
     for part in ("paper: TPP / CD", "eigenfrequency check", "  validation p"):
         assert part in state.fitted.tables
@@ -347,19 +351,20 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
     desk = Desk()
     desk.open(str(tmp_path / "flight-0001"))
     desk.undo()
-    with pytest.raises(TippathError, match="not asked yet"):
-        desk.next_card()
     asked = worked[0].state().ladder[0].diagnosis
     rung = desk.state().current
     assert asked is not None
     assert rung is not None
-    desk._replace(rung.fit, diagnosis=asked)
+    desk._replace(rung.fit, answer=None)
+    with pytest.raises(TippathError, match="not asked yet"):
+        desk.next_card()
+    desk._replace(rung.fit, answer=answer_of(asked))
     with pytest.raises(TippathError, match="no maneuver on a card"):
         desk.next_card()
     table = {"kind": "chirp", "axis": "roll", "amplitude": 0.2, "duration_s": 20.0}
     card = {"name": "next", "maneuver": [table]}
     more = NextManeuver(LogChannels(("beta",)), ("a", "b"), MeasuredNotGuessed("a"), 5.0, card)
-    desk._replace(rung.fit, diagnosis=replace(asked, next=more))
+    desk._replace(rung.fit, answer=answer_of(replace(asked, next=more)))
     path = desk.next_card()
     assert path == tmp_path / "flight-0001" / "next.toml" == desk.state().card
     assert load_card(str(path)).maneuvers[0].amplitude == 0.2
@@ -533,28 +538,28 @@ def test_what_is_called_off_changes_nothing(short: Path, monkeypatch: pytest.Mon
     desk.open(str(short))
     desk.fit()
     before = desk.state()
-    steps: list[str] = []
-    step = Desk._step
 
-    def third(self: Desk, what: str, share: float | None = None) -> None:
-        steps.append(what)
-        if len(steps) == 3:
-            assert self.state().busy.startswith("asking: ")
-            self.cancel()
-            assert self.state().busy.startswith("calling off: ")
-        step(self, what, share)
+    def asks(*_: object, say: Listener) -> None:
+        say(Asking(stage=Stage.SCORES, effects=("servo_lag",), number=2, of=3))
+        say(Heard(effects=("servo_lag",), known=Known.SCORED, promise=9.0))
+        assert desk.state().busy == "asking servo_lag (2 of 3)"
+        desk.cancel()
+        assert desk.state().busy.startswith("calling off: ")
+        say(Asking(stage=Stage.SCORES, effects=("gyro_lag",), number=3, of=3))
 
-    monkeypatch.setattr(Desk, "_step", third)
+    monkeypatch.setattr("gcs.desk.calculations.diagnose_fit", asks)
     files = sorted(short.iterdir())
     with pytest.raises(Cancelled, match="called off: asking"):
         desk.diagnose()
     after = desk.state()
-    assert len(steps) == 3
     assert (after.ladder, after.commands, after.busy) == (before.ladder, before.commands, "")
-    assert "nothing was changed" in after.said
+    assert "the ranking so far stays, and is no verdict" in after.said
+    assert after.answer is None
+    assert after.ranking is not None
+    assert after.ranking.over
+    assert [one.effects for one in after.ranking.ranking.standings] == [("servo_lag",)]
     assert sorted(short.iterdir()) == files
     desk.cancel()  # nothing is under way: no harm to what comes next
-    monkeypatch.setattr(Desk, "_step", step)
     desk.compare()
     assert desk.state().comparison is not None
 
