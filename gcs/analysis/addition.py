@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gcs.analysis.ladder import WORSE_POINTS, RungNumbers, short_names, together
+from gcs.analysis.ladder import WORSE_POINTS, Nrmse, RungNumbers, short_names, together
 from gcs.analysis.quantities import listed, quantity
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.data.dataset import Dataset, Runs, prepared
@@ -45,6 +46,24 @@ class Sign:
         return {"key": self.key, "name": self.name, "seen": self.seen, "text": self.text}
 
 
+@dataclass(frozen=True, slots=True)
+class Placebo:
+    """The best wrong effect in the place of one that was added."""
+
+    effects: tuple[str, ...]
+    nrmse_percent: Nrmse
+    validation_nrmse_percent: Nrmse | None
+    document: Mapping[str, Any] | None = None
+    """As a candidate of the diagnosis; None of one that was kept."""
+
+    @classmethod
+    def of(cls, one: Ranked | None) -> Placebo | None:
+        """None of one that was not refitted."""
+        if one is None or one.fit is None:
+            return None
+        return cls(one.effects, one.fit.nrmse_percent, one.validation_nrmse_percent, one.to_json())
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Addition:
     """A fit with an effect added, beside the one without and beside the best wrong effect."""
@@ -56,16 +75,16 @@ class Addition:
     runs: Dataset
     """Those that were fitted."""
     noise_floor_percent: dict[str, float]
-    placebo: Ranked | None
+    placebo: Placebo | None
     signs: tuple[Sign, ...]
 
     @property
     def placebo_rung(self) -> RungNumbers | None:
         """The placebo as a rung of the ladder."""
         wrong = self.placebo
-        if wrong is None or wrong.fit is None:
+        if wrong is None:
             return None
-        return " + ".join(short_names(wrong.effects)), wrong.fit.nrmse_percent, wrong.validation_nrmse_percent
+        return " + ".join(short_names(wrong.effects)), wrong.nrmse_percent, wrong.validation_nrmse_percent
 
 
 def add_effect(
@@ -104,7 +123,7 @@ def add_effect(
         after=after,
         runs=fitted,
         noise_floor_percent={key: float(value) for key, value in asked.noise_floor_percent.items()},
-        placebo=asked.placebo_of(name),
+        placebo=Placebo.of(asked.placebo_of(name)),
         signs=(_validated(before, after), _agrees(before, after, fitted), _plausible(before, after)),
     )
 

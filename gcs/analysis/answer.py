@@ -25,7 +25,7 @@ from gcs.analysis.text.hidden import hidden_sentences
 from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from sysid.diagnose.candidates import Ranked
 from sysid.document import Open, converted
-from sysid.fit.result import Fit
+from sysid.fit.result import Fit, finite
 
 MOST = 12
 """Candidates that are shown."""
@@ -67,7 +67,7 @@ class Answer(Open, frozen=True, kw_only=True):
     effect: str | None
     confidence: float
     nrmse_percent: dict[str, float]
-    """Of the fit that was asked."""
+    """Of the fit that was asked, in the weights of the question."""
     noise_floor_percent: dict[str, float]
     candidates: tuple[Row, ...]
     """The answer first, then the likeliest, then those that could not be asked."""
@@ -92,7 +92,7 @@ def answer_of(found: FitDiagnosis) -> Answer:
         verdict=last.verdict,
         chain=last.chain,
         effect=last.effect,
-        confidence=last.confidence,
+        confidence=finite(last.confidence) or 0.0,
         nrmse_percent=_percent(last.parent.nrmse_percent) or {},
         noise_floor_percent=_percent(last.noise_floor_percent) or {},
         candidates=(*refitted, *unasked),
@@ -105,38 +105,34 @@ def answer_of(found: FitDiagnosis) -> Answer:
 
 def shown_document(found: FitDiagnosis) -> dict[str, Any]:
     """`shown` and `asked`: what a diagnosis's document holds for who opens the flight again."""
-    asked = {"version": version(), "as_usual": found.as_usual}
+    asked = {"version": version(), "as_usual": found.as_usual, "fixed": _fixed(found.fit)}
     return {"shown": msgspec.to_builtins(answer_of(found)), "asked": asked}
 
 
 def kept_answer(folder: Path, fit: Fit) -> Answer | None:
-    """The newest answer about a fit that a folder holds; None where there is none to be believed."""
-    document = diagnosis_beside(folder, fit)
-    return None if document is None else answer_in(document, fit)
-
-
-def answer_in(document: dict[str, Any], fit: Fit) -> Answer | None:
-    """Of a `tippath.diagnosis/1` document; None where it was asked otherwise than this version asks by itself, or of
-    another fit."""
+    """The newest answer about a fit that a folder holds; None where there is none, or none that is to be believed."""
     try:
-        kept = converted(document, _Kept)
+        kept = converted(diagnosis_beside(folder, fit), _Kept)
     except ValueError:
         return None
     usual = kept.asked is not None and kept.asked.as_usual and kept.asked.version == version()
-    if not usual or kept.shown is None:
-        return None
-    same = {name: round(value, 6) for name, value in fit.nrmse_percent.items()}
-    return kept.shown if {name: round(one, 6) for name, one in kept.shown.nrmse_percent.items()} == same else None
+    return kept.shown if usual and kept.asked is not None and kept.asked.fixed == _fixed(fit) else None
 
 
 class _Asked(Open, frozen=True, kw_only=True):
     version: str
     as_usual: bool
+    fixed: dict[str, float]
 
 
 class _Kept(Open, frozen=True, kw_only=True):
     shown: Answer | None = None
     asked: _Asked | None = None
+
+
+def _fixed(fit: Fit) -> dict[str, float]:
+    """Values that were held: the digest has them among all the others."""
+    return {name: float(fit.model[name]) for name in fit.fixed}
 
 
 @cache
@@ -155,7 +151,7 @@ def _row(one: Ranked) -> Row:
     ]
     return Row(
         effects=one.effects,
-        share=one.explained_share or 0.0,
+        share=finite(one.explained_share or 0.0) or 0.0,
         nrmse_percent=None if one.fit is None else _percent(one.fit.nrmse_percent),
         validation_nrmse_percent=_percent(one.validation_nrmse_percent),
         sizes=tuple(sizes),

@@ -71,7 +71,7 @@ what is missing, and with what could not be told from that), "airframe", "verdic
 by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs":
 [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}], "unsearched_chains":
 {"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or null, "asked":
-{"version", "as_usual"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
+{"version", "as_usual", "fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
 """
 
 

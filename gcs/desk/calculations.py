@@ -26,7 +26,7 @@ from gcs.analysis.text.documents import comparison_document, diagnosis_document
 from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.gains import gains_text
 from gcs.analysis.vehicles import doubted
-from gcs.desk import choices, ladder, saved, shell
+from gcs.desk import choices, ladder, reopened, saved, shell
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder, flight_of
@@ -121,6 +121,7 @@ class Calculations:
             base = choices.base_of(kept.ladder[0].fit)
         fitted = _fitted_before(kept, records)
         unread = [*read.refused.values(), *read.left_out.values(), *_unread(read)]
+        rungs = reopened.rungs(kept.ladder, folder.path, lambda fit: self.flown_by(fit, read.runs), self._step)
         self._step("")
         state = DeskState(
             path=path,
@@ -132,7 +133,7 @@ class Calculations:
             unread=(*map(printable, unread), *kept.unread),
             base=base,
             fitted=fitted,
-            ladder=ladder.named([Rung(name="", effect=None, fit=one.fit, path=one.path) for one in kept.ladder]),
+            ladder=ladder.named(rungs),
         )
         places = {one.fit: one.path for one in (*kept.ladder, kept.tpp, kept.cd) if one is not None}
         return Opened(read.runs, folder, places, state)

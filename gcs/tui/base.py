@@ -47,6 +47,7 @@ class Page(Screen[None]):
         self._there = False
         self._small = False
         self._shown_key: tuple[object, ...] = ()
+        self._flight: object = None
 
     def on_mount(self) -> None:
         """All widgets are there."""
@@ -92,7 +93,13 @@ class Page(Screen[None]):
         self.query_one("#keys", Lines).show([pressing_keys(keys, (*self.ACTS, *ANYWHERE))])
         self.query_one("#pilot").display = state.simulated
         self.query_one("#pilot", Lines).show([pressing_keys(words.pilot_line(state, width), PILOT)])
+        if state.desk.path != self._flight:
+            self._flight = state.desk.path
+            self.begin()
         self.show_body(state, width)
+
+    def begin(self) -> None:
+        """Another flight is looked at from the first view, whatever was left open of the one before."""
 
     def _too_small(self) -> bool:
         """Whether the terminal is too small for this screen: then only the line with the abort key is left."""
@@ -167,6 +174,10 @@ class Split(Scrolled):
     def drawn(self) -> Iterable[Widget]:
         """The plots."""
         yield Traces(self.style, "plot")
+
+    def begin(self) -> None:
+        """The first view."""
+        self.view = 0
 
     def action_view(self) -> None:
         """The next view."""

@@ -48,6 +48,11 @@ class CompareScreen(Split):
         yield Traces(self.style, "plot")
         yield Bars(self.style, "bars")
 
+    def begin(self) -> None:
+        """The first view, run and axis."""
+        super().begin()
+        self.part, self.axis = 0, 0
+
     def action_run(self, step: int) -> None:
         """Another run."""
         self.part += step

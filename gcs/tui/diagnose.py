@@ -90,8 +90,9 @@ class DiagnoseScreen(Split):
         self.app.run_look()  # type: ignore[attr-defined]
 
     def begin(self) -> None:
-        """At its first view, of another flight."""
-        self.full, self.about, self.at, self.view = False, False, 0, 0
+        """The verdict."""
+        super().begin()
+        self.full, self.about, self.at = False, False, 0
 
     def show_body(self, state: State, width: int) -> None:
         desk = state.desk

@@ -50,6 +50,10 @@ class LadderScreen(Scrolled):
             yield Lines(self.style, "candidates")
         yield self.scrolled()
 
+    def begin(self) -> None:
+        """The ladder, of the first run."""
+        self.panel, self.part = "", 0
+
     def action_run(self, step: int) -> None:
         """Another run."""
         self.part += step

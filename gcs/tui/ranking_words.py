@@ -187,7 +187,7 @@ def about_lines(desk: DeskState, at: int) -> list[Line]:
         lines.append(f" a first score promises about {100 * one.share:.0f} % of what the best promises; not refitted")
     else:
         lines.append(f" added, it removes {100 * one.share:.0f} % of the avoidable error")
-    before = None if desk.current is None else desk.current.nrmse_percent
+    before = None if desk.current is None else (desk.answer or desk.current).nrmse_percent
     if one.nrmse_percent is not None and before is not None:
         moved = [f"{axis} {before[axis]:.1f} → {now:.1f} %" for axis, now in one.nrmse_percent.items()]
         lines.append(f" NRMSE on fitted runs {', '.join(moved)}")

@@ -9,10 +9,11 @@ import json
 import shlex
 import shutil
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from flying import CHIRP, ELEVATOR, LAG, LAG_CARD, PITCH, QUIET, ROLL, TWO_CHIRP
 from matplotlib.figure import Figure
 
 import gcs.desk.keeping
-from gcs.analysis.answer import answer_of
+from gcs.analysis.answer import answer_of, kept_answer
 from gcs.analysis.text.blocks import text_of
 from gcs.desk import Base, Cancelled, Choice, Desk
 from gcs.errors import TippathError, UsageError
@@ -315,9 +316,61 @@ def test_an_old_flight_is_opened_with_its_ladder_wherever_it_was_moved(
     assert after.fitted.tables == before.fitted.tables
     assert [run.choice for run in after.runs] == [run.choice for run in before.runs]
     assert after.unread == ()
-    other.compare()
-    assert other.state().comparison is not None
+    assert [rung.answer for rung in after.ladder] == [rung.answer for rung in before.ladder]
+    assert [rung.placebo for rung in after.ladder] == [rung.placebo for rung in before.ladder]
+    assert [rung.signs for rung in after.ladder] == [rung.signs for rung in before.ladder]
+    texts = [[text_of(rung.addition_text).partition("next:")[0] for rung in one.ladder] for one in (before, after)]
+    assert texts[0] == texts[1]
+    for rung, same in zip(after.ladder, before.ladder, strict=True):
+        assert rung.comparison is not None
+        assert same.comparison is not None
+        assert dict(rung.comparison.nrmse_percent) == dict(same.comparison.nrmse_percent)
     assert other.state().current.path.name == "tpp-servo_lag.json"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda kept: kept.update(fit_sha256="0" * 64),
+        lambda kept: kept["asked"].update(version="0.0.1"),
+        lambda kept: kept["asked"].update(as_usual=False),
+        lambda kept: kept["asked"].update(fixed={"L_b": 1.0}),
+        lambda kept: kept["shown"].pop("brief"),
+        lambda kept: kept.update(shown="an answer"),
+        lambda kept: kept.pop("asked"),
+    ],
+)
+def test_an_answer_is_believed_only_where_it_fits(
+    worked: tuple[Desk, Path], tmp_path: Path, harm: Callable[[dict[str, Any]], None]
+) -> None:
+    rung = worked[0].state().ladder[0]
+    kept = json.loads((worked[1] / "flight-0001" / "tpp-diagnosis.json").read_text())
+    (tmp_path / "tpp-diagnosis.json").write_text(json.dumps(kept))
+    assert kept_answer(tmp_path, rung.fit) == rung.answer
+    harm(kept)
+    (tmp_path / "tpp-diagnosis.json").write_text(json.dumps(kept))
+    assert kept_answer(tmp_path, rung.fit) is None
+
+
+def test_what_was_just_diagnosed_is_not_asked_again_when_it_is_added(
+    worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from gcs.analysis import addition
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("the catalogue was asked again")
+
+    desk, _ = worked
+    bottom, grown = desk.state().ladder
+    assert bottom.diagnosis is not None
+    assert grown.addition is not None
+    flown = desk._flown(bottom.fit)
+    known = desk._calculations.effect(bottom.fit, "servo_lag")
+    monkeypatch.setattr(addition, "diagnose", never)
+    again = addition.add_effect(bottom.fit, known, *flown[:2], asked=bottom.diagnosis.last)
+    assert again.placebo_rung == grown.placebo
+    with pytest.raises(AssertionError, match="asked again"):
+        addition.add_effect(bottom.fit, known, *flown[:2])
 
 
 def test_the_audit_tells_it_all(worked: tuple[Desk, Path]) -> None:
