@@ -229,8 +229,12 @@ def diagnose_fit(
         suggestion=_suggested(answer, fit, len(fitted.records)) if suggesting else None,
         next=_by_card_or_hand(answer),
         remarks=tuple(remarks),
-        as_usual=not (effects or repeat or suggesting or limit is not None or _interrupted(answer)),
+        as_usual=_as_usual(answer, effects, limit, repeat),
     )
+
+
+def _as_usual(answer: Diagnosis, effects: Sequence[Effect], limit: Limit | None, repeat: bool) -> bool:
+    return not (effects or repeat or limit is not None or _interrupted(answer))
 
 
 def _interrupted(answer: Diagnosis) -> bool:

@@ -287,13 +287,13 @@ class Desk(Working):
             raise TippathError("not asked yet: the diagnosis says what would tell more")
         plan = rung.answer.plan
         text = None if plan is None else plan.card
-        if text is None:
+        if plan is None or text is None:
             raise TippathError("no maneuver on a card would tell more")
         written: list[Path] = []
 
         def command(path: Path) -> str:
             written.append(path)
-            self._set(card=path)
+            self._set(card=path, said=f"wrote {path}: {plan.maneuver}")
             return shell.next_card(rung.fit, self._place(rung.fit), path)
 
         self._keeping.keep_file(

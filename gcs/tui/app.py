@@ -15,13 +15,14 @@ from typing import Protocol
 
 from textual.binding import Binding
 
-from gcs.cards.maneuver import bundled_cards
+from gcs.desk.shell import word
 from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
 from gcs.tui import themes, words
 from gcs.tui.actions import PILOT
-from gcs.tui.asked_card import AskedCard
+from gcs.tui.ask_from import AskFrom
+from gcs.tui.asked_card import AskedCard, offered_cards
 from gcs.tui.base import Dialog, Page
 from gcs.tui.connect import ConnectScreen
 from gcs.tui.connections import Connection, typed
@@ -219,11 +220,18 @@ class TippathApp(DeskApp):
     def action_choose_card(self) -> None:
         """Ask for a card; what is left of a flight is proposed, or one that the diagnosis wrote."""
         state = self.worker.state()
-        proposed = "" if state.desk.card is None else str(state.desk.card)
+        proposed = "" if state.desk.card is None else word(state.desk.card)
         if state.unfinished is not None:
             proposed = AskedCard(resume=str(state.unfinished)).options
-        hint = f"a TOML file, or one of: {', '.join(bundled_cards())}; behind it --leave-out, --log card"
-        self.ask_to_work("Which card?", hint, "the card", self.worker.choose_card, proposed)
+        offers = offered_cards(state.desk.home, proposed)
+        hint = "up/down chooses, or type a TOML file; behind it --leave-out, --log card"
+
+        def take(word: str | None) -> None:
+            if word is not None:
+                self.work("the card", lambda: self.worker.choose_card(word))
+
+        self._problem = ""
+        self.push_screen(AskFrom(self.plot_style, "Which card?", hint, proposed, offers), take)
 
     # Connection.
 
