@@ -108,10 +108,15 @@ class TippathApp(DeskApp):
         await self.switch_mode(self._first)
         self.set_interval(1 / LOOKS_PER_S, self.look)
         self._mind_signals()
+        self.make_screens([mode_of(page) for page in PAGES])
         self.action_look_for_connections()
         flight = self._flight
         if flight is not None:
             self.work("the flight", lambda: self.worker.open_flight(flight))
+
+    def may_make_screens(self) -> bool:
+        """Not while a card is flown."""
+        return super().may_make_screens() and not self.worker.state().stage.under_way
 
     def _mind_signals(self) -> None:
         """Being told to end, or losing the terminal, is leaving: a run under way is ended first."""
