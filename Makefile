@@ -8,7 +8,7 @@ STAMP := $(VENV)/.stamp
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly demo test lint types types-packages types-tests contracts tests quick flights bench study blind clean
+.PHONY: help setup fly demo test lint types types-packages types-tests contracts tests quick flights bench study pictures blind clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -61,6 +61,9 @@ bench: $(STAMP)  ## speed, as ratios against peers in the same run
 study: $(STAMP)  ## what only many flights show: optimum, honest errors, every effect planted; an hour
 	$(BIN)/python -m pytest -m thorough --numprocesses auto --dist loadfile
 	$(BIN)/python -m pytest tests/study --override-ini 'python_files=study_*.py' --override-ini 'python_functions=study_*' -s -q
+
+pictures: $(STAMP)  ## every screen as PNG in every theme and size, into DIR; with FLIGHT what the app shows of that
+	PYTHONPATH=.:tests $(BIN)/python tests/gcs/tui/draw_screens.py $${DIR:-pictures} $${FLIGHT:+--flight $$FLIGHT} $${SIZES:+--sizes $$SIZES} $${THEMES:+--themes $$THEMES}
 
 blind: $(STAMP)  ## COUNT flights from seed FIRST that hide something or nothing, into FILE; stops after BUDGET minutes, goes on where it was
 	$(BIN)/python tests/study/blind.py $${FILE:-blind.jsonl} --first $${FIRST:-1000000} --count $${COUNT:-300} $${BUDGET:+--budget $$BUDGET}

@@ -4,7 +4,8 @@ In a history everything of the ground is the real code: `gcs.link.clock`, `gcs.v
 and `gcs.flight.sweep` with the settings and the runs of a card. The vehicle, its pilot, other stations and the link are
 a model here, in fake time, and the rules are judged from what happened, not from what the ground believed:
 
-- **write**: no parameter that we wrote reaches a vehicle that one of our starts excites; none is written by us that
+- **write**: no parameter that we wrote reaches a vehicle that one of our starts excites, but for a magnitude of 0
+  that somebody wanted sent to a vehicle that is not heard, and that only while it is not; none is written by us that
   makes axis and magnitude a dangerous pair; what is in the vehicle when our start excites it is what was shown.
 - **clear**: `cleared` is never true while the vehicle is excited by us, or a start of ours is under way; nor in a
   silence, nor after one without a look of some seconds, nor while the vehicle's last word is that it starts.
@@ -212,6 +213,18 @@ def hard_history(seed: int) -> History:
         value = {"stall": chance.choice((2.0, 5.0)), "mode": chance.choice((STABILIZE, RTL, EXCITED))}.get(what, 0.0)
         acts.append(Act(chance.uniform(0, 15), what, value))
     return replace(history, down=down, acts=(*history.acts, *acts), never_leaves=chance.random() < 0.2)
+
+
+def blind_history(seed: int) -> History:
+    """A random or a hard history in which the vehicle is silent for a while, and somebody wants an end sent unheard."""
+    chance = random.Random(f"blind {seed}")
+    history = hard_history(seed) if seed % 3 == 0 else random_history(seed, whole=seed % 3 == 1)
+    begin = chance.choice((0.5, chance.uniform(0, 3), chance.uniform(0, 20)))
+    outage = (begin, begin + chance.choice((5.0, 12.0, 30.0, 90.0)))
+    up = chance.choice((Way(), history.up, replace(history.up, repeats=0.3, delays=((begin, chance.uniform(0, 9)),))))
+    acts = (Act(begin + chance.uniform(-1, 5), "abort"), Act(begin + chance.uniform(0, 8), "blind"))
+    down = replace(history.down, outages=(outage, *history.down.outages))
+    return replace(history, origin="start", up=up, down=down, acts=(*history.acts, *acts[chance.choice((0, 0, 1)) :]))
 
 
 def card_history(seed: int) -> History:
@@ -471,9 +484,21 @@ MUTATIONS = tuple(
         ),
         (
             "cleared with the start's proof alone",
-            "return max(self.asked_at, self.returned_at)",
-            "return self.asked_at",
+            "return max(self.asked_at, self.returned_at, self.stilled_at)",
+            "return max(self.asked_at, self.stilled_at)",
         ),
+        (
+            "cleared before what was sent unheard has come",
+            "return max(self.asked_at, self.returned_at, self.stilled_at)",
+            "return max(self.asked_at, self.returned_at)",
+            "a link keeps the order of what is sent: what is written later also arrives later",
+        ),
+        (
+            "sent unheard although it is heard",
+            "if seen.blind and seen.lost and state.asks",
+            "if seen.blind and state.asks",
+        ),
+        ("sent unheard unasked", "if seen.blind and seen.lost and state.asks", "if seen.lost and state.asks"),
         (
             "contradictions are not looked at",
             "look_s = 0.0 if not state.asks or (ours and seen.log_mode is not None) else LOOK_S",
@@ -639,8 +664,8 @@ MUTATIONS = tuple(
         ),
         (
             "given back before it is cleared",
-            "        if flown is None:\n            return True\n        while True",
-            "        return True\n        while True",
+            "        if flown is None:\n            return True\n        if flown.stills",
+            "        return True\n        if flown.stills",
         ),
         (
             "given back in whatever mode",
@@ -761,6 +786,8 @@ SEEN_IN = {
     "the last look does not wait for proof": ("hard", 5001859),
     "a stamp from the future is believed": ("twin", 2113),
     "the way back is never late": ("random", 1078),
+    "sent unheard although it is heard": ("blind", 5),
+    "sent unheard unasked": ("blind", 0),
 }
 """A history that shows a guard to be gone: its kind and its seed."""
 
@@ -1164,6 +1191,8 @@ class World:
         self.flight: Any = None
         self.notes: list[str] = []
         self.pressed = 0
+        self.blind = False
+        """Somebody wants an end sent to a vehicle that is not heard."""
         self._interrupt = False
         self._stalled_until = -math.inf
         self._clock = code.clock.LinkClock()
@@ -1253,6 +1282,8 @@ class World:
                 vehicle.refuses = not vehicle.refuses
             case "abort":
                 self.pressed += 1
+            case "blind":
+                self.blind = True
             case "interrupt":
                 self._interrupt = True
             case "stall" if self.now >= self._stalled_until:
@@ -1297,7 +1328,9 @@ class World:
                 self.judge.ordered(int(send.parameters[1]))
             if isinstance(send, ParamRead):
                 self.judge.reads(send.name)
-            if isinstance(send, ParamWrite) and self._procedure is not self._writing:
+            if isinstance(send, ParamWrite) and self._procedure is None:
+                self.judge.stilled(send.name)
+            elif isinstance(send, ParamWrite) and self._procedure is not self._writing:
                 self._writing = self._procedure
                 self.judge.write_begins(send.name)
             copies = self.uplink.send(message)
@@ -1567,7 +1600,7 @@ class _Judge:
         self._held_values: dict[str, float] = {}
         """As the vehicle first answered the last question."""
         self._reading: Any = None
-        self._pressed_s = math.inf
+        self.pressed_s = math.inf
         self._tilted_s = math.inf
         self._shown_s = -math.inf
         """When the vehicle was last heard to show a mode, by its own heartbeat."""
@@ -1611,7 +1644,9 @@ class _Judge:
     def write_arrives(self, name: str, value: float) -> None:
         world, vehicle = self._world, self._world.vehicle
         world.counts["writes that arrived"] += 1
-        if vehicle.excited_by == "us":
+        still = name == "SID_MAGNITUDE" and value == 0.0 and world.blind
+        world.counts["sent unheard, and arrived in the excitation"] += still and vehicle.excited_by == "us"
+        if vehicle.excited_by == "us" and not still:
             self._unless_deceived("write", f"{name} = {value:g} reaches a vehicle that we excite")
         if name in ("SID_AXIS", "SID_MAGNITUDE") and not vehicle.foreign:
             now = (vehicle.parameters["SID_AXIS"], vehicle.parameters["SID_MAGNITUDE"])
@@ -1800,6 +1835,16 @@ class _Judge:
 
     # what the ground believes
 
+    def stilled(self, name: str) -> None:
+        """A write that nobody waits for."""
+        world = self._world
+        if name != "SID_MAGNITUDE" or not world.blind:
+            self.broken("write", f"{name} is written unheard, and nobody asked for it")
+        if world.now - self._heard_s < LOST_AFTER_S:
+            self.broken(
+                "write", f"{name} is written unheard {world.now - self._heard_s:.1f} s after something was heard"
+            )
+
     def ground(self, now: float) -> None:
         flown = self._flown
         if flown is None:
@@ -1818,7 +1863,7 @@ class _Judge:
             if state.excited:
                 self.broken("end", "given up as if it did not tell, while it shows the excitation")
         if self._world.pressed:
-            self._pressed_s = min(self._pressed_s, now)
+            self.pressed_s = min(self.pressed_s, now)
         phase = state.phase.value
         if phase == "watching" and self._phase != "watching" and self._others < 2:
             self.broken("order", "one heartbeat with another mode was taken for the end of the excitation")
@@ -1836,7 +1881,7 @@ class _Judge:
         if now - heard_since < 25.0:
             self.broken("end", f"given up as stuck after {now - heard_since:.1f} s of hearing it")
         one_way_s, answered_s = now - self._answered_s, now - self._answers_since_s
-        if ONE_WAY_S < one_way_s < 55.0:
+        if ONE_WAY_S < one_way_s < 45.0:  # what was answered last may have been asked 10 s and more before
             self.broken("end", f"given up as stuck after {one_way_s:.1f} s of a link of one way")
         if one_way_s <= ONE_WAY_S and answered_s < 25.0:
             self.broken("end", f"given up as stuck after {answered_s:.1f} s of answers")
@@ -1857,7 +1902,7 @@ class _Judge:
 
     def _runs_on(self, now: float, flying_since: float) -> None:
         tick_s = self._world.history.tick_s
-        if now - max(self._pressed_s, self._silence_s, flying_since) > 1.0 + tick_s:
+        if now - max(self.pressed_s, self._silence_s, flying_since) > 1.0 + tick_s:
             self._run_on("somebody wants the end")
         if now - max(self._tilted_s, self._silence_s, flying_since) > 1.0 + tick_s:
             self._run_on("it leans beyond the limit")
@@ -1894,16 +1939,22 @@ class _Judge:
         given_up = "must take it" in said or "pilot, look" in said  # after half a minute of orders
         if excited and self._unanswered >= 3 and not given_up:
             self.broken("end", f"{self._unanswered} heartbeats with the excitation were not answered with an order")
+        ends = list(self._flown_by)
         for run in world.flight.runs:
-            self._as_flown(run)
+            self._as_flown(run, ends)
         if not said.strip("; ") and not vehicle.foreign and not excited:
             self._settings_are_back()
 
-    def _as_flown(self, run: Any) -> None:
+    def _as_flown(self, run: Any, ends: list[tuple[Any, float, _Sweep | None]]) -> None:
+        """`ends` are those of this run and of later ones; one plan may have been flown several times."""
+        ended = next((end for end in ends if end[0] is run.plan), None)
+        if ended is not None:
+            del ends[: ends.index(ended) + 1]
         card = self._world.history.card
         if run.ending.value != "finished" or (card and run.verdict is not None and not run.verdict.clean):
             return
-        ended_s, sweep = next((when, sweep) for plan, when, sweep in self._flown_by if plan is run.plan)
+        assert ended is not None
+        _, ended_s, sweep = ended
         if sweep is None:
             return  # somebody else excited it, or a stranger says so
         if min(sweep.over_s, ended_s) - sweep.entered_s < run.plan.over_s - 1.0 and sweep.over_s >= ended_s:
@@ -1959,6 +2010,26 @@ def play(history: History, code: Code = REAL, *, story: bool = False) -> Outcome
     return Outcome(tuple(world.judge.breaches), world.counts, tuple(world.story or ()))
 
 
+class _Blind:
+    """What somebody at the app wishes, of what concerns a vehicle that is not heard; after an end by hand that was
+    followed by one the card goes on, once."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def chosen(self) -> int | None:
+        return None
+
+    def again(self, result: Any) -> bool:
+        if not self._world.blind:
+            return False
+        self._world.blind, self._world.pressed, self._world.judge.pressed_s = False, 0, math.inf
+        return True
+
+    def blind(self) -> bool:
+        return self._world.blind
+
+
 def _fly(world: World) -> str:
     history, sweep = world.history, world.code.sweep
     card = TestCard(name="rules", maneuvers=tuple(FLOWN[number] for number in history.runs), rest_s=0.5)
@@ -1970,7 +2041,8 @@ def _fly(world: World) -> str:
             world.tell("ground", f"says: {progress.words}")
 
     def aborted() -> str | None:
-        return "Ctrl-C" if world.pressed else None
+        enough = world.flight is not None and len(world.flight.runs) > 2 * len(history.runs)
+        return "Ctrl-C" if world.pressed else "enough" if enough else None
 
     if history.whole:
         world.advance(2.0)
@@ -1981,7 +2053,7 @@ def _fly(world: World) -> str:
             sweep.fly_card(
                 world, card, _profile(), limits, folder=folder, on_progress=on_progress, aborted=aborted,
                 interruptions=lambda: world.pressed, clock=clock, disk_free=lambda path: None,
-                log="card" if history.card else "stream",
+                log="card" if history.card else "stream", choosing=_Blind(world),
             )  # fmt: skip
         finally:
             sweep._Flight, sweep.flown_into = made, alone
@@ -2002,6 +2074,7 @@ def _fly(world: World) -> str:
         on_progress=on_progress,
         log="card" if history.card else "stream",
         before=FlownBefore(own=asked),
+        choosing=_Blind(world),
     )
     world.flight = flight
     with flight:
@@ -2052,8 +2125,8 @@ def _count(world: World, ended: str) -> None:
 
 
 def history_of(kind: str, seed: int) -> History:
-    """`random`, `hard`, `twin`, `card`, or `whole` (a random one through fly_card)."""
-    made = {"hard": hard_history, "twin": twin_history, "card": card_history}.get(kind)
+    """`random`, `hard`, `twin`, `card`, `blind`, or `whole` (a random one through fly_card)."""
+    made = {"hard": hard_history, "twin": twin_history, "card": card_history, "blind": blind_history}.get(kind)
     return random_history(seed, whole=kind == "whole") if made is None else made(seed)
 
 

@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import threading
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,12 +15,14 @@ import numpy as np
 from fake_desk import DESKS, GAINS, FakeDesk
 from textual.pilot import Pilot
 
+from gcs.cards.checklist import answered
 from gcs.cards.envelope import Use
 from gcs.desk import DeskState, Fitted
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
 from gcs.flight.preflight import Check
 from gcs.flight.readiness import Readiness
+from gcs.flight.session_notes import SessionNote
 from gcs.link.log_answer import LogClient
 from gcs.tui.app import TippathApp
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State, joined
@@ -147,7 +150,9 @@ class FakeWorker:
     def __init__(self, state: State) -> None:
         self.now = state
         self.asked: list[str] = []
+        self.notes: list[SessionNote] = []
         self.refusal: str | None = None
+        self.called_off = 0
         self.closed = threading.Event()
         self.desk = FakeDesk(self.asked)
         self.desk.now = state.desk
@@ -190,6 +195,16 @@ class FakeWorker:
     def abort(self) -> None:
         self.ask("abort")
 
+    def answer(self, number: int, word: str) -> None:
+        self.ask(f"answer {number} {word}")
+        given = list(self.now.answers)
+        given[number] = answered(self.now.checklist[number], word, datetime(2026, 11, 23, tzinfo=UTC))
+        self.now = replace(self.now, answers=tuple(given))
+
+    def note(self, note: SessionNote) -> None:
+        self.ask(f"note {note.text}")
+        self.notes.append(note)
+
     def check(self) -> None:
         self.ask("check")
 
@@ -213,6 +228,12 @@ class FakeWorker:
 
     def revert(self) -> None:
         self.ask("revert")
+
+    def fetch_log(self) -> None:
+        self.ask("fetch")
+
+    def call_off(self) -> None:
+        self.called_off += 1
 
     def pilot(self, line: str) -> None:
         self.ask(f"pilot {line}")

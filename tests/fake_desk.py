@@ -17,21 +17,36 @@ from gcs.analysis.text.blocks import Block, Sentence
 from gcs.analysis.text.hidden import hidden_sentences
 from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
-from gcs.desk.state import Asked
+from gcs.desk.state import Asked, OnFit, Present, Trial, Weights
 from gcs.flight.identified import Identified
 from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
-from sysid.control.judgement import judge
+from sysid.control.judgement import Limits, judge
 from sysid.control.regulator import design
 from sysid.control.stability import Margins
+from sysid.data.record import Record
 from sysid.diagnose.hidden import CouldHide, Hidden
 from sysid.diagnose.progress import Asking, Heard, Known, Ranking, Stage
 from sysid.diagnose.proposals import LogSignal, SignalTells
+from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.parameter import Parameter
 from sysid.model.structure import Model
 
 HOME = Path("flight-0007")
+
+
+def record(id: str, axis: str, **vehicle: str) -> Record:
+    """A run of 12 s, its own rate the larger."""
+    t = np.arange(0.0, 12.0, 0.02)
+    wave = 0.1 * np.sin(4 * t)
+    own, other = (4 * wave, wave) if axis == "roll" else (wave, 4 * wave)
+    return Record(
+        id,
+        {"t": t, "p": own, "q": other, "delta_x": wave, "delta_y": 0.5 * wave, "excitation_x": 0.8 * wave},
+        axis=axis,
+        vehicle=vehicle,
+    )
 
 
 def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "roll", **more: Any) -> RunRow:
@@ -44,9 +59,9 @@ def run_row(number: int, choice: Choice, maneuver: str = "chirp", axis: str = "r
 
 
 RUNS = (
-    run_row(1, Choice.FIT, notes=("Tischler's law, C1 4, noise 0.2",)),
+    run_row(1, Choice.FIT, notes=("Tischler's law, C1 4, noise 0.2",), record=record("flight.BIN#1", "roll")),
     run_row(2, Choice.OUT, verdict="fly again: gust", health="gust"),
-    run_row(3, Choice.FIT, axis="pitch"),
+    run_row(3, Choice.FIT, axis="pitch", record=record("flight.BIN#3", "pitch")),
     run_row(4, Choice.VALIDATE, "doublet"),
     run_row(5, Choice.OUT, usable=False, reasons=("the gyro clips at 34.9 rad/s: fly it smaller",), health="clipped"),
     run_row(6, Choice.NOISE, "quiet", axis=None, size=None),
@@ -54,12 +69,14 @@ RUNS = (
 
 
 def fit(*effects: str, p: float, q: float, base: str = "tpp") -> Any:
-    structure = SimpleNamespace(base=base, effects=effects, composed=())
+    structure = compose(base, effects)
+    values = np.array([TABLE_4.get(one.name, one.typical) for one in structure.parameters])
     return SimpleNamespace(
-        model=SimpleNamespace(structure=structure),
+        model=Model(structure, values), standard_errors=0.01 * np.abs(values), fixed=(), at_bound=(), undetermined=(),
+        implausible=(), model_errors={}, validation=(SimpleNamespace(id="flight.BIN#4"),),
         nrmse_percent={"p": p, "q": q},
         validation_nrmse_percent={"p": p - 0.7, "q": q - 1.2},
-    )
+    )  # fmt: skip
 
 
 def comparison() -> Any:
@@ -93,6 +110,7 @@ def comparison() -> Any:
     )
     return SimpleNamespace(
         outputs=("p", "q"), band_hz=(0.0, 15.0), traces=traces, bands=bands,
+        nrmse_percent={"p": 64.1, "q": 60.9}, noise_floor_percent={"p": 82.0, "q": 88.3},
         responses=tuple(response(o, c) for o in "pq" for c in ("delta_x", "delta_y")),
         densities=Densities(f, levels, 0.1 * levels, 0.01 * levels),
         findings=(
@@ -205,7 +223,8 @@ COMPLETE = replace(ADDED, answer=answer("complete", (Block("answer", ("complete:
 
 TABLES = "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60))
 FITTED: Any = Fitted(
-    found=SimpleNamespace(), tables=TABLES, runs=("flight.BIN#1", "flight.BIN#3"), validation=("flight.BIN#4",),  # type: ignore[arg-type]
+    found=SimpleNamespace(tpp=fit(p=64.1, q=70.9), cd=fit(p=60.2, q=31.5, base="cd")),  # type: ignore[arg-type]
+    tables=TABLES, runs=("flight.BIN#1", "flight.BIN#3"), validation=("flight.BIN#4",),
     warnings=("look at this " * 12,), tpp_path=HOME / "tpp.json", cd_path=HOME / "cd.json",
     commands=("tippath fit " + "flight-0007/flight.BIN#1 " * 8,),
 )  # fmt: skip
@@ -233,13 +252,26 @@ GAINS: Any = Designed(
     following=SimpleNamespace(t=np.arange(-0.2, 2.0, 0.01), roll=doublet("roll"), pitch=doublet("pitch")),  # type: ignore[arg-type]
 )  # fmt: skip
 
+ON_FIT = OnFit(gains=GAINS.gains, judgement=CLEARED.judgement, following=GAINS.following)
+PRESENT = Present(
+    path=HOME / "gains-1.json", crc=0x123456, document={},
+    found=replace(ON_FIT, judgement=judge(design(MODEL), [("fit", MODEL)], Limits(gain_db=60.0, overshoot=0.01))),
+)  # fmt: skip
+"""Of a vehicle whose margins are too low for what is asked."""
+
 OPEN = DeskState(
     path=HOME, home=HOME, name="first day",
     notes=(TimedNote("2026-05-04T12:30:00.000+00:00", "gusty [/] after noon"),), vehicle="simulated 4.5.7", runs=RUNS,
     unread=("other.BIN: not read: it is cut short",), base=Base(), commands=("tippath ingest flight-0007",),
 )  # fmt: skip
+MIXED = tuple(
+    replace(one, record=record(one.id, str(one.axis), frame="QUAD" if one.id.endswith("4") else "HELI"))
+    for one in RUNS[:4]
+)
+"""Of two vehicles."""
 DESKS = {
     "open": OPEN,
+    "mixed": replace(OPEN, runs=(*MIXED, *RUNS[4:])),
     "fitting": replace(OPEN, busy="fitting: TPP and CD", progress=0.5),
     "fitted": replace(OPEN, fitted=FITTED, ladder=(BOTTOM,)),
     "compared": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,)),
@@ -255,6 +287,10 @@ DESKS = {
     "added": replace(OPEN, fitted=FITTED, ladder=(ASKED, ADDED)),
     "complete": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE)),
     "designed": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS),
+    "tried": replace(
+        OPEN, fitted=FITTED, ladder=(ASKED,), designed=GAINS, present=PRESENT, weights=Weights(input_cost=8.0),
+        trial=Trial(fit=ASKED.fit, weights=Weights(input_cost=8.0), standing=CLEARED.standing, found=ON_FIT),
+    ),
     "reported": replace(
         OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE), designed=GAINS, report=HOME / "report.html",
         commands=tuple(f"tippath step-{i} flight-0007/flight.BIN#{i}" for i in range(30)),
@@ -269,6 +305,11 @@ class FakeDesk:
     def __init__(self, asked: list[str]) -> None:
         self.now = DeskState()
         self.asked = asked
+        self.followed = 0
+        """How often gains followed the sliders; the screen does that by itself, too."""
+
+    def follow(self) -> None:
+        self.followed += 1
 
     def state(self) -> DeskState:
         return self.now

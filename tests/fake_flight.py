@@ -188,6 +188,8 @@ class FakeSession:
     def __init__(self, vehicle: FakeVehicle, station: int = 254) -> None:
         self.vehicle = vehicle
         self.station = station
+        self.unheard: list[tuple[float, str, float]] = []
+        """Writes whose echo nobody waits for: when, what, its value. They arrive also while the session is deaf."""
         self.deaf_from = math.inf
         """Nothing is heard of the vehicle between these; what is sent arrives."""
         self.deaf_until = math.inf
@@ -310,6 +312,9 @@ class FakeSession:
                 self.drop_answers[send.name] -= 1
             elif isinstance(send, ParamRead):
                 self._tell(send.name)
+            elif isinstance(send, ParamWrite):
+                self.unheard.append((self.vehicle.now, send.name, float_of_bits(send.bits)))
+                self.vehicle.parameters[send.name] = float_of_bits(send.bits)
 
     def _known(self, at: float) -> float:
         """A ping every 0.2 s, answered at once unless the link is deaf; see `gcs.link.clock`."""

@@ -111,12 +111,26 @@ def shown_document(found: FitDiagnosis) -> dict[str, Any]:
 
 def kept_answer(folder: Path, fit: Fit) -> Answer | None:
     """The newest answer about a fit that a folder holds; None where there is none, or none that is to be believed."""
+    document = diagnosis_beside(folder, fit)
+    return None if document is None or not as_asked_now(document, fit) else _shown(document)
+
+
+def as_asked_now(document: dict[str, Any], fit: Fit) -> bool:
+    """Whether a kept diagnosis was asked as this version asks by itself, with the fit's values held that are."""
     try:
-        kept = converted(diagnosis_beside(folder, fit), _Kept)
+        asked = converted(document, _Document).asked
+    except ValueError:
+        return False
+    if asked is None or not asked.as_usual:
+        return False
+    return asked.version == version() and asked.fixed == _fixed(fit)
+
+
+def _shown(document: dict[str, Any]) -> Answer | None:
+    try:
+        return converted(document, _Kept).shown
     except ValueError:
         return None
-    usual = kept.asked is not None and kept.asked.as_usual and kept.asked.version == version()
-    return kept.shown if usual and kept.asked is not None and kept.asked.fixed == _fixed(fit) else None
 
 
 class _Asked(Open, frozen=True, kw_only=True):
@@ -125,9 +139,12 @@ class _Asked(Open, frozen=True, kw_only=True):
     fixed: dict[str, float]
 
 
+class _Document(Open, frozen=True, kw_only=True):
+    asked: _Asked | None = None
+
+
 class _Kept(Open, frozen=True, kw_only=True):
     shown: Answer | None = None
-    asked: _Asked | None = None
 
 
 def _fixed(fit: Fit) -> dict[str, float]:

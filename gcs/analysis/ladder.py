@@ -56,6 +56,61 @@ class Step:
         }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorLeft:
+    """What a rung leaves of one output's error. Shares are of the lowest rung's error power beyond noise."""
+
+    output: str
+    left: float
+    """1 on the lowest rung, 0 where nothing but noise is left."""
+    before: float
+    """What the rung below left."""
+    placebo: float | None
+    """What the best wrong effect in this one's place left; None where none was tried."""
+    nrmse_percent: float
+    validation_percent: float | None
+    better: bool | None
+    """On the validation runs beside the rung below; None where it is much the same, or not known."""
+
+
+def errors_left(
+    rungs: Sequence[RungNumbers], placebos: Sequence[Nrmse | None], floor: Nrmse | None
+) -> list[list[ErrorLeft]]:
+    """For each rung, lowest first, what it leaves on each output; `floor` is the NRMSE of noise alone, None: not known.
+
+    Where the lowest rung leaves nothing but noise, so do all.
+    """
+    found: list[list[ErrorLeft]] = []
+    for (_, fitted, validated), wrong in zip(rungs, placebos, strict=True):
+        each = []
+        for k, (output, percent) in enumerate(fitted.items()):
+            noise = 0.0 if floor is None else _power(floor[output])
+            whole = _power(rungs[0][1][output]) - noise
+
+            def share(percent: float, noise: float = noise, whole: float = whole) -> float:
+                return min(max((_power(percent) - noise) / whole, 0.0), 1.0) if whole > 0 else 0.0
+
+            below = rungs[len(found) - 1][2] if found else None
+            change = 0.0 if validated is None or below is None else validated[output] - below[output]
+            each.append(
+                ErrorLeft(
+                    output=output,
+                    left=share(percent),
+                    before=found[-1][k].left if found else share(percent),
+                    placebo=None if wrong is None else share(wrong[output]),
+                    nrmse_percent=percent,
+                    validation_percent=None if validated is None else validated[output],
+                    better=None if abs(change) < WORSE_POINTS else change > 0,
+                )
+            )
+        found.append(each)
+    return found
+
+
+def _power(nrmse_percent: float) -> float:
+    return (1 - nrmse_percent / 100) ** 2
+
+
 def together(nrmse_percent: Mapping[str, float]) -> float:
     """NRMSE fit in percent of all outputs as one: error shares are added over axes, as the diagnosis adds them."""
     shares = [(1 - value / 100) ** 2 for value in nrmse_percent.values()]

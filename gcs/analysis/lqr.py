@@ -9,7 +9,7 @@ from gcs.analysis.comparison import flown
 from sysid.control.decoupling import decoupled
 from sysid.control.judgement import Limits
 from sysid.control.observers import KALMAN, RateNoise, kalman_gain, rate_noise, white_noise, with_gain
-from sysid.control.regulator import INPUT_COST, OBSERVER_POLES, Gains, design, lqr, require_held
+from sysid.control.regulator import FLAPPING_COST, INPUT_COST, OBSERVER_POLES, Gains, design, lqr, require_held
 from sysid.fit.result import Fit
 from sysid.model.structure import Model
 
@@ -22,6 +22,8 @@ class AskedDesign:
     """What a design is asked for."""
 
     input_cost: float = INPUT_COST
+    flapping_cost: float = FLAPPING_COST
+    """Of tilting the tip-path plane, where a rate's is 1."""
     observer: Observer = OBSERVER_POLES
     dynamic: bool = False
     """Whether rates follow models of their own on the way."""
@@ -56,16 +58,19 @@ def at_costs(
 
 def _with_observer(fit: Fit, asked: AskedDesign, noise: RateNoise | None) -> Gains:
     if not isinstance(asked.observer, str):
-        return design(fit.model, asked.input_cost, asked.observer, elevator=asked.elevator)
+        return design(
+            fit.model, asked.input_cost, asked.observer, elevator=asked.elevator, flapping_cost=asked.flapping_cost
+        )
     gains = _observed(fit, asked, noise)
     require_held(gains, fit.model)
     return gains
 
 
 def _observed(fit: Fit, asked: AskedDesign, noise: RateNoise | None) -> Gains:
+    poles = OBSERVER_POLES if isinstance(asked.observer, str) else asked.observer
+    gains = lqr(fit.model, asked.input_cost, poles, elevator=asked.elevator, flapping_cost=asked.flapping_cost)
     if not isinstance(asked.observer, str):
-        return lqr(fit.model, asked.input_cost, asked.observer, elevator=asked.elevator)
-    gains = lqr(fit.model, asked.input_cost, elevator=asked.elevator)
+        return gains
     known = noise_of(fit) if noise is None else noise
     return with_gain(gains, kalman_gain(gains.model, white_noise(gains.model, known)), fit.model)
 

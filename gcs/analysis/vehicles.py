@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gcs.analysis.text.findings import listed_runs
+from gcs.vehicle.identity import group_of
 from sysid.data.record import Record
 from sysid.fit.result import Fit
 
@@ -18,7 +19,7 @@ ANSWERED, LEFT = 30.0, 30.0
 
 def different_vehicles(records: Sequence[Record]) -> str | None:
     """That the logs of these runs tell of different vehicles, or of one that was set up differently; else None."""
-    keys = dict.fromkeys(key for record in records for key in record.vehicle)
+    keys = dict.fromkeys(key for record in records for key in record.vehicle if group_of(key) != "gains")
     differing = []
     for key in keys:
         runs: dict[str, list[str]] = {}

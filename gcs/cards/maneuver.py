@@ -22,6 +22,7 @@ import msgspec
 from msgspec import Meta
 
 from gcs import documents
+from gcs.cards.checklist import Question, QuestionDocument
 from gcs.cards.envelope import Limits
 from gcs.document_faults import first_fault, nearest
 from gcs.errors import UsageError
@@ -101,6 +102,7 @@ class CardDocument(documents.Strict, frozen=True, kw_only=True):
     limits: _Limits = _Limits()
     step: Annotated[tuple[_Step, ...], Meta(max_length=100)] = ()
     maneuver: Annotated[tuple[_Chirp | _Doublet | _Quiet, ...], Meta(max_length=1000)] = ()
+    checklist: Annotated[tuple[QuestionDocument, ...], Meta(max_length=100)] = ()
 
 
 # ------------------------------------------------------------------------------------------------ what is flown
@@ -256,6 +258,8 @@ class TestCard:
     steps: tuple[Step, ...] = ()
     """Flown before each maneuver at full amplitude, in order; each unlocks the next."""
     limits: Limits = field(default_factory=Limits)
+    checklist: tuple[Question, ...] = ()
+    """To be answered before it is flown."""
     text: str = field(default="", repr=False)
     """The TOML it was read from."""
 
@@ -336,6 +340,12 @@ def card_text(card: TestCard) -> str:
         lines += ["", "[[step]]", f"amplitude = {step.amplitude!r}"]
         if step.f_stop_hz is not None:
             lines.append(f"f_stop_hz = {step.f_stop_hz!r}")
+    for question in card.checklist:
+        lines += ["", "[[checklist]]", f"ask = {_quoted(question.ask)}", f"answer = {_quoted(question.kind)}"]
+        lines += [f"unit = {_quoted(question.unit)}"] if question.unit else []
+        lines += [
+            f"{key} = {at!r}" for key, at in (("least", question.least), ("most", question.most)) if at is not None
+        ]
     for maneuver in card.maneuvers:
         lines += ["", "[[maneuver]]"]
         for key in _keys_of(maneuver.kind):
@@ -397,6 +407,10 @@ def parse_card(text: str, source: str) -> TestCard:
         raise UsageError(f"{source}: [[step]] amplitudes must grow from step to step")
     if not table.maneuver:
         raise UsageError(f"{source}: no [[maneuver]]; a card needs at least one")
+    checklist = tuple(one.question() for one in table.checklist)
+    for i, problem in enumerate((one.problem for one in checklist), start=1):
+        if problem is not None:
+            raise UsageError(f"{source}: checklist {i}: {problem}")
     return TestCard(
         name=Path(source).stem if table.name is None else table.name,
         maneuvers=tuple(_maneuver(each, f"{source}: maneuver {i}") for i, each in enumerate(table.maneuver, start=1)),
@@ -404,6 +418,7 @@ def parse_card(text: str, source: str) -> TestCard:
         rest_s=table.rest_s,
         steps=tuple(Step(step.amplitude, step.f_stop_hz) for step in table.step),
         limits=table.limits.limits(),
+        checklist=checklist,
         text=text,
     )
 

@@ -76,6 +76,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("fit", type=Path, metavar="FIT.json")
     parser.add_argument("--input-cost", type=float, default=5.0, metavar="R", help="lower is faster (default 5)")
     parser.add_argument(
+        "--flapping-cost",
+        type=float,
+        default=0.001,
+        metavar="Q",
+        help="of tilting the tip-path plane, where a rate's is 1 (default 0.001)",
+    )
+    parser.add_argument(
         "--measured",
         action="store_true",
         help="beside the model's margins those that the measured responses of the fit's runs show, with 95 %% bounds",
@@ -201,6 +208,8 @@ def _refuse_wrong_usage(args: argparse.Namespace) -> None:
         raise UsageError("--script goes with --for ardupilot: the bank of the other has a switch of its own")
     if not (args.input_cost > 0 and math.isfinite(args.input_cost)):
         raise UsageError("--input-cost: wants a positive number; the paper's is 5")
+    if not (args.flapping_cost >= 0 and math.isfinite(args.flapping_cost)):
+        raise UsageError("--flapping-cost: wants a number, not negative; the paper's is 0.001")
     if args.measured and args.elevator:
         raise UsageError("--measured knows a loop of two commands: leave it out, or --elevator")
     if args.plot is not None:
@@ -221,7 +230,11 @@ def _asked(args: argparse.Namespace) -> AskedDesign:
     except ValueError as error:
         raise UsageError(f"--observer {args.observer}: wants kalman or such as 50,50,51,51 ({error})") from error
     return AskedDesign(
-        input_cost=args.input_cost, observer=observer, dynamic=args.prefilter == "dynamic", elevator=args.elevator
+        input_cost=args.input_cost,
+        flapping_cost=args.flapping_cost,
+        observer=observer,
+        dynamic=args.prefilter == "dynamic",
+        elevator=args.elevator,
     )
 
 
@@ -295,6 +308,7 @@ def _for_ardupilot(args: argparse.Namespace, fit: Fit, standing: Standing, limit
         "--costs": args.costs,
         "--prefilter": args.prefilter != "steady",
         "--elevator": args.elevator,
+        "--flapping-cost": args.flapping_cost != 0.001,
         "--observer": args.observer is not None,
         "--observers": args.observers,
     }

@@ -7,8 +7,7 @@ import contextlib
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -19,10 +18,9 @@ from gcs.cli.terminal import REDRAW, control
 from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
-    from gcs.flight.fetching.fetch import Fetched, Fetching, Progress
-    from gcs.flight.fetching.pick import Choice
+    from gcs.flight.fetching.fetch import Fetched, Progress
+    from gcs.flight.fetching.of_flight import Wanted
     from gcs.flight.fetching.ways import VehicleLog
-    from gcs.flight.fetching.windows import Windows
     from gcs.flight.folder import FlightFolder
     from gcs.logs.formats.joined import Joined
 
@@ -85,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from gcs.flight.fetching.fetch import Fetching, require_disarmed
+    from gcs.flight.fetching.of_flight import Asked, bring, choose, note, size_words
     from gcs.flight.fetching.ways import list_logs
     from gcs.flight.session import Session
 
@@ -98,12 +97,13 @@ def _run(args: argparse.Namespace) -> int:
             _print_logs(logs, args.json)
             return 0
         fetching = Fetching(session=session, by=args.by, on_progress=lines)
-        wanted = _choose(args, fetching, logs, flight, lines.say)
+        asked = Asked(output=args.output, flight=flight, log=args.log, run=args.number, whole=args.whole)
+        wanted = choose(asked, fetching, logs, lines.say)
         came: list[tuple[Wanted, Fetched]] = []
         for one in wanted:
-            lines.say(f"log {one.choice.log.number} ({one.choice.words}): {_bytes(one.choice.log.size)}")
+            lines.say(f"log {one.choice.log.number} ({one.choice.words}): {size_words(one.choice.log.size)}")
             try:
-                done = _fetched(args, fetching, one, flight, lines.say)
+                done = bring(asked, fetching, one, lines.say)
             except KeyboardInterrupt:
                 lines.say(
                     "ended; the vehicle sends no more. What came is kept as .part: the same command goes on with it"
@@ -132,15 +132,6 @@ def _told(args: argparse.Namespace, flight: FlightFolder | None, wanted: Wanted,
             print(_indented(f"not read with the streamed log: {apart}"))
     together = {"joined": None if joined is None else joined.to_json(), "apart": apart}
     return {**done.to_json(), "chosen": wanted.choice.words, **together}
-
-
-@dataclass(frozen=True, slots=True)
-class Wanted:
-    """A log of the vehicle."""
-
-    choice: Choice
-    of: tuple[int, ...] | None = None
-    """The runs that it may hold, by their places in flight.json, from 1; None where it was named itself."""
 
 
 def _indented(text: str) -> str:
@@ -190,112 +181,9 @@ def _flight(args: argparse.Namespace) -> FlightFolder | None:
     return folder if flown else None
 
 
-def _choose(
-    args: argparse.Namespace,
-    fetching: Fetching,
-    logs: Sequence[VehicleLog],
-    flight: FlightFolder | None,
-    say: Callable[[str], None],
-) -> list[Wanted]:
-    """One log, or for a flight that was resumed those of each part of it. Raises TippathError where there is none."""
-    from gcs.flight.fetching import pick
-
-    if args.log is not None:
-        return [Wanted(pick.numbered(logs, args.log))]
-    if flight is None:
-        return [Wanted(pick.newest(logs))]
-    runs = flight.runs()
-    groups = pick.boots(runs) or [[]]
-    if args.number is not None:
-        groups = [group for group in groups if args.number in group]
-    found: dict[int, Wanted] = {}
-    failed: list[TippathError] = []
-    for group in groups:
-        of = [runs[place - 1] for place in group if args.number in (None, place)]
-        file = next((str(run["file"]) for run in of if isinstance(run.get("file"), str)), flight.log.name)
-        booted_s = _booted_s(flight) if len(group) == len(runs) else pick.booted(of)
-        try:
-            choice = pick.of_flight(logs, of, flight.path / Path(file).name, fetching.reading, booted_s=booted_s)
-        except TippathError as error:
-            failed.append(error)
-            continue
-        before = found.get(choice.log.number)
-        found[choice.log.number] = Wanted(choice, (*((before and before.of) or ()), *group))
-    if not found:
-        raise failed[0]
-    for problem in failed:
-        say(str(problem))
-    return list(found.values())
-
-
-def _booted_s(flight: FlightFolder) -> float | None:
-    """When the vehicle's clock began, seconds since 1970; None where flight.json does not tell."""
-    boot = flight.read().get("boot")
-    with contextlib.suppress(TypeError, ValueError):
-        return datetime.fromisoformat(boot["booted"]).timestamp() if isinstance(boot, dict) else None
-    return None
-
-
-def _fetched(
-    args: argparse.Namespace,
-    fetching: Fetching,
-    asked: Wanted,
-    flight: FlightFolder | None,
-    say: Callable[[str], None],
-) -> Fetched:
-    from gcs.flight.fetching.fetch import fetch
-    from gcs.flight.fetching.windows import fetch_runs
-
-    log = asked.choice.log
-    stem = f"{log.number:08}" if flight is None else f"fetched-{log.number:08}"
-    whole = flight is None or args.whole or (args.log is not None and args.number is None)
-    alone = None if whole or flight is None else _alone(args, fetching, asked, flight)
-    if alone is None:
-        if fetching.rate is not None:
-            say(f"about {_time(log.size / fetching.rate)} at {_bytes(round(fetching.rate))}/s")
-        return fetch(fetching, log, args.output, stem)
-    numbers, wanted, rate = alone
-    what = f"run {numbers[0]}" if len(numbers) == 1 else f"its {len(numbers)} runs"
-    say(
-        f"this link carries {_bytes(round(rate))}/s: {what} alone, {_bytes(wanted.size)}, in about "
-        f"{_time(wanted.size / rate)}"
-    )
-    say(f"(the whole log would take {_time(log.size / rate)}: --whole)")
-    name = f"run-{args.number}-only" if args.number is not None else "runs-only"
-    return fetch_runs(fetching, log, wanted, args.output, f"{stem}.{name}", numbers)
-
-
-def _alone(
-    args: argparse.Namespace, fetching: Fetching, asked: Wanted, flight: FlightFolder
-) -> tuple[list[int], Windows, float] | None:
-    """The runs to fetch alone, the pieces of the log, and the link's rate; None where the whole log is no matter, or
-    its times are not known."""
-    from gcs.flight.fetching.pick import run_times
-    from gcs.flight.fetching.windows import SLOW_FROM_S, windows
-
-    log, asked_for = asked.choice.log, asked.of if args.number is None else (args.number,)
-    known = {
-        number: times
-        for number, times in enumerate(run_times(flight.runs()), 1)
-        if times is not None and (asked_for is None or number in asked_for)
-    }
-    if not known or fetching.rate is None or log.size / fetching.rate < SLOW_FROM_S:
-        return None
-    wanted = windows(fetching, log, list(known.values()))
-    return None if wanted is None else (list(known), wanted, fetching.rate)
-
-
-def note(flight: FlightFolder, done: Fetched, of: Sequence[int] | None = None) -> None:
-    """Name the file in flight.json, and the runs that it may hold, where that is known."""
-    about = flight.read()
-    before = about.get("fetched")
-    kept = [one for one in before if isinstance(one, dict)] if isinstance(before, list) else []
-    entry = {**done.to_json(), "file": done.path.name, "fetched": datetime.now(UTC).isoformat(timespec="seconds")}
-    entry |= {} if of is None else {"of": list(of)}
-    flight.write({**about, "fetched": [*(one for one in kept if one.get("file") != done.path.name), entry]})
-
-
 def _print_logs(logs: Sequence[VehicleLog], as_json: bool) -> None:
+    from gcs.flight.fetching.of_flight import size_words
+
     if as_json:
         entries = [
             {"log": log.number, "on_vehicle": log.path, "bytes": log.size, "written": _written(log)} for log in logs
@@ -303,9 +191,8 @@ def _print_logs(logs: Sequence[VehicleLog], as_json: bool) -> None:
         print_json({"format": FORMAT, "logs": entries})
         return
     for log in logs:
-        print(
-            f"{log.number:>6}  {_bytes(log.size):>10}  {_written(log) or 'time not known'}  {log.path or ''}".rstrip()
-        )
+        size, written = size_words(log.size), _written(log) or "time not known"
+        print(f"{log.number:>6}  {size:>10}  {written}  {log.path or ''}".rstrip())
     if not logs:
         print("the vehicle has no logs")
 
@@ -319,11 +206,13 @@ def _written(log: VehicleLog) -> str | None:
 
 
 def _print_result(done: Fetched) -> None:
+    from gcs.flight.fetching.of_flight import size_words
+
     if done.already:
         print(f" {done.path} is there already, and is the vehicle's")
     else:
-        from_before = f", {_bytes(done.resumed_from)} of them from before" if done.resumed_from else ""
-        how = f"{_bytes(done.size)}{from_before}, in {done.seconds:.1f} s"
+        from_before = f", {size_words(done.resumed_from)} of them from before" if done.resumed_from else ""
+        how = f"{size_words(done.size)}{from_before}, in {done.seconds:.1f} s"
         print(f" fetched {done.path}  {how}")
     if done.runs:
         print(f"   {_runs(done.runs)} alone; --whole fetches the rest, too")
@@ -340,10 +229,6 @@ def _runs(numbers: Sequence[int]) -> str:
     return f"run {listed}" if len(numbers) == 1 else f"runs {listed}"
 
 
-def _bytes(size: int) -> str:
-    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.1f} kB"
-
-
 class ProgressLines:
     """How far it is, in lines on standard error; on a terminal drawn over each other."""
 
@@ -355,12 +240,13 @@ class ProgressLines:
         self._told: tuple[int, str] | None = None
 
     def __call__(self, progress: Progress) -> None:
+        from gcs.flight.fetching.of_flight import size_words
         from gcs.flight.fetching.ways import NAMES
 
         now = time.monotonic()
         if progress.rate and self._told != (progress.log.number, progress.way) and progress.lost_s is None:
             self._told = (progress.log.number, progress.way)
-            self.say(f"by {NAMES[progress.way]}: {_bytes(round(progress.rate))}/s, about {_duration(progress)}")
+            self.say(f"by {NAMES[progress.way]}: {size_words(round(progress.rate))}/s, about {_duration(progress)}")
         if now < self._next:
             return
         self._next = now + (REDRAW_S if self._terminal else EVERY_S)
@@ -370,7 +256,8 @@ class ProgressLines:
             return
         else:
             share = 100 * progress.at // max(1, progress.size)
-            text = f" {_bytes(progress.at)}  {share} %  {_bytes(round(progress.rate))}/s  {_duration(progress)} left"
+            at, rate = size_words(progress.at), size_words(round(progress.rate))
+            text = f" {at}  {share} %  {rate}/s  {_duration(progress)} left"
         if self._terminal:
             control(self._stream, REDRAW)
         self._stream.write(text if self._terminal else f"{text}\n")
@@ -390,8 +277,6 @@ class ProgressLines:
 
 
 def _duration(progress: Progress) -> str:
-    return "an unknown time" if progress.left_s is None else _time(progress.left_s)
+    from gcs.flight.fetching.of_flight import time_words
 
-
-def _time(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"
+    return "an unknown time" if progress.left_s is None else time_words(progress.left_s)

@@ -141,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
     part, effects = parse_axes(base, args.axes, words, held)
     records, validation = runs_to_fit(args, profile, window, (asked or USUAL).hz[1])
     records, validation = of_axes(records, part), of_axes(validation, part)
-    print_notes(note_lines([*records, *validation]))
+    print_notes([*note_lines([*records, *validation]), *_not_alike([*records, *validation])])
     band = asked or chosen_band(records)
     fitted = prepared(records, band.hz)
     if args.axes is None and (axis := lone_axis(base, fitted)) is not None:
@@ -173,6 +173,20 @@ def run(args: argparse.Namespace) -> int:
         if vehicle is not None:
             print("\n" + implied_text(judged.implied))
     return 0
+
+
+def _not_alike(records: Sequence[Record]) -> list[str]:
+    """What differs among the runs, and which to leave out: before the fit takes its time."""
+    from gcs.analysis.alike import alike
+    from gcs.analysis.text.findings import listed_runs
+
+    found = alike(records)
+    most = (
+        []
+        if not found.odd or len(found.groups[0]) < 2
+        else [f"alike are {listed_runs(found.groups[0])}: fit these alone"]
+    )
+    return [f"note: {words}" for words in (*found.told, *most)]
 
 
 def runs_to_fit(

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import contextlib
 import gc
-import os
 import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.cli.push import add_vehicle_option, add_voice_options
-from gcs.errors import TippathError, UsageError, to_install
+from gcs.cli.served import add_serve_options, in_browser, require_serve_words, serve
+from gcs.errors import TippathError, UsageError
 
 if TYPE_CHECKING:
     from gcs.tui.connections import Connection
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 PLANTS = ("hover", "hover-ideal", "forward")
 THEMES = ("dark", "light", "sun", "contrast")
-SERVED = "127.0.0.1"
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -103,31 +102,23 @@ def _add_screen(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-bell", action="store_true", help="do not ring")
     parser.add_argument(
-        "--serve",
+        "--say",
+        metavar="COMMAND",
         nargs="?",
-        type=_port,
-        const=8000,
-        metavar="PORT",
-        help="the same app in a browser on this computer, http://127.0.0.1:PORT (default 8000); needs the extra web",
+        const="",
+        help="speak start, half, three, two, one, end, limit, abort and verdicts, by the system's voice, or by a "
+        "command such as 'espeak-ng -s 180 {}'",
     )
-
-
-def _port(word: str) -> int:
-    """A port of this computer; a host is refused, because whoever reaches the page can fly."""
-    if not word.isdigit() or not 1 <= int(word) <= 65535:
-        raise argparse.ArgumentTypeError(
-            f"{word}: a port from 1 to 65535 is wanted; it is served on {SERVED} only, because whoever reaches it "
-            "can fly"
-        )
-    return int(word)
+    add_serve_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where the app itself failed. Raises TippathError where the app cannot begin."""
     _require_words(args)
+    require_serve_words(args)
     if args.serve is not None:
-        return _serve(args)
-    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _served():
+        return serve(args, add_parser(argparse.ArgumentParser().add_subparsers()))
+    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not in_browser():
         raise TippathError("the app needs a terminal; `tippath sweep` and `tippath demo` do without")
     try:
         args.output.mkdir(parents=True, exist_ok=True)
@@ -137,6 +128,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.tui.app import TippathApp  # as in every command: --help answers at once without textual
     from gcs.tui.connections import NOWHERE
     from gcs.tui.reconnect import Reconnecting
+    from gcs.tui.speaking import Speaker, voice
 
     connection = _connection(args)
     first = "runs" if args.flight is not None else "connect" if connection is NOWHERE else "fly"
@@ -151,11 +143,15 @@ def run(args: argparse.Namespace) -> int:
             key=args.key,
             system=args.system,
         )
+        speaker = None if args.say is None else Speaker(voice(args.say))
+        if speaker is not None:
+            ends.callback(speaker.close)
         ends.callback(_close, worker)
         app = TippathApp(
             worker,
             args.plot,
             bell=not args.no_bell,
+            say=None if speaker is None else speaker.say,
             theme=args.theme,
             connections=worker,
             first=first,
@@ -164,8 +160,10 @@ def run(args: argparse.Namespace) -> int:
         gc.collect()
         gc.freeze()  # a full collection over all that was imported stops the keys for a tenth of a second
         app.run()
+    for text in worker.waiting_notes:
+        print(f"a note that no flight has taken: {text}", file=sys.stderr)
     commands = worker.state().commands
-    if commands and not _served():
+    if commands and not in_browser():
         with contextlib.suppress(OSError):
             print("\n".join(["what was done, as a shell does it:", *commands]))
     return app.return_code or 0
@@ -181,6 +179,7 @@ def _require_words(args: argparse.Namespace) -> None:
     from gcs.cards.maneuver import load_card
     from gcs.link.key_file import read_key
     from gcs.link.transport import parse_link
+    from gcs.tui.speaking import voice
     from gcs.vehicle.profile import load_profile
 
     if args.connect is not None:
@@ -193,6 +192,8 @@ def _require_words(args: argparse.Namespace) -> None:
         load_card(args.card)
     if args.vehicle_profile is not None:
         load_profile(args.vehicle_profile)
+    if args.say is not None:
+        voice(args.say)
     if args.flight is not None and not Path(args.flight).expanduser().exists():
         raise TippathError(f"{args.flight}: no such folder or log")
 
@@ -223,49 +224,3 @@ def _close(worker: Reconnecting) -> None:
         worker.close()
     except KeyboardInterrupt:
         worker.close()
-
-
-# ------------------------------------------------------------------------------------------------ in a browser
-
-
-def _served() -> bool:
-    """Whether textual-serve started this process: its terminal is a browser."""
-    return os.environ.get("TEXTUAL_DRIVER", "").endswith("WebDriver")
-
-
-def _serve(args: argparse.Namespace) -> int:
-    """Serve the app on loopback until interrupted; every page is an app of its own, so one link has one page."""
-    try:
-        from textual_serve.server import Server
-    except ImportError as error:
-        told = f"--serve needs textual-serve, which is not installed: {to_install('textual-serve')}"
-        raise TippathError(told) from error
-    words = [sys.executable, "-m", "gcs.cli", "fly", *_again(args)]
-    print(f"serving on http://{SERVED}:{args.serve}; Ctrl-C ends it", file=sys.stderr)
-    Server(shlex.join(words), host=SERVED, port=args.serve, title="tippath").serve()
-    return 0
-
-
-def _again(args: argparse.Namespace) -> list[str]:
-    """The options, less --serve."""
-    words = [] if args.flight is None else [args.flight]
-    for name, value in (
-        ("--connect", args.connect),
-        ("--sim", args.sim),
-        ("-o", args.output),
-        ("--card", args.card),
-        ("--vehicle-profile", args.vehicle_profile),
-        ("--key", args.key),
-        ("--system", args.system),
-        ("--seed", args.seed),
-        ("--plot", args.plot),
-        ("--theme", args.theme),
-    ):
-        words += [] if value is None else [name, str(value)]
-    words += ["--log", "card"] if args.log == "card" else []
-    words += ["--leave-out"] if args.leave_out else []
-    if args.probe is not None:
-        words.append("--probe" if args.probe else "--no-probe")
-    for name, on in (("--primary", args.primary), ("--on-ground", args.on_ground)):
-        words += [name] if on else []
-    return [*words, "--no-bell"]

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gcs.cli.options import print_json
-
-if TYPE_CHECKING:
-    from gcs.demo.seal import Answer, Judgement
 
 
 def add_parser(subparsers: Any) -> None:
@@ -32,6 +29,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from gcs.demo.revealed import revealed_words
     from gcs.demo.seal import judge_folder, open_answer
 
     answer = open_answer(args.directory)
@@ -46,37 +44,5 @@ def run(args: argparse.Namespace) -> int:
             }
         )
     else:
-        print("\n".join(words(answer, judgements)))
+        print("\n".join(revealed_words(answer, judgements)))
     return 0
-
-
-def words(answer: Answer, judgements: list[Judgement]) -> list[str]:
-    """What a person reads."""
-    truth = answer.document
-    lines = [f"hidden: {truth['hidden']}: {truth['sentence']}" if truth["level"] != "none" else truth["sentence"]]
-    if truth["level"] == "below":
-        lines.append(f"  in the catalogue's words: {truth['answer']}")
-    if truth["level"] == "beyond":
-        lines.append("  the catalogue has no entry for it: `unexplained` is the right verdict")
-    shown = truth["expect"] if truth["answer"] is not None else truth["sizes"]
-    if shown:
-        lines.append("  " + ", ".join(f"{name} = {value:.4g}" for name, value in shown.items()))
-    lines.append(f"  plant {truth['plant']}, seed {truth['seed']}, condition {truth['condition']}")
-    lines.append(f"  SHA-256 {answer.sha256}")
-    for one in judgements:
-        lines.append(f"{one.path.name} said {_said(one)}")
-        lines += [f"  {name} {said:.4g}, truth {true:.4g}{_off(said, true)}" for name, said, true in one.parameters]
-    if not judgements:
-        lines.append("no diagnosis lies here; name one to see it judged")
-    return lines
-
-
-def _said(one: Judgement) -> str:
-    from gcs.demo.seal import OUTCOMES
-
-    effect = f" {one.effect}" if one.effect is not None else ""
-    return f"{one.verdict}{effect}: {OUTCOMES[one.outcome]}"
-
-
-def _off(said: float, true: float) -> str:
-    return f" ({100 * (said / true - 1):+.1f} %)" if true else ""

@@ -194,8 +194,7 @@ def run(args: argparse.Namespace) -> int:
             return EXIT_DONE
         lines = ProgressLines(card.limits)
         simulated = not args.hardware and is_loopback(args.connect) and profile.offers_our_law
-        if not simulated:
-            require_terminal(args.yes)
+        told = told_before(card, simulated=simulated, yes=args.yes)
 
         def confirm(briefing: Briefing) -> bool:
             lines.briefing(briefing)
@@ -212,7 +211,7 @@ def run(args: argparse.Namespace) -> int:
             on_progress=lines,
             aborted=wishes,
             interruptions=lambda: wishes.pressed,
-            about={"link": args.connect},
+            about={"link": args.connect, **told},
             probe=stream and (not simulated if args.probe is None else args.probe),
             log=log,
             left_out=ready.left_out,
@@ -431,6 +430,15 @@ def typed_leaving_out(left_out: Sequence[str]) -> bool:
         print(f"   {printable(words)}", file=sys.stderr)
     print(f" Type {LEAVE_OUT} to go on with the rest, anything else to stop: ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip() == LEAVE_OUT
+
+
+def told_before(card: TestCard, *, simulated: bool, yes: bool) -> dict[str, Any]:
+    """The card's checklist for flight.json, asked where somebody sits; on hardware somebody must. Raises as both."""
+    from gcs.cli.checklist import typed_checklist
+
+    if not simulated:
+        require_terminal(yes)
+    return typed_checklist(card)
 
 
 def require_terminal(yes: bool) -> None:

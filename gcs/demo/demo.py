@@ -371,8 +371,9 @@ def revert_gains(session: Session, pushed: Sequence[PushResult], say: Say) -> Re
 
 def save_results(demonstration: Demonstration, records: Sequence[Record]) -> None:
     """tpp.json, cd.json, gains.json, tables.txt and report.html beside the log."""
+    from gcs.analysis.pages.flown import columns_for, run_figure
     from gcs.analysis.pages.page import page
-    from gcs.analysis.pages.report import run_picture
+    from gcs.analysis.pages.parts import Document, Listing, Picture, Section
 
     found, folder = demonstration.identification, demonstration.folder.path
     for name, document in (
@@ -384,9 +385,14 @@ def save_results(demonstration: Demonstration, records: Sequence[Record]) -> Non
     tables = demonstration.tables()
     (folder / "tables.txt").write_text(tables + "\n", "utf-8")
     models = [("TPP", found.tpp.model), ("CD", found.cd.model)]
-    pictures = [run_picture(record, models, found.tpp.band_hz) for record in records]
-    sections = [("Tables", tables, []), ("Measured against modelled", "", pictures)]
-    (folder / "report.html").write_text(page(f"tippath demo, plant {demonstration.plant}", sections), "utf-8")
+    columns = columns_for(len(records))
+    pictures = [
+        Picture(run_figure(record, models, found.tpp.band_hz, columns), f"{record.id}: measured and modelled.")
+        for record in records
+    ]
+    sections = (Section("Tables", (Listing(tables),)), Section("Measured against modelled", tuple(pictures)))
+    shown = Document(f"tippath demo, plant {demonstration.plant}", "", sections)
+    (folder / "report.html").write_text(page(shown), "utf-8")
 
 
 def _wait(session: Session, reached: Callable[[], bool], within_s: float, otherwise: str) -> None:

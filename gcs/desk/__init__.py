@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gcs.desk.desk import Desk
+from gcs.desk.gains_work import GainsDesk as Desk
 from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
 from gcs.desk.working import Cancelled
 

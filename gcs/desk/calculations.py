@@ -13,36 +13,33 @@ from typing import Any, Protocol
 from gcs.analysis.addition import Addition, add_effect
 from gcs.analysis.answer import Answer, answer_of
 from gcs.analysis.band import chosen_band
-from gcs.analysis.clearance import clearance
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
 from gcs.analysis.fits import PAIR, assess, identify_flight, on_airframe, on_cd, side_by_side
-from gcs.analysis.identified import identified
-from gcs.analysis.standing import beside, digest, standing_of
+from gcs.analysis.quantities import quantity
 from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
 from gcs.analysis.text.documents import comparison_document, diagnosis_document
 from gcs.analysis.text.fit import judgement_document
-from gcs.analysis.text.gains import gains_text
 from gcs.analysis.vehicles import doubted
-from gcs.desk import choices, ladder, reopened, saved, shell
-from gcs.desk.state import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
+from gcs.desk import choices, ladder, reopened, saved, shell, windows
+from gcs.desk.state import Base, Choice, DeskState, Fitted, Rung, RunRow, TimedNote
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder, flight_of
-from gcs.flight.gains import gains_of
 from gcs.logs import Ingest, Run, check_same_rate_source, ingest
 from gcs.logs.words import printable
 from sysid.compare.compare import compare
 from sysid.compare.values import Comparison
-from sysid.control.loop import following
-from sysid.control.regulator import design, designs_on
+from sysid.control.regulator import designs_on
 from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
 from sysid.diagnose.progress import Listener
 from sysid.errors import SysidError
+from sysid.fit.identify import identify
 from sysid.fit.result import Fit, RecordUsed
+from sysid.model.base import bases
 from sysid.model.compose import compose
 from sysid.model.effect import Effect, EffectError
 from sysid.model.paper import TPP
@@ -113,11 +110,12 @@ class Calculations:
         )
         folder = flight_of(path)
         self._step("looking for fits")
-        records = [record for run in read.runs if (record := choices.record_of(run)) is not None]
+        runs = tuple(windows.as_kept(read.runs, folder.path))
+        records = [record for run in runs if (record := choices.record_of(run)) is not None]
         kept = saved.look(folder.path, records)
-        rows, base = choices.rows_of(read.runs, folder), choices.default_base(read.runs)
+        rows, base = choices.rows_of(runs, folder), choices.default_base(runs)
         if kept.ladder:
-            rows = choices.as_fitted(rows, read.runs, kept.ladder[0].fit)
+            rows = choices.as_fitted(rows, runs, kept.ladder[0].fit)
             base = choices.base_of(kept.ladder[0].fit)
         fitted = _fitted_before(kept, records)
         unread = [*read.refused.values(), *read.left_out.values(), *_unread(read)]
@@ -136,7 +134,7 @@ class Calculations:
             ladder=ladder.named(rungs),
         )
         places = {one.fit: one.path for one in (*kept.ladder, kept.tpp, kept.cd) if one is not None}
-        return Opened(read.runs, folder, places, state)
+        return Opened(runs, folder, places, state)
 
     def fit(self, records: Sequence[Record], validation: Sequence[Record], base: Base) -> FittedFlight:
         """TPP, CD and the CD that the TPP reduces to."""
@@ -185,35 +183,6 @@ class Calculations:
         """Whether gains are designed on a fit of this structure."""
         return designs_on(fit.model.structure)
 
-    def design(self, fit: Fit, input_cost: float, asked: FitDiagnosis | None, folder: Path) -> Designed:
-        """Gains, what they are worth, and the answer they promise; kept nowhere yet.
-
-        What the fit lacks is known by this session's diagnosis, else by one that a folder holds.
-        """
-        self._step("")
-        gains = design(fit.model, input_cost)
-        self._step("judging them", 0.1)
-        files = shell.user_files(fit)
-        if asked is not None and digest(asked.fit) == digest(fit):
-            standing = standing_of(diagnosis_document(asked, folder=folder), folder, files)
-        else:
-            standing = beside(folder, fit, files)
-        cleared = clearance(gains, fit, standing)
-        self._step("the predicted answer", 0.5)
-        answer = following(gains, fit.model)
-        self._step("")
-        return Designed(
-            text=gains_text(gains),
-            path=None,
-            crc=gains_of(gains.to_json()).crc,
-            command="",
-            rung=ladder.full_name(fit),
-            gains=gains,
-            clearance=cleared,
-            identified=identified(fit),
-            following=answer,
-        )
-
     def used(self, rows: Sequence[RunRow], runs: Sequence[Run], choice: Choice) -> list[Record]:
         """Of the runs that are used so, in their order. Raises TippathError where their rates differ in kind."""
         records = [
@@ -223,6 +192,17 @@ class Calculations:
         ]
         check_same_rate_source(records)
         return records
+
+    def alone(self, record: Record, axis: str) -> tuple[str, ...]:
+        """What a fit of one axis to one run says. Raises TippathError for an axis that is fitted with others only."""
+        if axis not in bases() or bases()[axis].axes != (axis,):
+            raise TippathError(f"{axis} is not fitted alone: roll, pitch and yaw are")
+        fitted = prepared([record], chosen_band([record]).hz)
+        fit = identify(compose(axis), fitted, (), fitted.band_hz)
+        percent = ", ".join(f"{name} {value:.0f} %" for name, value in fit.nrmse_percent.items() if value is not None)
+        sizes = zip(fit.model.structure.parameters, fit.model.values, fit.standard_errors, strict=True)
+        values = ", ".join(quantity(one, float(value), float(error)) for one, value, error in sizes)
+        return f"{axis} alone, of first order: NRMSE {percent}; {values}", *fit.warnings
 
     def flown_by(self, fit: Fit, runs: Sequence[Run]) -> Flown:
         """The runs that a fit was made from, those that judged it, and quiet hover, as its command would read them."""

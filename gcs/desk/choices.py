@@ -20,6 +20,7 @@ from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
 from gcs.logs import Run
 from gcs.logs.runs.health import BESIDE
+from gcs.logs.runs.run import split_mark
 from gcs.logs.runs.verdicts import SAME_S, named_all_the_same
 from gcs.logs.words import printable
 from sysid.data.record import Record
@@ -52,6 +53,8 @@ def rows_of(runs: Sequence[Run], folder: FlightFolder) -> tuple[RunRow, ...]:
             verdict=_verdict(run, flown),
             choice=choice,
             default=choice,
+            start_s=run.start_s,
+            record=run.record,
         )
         for run, choice in zip(runs, choices, strict=True)
     )
@@ -59,8 +62,10 @@ def rows_of(runs: Sequence[Run], folder: FlightFolder) -> tuple[RunRow, ...]:
 
 def word_of(run: Run) -> str:
     """As a command names it."""
-    number = run.id.rpartition("#")[2]
-    return f"{run.path}#{number}" if "#" in run.id and number.isdigit() else run.path
+    plain, window = split_mark(run.id)
+    number = plain.rpartition("#")[2]
+    mark = "" if window is None else window.mark
+    return (f"{run.path}#{number}" if "#" in plain and number.isdigit() else run.path) + mark
 
 
 def record_of(run: Run) -> Record | None:

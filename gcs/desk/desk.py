@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sysid.data.record import Record
     from sysid.fit.result import Fit
 
-INPUT_COST = 5.0
-"""The paper's, and that of `tippath design`."""
 ENDINGS = {"a comparison": "compare", "a diagnosis": "diagnosis"}
 """Of their files."""
 
@@ -249,36 +247,6 @@ class Desk(Working):
             )
 
     # ---------------------------------------------------------------------------------------------- what comes of it
-
-    def design(self, input_cost: float = INPUT_COST) -> None:
-        """LQR gains on the current rung (on the fitted TPP where the ladder is of CD), kept as GAINS.json."""
-        if not 0 < input_cost < float("inf"):
-            raise UsageError("the input cost wants a positive number; the paper's is 5")
-        with self._working("designing gains"):
-            fit = self._to_design_on()
-            read = self._calculations.as_read(fit, self._places.get(fit))
-            asked = next((rung.diagnosis for rung in self._state.ladder if rung.fit is fit), None)
-            made = self._calculations.design(read, input_cost, asked, self._keeping.folder().path)
-            made = replace(made, rung=self._calculations.full_name(fit))
-            self._set(designed=made, said="gains designed")
-
-            def command(path: Path) -> str:
-                cost = None if input_cost == INPUT_COST else float(input_cost)
-                words = shell.design(fit, self._place(fit), cost, path)
-                with self._lock:
-                    if self._state.designed is made:
-                        self._set(designed=replace(made, path=path, command=words))
-                return words
-
-            self._keeping.keep_file(
-                ToKeep(
-                    what="gains",
-                    name=lambda: "gains.json",
-                    text=lambda folder: document_text(made.document(folder)),
-                    command=command,
-                    did=f"designed gains on {made.rung}",
-                )
-            )
 
     def next_card(self) -> Path:
         """Write the maneuver that the diagnosis proposes as a test card; where it was written."""

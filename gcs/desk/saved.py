@@ -92,6 +92,21 @@ def look(folder: Path, records: Sequence[Record]) -> SavedResults:
     return SavedResults(tuple(ladder), tpp, cd, tuple(unread))
 
 
+def windowed(folder: Path) -> list[str]:
+    """Ids of the runs that the newest fit in a folder was made of, those with a window."""
+    found: list[tuple[int, list[str]]] = []
+    try:
+        for path in sorted(folder.glob("*.json"))[:MOST_FILES]:
+            document = _document(path)
+            if document is not None:
+                used = [*(document.get("records") or ()), *(document.get("validation_records") or ())]
+                ids = [one.get("id") for one in used if isinstance(one, dict)]
+                found.append((path.stat().st_mtime_ns, [id for id in ids if isinstance(id, str) and "@" in id]))
+    except (OSError, TypeError):
+        return []
+    return max(found)[1] if found else []
+
+
 def _document(path: Path) -> Any:
     """What a file holds that says it is a fit; None of any other."""
     try:

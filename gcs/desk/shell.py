@@ -59,9 +59,8 @@ def add(fit: Fit, fit_path: Path, effect: str, path: Path) -> str:
     return words(["tippath", "add", fit_path, effect, *named(fit), "-o", path])
 
 
-def design(fit: Fit, fit_path: Path, input_cost: float | None, path: Path) -> str:
-    cost = [] if input_cost is None else ["--input-cost", repr(input_cost)]
-    return words(["tippath", "design", fit_path, *cost, *named(fit), "-o", path])
+def design(fit: Fit, fit_path: Path, options: Sequence[object], path: Path) -> str:
+    return words(["tippath", "design", fit_path, *options, *named(fit), "-o", path])
 
 
 def report(fits: Sequence[Fit], fit_paths: Sequence[Path], gains: Path | None, path: Path) -> str:

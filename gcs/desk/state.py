@@ -7,7 +7,7 @@ asked on each, the gains with the response they promise, the report; and the she
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,10 +22,15 @@ if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
     from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
     from gcs.analysis.fits import Identification
+    from gcs.analysis.proof import FlownProof
+    from gcs.analysis.shadow import ShadowFlight
+    from gcs.analysis.standing import Standing
     from gcs.flight.identified import Identified
     from sysid.compare.values import Comparison
+    from sysid.control.judgement import Judgement
     from sysid.control.loop import Following
     from sysid.control.regulator import Gains
+    from sysid.data.record import Record
     from sysid.fit.result import Fit
 
 Nrmse = Mapping[str, float]
@@ -69,6 +74,12 @@ class RunRow:
     choice: Choice
     default: Choice
     """What the desk chose by itself."""
+    start_s: float = 0.0
+    """Of the maneuver as it was flown, in the log's own time: what windows count from."""
+    record: Record | None = field(default=None, compare=False, repr=False)
+    """To be drawn; None where there are no samples."""
+    alone: tuple[str, ...] = ()
+    """What a fit of this run's axis to this run says; empty where nobody asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +172,59 @@ class Rung:
         return None if self.addition is None else self.addition.placebo_rung
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weights:
+    """What gains are designed with, as sliders have it; the paper's unless they are moved."""
+
+    input_cost: float = 5.0
+    flapping_cost: float = 0.001
+    observer: float = 1.0
+    """Speed of its poles over the paper's; 0 is the Kalman filter for the noise of the fit's runs."""
+    dynamic: bool = False
+    """Whether the prefilter leaves the other axis alone on the way, too."""
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class OnFit:
+    """Gains on the fit under the ladder's cursor: margins and answer at once, without its bounds."""
+
+    gains: Gains
+    judgement: Judgement
+    """On the fit and on what completes it."""
+    following: Following | None
+    """None where the gains do not hold it."""
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class Trial:
+    """What the sliders would make; kept nowhere."""
+
+    fit: Fit
+    weights: Weights
+    standing: Standing
+    """What was known of the fit's lacks."""
+    found: OnFit | None
+    """None where there are no such gains:"""
+    problem: str = ""
+    """why."""
+    clearance: Clearance | None = None
+    """Over the fit's bounds, too: once the sliders rest."""
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class Present:
+    """Gains that the vehicle holds, or that were flown."""
+
+    path: Path
+    crc: int
+    document: Mapping[str, Any]
+    found: OnFit | None = None
+    """In the loop with the fit under the ladder's cursor, or with the model that they were designed on where nothing is
+    fitted yet; None where that cannot be had."""
+    fit: Fit | None = None
+    """That they were looked at on."""
+
+
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Designed:
     """Gains, and what they promise."""
@@ -181,6 +245,9 @@ class Designed:
     """What the fit's logs tell of the vehicle: compared at a push."""
     following: Following
     """The closed loop's predicted answer to the rate doublet of the card `lqr-doublet`, for each axis."""
+    weights: Weights = Weights()
+    shadow: ShadowFlight | None = None
+    """Over the chosen runs, without authority; None until asked."""
 
     def document(self, folder: Path) -> dict[str, Any]:
         """As it is kept in a folder."""
@@ -225,6 +292,13 @@ class DeskState:
     asked: Asked | None = None
     """Of a rung without an answer."""
     designed: Designed | None = None
+    weights: Weights = Weights()
+    """Where the sliders stand."""
+    trial: Trial | None = None
+    """Of where they stood last."""
+    present: Present | None = None
+    proof: FlownProof | None = None
+    """Of this flight, flown with gains: against what was predicted; None until asked."""
     card: Path | None = None
     """The last card written by `next_card`."""
     report: Path | None = None

@@ -26,9 +26,11 @@ from gcs.flight.rules import (
     joined,
     step,
 )
-from gcs.flight.run_state import Answer, Ending, Order, Phase, RunState, Seen
+from gcs.flight.run_state import Answer, Ending, Order, Phase, RunState, Seen, Still
 from gcs.flight.settings import SettingsInFlight, flown_otherwise
 from gcs.link.clock import UNKNOWN
+from gcs.link.encode import ParamWrite
+from gcs.link.events import ParameterType, bits_of_float
 from gcs.link.procedures import NoAnswerError, ProcedureError, RefusedError, SetMode
 from gcs.vehicle.autopilots import STABILIZE, SYSTEMID
 from gcs.vehicle.profile import Plan
@@ -68,6 +70,9 @@ class Excitation:
         self.frequency_hz: float | None = None
         self.elapsed_s = 0.0
         self.orders = 0
+        """Times a mode was asked for on the way back or to start."""
+        self.stills = 0
+        """Times the maneuver's size was set to 0 unheard: it may be in the vehicle."""
         self.snapshot = session.snapshot()
         self._session = session
         self.plan = plan
@@ -128,7 +133,9 @@ class Excitation:
         self.tick("the run is over", given_up=given_up)
         return self.state.phase is not Phase.ENDED
 
-    def tick(self, abort: str | None = None, *, look_at_log: bool = True, given_up: bool = False) -> bool:
+    def tick(
+        self, abort: str | None = None, *, look_at_log: bool = True, given_up: bool = False, blind: bool = False
+    ) -> bool:
         """Look, decide, and send what was decided. False once the vehicle has left the excitation mode."""
         snapshot = self.snapshot = self._session.snapshot()
         self._cursor, texts = self._session.texts_since(self._cursor)
@@ -159,6 +166,7 @@ class Excitation:
             other_settings=self.other_settings,
             abort=abort,
             given_up=given_up,
+            blind=blind,
         )
         self._answer, self._beats = None, snapshot.heartbeats
         if self.state.flying_since is not None and self.state.phase is Phase.FLYING:
@@ -170,8 +178,7 @@ class Excitation:
             self._shed = True
             self._session.shed_log()  # what is left of the link is for the way back
         if order is not None:
-            self.orders += 1
-            self._answer = self._ask(order)
+            self._send(order)
         return self.out_of_hand
 
     @property
@@ -196,6 +203,14 @@ class Excitation:
         if vehicle_s is not None and self._first_asked_s is not None:
             self.log_start_within_s = 0.5 * (now - self._first_asked_s)
             self.log_start_s = vehicle_s - self.log_start_within_s
+
+    def _send(self, order: Order | Still) -> None:
+        if isinstance(order, Order):
+            self.orders += 1
+            self._answer = self._ask(order)
+        elif self.plan.size is not None:
+            self.stills += 1
+            self._session.send(ParamWrite(self.plan.size, bits_of_float(0.0), ParameterType.REAL32))
 
     def _ask(self, order: Order) -> Answer:
         # One send each: repeating is the step's business, which looks at the mode in between.

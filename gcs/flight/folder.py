@@ -20,6 +20,7 @@ import contextlib
 import json
 import os
 import re
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -54,6 +55,8 @@ class NoFlightError(TippathError):
 
 USERS_KEYS = ("name", "notes")
 """Of flight.json, that nobody but the user writes."""
+_WRITING = threading.RLock()
+"""A note comes from another thread than the flight that is being written down."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +106,17 @@ class FlightFolder:
         return self.path / (f"{self.of}.audit.jsonl" if self.of else "audit.jsonl")
 
     def write(self, about: Mapping[str, Any]) -> None:
-        """Write flight.json, whole or not at all; name and notes stay. Raises TippathError where the disk does not
-        take it."""
-        users: dict[str, Any] = {}
-        with contextlib.suppress(TippathError):  # nothing there yet, or nothing to be kept of
-            users = {key: value for key, value in self.read().items() if key in USERS_KEYS}
-        text = json.dumps({"format": FORMAT, **users, **about}, indent=1, allow_nan=False, ensure_ascii=False)
+        """Write flight.json, whole or not at all; name and notes stay as the user wrote them last. Raises TippathError
+        where the disk does not take it."""
+        with _WRITING:
+            users: dict[str, Any] = {}
+            with contextlib.suppress(TippathError):  # nothing there yet, or nothing to be kept of
+                users = {key: value for key, value in self.read().items() if key in USERS_KEYS}
+            self._put({**about, **users})
+
+    def _put(self, about: Mapping[str, Any]) -> None:
+        document = {"format": FORMAT, **{key: value for key, value in about.items() if key != "format"}}
+        text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
         try:
             put_in_place(f"{text}\n".encode(), self.about, durable=True)
         except OSError as error:
@@ -116,15 +124,17 @@ class FlightFolder:
 
     def rename(self, name: str) -> None:
         """Give the flight a name. Raises TippathError where flight.json is damaged, or the disk does not take it."""
-        self.write({**self._known(), "name": name})
+        with _WRITING:
+            self._put({**self._known(), "name": name})
 
-    def note(self, time: datetime, text: str) -> None:
-        """Add a note. Raises as `rename`."""
-        about = self._known()
-        notes = about.get("notes")
-        self.write(
-            {**about, "notes": [*(notes if isinstance(notes, list) else ()), {"time": stamp(time), "text": text}]}
-        )
+    def note(self, time: datetime, text: str, more: Mapping[str, Any] | None = None) -> None:
+        """Add a note, with `more` about when it was written. Raises as `rename`; a flight that is being flown goes on
+        writing its own part meanwhile."""
+        with _WRITING:
+            about = self._known()
+            notes = about.get("notes")
+            added = {"time": stamp(time), "text": text, **(more or {})}
+            self._put({**about, "notes": [*(notes if isinstance(notes, list) else ()), added]})
 
     def _known(self) -> dict[str, Any]:
         """What flight.json says, nothing where there is none."""

@@ -1,13 +1,15 @@
 """The vehicle as it was found: out of the excitation mode, and with its own values in all that a maneuver wrote.
 
-Nothing is written while it may be excited, because the vehicle reads some parameters in every loop: only after the last
-run is cleared (see `gcs.flight.rules`). What could not be given back is said.
+Nothing is written while it may be excited, because the vehicle reads some parameters in every loop: only after the
+last run is cleared (see `gcs.flight.rules`; a size of 0 that somebody wanted sent unheard is the exception). What
+could not be given back is said.
 """
 
 from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -53,6 +55,8 @@ class Handback:
         flown, began, told, pressed, interrupted = self.flown, self.clock.now(), False, interruptions(), 0
         if flown is None:
             return True
+        if flown.stills and flown.plan.size is not None:
+            self.settings[flown.plan.size] = math.nan  # the 0 that was sent unheard may have come, or not
         while True:
             try:
                 if not flown.watch(given_up=interruptions() > pressed):

@@ -18,13 +18,16 @@ AGAIN = (Ending.ABORTED, Ending.LIMIT, Ending.STOPPED)
 
 
 class Choosing(Protocol):
-    """Whoever decides between two runs."""
+    """Whoever decides between two runs, and whether anything is sent to a vehicle that is not heard."""
 
     def chosen(self) -> int | None:
         """Number of the run that is wished for in place of the one that waits for its start; each wish is told once."""
 
     def again(self, result: RunResult) -> bool:
         """Whether the card goes on after a run that ended early: by default with that run."""
+
+    def blind(self) -> bool:
+        """Whether a run's size is to be set to 0 while the vehicle is not heard (`gcs.flight.rules`, 8)."""
 
 
 class InOrder:
@@ -35,6 +38,10 @@ class InOrder:
         return None
 
     def again(self, result: RunResult) -> bool:
+        """False."""
+        return False
+
+    def blind(self) -> bool:
         """False."""
         return False
 

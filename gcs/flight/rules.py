@@ -23,7 +23,11 @@ The rules that `step` keeps, whatever the link does (late by any time, deaf one 
    count against a vehicle that does not leave.
 7. A run ends where its log has stopped (or, where that stays on the vehicle's card, telemetry), the link is late for a
    second, the vehicle no longer answers, a limit is broken, or it flies other settings than planned.
-8. Every run ends with the mode that the vehicle showed after it, or with the words that it is not known.
+8. Where the vehicle is not heard, nothing is sent of itself: a mode that was asked for unheard could undo what the
+   pilot chose meanwhile. Only if somebody asks for it (`Seen.blind`), on the way back, the maneuver's size is set to
+   0, again and again until anything is heard: that ends what is ours, in whatever mode, and changes nobody's. It is
+   the one write that may reach an excited vehicle, and an order by rule 4.
+9. Every run ends with the mode that the vehicle showed after it, or with the words that it is not known.
 
 After an ordinary end the way back waits for a heartbeat later than the end: it costs a second, and does not talk over a
 pilot who used that second.
@@ -34,7 +38,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gcs.flight.preflight import LAG_LIMIT_S
-from gcs.flight.run_state import Ending, Order, Phase, RunState, Seen
+from gcs.flight.run_state import Ending, Order, Phase, RunState, Seen, Still
 from gcs.link.clock import LOST_AFTER_S, UNKNOWN
 from gcs.vehicle.autopilots import FINISHED, PARAMETER_ERROR, STARTING, STOPPED
 from gcs.vehicle.profile import Plan
@@ -43,6 +47,8 @@ from gcs.vehicle.snapshot import Beat
 TICK_S = 0.05
 ASK_EVERY_S = 0.3
 """Between two sends of the mode before the run."""
+STILL_EVERY_S = 1.0
+"""Between two sends of the size of 0 to a vehicle that is not heard."""
 START_EVERY_S = 0.5
 START_TRIES = 6
 EARLY_S = 0.5
@@ -68,7 +74,7 @@ LOOK_S = 4.0
 """How long a vehicle that left by somebody else's order, or while heartbeats contradicted each other, is looked at."""
 
 
-def step(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+def step(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Still | None]:
     """What follows from what was seen; the order, if any, is to be sent once."""
     state = _listen(state, seen, plan)
     match state.phase:
@@ -161,7 +167,7 @@ def _hear(state: RunState, beat: Beat, plan: Plan) -> RunState:
 # What is done.
 
 
-def _starting(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+def _starting(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Still | None]:
     if not state.asks:
         return _not_asked_yet(state, seen, plan)
     started = any(text.startswith(STARTING) for text in seen.texts)
@@ -217,7 +223,7 @@ def _started(state: RunState, seen: Seen) -> RunState:
     )
 
 
-def _flying(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+def _flying(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Still | None]:
     if state.others > 1:
         return _leave(_end(state, seen, *_taken(state)), seen)
     wanted = _wants_end(state, seen) or _said(state, seen, plan)
@@ -248,7 +254,7 @@ def _said(state: RunState, seen: Seen, plan: Plan) -> tuple[Ending, str] | None:
     return None
 
 
-def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Still | None]:
     if seen.answer is not None and seen.answer.accepted:
         state = replace(state, held=seen.heartbeats, accepted=state.accepted + 1)
     if seen.answer is not None and seen.answer.accepted is False:
@@ -258,6 +264,8 @@ def _returning(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order
     lost = _link_given_up(state, seen)
     if lost is not None:
         return lost, None
+    if seen.blind and seen.lost and state.asks and seen.now - state.stilled_at >= STILL_EVERY_S:
+        return replace(state, stilled_at=seen.now, proved_at=None), Still()
     if state.others > 1 and seen.heartbeats > state.fresh_after:
         return _leave(state, seen)
     since = max(state.returning_since, state.heard_since)
@@ -293,7 +301,7 @@ def _deaf(seen: Seen) -> bool:
     return seen.answer_age_s > LOST_AFTER_S
 
 
-def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | None]:
+def _watching(state: RunState, seen: Seen, plan: Plan) -> tuple[RunState, Order | Still | None]:
     """Out of the excitation mode: until nothing of ours can bring it back, and nobody contradicts."""
     if state.excited:
         again = replace(state, reason=joined(state.reason, "the excitation mode showed again and was ended"))

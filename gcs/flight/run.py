@@ -138,12 +138,14 @@ def fly_run(
     aborted: Callable[[], str | None],
     rate_hz: float | None,
     interruptions: Callable[[], int] = lambda: 0,
+    blind: Callable[[], bool] = lambda: False,
 ) -> RunResult:
     """Fly one run whose parameters are in the vehicle, from the mode that the pilot left it in.
 
-    `interruptions` counts how often somebody pressed Ctrl-C: once more while the link is lost, and it is not waited for
-    any longer. Afterwards `flown` is to be watched until it is cleared, before anything is written. Raises what
-    `on_progress` raises, after the excitation ended.
+    `interruptions` counts how often somebody pressed Ctrl-C: once more while the link is lost, and it is not waited
+    for any longer; `blind` says whether somebody wants its size set to 0 meanwhile. Afterwards `flown` is to be
+    watched until it is cleared, before anything is written. Raises what `on_progress` raises, after the excitation
+    ended.
     """
     started = datetime.now(UTC).isoformat(timespec="milliseconds")
     contradicted = False
@@ -151,7 +153,9 @@ def fly_run(
     file = None if log is None or (health is not None and health.on_card) else log.name
     with flown:
         pressed_before: int | None = None  # the link was lost
-        while flown.tick(aborted(), given_up=pressed_before is not None and interruptions() > pressed_before):
+        while flown.tick(
+            aborted(), given_up=pressed_before is not None and interruptions() > pressed_before, blind=blind()
+        ):
             if not flown.snapshot.lost:
                 pressed_before = None
             elif pressed_before is None:

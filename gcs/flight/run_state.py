@@ -89,6 +89,8 @@ class Seen:
     """Why somebody wants the end."""
     given_up: bool = False
     """Somebody no longer wants to wait for a lost link."""
+    blind: bool = False
+    """Somebody wants the maneuver's size set to 0 while the vehicle is not heard."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,11 @@ class Order:
     """A mode to ask for, once."""
 
     mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """The maneuver's size to 0, once, to a vehicle that is not heard: whatever mode it is in stays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,6 +165,8 @@ class RunState:
     """
     returned_at: float = UNKNOWN
     """When the way back was last asked for."""
+    stilled_at: float = UNKNOWN
+    """When the maneuver's size was last set to 0 unheard."""
     left_at: float = 0.0
     cleared: bool = False
     """The vehicle is known to be out of the excitation mode, and no start of ours is under way any more."""
@@ -166,5 +175,5 @@ class RunState:
 
     @property
     def ordered_at(self) -> float:
-        """When a mode was asked for last, either one."""
-        return max(self.asked_at, self.returned_at)
+        """When anything was last sent that moves the vehicle: a mode, either one, or the size of 0."""
+        return max(self.asked_at, self.returned_at, self.stilled_at)

@@ -341,6 +341,7 @@ class _Flight:
             aborted=aborted,
             rate_hz=self.handback.settings.get(LOOP_RATE),
             interruptions=interruptions,
+            blind=self.order.choosing.blind,
         )
         self.runs.append(result)
         self.write()

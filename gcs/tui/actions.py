@@ -49,13 +49,18 @@ PILOT = (
     Act("b,B", "app.pilot('lqr')", "bank switch", "the simulated pilot's switch: LQR, or autopilot"),
 )
 """The simulated pilot's."""
-HELP = Act("question_mark", "app.screen('help')", "help", "what the keys do", "?")
+HELP = Act("question_mark,f1", "app.screen('help')", "help", "what the keys do", "?")
+GUIDE = Act("g,G", "app.guide", "guide", "the guide: a line at a time says what you see; again, and it is gone")
+NOTE = Act("n,N", "app.note", "note", "write a note, with the time of flight")
+REVEAL = Act("z,Z", "app.reveal", "", "open the sealed answer of a hidden effect")
 QUIT = Act("q,Q", "app.leave", "quit", "quit", "q")
 ANYWHERE = (
     Act("f12", "app.abort", "abort", "abort: back to the mode before the run", "F12/space"),
     HELP,
-    Act("ctrl+p", "app.palette", "all keys", "every action of every screen", "^p"),
+    NOTE,
     QUIT,
+    Act("f2", "app.palette", "all keys", "every action of every screen", "F2"),
+    GUIDE,
 )
 """At the end of every screen's footer, as far as there is room."""
 SCROLL = (

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+from collections.abc import Callable
 from functools import partial
 from typing import Protocol
 
@@ -19,16 +20,18 @@ from gcs.desk.shell import word
 from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
-from gcs.tui import themes, words
-from gcs.tui.actions import PILOT
+from gcs.tui import themes
+from gcs.tui.actions import GUIDE, NOTE, PILOT, REVEAL, bindings
 from gcs.tui.ask_from import AskFrom
 from gcs.tui.asked_card import AskedCard, offered_cards
 from gcs.tui.base import Dialog, Page
+from gcs.tui.calls import calls
 from gcs.tui.connect import ConnectScreen
 from gcs.tui.connections import Connection, typed
-from gcs.tui.desk_keys import DeskApp
 from gcs.tui.dialogs import Confirm
+from gcs.tui.field_keys import FieldApp
 from gcs.tui.fly import SPAN_S, FlyScreen
+from gcs.tui.gains_words import push_lines
 from gcs.tui.help import HelpScreen
 from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
@@ -51,7 +54,7 @@ class Connections(Protocol):
     def connect(self, connection: Connection) -> None: ...
 
 
-class TippathApp(DeskApp):
+class TippathApp(FieldApp):
     """Connect, fly, fit, compare, diagnose, climb the ladder, design, push, report."""
 
     TITLE = "tippath"
@@ -62,8 +65,10 @@ class TippathApp(DeskApp):
         Binding("space", "abort", "abort", show=False),
         *(Binding(str(k), f"screen('{mode_of(page)}')", page.NAME) for k, page in enumerate(PAGES, 1)),
         Binding("question_mark", "screen('help')", "help"),
-        Binding("ctrl+p", "palette", "all keys"),
+        Binding("f1", "screen('help')", "help", priority=True),
+        Binding("f2,ctrl+p", "palette", "all keys"),
         Binding("f9", "theme", "colours", priority=True),
+        *bindings((NOTE, GUIDE, REVEAL)),
         Binding("escape,k,K", "cancel", "call off"),
         Binding("q,Q", "leave", "quit"),
         Binding("ctrl+q", "leave", "quit", show=False, priority=True),
@@ -79,18 +84,18 @@ class TippathApp(DeskApp):
         style: Style = "braille",
         *,
         bell: bool = True,
+        say: Callable[[str], None] | None = None,
         theme: str = "dark",
         connections: Connections | None = None,
         first: str = "fly",
         flight: str | None = None,
     ) -> None:
         """`connections`: where the link can be changed; None where the worker has one only. `flight` is opened
-        at once."""
-        super().__init__(worker, style)
+        at once; `say` speaks what is called out, and does not wait."""
+        super().__init__(worker, style, bell=bell, say=say)
         self.connections = connections
         self._first = first
         self._flight = flight
-        self._rings = bell
         self._seen: State | None = None
         self._leaving = False
         self._connections: tuple[Connection, ...] = ()
@@ -131,8 +136,8 @@ class TippathApp(DeskApp):
         """Show this moment."""
         state = self.worker.state()
         before, self._seen = self._seen, state
-        if self._rings and before is not None and words.rings(before, state):
-            self.bell()
+        if before is not None:
+            self.call_out(calls(before, state))
         for screen in self.screen_stack:
             if isinstance(screen, ConnectScreen):
                 screen.offer(self._connections, "" if self.connections is None else self.connections.connection.name)
@@ -140,7 +145,7 @@ class TippathApp(DeskApp):
                 self._read_audit(state)
                 screen.audited(self._audit)
             if isinstance(screen, Page):
-                screen.show(state, self._problem)
+                screen.show(state, self._problem, guided=self.guided)
             elif isinstance(screen, Dialog):
                 screen.show(state)
             if isinstance(screen, FlyScreen):
@@ -169,6 +174,7 @@ class TippathApp(DeskApp):
         """Call off what the desk works on."""
         self._problem = ""
         self.worker.desk.cancel()
+        self.worker.call_off()
         self.look()
 
     async def action_screen(self, name: str) -> None:
@@ -182,12 +188,6 @@ class TippathApp(DeskApp):
     def action_theme(self) -> None:
         """Other colours."""
         self.theme = themes.after(self.theme)
-
-    def action_wish(self, wish: str) -> None:
-        """A wish that does not wait."""
-        self._problem = ""
-        {"ready": self.worker.ready, "start": self.worker.start, "end_card": self.worker.end_card}[wish]()
-        self.look()
 
     def action_choose_run(self, number: int) -> None:
         """Another run of the card is the next."""
@@ -287,11 +287,17 @@ class TippathApp(DeskApp):
         connections, state = self.connections, self.worker.state()
         if connections is None:
             return
+        if connection.flight is not None:
+            flight = str(connection.flight)
+            self.work("the flight", lambda: self.worker.open_flight(flight))
+            self.call_later(self.action_screen, "runs")
+            return
         if state.stage.under_way:
             self.notice("a card is being flown: end it first (2, then E)")
             return
 
         def do() -> None:
+            self.guided = self.guided or connection.guided
             connections.connect(connection)
 
         vehicle = state.vehicle
@@ -313,15 +319,10 @@ class TippathApp(DeskApp):
         if designed is None or reason is not None:
             self.notice(reason if designed is not None and reason else "no gains yet: D designs them")
             return
-        lines = (
-            f"{designed.path} goes to the vehicle's shadow bank, is read back bit for bit, and becomes the active "
-            f"bank by its checksum {designed.crc:06x}. The bank before is kept.",
-            "Nothing flies by it until the pilot's switch says so.",
-        )
         if not designed.cleared:
             self._ask_why("they fail (see above)")
             return
-        self.confirm("Push these gains?", lines, "push", self._push)
+        self.confirm("Push these gains?", push_lines(state), "push", self._push)
 
     def _push(self) -> None:
         """In a thread; where the vehicle is not as it was identified, words why are asked for."""

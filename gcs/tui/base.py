@@ -12,11 +12,14 @@ from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 
 from gcs.tui import words
-from gcs.tui.actions import ANYWHERE, PILOT, SCROLL, Act, bindings, footer
+from gcs.tui.actions import ANYWHERE, GUIDE, PILOT, SCROLL, Act, bindings, footer
+from gcs.tui.guide import LINES as GUIDE_LINES
+from gcs.tui.guide import guide_words
 from gcs.tui.next_step import next_words
 from gcs.tui.plot import Plot, Style
-from gcs.tui.pressing import pressing_keys
+from gcs.tui.pressing import pressed, pressing_keys
 from gcs.tui.state import State
+from gcs.tui.top_line import top_line
 from gcs.tui.widgets.lines import Line, Lines
 from gcs.tui.widgets.traces import Traces
 
@@ -57,6 +60,7 @@ class Page(Screen[None]):
         yield Lines(self.style, "top")
         yield Lines(self.style, "screens")
         yield from self.body()
+        yield Lines(self.style, "guide")
         yield Lines(self.style, "notice")
         yield Lines(self.style, "next")
         yield Lines(self.style, "keys")
@@ -71,12 +75,12 @@ class Page(Screen[None]):
         """The footer."""
         return footer(self.ACTS)
 
-    def show(self, state: State, problem: str = "") -> None:
-        """Show this moment, and why the last thing asked for was not done."""
+    def show(self, state: State, problem: str = "", *, guided: bool = False) -> None:
+        """Show this moment, and why the last thing asked for was not done; `guided`: and explain what is seen."""
         width = self.size.width
         if width < 1 or not self._there or not self.query("#pilot"):
             return  # not there yet, or being taken down
-        self.query_one("#top", Lines).show([words.top_line(state, width)])
+        self.query_one("#top", Lines).show([top_line(state, width)])
         if self._too_small():
             text = words.too_small((width, self.size.height), SMALLEST)
             self.query_one("#screens", Lines).show([(text, "bold")])
@@ -84,10 +88,11 @@ class Page(Screen[None]):
         self.query_one("#screens", Lines).show([words.screens_line(state, self.NAME, width)])
         notice = self.query_one("#notice", Lines)
         text = problem or words.notice(state, self.NAME, width)
-        lines = words.notice_lines(text, width, NOTICE_LINES)
+        lines = words.notice_lines(text, width, 1 if guided else NOTICE_LINES)
         notice.styles.height = len(lines)
         notice.display = bool(lines)
         notice.show(lines)
+        self._show_guide(guide_lines(state, self.NAME, width) if guided else [])
         self.query_one("#next", Lines).show([next_line(state, self.NAME, width)])
         keys = words.fitted(words.with_general(self.keys, width), width)
         self.query_one("#keys", Lines).show([pressing_keys(keys, (*self.ACTS, *ANYWHERE))])
@@ -100,6 +105,12 @@ class Page(Screen[None]):
 
     def begin(self) -> None:
         """Another flight is looked at from the first view, whatever was left open of the one before."""
+
+    def _show_guide(self, lines: Sequence[Line]) -> None:
+        guide = self.query_one("#guide", Lines)
+        guide.styles.height = len(lines)
+        guide.display = bool(lines)
+        guide.show(lines)
 
     def _too_small(self) -> bool:
         """Whether the terminal is too small for this screen: then only the line with the abort key is left."""
@@ -237,7 +248,18 @@ class Dialog(ModalScreen[str | None]):
     def show(self, state: State) -> None:
         """Keep the line that is always visible up to date."""
         if self.size.width and self.query("#top"):
-            self.query_one("#top", Lines).show([words.top_line(state, self.size.width)])
+            self.query_one("#top", Lines).show([top_line(state, self.size.width)])
+
+
+def guide_lines(state: State, name: str, width: int) -> list[Line]:
+    """What the guide says, and the word that ends it, which can be pressed."""
+    leave = f"{GUIDE.key} leaves"
+    lines = words.notice_lines(guide_words(state, name), width - len(leave) - 2, GUIDE_LINES)
+    first = words.justified(lines[0], leave, width)
+    return [
+        Content.assemble((first[: -len(leave)], "italic"), pressed(leave, GUIDE.action, "italic")),
+        *((line, "italic") for line in lines[1:]),
+    ]
 
 
 def next_line(state: State, name: str, width: int) -> Content:

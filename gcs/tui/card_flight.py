@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gcs.cards.maneuver import CardRun, TestCard, load_card
+from gcs.cards.maneuver import TestCard, load_card
 from gcs.desk.shell import word
 from gcs.errors import TippathError
 from gcs.flight.excitation import abort
@@ -31,9 +31,11 @@ from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
 from gcs.tui import state as view
 from gcs.tui.asked_card import SHOWN_FIRST, AskedCard, asked_card
+from gcs.tui.card_views import BEFORE, flown_before, outcome, view_of, views
+from gcs.tui.logbook import Logbook
 from gcs.tui.moment import Moment
 from gcs.tui.so_far import FitsSoFar
-from gcs.tui.state import Mark, RunView, Stage, tells_both_axes
+from gcs.tui.state import Mark, Stage, tells_both_axes
 from gcs.tui.vehicle_link import VehicleLink
 from gcs.vehicle.autopilots import SYSTEMID
 from gcs.vehicle.profile import CannotFlyError, VehicleProfile, load_profile
@@ -42,7 +44,7 @@ from gcs.vehicle.snapshot import VehicleSnapshot
 TOO_EARLY = "not yet: a run is under way"
 R_TAKEN = "R is taken: the run is made ready as soon as the vehicle was looked at"
 CLOSED, ENDED, BY_HAND = "the app was closed", "the card was ended here", "F12 or space in the app"
-BEFORE = "flown before"
+SENT_BLIND = "sent unheard until it is heard: the maneuver's size to 0; it may not arrive, and the mode is the pilot's"
 LOOKS = 10
 """A run that waits is looked at again every so many tenths of a second."""
 
@@ -72,8 +74,11 @@ class CardFlight:
         self._profiles = () if profile is None else (load_profile(profile),)
         self._asked = asked_card(card)
         self._card = load_card(self._asked.card or SHOWN_FIRST)
-        moment.set(card=self._card.name, runs=_views(self._card), limits=self._card.limits)
+        moment.set(card=self._card.name, runs=views(self._card), limits=self._card.limits)
+        self.logbook = Logbook(moment, lambda: datetime.now(UTC))
+        self.logbook.ask(self._card)
         self._abort: str | None = None
+        self._blind = False
         self._started = False
         self._ready_wished = False
         """R came while the vehicle was still looked at."""
@@ -110,6 +115,8 @@ class CardFlight:
             if stage is Stage.HELD:
                 self._moment.set(stage=Stage.READY, said="", rpm_reference=self._link.rpm())
                 self._moment.mark(self._moment.now.current, Mark.READY)
+            elif stage is Stage.IDLE and self._moment.now.unanswered is not None:
+                self._moment.set(said="the card's checklist is not answered yet: H")
             elif stage is Stage.IDLE and not self._busy():
                 self._begin()
             elif stage is Stage.NO_VEHICLE:
@@ -170,7 +177,10 @@ class CardFlight:
             elif stage is Stage.IDLE and self._excited_by_another():
                 threading.Thread(target=self._end_excitation, name="tippath abort", daemon=True).start()
             elif stage is not Stage.ABORTING:
-                self._moment.set(said="nothing is excited")
+                self._moment.set(said="nothing to abort: no maneuver is running")
+            elif (vehicle := self._link.snapshot()) is not None and vehicle.lost:
+                self._blind = True
+                self._moment.set(said=SENT_BLIND)
 
     def _excited_by_another(self) -> bool:
         vehicle = self._link.snapshot()
@@ -194,9 +204,10 @@ class CardFlight:
             if self._moment.now.stage.under_way:
                 raise TippathError("a card is being flown: end it first (E)")
             self._card, self._asked = card, asked
+            self.logbook.ask(card)
             self._moment.set(
                 card=card.name,
-                runs=_views(card, earlier),
+                runs=views(card, earlier),
                 current=0,
                 use=None,
                 said=card.description if earlier is None else f"{earlier.folder.path.name}: {earlier.words}",
@@ -226,8 +237,12 @@ class CardFlight:
         with self._moment.pressed:
             if result.verdict is None or self._abort not in (None, BY_HAND) or self._link.ending.is_set():
                 return False
-            self._abort = None
+            self._abort, self._blind = None, False
             return True
+
+    def blind(self) -> bool:
+        """F12 was pressed once more while the link was lost in a run."""
+        return self._blind
 
     # The card's own thread.
 
@@ -238,11 +253,11 @@ class CardFlight:
         session = self._link.session
         assert session is not None
         self._abort, self._wish = None, None
-        self._started = self._ready_wished = self._changed = False
+        self._started = self._ready_wished = self._changed = self._blind = False
         self._notes.clear()
         self._so_far.forget()
         self._moment.set(
-            stage=Stage.CHECKING, runs=_views(self._card), current=1, progress=None, use=None, checks=(), said=""
+            stage=Stage.CHECKING, runs=views(self._card), current=1, progress=None, use=None, checks=(), said=""
         )
         self._flying = threading.Thread(
             target=self._fly, args=(session, self._card, self._asked), name="tippath card", daemon=True
@@ -277,7 +292,7 @@ class CardFlight:
                 confirm=self._briefed,
                 on_progress=self._progressed,
                 aborted=lambda: self._abort,
-                about={"command": "fly", "link": session.link},
+                about={"command": "fly", "link": session.link, **self.logbook.document()},
                 probe=self._probe and asked.log == "stream",
                 log=asked.log,
                 left_out=ready.left_out,
@@ -313,12 +328,13 @@ class CardFlight:
                     self._moment.mark(run.number, Mark.SKIPPED)
             stage = Stage.IDLE if self._link.session is not None else Stage.NO_VEHICLE
             self._moment.set(stage=stage, current=0, progress=None, said=words, rpm_reference=None)
+            self.logbook.ask(self._card)
 
     def _take(self, ready: Prepared) -> None:
         """The card as this vehicle flies it, where that is not the one shown."""
         with self._moment.lock:
             if ready.card is not self._card:
-                self._moment.set(card=ready.card.name, runs=_views(ready.card), limits=ready.card.limits)
+                self._moment.set(card=ready.card.name, runs=views(ready.card), limits=ready.card.limits)
         if ready.left_out:
             self._notes.append(f"left out: {'; '.join(ready.left_out)}")
 
@@ -337,10 +353,13 @@ class CardFlight:
 
     def _briefed(self, briefing: Briefing) -> bool:
         probes = sum(run.probe for run, _ in briefing.plans)
-        flown = () if self._earlier is None else _kept(self._earlier, probes)
-        left = (_view(run, {one.number for one in flown}) for run, _ in briefing.plans)
+        flown = () if self._earlier is None else flown_before(self._earlier, probes)
+        left = (view_of(run, {one.number for one in flown}) for run, _ in briefing.plans)
         runs = tuple(sorted((*flown, *left), key=lambda run: run.number))
         self._seen = briefing.seen
+        if self._moment.now.flight is not None:
+            with contextlib.suppress(TippathError):  # a disk that takes no note is told of by the recording
+                self.logbook.begun(self._moment.now.flight)
         self._moment.set(checks=tuple(briefing.checks), link_loss=briefing.link_loss.words, runs=runs)
         return self._abort is None
 
@@ -425,7 +444,7 @@ class CardFlight:
             )
 
     def _judged(self, result: RunResult) -> None:
-        mark, why, words = _outcome(result)
+        mark, why, words = outcome(result)
         with self._moment.lock:
             flown = any(
                 run.number == result.run.number and run.mark in (Mark.KEEP, Mark.AGAIN) for run in self._moment.now.runs
@@ -445,48 +464,9 @@ class CardFlight:
             )
 
 
-def _outcome(result: RunResult) -> tuple[Mark, tuple[str, ...], str]:
-    """What became of a run, why in parts, and both in a sentence."""
-    verdict = result.verdict
-    if verdict is None:
-        return Mark.SKIPPED, (result.reason,), result.reason
-    if result.clean:
-        return Mark.KEEP, verdict.figures, verdict.words
-    if result.ending is Ending.FINISHED:
-        return Mark.AGAIN, ("; ".join(verdict.reasons), *verdict.figures), verdict.words
-    words = f"{result.ending.value}: {result.reason}"
-    return Mark.AGAIN, (words,), words
-
-
 def _to_go_on(asked: AskedCard) -> Earlier | None:
     """The flight that is to go on; None for a new one. Raises TippathError where nothing of it is left."""
     earlier = unfinished(Path(asked.resume).expanduser()) if asked.resume else None
     if earlier is not None and not earlier.left:
         raise TippathError(f"{earlier.folder.path.name}: {earlier.words}; nothing is left to fly (C: another card)")
     return earlier
-
-
-def _views(card: TestCard, earlier: Earlier | None = None) -> tuple[RunView, ...]:
-    if earlier is None:
-        return tuple(_view(run) for run in card.runs())
-    left = (_view(run, earlier.kept) for run in earlier.left)
-    return tuple(sorted((*_kept(earlier), *left), key=lambda run: run.number))
-
-
-def _kept(earlier: Earlier, probes: int = 0) -> tuple[RunView, ...]:
-    """What was flown before, with so many probes before the card."""
-    runs = [run for run in earlier.card.runs() if run.number in earlier.kept]
-    return tuple(replace(_view(run), number=probes + run.number, mark=Mark.KEEP, why=(BEFORE,)) for run in runs)
-
-
-def _view(run: CardRun, kept: Container[int] = ()) -> RunView:
-    locked = run.locked_by is not None and run.locked_by not in kept
-    return RunView(
-        number=run.number,
-        label=run.label,
-        numbers=run.maneuver.numbers,
-        kind=run.maneuver.kind,
-        size=run.maneuver.size,
-        mark=Mark.LOCKED if locked else Mark.WAITING,
-        why=(f"until {run.locked_by} is clean",) if locked else (),
-    )

@@ -1,4 +1,4 @@
-"""Connect: where to, and what is heard there."""
+"""Connect: where to begin, and what is heard there."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from textual.widget import Widget
 from gcs.tui import connect_words
 from gcs.tui.actions import Act
 from gcs.tui.base import Scrolled
-from gcs.tui.connections import Connection
+from gcs.tui.connections import Connection, first_marked
 from gcs.tui.plot import Style
 from gcs.tui.state import State
 from gcs.tui.widgets.lines import Lines
@@ -22,9 +22,9 @@ class ConnectScreen(Scrolled):
     ACTS = (
         Act("up", "move(-1)", "", "mark the line above", "up"),
         Act("down", "move(1)", "", "mark the line below", "down"),
-        Act("enter", "go", "connect", "connect to the marked line", "enter"),
+        Act("enter", "go", "begin", "begin with the marked line", "enter"),
         Act("a,A", "app.type_link", "link", "type a link"),
-        Act("g,G", "app.look_for_connections", "look", "look again for serial ports"),
+        Act("r,R", "app.look_for_connections", "look", "look again for serial ports"),
         Act("c,C", "check", "check", "what to set before flying, and back"),
         Act("t,T", "app.take_over", "", "take another address that speaks as the vehicle for it"),
         Act("o,O", "app.open_flight", "open", "open a flight folder or a log"),
@@ -47,6 +47,8 @@ class ConnectScreen(Scrolled):
     def offer(self, connections: tuple[Connection, ...], here: str) -> None:
         """What there is to connect to, and where we are; the mark stays on its line."""
         marked = self.offered[self.at].name if self.at < len(self.offered) else ""
+        if connections and not self.offered:
+            marked = connections[first_marked(connections)].name
         names = [one.name for one in connections]
         self.offered, self.here = connections, here
         self.at = names.index(marked) if marked in names else 0
@@ -86,10 +88,12 @@ class ConnectScreen(Scrolled):
             self.query_one("#title", Lines).show([(" can this card be flown?", "bold")])
             self.put_text(connect_words.readiness_lines(state, self.text_width))
             return
-        self.query_one("#title", Lines).show([(" where to", "bold")])
+        self.query_one("#title", Lines).show([(" where to begin: up/down and enter, or a click", "bold")])
         self.query_one("#heard-title", Lines).show([(" what is heard", "bold")])
         box = self.query_one("#connections", Lines)
-        box.styles.height = min(max(1, len(self.offered)), max(6, self.size.height - 17))
+        heard = connect_words.heard_lines(state, self.text_width)
+        room = self.size.height - 9 - min(8, len(heard))
+        box.styles.height = min(connect_words.list_height(self.offered), max(6, room))
         height = max(1, box.size.height)
         box.show(connect_words.connection_lines(self.offered, self.at, self.here, width, height))
-        self.put_text(connect_words.heard_lines(state, self.text_width))
+        self.put_text(heard)

@@ -34,24 +34,36 @@ TO_CHECK = {
 
 
 def connection_lines(offered: Sequence[Connection], at: int, here: str, width: int, height: int) -> list[Line]:
-    """The list, the marked line in sight."""
+    """The list under its headings, the marked line in sight."""
     if not offered:
         return [" this app was started on one link; q, then `tippath fly` chooses another"]
-    first = max(0, min(at - height // 2, len(offered) - height))
     wide = min(36, max(len(one.name) for one in offered) + 1)
     lines: list[Line] = []
-    for number, one in enumerate(offered[first : first + height], first):
+    marked_at, heading = 0, ""
+    for number, one in enumerate(offered):
+        if one.heading != heading:
+            heading = one.heading
+            lines.append((f" {heading}", "bold"))
+        if number == at:
+            marked_at = len(lines)
         mark = "▶" if number == at else " "
         now = "(here) " if one.name == here else ""
         text = f" {mark} {fitted(sanitise(one.name), wide):<{wide}} {now}{sanitise(one.about)}"
         lines.append(pressed(fitted(text, width), f"screen.mark({number})", "reverse" if number == at else ""))
-    hidden = len(offered) - len(lines)
-    if hidden:
+    first = max(0, min(marked_at - height // 2, len(lines) - height))
+    hidden = len(lines) - height
+    lines = lines[first : first + height]
+    if hidden > 0:
         place = -1 if first == 0 else 0
         one_line = lines[place]
         text, style = (one_line, "") if isinstance(one_line, str) else one_line
         lines[place] = (justified(text, f"({hidden} more)", width), style)
     return lines
+
+
+def list_height(offered: Sequence[Connection]) -> int:
+    """Lines of the whole list, headings included."""
+    return max(1, len(offered) + len({one.heading for one in offered}))
 
 
 def heard_lines(state: State, width: int) -> list[Line]:
@@ -114,7 +126,8 @@ def _who(vehicle: VehicleSnapshot) -> str:
 
 
 def _heard(vehicle: VehicleSnapshot) -> str:
-    text = f" heard: {vehicle.frames:,} messages, {vehicle.bad_bytes:,} bytes that were none"
+    garbled = f"{vehicle.bad_bytes:,} garbled bytes" if vehicle.bad_bytes else "no garbled bytes"
+    text = f" heard: {vehicle.frames:,} messages, {garbled}"
     if vehicle.strangers:
         text += f", {vehicle.strangers:,} packets of other addresses dropped"
     if vehicle.refused:

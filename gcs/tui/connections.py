@@ -1,13 +1,14 @@
-"""Where to connect to: what this computer and earlier flights offer, as values."""
+"""Where to begin: simulated vehicles, recorded flights and links that this computer and earlier flights offer."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from gcs.errors import TippathError
-from gcs.flight.folder import FlightFolder
+from gcs.flight.folder import FlightFolder, is_kept
 from gcs.link.decode import sanitise
 from gcs.link.ports import SerialPort, serial_ports
 from gcs.link.transport import LinkWordError, parse_link
@@ -17,10 +18,13 @@ PLANTS = ("hover", "hover-ideal", "forward")
 SECRET = "hover-ideal"
 """What flies where something is hidden."""
 MOST_RECENT = 3
+LOGS = frozenset({".bin", ".ulg", ".tlog", ".csv"})
+"""Endings of logs that are offered to be opened, in small letters."""
 MOST_FOLDERS = 30
 """Newest flights that are looked into for links."""
 MOST_PORTS = 6
 EPHEMERAL = 32768
+FLOWN_WITH = "flown with before"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +41,19 @@ class Connection:
     """Something may be hidden in it."""
     seed: int | None = None
     on_ground: bool = False
+    card: str = ""
+    """To be flown there; empty for the one that was asked for."""
+    guided: bool = False
+    """With a guide that explains what is seen."""
+    flight: Path | None = None
+    """A flight folder or log to open, in place of a link."""
+
+    @property
+    def heading(self) -> str:
+        """Above it in the list, with others of its kind."""
+        if self.plant is not None:
+            return "fly a simulated vehicle"
+        return "connect to a vehicle" if self.link is not None else "open a recorded flight"
 
     @property
     def flies(self) -> str | None:
@@ -44,25 +61,74 @@ class Connection:
         return f"{self.plant} + secret" if self.hidden else self.plant
 
 
-NOWHERE = Connection(name="no vehicle", about="work on flights that were recorded")
+NOWHERE = Connection(name="no vehicle", about="O opens any other flight folder or log")
+GUIDED = Connection(
+    name="first flight, guided",
+    about="it says, line by line, what you see and what to do",
+    plant="hover",
+    card="quick",
+    guided=True,
+)
 SIMULATED = (
     Connection(name="simulated hover", about="with physics that the models lack", plant="hover"),
     Connection(name="simulated hover-ideal", about="the paper's Table 4 exactly", plant="hover-ideal"),
     Connection(name="simulated forward", about="Table 5 in forward flight, with an elevator", plant="forward"),
-    Connection(name="simulated, hidden", about="hover-ideal with a secret: --hidden random", plant=SECRET, hidden=True),
+    Connection(
+        name="find a hidden effect", about="a secret in hover-ideal; Z opens its answer", plant=SECRET, hidden=True
+    ),
 )
 UDP = Connection(name=ANY_UDP, about="whatever vehicle sends to this computer", link=ANY_UDP)
 
 
 def connections(folder: Path) -> tuple[Connection, ...]:
-    """All that is offered now, likeliest first. Looks at ports and at the flights in `folder`: milliseconds."""
-    recent = tuple(Connection(name=word, about="flown with before", link=word) for word in recent_links(folder))
+    """All that is offered now, by kind. Looks at ports and at the flights in `folder`: milliseconds."""
+    recent = tuple(Connection(name=word, about=FLOWN_WITH, link=word) for word in recent_links(folder))
     ports = tuple(of_port(one) for one in serial_ports()[:MOST_PORTS])
     first = (UDP, *recent, *ports)
     seen: dict[str | None, Connection] = {}
     for one in first:
         seen.setdefault(one.link, one)
-    return (*seen.values(), *SIMULATED, NOWHERE)
+    return (GUIDED, *SIMULATED, *recent_flights(folder), NOWHERE, *seen.values())
+
+
+def first_marked(offered: Sequence[Connection]) -> int:
+    """The line to begin on: a link that was flown with before, else the first."""
+    return next((i for i, one in enumerate(offered) if one.about == FLOWN_WITH), 0)
+
+
+def recent_flights(folder: Path) -> list[Connection]:
+    """The newest flights in a folder, newest first, then the newest logs that lie there by themselves."""
+    try:
+        flights = _newest_flights(folder)[:MOST_RECENT]
+        logs = [one for one in folder.iterdir() if one.suffix.lower() in LOGS and one.is_file()]
+        logs.sort(key=lambda one: one.stat().st_mtime, reverse=True)
+    except OSError:
+        return []
+    return [
+        *(Connection(name=sanitise(one.name), about=_about_flight(one), flight=one) for one in flights),
+        *(Connection(name=sanitise(one.name), about="a log", flight=one) for one in logs[:MOST_RECENT]),
+    ]
+
+
+def _newest_flights(folder: Path) -> list[Path]:
+    """Raises OSError."""
+    return sorted((one for one in folder.glob("flight-*") if one.is_dir()), reverse=True)
+
+
+def _about_flight(path: Path) -> str:
+    """`gusty: card hover, 6 of 8 runs kept, 2026-11-22`."""
+    try:
+        about = FlightFolder(path).read()
+    except TippathError:
+        return "what was flown is not told"
+    name, card, started = (about.get(key) for key in ("name", "card", "started"))
+    runs = [run for run in about.get("runs", ()) if isinstance(run, dict)]
+    said = [f"card {card}"] if isinstance(card, str) else []
+    said.append(f"{sum(map(is_kept, runs))} of {len(runs)} runs kept")
+    if isinstance(started, str):
+        said.append(started[:10])
+    text = ", ".join(said)
+    return sanitise(f"{name}: {text}" if isinstance(name, str) and name else text)
 
 
 def of_port(port: SerialPort) -> Connection:
@@ -86,7 +152,7 @@ def recent_links(folder: Path) -> list[str]:
     """Links of the newest flights, newest first, less those of simulated vehicles that are gone."""
     found: list[str] = []
     try:
-        flights = sorted((one for one in folder.glob("flight-*") if one.is_dir()), reverse=True)
+        flights = _newest_flights(folder)
     except OSError:
         return []
     for path in flights[:MOST_FOLDERS]:

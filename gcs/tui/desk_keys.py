@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from gcs.desk.state import Choice
+from textual.timer import Timer
+
+from gcs.desk.state import Choice, Weights
 from gcs.errors import TippathError
 from gcs.tui.asking import AskingApp
 from gcs.tui.next_step import winner
@@ -13,6 +15,9 @@ from gcs.tui.next_step import winner
 
 class DeskApp(AskingApp):
     """The part of the app that works on a flight after it was flown."""
+
+    _resting: Timer | None = None
+    """Until the sliders have rested."""
 
     # The flight.
 
@@ -44,6 +49,34 @@ class DeskApp(AskingApp):
         if 0 <= number < len(runs):
             self.do_now(lambda: self.worker.desk.use(runs[number].word, choice))
 
+    def use_alike(self) -> None:
+        """Leave out what is not like the others."""
+        self.do_now(self.worker.desk.use_alike)
+
+    def split_runs(self) -> None:
+        """Every second run validates."""
+        self.do_now(self.worker.desk.alternate)
+
+    def halve_run(self, word: str) -> None:
+        """One half is fitted, the other validates."""
+        self.work("halving", lambda: self.worker.desk.halve(word))
+
+    def cut_run(self, word: str, start_s: float | None, stop_s: float | None) -> None:
+        """Another begin or end."""
+        self.work("cutting", lambda: self.worker.desk.cut(word, start_s, stop_s))
+
+    def whole_run(self, word: str) -> None:
+        """All of a run."""
+        self.work("cutting", lambda: self.worker.desk.take_whole(word))
+
+    def fit_alone(self, word: str) -> None:
+        """One axis of one run."""
+        self.work("fitting one axis", lambda: self.worker.desk.fit_alone(word))
+
+    def action_fetch_log(self) -> None:
+        """The flight's log off the vehicle's card."""
+        self.work("fetching the log", self.worker.fetch_log)
+
     # What is worked out.
 
     def action_work(self, what: str) -> None:
@@ -61,6 +94,8 @@ class DeskApp(AskingApp):
             "diagnose": desk.diagnose,
             "design": self.worker.design,
             "report": desk.report,
+            "shadow": desk.shadow,
+            "prove": desk.prove,
         }
         self.work(what, do[what])
 
@@ -85,14 +120,30 @@ class DeskApp(AskingApp):
     def action_weigh(self) -> None:
         """Ask for the input cost."""
 
+        desk = self.worker.desk
+
         def weigh(word: str) -> None:
             try:
                 cost = float(word)
             except ValueError:
                 raise TippathError(f"{word} is no number; the paper's input cost is 5") from None
-            self.worker.desk.design(cost)
+            desk.design(cost)
 
         self.ask_to_work("Input cost?", "more is gentler; the paper's is 5", "design", weigh, "5")
+
+    def turn_weights(self, weights: Weights, rests_s: float) -> None:
+        """Sliders were moved: gains and margins follow at once, the whole judgement when they rest."""
+        desk = self.worker.desk
+        desk.turn(weights)
+        self.work("gains", desk.follow, quietly=True)
+        if self._resting is not None:
+            self._resting.stop()
+        self._resting = self.set_timer(rests_s, lambda: self.work("judging", desk.judge_trial, quietly=True))
+
+    def follow_weights(self, crc: int) -> None:
+        """What the sliders make of another model; `crc` of gains that the vehicle holds, or none."""
+        desk = self.worker.desk
+        self.work("gains", (lambda: desk.seek_present(crc)) if crc else desk.follow, quietly=True)
 
     # The ladder.
 

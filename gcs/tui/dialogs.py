@@ -14,7 +14,7 @@ from gcs.tui.base import Dialog
 from gcs.tui.plot import Style
 from gcs.tui.pressing import pressed
 from gcs.tui.widgets.lines import Lines
-from gcs.tui.words import wrapped
+from gcs.tui.words import sanitise_line, wrapped
 
 NO = "screen.dismiss(None)"
 ANSWERS = Content.assemble(
@@ -45,7 +45,18 @@ class Ask(Dialog):
 
     def on_mount(self) -> None:
         self.query_one("#question", Lines).show([(f" {self._question}", "bold")])
-        self.query_one("#hint", Lines).show([f" {self._hint}", ANSWERS])
+        self.break_text()
+
+    def on_resize(self) -> None:
+        """The hint is broken anew."""
+        self.break_text()
+
+    def break_text(self) -> None:
+        """Break the hint to the box."""
+        lines = wrapped(f" {sanitise(self._hint)}", max(20, self.app.size.width - 8), 0)
+        hint = self.query_one("#hint", Lines)
+        hint.styles.height = len(lines) + 1
+        hint.show([*lines, ANSWERS])
 
     def action_take(self) -> None:
         """As enter."""
@@ -86,3 +97,37 @@ class Confirm(Dialog):
         hint = self.query_one("#hint", Lines)
         hint.styles.height = len(lines) + 1
         hint.show([*lines, YES_OR_NO])
+
+
+class Told(Dialog):
+    """A text to be read; enter, escape or a press leaves it."""
+
+    BINDINGS = [("enter", "dismiss(None)", "leave")]
+
+    def __init__(self, style: Style, title: str, lines: tuple[str, ...]) -> None:
+        super().__init__(style)
+        self._title = title
+        self._lines = lines
+
+    def body(self) -> Iterable[Widget]:
+        with Vertical(classes="box"):
+            yield Lines(self.style, "question")
+            yield Lines(self.style, "hint")
+
+    def on_mount(self) -> None:
+        self.query_one("#question", Lines).show([(f" {self._title}", "bold")])
+        self.break_text()
+
+    def on_resize(self) -> None:
+        """The text is broken anew."""
+        self.break_text()
+
+    def break_text(self) -> None:
+        """Break the text to the box, and cut it at the screen's end."""
+        width, height = max(20, self.app.size.width - 8), max(3, self.app.size.height - 10)
+        lines = [piece for line in self._lines for piece in wrapped(f" {sanitise_line(line)}", width)]
+        if len(lines) > height:
+            lines = [*lines[: height - 1], " ..."]
+        hint = self.query_one("#hint", Lines)
+        hint.styles.height = len(lines) + 1
+        hint.show([*lines, pressed(" enter or escape leaves", NO, "bold")])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from gcs.tui import desk_words
 from gcs.tui.actions import Act
 from gcs.tui.base import READ, TALL, VIEW, Split
-from gcs.tui.draw_desk import run_strips
+from gcs.tui.draw_desk import Look, run_strips
 from gcs.tui.plot import Style
 from gcs.tui.state import State
 from gcs.tui.widgets.lines import Lines
@@ -54,6 +54,6 @@ class FitScreen(Split):
         if not self.changed(state.desk, self.part, width, height, self.text_width):
             return
         self.put_text(desk_words.fit_lines(state, self.text_width))
-        plot = None if rung is None else run_strips(rung, self.part, both=height >= TALL)
+        plot = run_strips(state.desk, Look(part=self.part, both=height >= TALL))
         if plot is not None:
             self.put_plot(plot, f"{self.part}")

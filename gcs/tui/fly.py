@@ -29,6 +29,7 @@ class FlyScreen(Page):
         Act("s,S", "app.wish('start')", "start", "start the run that is ready"),
         Act("e,E", "app.wish('end_card')", "end card", "end the card between two runs"),
         Act("c,C", "app.choose_card", "card", "choose a card"),
+        Act("h,H", "app.checklist", "", "the card's checklist: ask it, or show how it was answered"),
         Act("up", "choose(-1)", "", "between two runs: the run above is the next", "up"),
         Act("down", "choose(1)", "", "between two runs: the run below is the next", "down"),
     )

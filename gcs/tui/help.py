@@ -8,13 +8,34 @@ from textual.widget import Widget
 
 from gcs.tui.actions import Act
 from gcs.tui.base import READ, Scrolled
+from gcs.tui.glossary import glossary, glossary_lines
 from gcs.tui.pages import PAGES
+from gcs.tui.plot import Style
 from gcs.tui.state import State
 from gcs.tui.words import wrapped
 
 _TEXT = """\
+in a pilot's words
+  A sweep (a chirp) is a sine on one stick axis that grows faster. It is added on
+  board to what the pilot commands; the rates answer, and from both a model is
+  made. The pilot flies, always: this app asks for a sweep and can end it.
+
+on the flight line
+  R              the next run is made ready: nothing moves
+  S              it starts; hold position, and do not fight the sweep
+  F12            abort, from anywhere: back to the mode before. So does a press on
+                 F12 ABORT, and space where no text is being typed
+  the pilot      ends it as well: with any other mode on the transmitter, and then
+                 nothing here commands anything
+  N              a note, with the time of flight
+  H              the card's checklist, where it has one
+
+the bell         one: it starts, and each of the last three seconds. Two: half.
+                 Three: it is over. Five, fast: a limit. Long, in pairs: aborted,
+                 or the link is lost or late. --say speaks as well
+
 the order of the work
-  1 Connect      where to, and what is heard there
+  1 Connect      where to begin, and what is heard there
   2 Fly          the pilot hovers; R makes a run ready, S starts it
   3 Runs         what each run is used for: fit, validate, leave out
   4 Fit          TPP and CD, beside the paper's numbers
@@ -24,11 +45,11 @@ the order of the work
   8 Controller   D designs the LQR; on the ground P pushes it, R goes back
   9 Report       a page to keep, and the commands that do the same
 
-keys everywhere
-  F12            abort: back to the mode before the run; also while typing
-  space          the same, where no text is being typed
-  1 ... 9  ?     the screens; escape leaves help
-  ctrl+p         every action of every screen, by name
+keys everywhere, none of them with two at once
+  F12            abort, as above
+  1 ... 9  ?     the screens; F1 is help, too; escape leaves it
+  N              a note     G  the guide     Z  the sealed answer of a hidden effect
+  F2             every action of every screen, by name
   K, escape      call off a fit, a diagnosis, whatever is worked on
   F9             other colours: black on white for the sun, high contrast
   q              quit; during a run it asks, and aborts first
@@ -36,7 +57,7 @@ keys everywhere
                  a list, an answer: pressed, they do what their key does
 
 plots
-  left, right    the cursor; with shift ten columns; home and end
+  left, right    the cursor; comma and full stop ten columns; home and end
   + and -        zoom in and out around the cursor; [ and ] go along
   0              all of it again, without cursor
 """
@@ -57,7 +78,11 @@ the line at the top
                  vehicle is heard, and does not answer
   (pilot)        who commands the mode: pilot, autopilot, tippath (a run of
                  this app), excitation (somebody else's run)
+  LQR ON         the pilot's switch selects the controller that was pushed
+  ARMED 3:12     armed, and minutes and seconds in the air; > where it flew
+                 before it was heard
   RPM +0.1 %     rotor speed, and its deviation since the run was made ready
+  BAT            bar, volts and what is left; LOW below a quarter
 
 abort is repeated only while the heartbeat shows the excitation mode: any
 other mode means that the pilot has taken over, and nothing is commanded.
@@ -67,8 +92,7 @@ met a limit or is to be flown again waits for R and S like any other. After the
 last one come those that were not kept; E ends the card.
 
 percentages are the run's peaks against the card's limits; beyond 100 the run
-is aborted. The bell rings at the start, halfway, at 3, 2, 1, at the end, at a
-limit, when the vehicle's log stops, and when the link is lost or too late.
+is aborted.
 
 the strips show 20 s; each column holds the least and the largest sample of
 its time, so no peak is lost. Before R they show telemetry, from R on the log.
@@ -76,10 +100,18 @@ its time, so no peak is lost. Before R they show telemetry, from R on the log.
 
 
 class HelpScreen(Scrolled):
-    """Says what the keys do."""
+    """Says what the keys do, and what the words mean."""
 
     NAME = "help"
-    ACTS = (Act("escape", "app.screen('fly')", "back to Fly", "leave help", "escape"), *READ)
+    ACTS = (
+        Act("escape", "app.screen('fly')", "back to Fly", "leave help", "escape"),
+        Act("w,W", "words", "words", "what the words mean, or the keys again"),
+        *READ,
+    )
+
+    def __init__(self, style: Style) -> None:
+        super().__init__(style)
+        self._words = False
 
     def body(self) -> Iterable[Widget]:
         yield self.scrolled()
@@ -88,8 +120,17 @@ class HelpScreen(Scrolled):
     def keys(self) -> str:
         return f"up/down scroll  {super().keys}"
 
+    def action_words(self) -> None:
+        """The glossary, or the keys."""
+        self._words = not self._words
+        self.query_one("#tables").scroll_home(animate=False)
+        self.app.run_look()  # type: ignore[attr-defined]
+
     def show_body(self, state: State, width: int) -> None:
-        if not self.changed(state.simulated, width, self.text_width):
+        if not self.changed(state.simulated, width, self.text_width, self._words):
+            return
+        if self._words:
+            self.put_text(glossary_lines(glossary(), self.text_width))
             return
         lines = (_TEXT + (_PILOT if state.simulated else "") + _LINES).splitlines()
         for page in PAGES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs.desk.state import Choice, DeskState, Rung
 from gcs.link.decode import sanitise
-from gcs.tui.state import Mark, RunView, Stage, State
+from gcs.tui.state import FETCHING, Mark, RunView, Stage, State
 from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
 from gcs.vehicle.snapshot import VehicleSnapshot
 
@@ -15,7 +15,7 @@ ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
 def next_words(state: State, screen: str) -> str:
     """What to do now."""
     if state.lost and state.stage in (Stage.FLYING, Stage.ABORTING):
-        return "the PILOT ends it with the transmitter: no abort reaches the vehicle now"
+        return "the PILOT ends it with the transmitter; F12 sends a stop unheard"
     if state.stage is Stage.FLYING and screen != "Fly":
         return _flying(state)
     if state.busy:
@@ -52,8 +52,9 @@ def _wait(state: State, screen: str) -> str:
         return "wait; K ends it and keeps the ranking so far"
     share = "" if desk.progress is None else f" {100 * desk.progress:.0f} %"
     left = f", {desk.left}" if desk.left else ""
-    off = ("; K ends it, the ranking stays" if asked else "; K calls it off") if not desk.called_off else ""
-    return f"wait: {sanitise(state.busy)}{share}{left}{off if desk.busy else ''}"
+    by_key = (desk.busy and not desk.called_off) or state.busy.startswith(FETCHING)
+    off = ("; K ends it, the ranking stays" if asked else "; K calls it off") if by_key else ""
+    return f"wait: {sanitise(state.busy)}{share}{left}{off}"
 
 
 def _flying(state: State) -> str:
@@ -230,20 +231,23 @@ def _next_ladder(desk: DeskState) -> str:
 
 def _next_controller(state: State) -> str:
     designed, desk = state.designed, state.desk
+    if designed is None and desk.present is not None and not desk.ladder:
+        return "F: flown against predicted" if desk.proof is None else "X: the next run; 4 fits this flight"
     if designed is None:
         return "D designs gains" if desk.ladder or state.fitted is not None else "4 fits a flight first"
+    shadow = "" if designed.shadow is not None or not desk.chosen(Choice.FIT) else "S: the shadow over these runs; "
     if state.vehicle is None:
-        return "1 connects, to push them; 9 writes the report"
+        return f"{shadow}1 connects, to push them; 9 writes the report"
     if state.bank is not None and state.bank.active == designed.crc:
         if state.bank.switch_on:
-            return "the LQR flies; card lqr-doublet (2, C) shows how it follows"
+            return "the LQR flies; card proof (2, C), then F here: flown against predicted"
         switch = "B" if state.simulated else "the pilot's switch"
-        return f"in the air {switch} puts the LQR on; then card lqr-doublet (2, C)"
+        return f"in the air {switch} puts the LQR on; then card proof (2, C), and F here"
     if state.vehicle.armed:
         return (
             "L: the simulated pilot lands; then P" if state.simulated else "the pilot lands and disarms; then P pushes"
         )
-    return "P pushes them to the vehicle (asks first)"
+    return f"{shadow}P pushes them to the vehicle (asks first)"
 
 
 def _next_report(desk: DeskState) -> str:

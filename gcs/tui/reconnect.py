@@ -17,6 +17,7 @@ from gcs.desk import Desk
 from gcs.errors import TippathError
 from gcs.flight.live import LiveWindow
 from gcs.flight.session import Session
+from gcs.flight.session_notes import SessionNote
 from gcs.tui.connections import NOWHERE, Connection, connections, vehicle_logs
 from gcs.tui.state import State
 from gcs.tui.worker import FlightWorker
@@ -58,6 +59,7 @@ class Reconnecting:
         self._on_command: Callable[[str], None] = lambda _: None
         self._on_said: Callable[[str], None] = lambda _: None
         self._desk = Desk(on_command=lambda text: self._on_command(text), on_said=lambda text: self._on_said(text))
+        self._secret: Path | None = None
         self._connection = connection
         self._now = self._on(connection)
 
@@ -89,13 +91,16 @@ class Reconnecting:
 
     def _on(self, connection: Connection) -> FlightWorker:
         start: Callable[[], SimulatedVehicle] | None = None
+        self._secret = None
         if connection.plant is not None:
 
             def start() -> SimulatedVehicle:
                 seed = secrets.randbelow(10_000) if connection.hidden and connection.seed is None else connection.seed
+                directory = vehicle_logs(self._folder, connection.hidden)
+                self._secret = directory if connection.hidden else None
                 return self._make_vehicle(
                     connection.plant,
-                    vehicle_logs(self._folder, connection.hidden),
+                    directory,
                     seed=seed,
                     on_ground=connection.on_ground,
                     more=("--hidden", "random") if connection.hidden else (),
@@ -111,7 +116,7 @@ class Reconnecting:
             start_vehicle=start,
             folder=self._folder,
             primary=self._primary or connection.plant is not None,
-            card=self._card,
+            card=connection.card or self._card,
             profile=self._profile,
             probe=self._probe,
             options=options if real else (),
@@ -131,7 +136,7 @@ class Reconnecting:
     def state(self) -> State:
         """This moment."""
         state = self._now.state()
-        return replace(state, commands=(*self._before, *state.commands)) if self._before else state
+        return replace(state, commands=(*self._before, *state.commands), secret=self._secret)
 
     def window(self, last_s: float) -> LiveWindow:
         return self._now.window(last_s)
@@ -150,6 +155,17 @@ class Reconnecting:
 
     def abort(self) -> None:
         self._now.abort()
+
+    def answer(self, number: int, word: str) -> None:
+        self._now.answer(number, word)
+
+    def note(self, note: SessionNote) -> None:
+        self._now.note(note)
+
+    @property
+    def waiting_notes(self) -> tuple[str, ...]:
+        """That no flight has taken."""
+        return self._now.waiting_notes
 
     def check(self) -> None:
         self._now.check()
@@ -175,6 +191,12 @@ class Reconnecting:
 
     def revert(self) -> None:
         self._now.revert()
+
+    def fetch_log(self) -> None:
+        self._now.fetch_log()
+
+    def call_off(self) -> None:
+        self._now.call_off()
 
     def pilot(self, line: str) -> None:
         self._now.pilot(line)

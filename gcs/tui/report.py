@@ -20,7 +20,6 @@ class ReportScreen(Scrolled):
     NAME = "Report"
     ACTS = (
         Act("w,W", "app.work('report')", "write the page", "write the report page"),
-        Act("n,N", "app.note", "note", "write a note"),
         Act("m,M", "app.rename", "name", "name the flight"),
         Act("d,D", "app.keep_in", "other folder", "keep results in another folder"),
         *READ,

@@ -11,11 +11,15 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 
+from gcs.cards.checklist import Answer, Question
 from gcs.cards.envelope import Limits, Use
 from gcs.desk.state import Designed, DeskState, Fitted
 from gcs.flight.preflight import Check
 from gcs.flight.readiness import Readiness
 from gcs.vehicle.snapshot import VehicleSnapshot
+
+FETCHING = "fetching the log"
+"""What is worked on then; a key calls it off."""
 
 
 class Stage(Enum):
@@ -123,6 +127,14 @@ class State:
     current: int = 0
     """Number of the run that is next, ready or flying; 0 where there is none."""
     progress: Progress | None = None
+    checklist: tuple[Question, ...] = ()
+    """To be answered before the card is begun;"""
+    answers: tuple[Answer | None, ...] = ()
+    """so far, one for each."""
+    air_s: float | None = None
+    """Seconds in the air, of this flight or, on the ground, of the last one; None before the first."""
+    air_known: bool = True
+    """Its take-off was seen; else it flew before it was heard."""
     limits: Limits = field(default_factory=Limits)
     use: Use | None = None
     """Peaks of the run under way (or of the last) in percent of the limits."""
@@ -152,6 +164,8 @@ class State:
     busy: str = ""
     """What is being worked on away from the screen: a fit, a push."""
     bank: Bank | None = None
+    secret: Path | None = None
+    """Folder with the sealed answer of the simulated vehicle; None where nothing is hidden."""
     commands: tuple[str, ...] = ()
     """What was done, as a shell would do it; newest last."""
     desk: DeskState = field(default_factory=DeskState)
@@ -176,16 +190,21 @@ class State:
     def lost(self) -> bool:
         return self.vehicle is not None and self.vehicle.lost
 
-    def not_on_ground(self) -> str | None:
-        """Why gains cannot be moved now; None where they can."""
+    @property
+    def unanswered(self) -> int | None:
+        """Number of the checklist's first question without an answer, from 0; None where all have one."""
+        return next((i for i, answer in enumerate(self.answers) if answer is None), None)
+
+    def not_on_ground(self, what: str = "gains are moved") -> str | None:
+        """Why gains cannot be moved now, or a log fetched; None where they can."""
         if self.vehicle is None:
             return "there is no vehicle"
         if self.vehicle.lost:
             return "the link is lost"
         if self.stage.under_way:
-            return "a card is being flown: gains are moved after it, on the ground"
+            return f"a card is being flown: {what} after it, on the ground"
         if self.vehicle.armed:
-            return "the vehicle is armed: gains are moved on the ground, disarmed; the pilot lands first"
+            return f"the vehicle is armed: {what} on the ground, disarmed; the pilot lands first"
         return None
 
 

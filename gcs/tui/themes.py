@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from textual.theme import Theme
 
+PLAIN = ("text-muted", "text-disabled", "panel-lighten-2", "scrollbar", "scrollbar-hover", "scrollbar-active")
+BEHIND = ("scrollbar-background", "scrollbar-background-hover", "scrollbar-background-active")
+"""What is black or white in the themes for the sun."""
 DARK = Theme(
     "dark",
     primary="#56b4e9",
@@ -49,7 +52,7 @@ SUN = Theme(
     surface="#ffffff",
     panel="#ffffff",
     text_alpha=1.0,
-    variables={"text-muted": "#000000", "text-disabled": "#000000"},
+    variables=dict.fromkeys(PLAIN, "#000000") | dict.fromkeys(BEHIND, "#ffffff"),
     dark=False,
 )
 """Black on white: the most that a screen has against the sun."""
@@ -66,7 +69,7 @@ CONTRAST = Theme(
     surface="#000000",
     panel="#000000",
     text_alpha=1.0,
-    variables={"text-muted": "#ffffff", "text-disabled": "#ffffff"},
+    variables=dict.fromkeys(PLAIN, "#ffffff") | dict.fromkeys(BEHIND, "#000000"),
     dark=True,
 )
 THEMES = (DARK, LIGHT, SUN, CONTRAST)
@@ -77,3 +80,15 @@ def after(name: str) -> str:
     """The theme that follows; the sun's comes first, for whoever presses the key outdoors."""
     order = ("dark", "sun", "contrast", "light")
     return order[(order.index(name) + 1) % len(order)] if name in order else order[0]
+
+
+def contrast(one: tuple[int, ...], other: tuple[int, ...]) -> float:
+    """Of two colours, red, green and blue from 0 to 255: 1 for the same, 21 for black on white (WCAG 2.2)."""
+    high, low = sorted((_luminance(one), _luminance(other)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def _luminance(colour: tuple[int, ...]) -> float:
+    """Relative, 0 to 1."""
+    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in (part / 255 for part in colour)]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

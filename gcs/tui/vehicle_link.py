@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import shlex
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from gcs.cards.maneuver import TestCard
@@ -16,6 +18,7 @@ from gcs.flight.live import LiveWindow, rates_alone
 from gcs.flight.readiness import answer_where_needed, look
 from gcs.flight.session import Session
 from gcs.link.procedures import ProcedureError, ReadParameter
+from gcs.tui.air_time import AirTime
 from gcs.tui.moment import Moment
 from gcs.tui.state import Bank, Stage
 from gcs.vehicle.autopilots import ACTIVE_CRC, STABILIZE, SWITCH, SYSTEMID
@@ -26,6 +29,8 @@ CONNECT_S = 3.0
 AGAIN_S = 1.0
 WATCH_S = 0.05
 KEPT_TELEMETRY = 1200
+SWITCH_S = 5.0
+"""So often the pilot's switch is asked for between two runs: nobody tells when it is turned."""
 
 
 class SimulatedVehicle(Protocol):
@@ -51,8 +56,11 @@ class VehicleLink:
         *,
         primary: bool,
         options: Sequence[str] = (),
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`options` are those behind --connect that a shell needs to reach the same vehicle."""
+        """`options` are those behind --connect that a shell needs to reach the same vehicle; `clock` counts seconds."""
+        self._clock = clock
+        self.air = AirTime()
         self._options = tuple(options)
         self._moment = moment
         self.word = link
@@ -65,6 +73,7 @@ class VehicleLink:
         self.mode_before = STABILIZE
         """The last mode that was not the excitation's."""
         self._reboots = 0
+        self._switch_asked_s = 0.0
         self._vehicle: SimulatedVehicle | None = None
         self._telemetry: deque[tuple[float, float, float]] = deque(maxlen=KEPT_TELEMETRY)
         self._conductor = threading.Thread(target=self._conduct, name="tippath app", daemon=True)
@@ -86,6 +95,11 @@ class VehicleLink:
             return self.session.snapshot()
         except LinkError:
             return None
+
+    @property
+    def air_s(self) -> float | None:
+        """Seconds in the air; None where the vehicle was never seen there."""
+        return self.air.seconds(self._clock())
 
     def rpm(self) -> float | None:
         """Of its rotor."""
@@ -181,6 +195,7 @@ class VehicleLink:
         vehicle = self.snapshot()
         if vehicle is None:
             return
+        self.air = self.air.seen(vehicle, self._clock())
         if vehicle.mode not in (SYSTEMID, -1):
             self.mode_before = vehicle.mode
         if vehicle.reboots != self._reboots and self.session is not None and self.word is not None:
@@ -188,12 +203,33 @@ class VehicleLink:
             self._moment.set(readiness=None)
             again = (self.session, self.word)
             threading.Thread(target=self._answer_log, args=again, name="tippath log", daemon=True).start()
+        self._watch_switch(vehicle)
         at, p, q = vehicle.attitude_at_s, vehicle.p, vehicle.q
         if at is None or p is None or q is None:
             return
         with self._moment.lock:
             if not self._telemetry or self._telemetry[-1][0] < at:
                 self._telemetry.append((at, p, q))
+
+    def _watch_switch(self, vehicle: VehicleSnapshot) -> None:
+        """Whether the LQR is selected, by the vehicle's newest word; where it has gains, it is asked now and then."""
+        bank, now = self._moment.now.bank, self._clock()
+        if bank is None or not bank.active:
+            return
+        told = next((one.value for one in reversed(vehicle.said) if one.name == SWITCH), None)
+        if told is not None and (told == 1.0) is not bank.switch_on:
+            self._moment.set(bank=replace(bank, switch_on=told == 1.0))
+        calm = self._moment.now.stage in (Stage.IDLE, Stage.HELD) and not vehicle.lost
+        if calm and now - self._switch_asked_s > SWITCH_S:
+            self._switch_asked_s = now
+            threading.Thread(target=self._ask_switch, name="tippath switch", daemon=True).start()
+
+    def _ask_switch(self) -> None:
+        """The answer is seen with all that the vehicle says."""
+        session = self.session
+        if session is not None:
+            with contextlib.suppress(TippathError):
+                session.call(ReadParameter(SWITCH, 1))
 
     def _read_bank(self) -> None:
         """What the vehicle holds, where it has a bank at all."""

@@ -15,8 +15,7 @@ from textual.content import Content
 from textual.style import Style
 
 from gcs.cards.envelope import Limits
-from gcs.flight.preflight import LAG_LIMIT_S, Check
-from gcs.link.clock import LOST_AFTER_S
+from gcs.flight.preflight import Check
 from gcs.link.decode import sanitise
 from gcs.tui.actions import ANYWHERE, PILOT, footer
 from gcs.tui.next_step import current
@@ -24,16 +23,12 @@ from gcs.tui.plot import Style as PlotStyle
 from gcs.tui.plot import bar
 from gcs.tui.pressing import pressed
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
-from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
-from gcs.vehicle.snapshot import VehicleSnapshot
-
-ABORT = "F12 ABORT"
 
 _PLAIN = str.maketrans(
     {
         "δ": "d", "▶": ">", "✓": "+", "✗": "x", "●": "*", "○": "o", "·": "-", "°": " deg", "±": "+-", "─": "-",
         "→": "->", "σ": "sigma", "█": "#", "▏": "", "▎": "", "▍": "", "▌": "", "▋": "", "▊": "", "▉": "#", "←": "<-",
-        "…": "~", "│": "|", "²": "2", "–": "-", "−": "-", "▓": "#", "░": ".",
+        "…": "~", "│": "|", "²": "2", "–": "-", "−": "-", "▓": "#", "░": ".", "↑": "+", "↓": "-",
     }
 )  # fmt: skip
 
@@ -64,17 +59,6 @@ def justified(left: str, right: str, width: int) -> str:
     return left + " " * (width - cell_len(left) - cell_len(right)) + right
 
 
-def who(state: State) -> str:
-    """Who commands the vehicle's mode, as far as can be told."""
-    vehicle = state.vehicle
-    assert vehicle is not None
-    if vehicle.lost:
-        return "last heard"
-    if vehicle.mode == SYSTEMID:
-        return "tippath" if state.stage in (Stage.FLYING, Stage.ABORTING) else "excitation"
-    return "autopilot" if vehicle.mode in BY_ITSELF else "pilot"
-
-
 def too_small(size: tuple[int, int], smallest: tuple[int, int]) -> str:
     """That the terminal is too small, in what fits there."""
     needed = f"{smallest[0]}x{smallest[1]}"
@@ -82,63 +66,6 @@ def too_small(size: tuple[int, int], smallest: tuple[int, int]) -> str:
         if cell_len(text) <= size[0]:
             return text
     return fitted("too small", size[0])
-
-
-def top_line(state: State, width: int) -> Content:
-    """Link, mode and who commands it, armed, rotor speed, battery, and the abort key, which goes last of all."""
-    room = width - len(ABORT) - 2
-    if room < 1:
-        return Content.assemble(pressed(ABORT[:width], "app.abort", "bold reverse"))
-    for level in range(4):
-        parts = _top_parts(state, level)
-        text = " " + "  ".join(parts)
-        if cell_len(text) <= room:
-            break
-    line = justified(text, ABORT + " ", width)
-    alarm = state.vehicle is None or state.lost or _late(state.vehicle)
-    style = "bold reverse" if alarm else "bold"
-    return Content.assemble((line[: -len(ABORT) - 1], style), pressed(ABORT, "app.abort", "bold reverse"), (" ", style))
-
-
-def _top_parts(state: State, level: int) -> list[str]:
-    vehicle = state.vehicle
-    if vehicle is None:
-        return ["NO VEHICLE", fitted(state.link, 40)]
-    if vehicle.lost:
-        link = f"LINK LOST {_age(vehicle.link_age_s)}"
-    else:
-        link = f"LINK {vehicle.link_age_s:.1f}{_lag(vehicle, level)}"
-    mode = f"{sanitise(vehicle.mode_name)} ({who(state)})"
-    rpm = "RPM ?" if vehicle.rpm is None else f"RPM {vehicle.rpm:.0f}"
-    if vehicle.rpm is not None and state.rpm_reference and level < 2:
-        rpm += f" {100 * (vehicle.rpm / state.rpm_reference - 1):+.1f} %"
-    battery = "BAT ?" if vehicle.battery_v is None else f"BAT {vehicle.battery_v:.1f} V"
-    parts = [link, mode if level >= 1 else f"MODE {mode}", "ARMED" if vehicle.armed else "disarmed", rpm, battery]
-    return parts if level < 3 else parts[:3]
-
-
-def _lag(vehicle: VehicleSnapshot, level: int) -> str:
-    """How late the link is, behind its age: in full where there is room, or where it is too late to fly on."""
-    if deaf(vehicle):
-        return " s NO ANSWER"
-    if vehicle.lag_s is None:
-        return " s"
-    if vehicle.lag_s > LAG_LIMIT_S:
-        return f" s LATE {vehicle.lag_s:.1f} s"
-    return f" s lag {vehicle.lag_s:.2f} s" if level < 1 else f"|{vehicle.lag_s:.1f}"
-
-
-def deaf(vehicle: VehicleSnapshot) -> bool:
-    """Whether it is heard, has answered before, and does so no more."""
-    return not vehicle.lost and vehicle.lag_s is not None and vehicle.answer_age_s > LOST_AFTER_S
-
-
-def _late(vehicle: VehicleSnapshot) -> bool:
-    return deaf(vehicle) or (vehicle.lag_s is not None and vehicle.lag_s > LAG_LIMIT_S)
-
-
-def _age(age_s: float) -> str:
-    return "" if math.isinf(age_s) else f"{age_s:.1f} s" if age_s < 60 else f"{age_s / 60:.0f} min"
 
 
 SCREENS = ("Connect", "Fly", "Runs", "Fit", "Compare", "Diagnose", "Ladder", "Controller", "Report")
@@ -200,7 +127,7 @@ def progress_line(state: State, width: int, style: PlotStyle) -> str:
             run = current(state)
             return fitted(f" ▶ {_progress(state.progress, amplitude(run), style, 20 if width < 100 else 40)}", width)
         case Stage.ABORTING if state.lost:
-            return fitted(" LINK LOST IN THE RUN: nothing is sent until the vehicle is heard again", width)
+            return fitted(" LINK LOST IN THE RUN: nothing is sent until it is heard, unless you press F12", width)
         case Stage.ABORTING:
             return " ENDING EARLY: asking for the mode before, until the vehicle shows it"
         case Stage.READY:
@@ -380,24 +307,3 @@ def bank_line(bank: Bank | None) -> str:
     before = "" if bank.previous is None else f" · before: {f'{bank.previous:06x}' if bank.previous else 'none'}"
     switch = {True: "the LQR", False: "the autopilot", None: "not told"}[bank.switch_on]
     return f"the vehicle's LQR: {active}{before} · the pilot's switch: {switch}"
-
-
-def rings(before: State, after: State) -> bool:
-    """Whether the bell rings between two moments: last three seconds, halfway, the end, a limit, a lost
-    or a late link."""
-    if after.lost and not before.lost:
-        return True
-    if after.vehicle is not None and _late(after.vehicle) and before.vehicle is not None and not _late(before.vehicle):
-        return True
-    if before.stage is Stage.FLYING and after.stage is not Stage.FLYING:
-        return True
-    if after.stage is not Stage.FLYING:
-        return False
-    over = after.use is not None and after.use.largest > 100
-    if over and not (before.use is not None and before.use.largest > 100):
-        return True
-    if before.progress is None or after.progress is None:
-        return False
-    duration = after.progress.duration_s
-    moments = (0.0, duration / 2, duration - 3, duration - 2, duration - 1)
-    return any(before.progress.elapsed_s < moment <= after.progress.elapsed_s for moment in moments)

@@ -20,10 +20,12 @@ from gcs.errors import TippathError
 from gcs.flight import gains
 from gcs.flight.live import LiveWindow
 from gcs.flight.session import Session
+from gcs.flight.session_notes import SessionNote
 from gcs.tui import state as view
 from gcs.tui.card_flight import CardFlight
+from gcs.tui.log_fetching import LogFetching
 from gcs.tui.moment import Moment
-from gcs.tui.state import Bank, State
+from gcs.tui.state import FETCHING, Bank, State
 from gcs.tui.vehicle_link import SimulatedVehicle, VehicleLink
 
 CLOSE_S = 20.0
@@ -44,8 +46,11 @@ class AppWorker(Protocol):
     def choose_run(self, number: int) -> None: ...
     def end_card(self) -> None: ...
     def abort(self) -> None: ...
+    def answer(self, number: int, word: str) -> None:
+        """To a question of the card's checklist. Raises TippathError."""
 
     # These wait, and are called from a worker. They raise TippathError.
+    def note(self, note: SessionNote) -> None: ...
     def check(self) -> None: ...
     def take_over(self) -> None: ...
     def choose_card(self, word: str) -> None: ...
@@ -54,6 +59,10 @@ class AppWorker(Protocol):
     def design(self) -> None: ...
     def push(self, why: str = "") -> None: ...
     def revert(self) -> None: ...
+    def fetch_log(self) -> None: ...
+    def call_off(self) -> None:
+        """End what is fetched, at its next piece; never waits."""
+
     def pilot(self, line: str) -> None: ...
     def close(self) -> None: ...
 
@@ -94,6 +103,7 @@ class FlightWorker:
         self._desk = make_desk(
             on_command=self._moment.did, on_said=lambda text: self._moment.set(said=text, said_by_desk=True)
         )
+        self._fetching = LogFetching()
         self._link.begin()
 
     # What the app reads.
@@ -109,6 +119,7 @@ class FlightWorker:
         if session is None or vehicle is None:
             return state
         received = session.samples(0.0).received if vehicle.recording is not None else 0
+        state = replace(state, air_s=self._link.air_s, air_known=self._link.air.known)
         return replace(state, vehicle=vehicle, samples=received, station=session.station)
 
     def window(self, last_s: float) -> LiveWindow:
@@ -130,6 +141,18 @@ class FlightWorker:
 
     def abort(self) -> None:
         self._card.abort()
+
+    def answer(self, number: int, word: str) -> None:
+        self._card.logbook.answer(number, word)
+
+    def note(self, note: SessionNote) -> None:
+        """Into the flight under way, or the last one; before the first it waits."""
+        self._card.logbook.note(note)
+
+    @property
+    def waiting_notes(self) -> tuple[str, ...]:
+        """That no flight has taken."""
+        return self._card.logbook.waiting
 
     def check(self) -> None:
         """Whether the card can be flown with the vehicle as it is set; not while a card is flown."""
@@ -227,14 +250,32 @@ class FlightWorker:
             banks = f"{gains.checksum(result.crc)}, before {gains.checksum(result.reverted_crc)}"
             self._moved(f"reverted gains to {banks}", "tippath revert")
 
+    def fetch_log(self) -> None:
+        """The log of the flight that is open off the vehicle's card, beside what was streamed of it; it is read again.
+
+        Only disarmed. What came of a fetch that was called off is gone on with by the next.
+        """
+        session = self._on_ground("a log is fetched")
+        folder = self._desk.state().path
+        if folder is None or not folder.is_dir():
+            raise TippathError("no flight's folder is open: 3, then O opens one; its log comes into it")
+        with self._moment.working(FETCHING):
+            came = self._fetching.bring(session, folder, lambda text: self._moment.set(busy=f"{FETCHING}: {text}"))
+        self._moment.set(said=f"fetched {', '.join(path.name for path in came)}")
+        self._moved(f"fetched {', '.join(path.name for path in came)}", f"tippath fetch -o {word(folder)}")
+        self._desk.open(str(folder), wait=True)
+
+    def call_off(self) -> None:
+        self._fetching.call_off()
+
     def _moved(self, did: str, command: str) -> None:
         """Tell of gains that were moved."""
         on_link = f"{command} --connect {self._link.shell_words}"
         self._moment.did(on_link)
         self._desk.audit(did, on_link)
 
-    def _on_ground(self) -> Session:
-        reason = self.state().not_on_ground()
+    def _on_ground(self, what: str = "gains are moved") -> Session:
+        reason = self.state().not_on_ground(what)
         if reason is not None:
             raise TippathError(reason)
         assert self._link.session is not None
@@ -243,6 +284,7 @@ class FlightWorker:
     def close(self) -> None:
         """End a run under way, then recording, the link and the simulated vehicle. Twice is no harm."""
         self._desk.cancel()
+        self.call_off()
         self._link.ending.set()
         self._card.close(CLOSE_S)
         self._link.close()

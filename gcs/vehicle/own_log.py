@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gcs.vehicle.autopilots import LOG_BACKEND, LOG_BITMASK, LOOP_RATE
+from gcs.vehicle.identity import group_of
 from sysid.data.airframe import Airframe
 from sysid.data.gyro_settings import NOTCH_PREFIXES as NOTCHES
 from sysid.data.gyro_settings import NOTCH_WORDS
@@ -73,7 +74,8 @@ def identity(settings: Mapping[str, float]) -> dict[str, str]:
         *SETUP,
         *(f"{notch}_{word}" for notch in NOTCHES if settings.get(f"{notch}_ENABLE") for word in NOTCH_WORDS),
     ]
-    return known | {name: f"{settings[name]:g}" for name in setup if name in settings}
+    gains = [name for name in settings if group_of(name) == "gains"]
+    return known | {name: f"{settings[name]:g}" for name in (*setup, *gains) if name in settings}
 
 
 def airframe(settings: Mapping[str, float], frame: str = "") -> Airframe | None:

@@ -131,6 +131,13 @@ class Plan:
     finished_s: float
     """From entering the mode to the vehicle's word that it has finished."""
 
+    @property
+    def size(self) -> str | None:
+        """The parameter that scales it; None where nothing is flown."""
+        return next(
+            (name for word, (name, _) in zip(self.asked, self.writes, strict=True) if word == "amplitude"), None
+        )
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VehicleProfile:

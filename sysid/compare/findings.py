@@ -112,7 +112,7 @@ def _axis_finding(compared: Comparison, output: str, own_runs: bool) -> Finding:
 
 def _stretch(bands: Sequence[BandError]) -> Sequence[BandError]:
     """The neighbouring bands that hold most of what is not noise."""
-    beyond = np.array([one.error_share * (1 - (one.noise_share or 0)) for one in bands])
+    beyond = np.array([one.beyond_noise for one in bands])
     first = last = int(np.argmax(beyond))
     while np.sum(beyond[first : last + 1]) < MOST_OF_IT * np.sum(beyond):
         below = beyond[first - 1] if first > 0 else -1.0

@@ -40,6 +40,11 @@ class BandError:
     coherence_together: float
     """Share that all commands together explain."""
 
+    @property
+    def beyond_noise(self) -> float:
+        """Share of the axis's error that sits here and is not noise, as far as that is known."""
+        return self.error_share * (1 - (self.noise_share or 0.0))
+
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
 

@@ -117,11 +117,16 @@ def following(gains: Gains, vehicle: Model) -> Following:
     rates = rates_per_command(vehicle, s, gains.commands) @ commands
     shown = slice(0, round((BEFORE_S + SHOWN_S) / STEP_S))
 
+    # Commands jump with what is asked. What a jump rings with above the highest frequency would outgrow all else once
+    # the fade is taken back: Lanczos' factors take it off, for a blur of a sample. Rates do not jump.
+    smooth = np.sinc(np.arange(s.size) / (s.size - 1)) ** 2
+
     def in_time(bins: ComplexArray) -> FloatArray:
         return np.asarray(np.fft.irfft(bins * held, count)[shown] / fade[shown])
 
+    smoothed = commands * smooth[:, None, None]
     roll, pitch = (
-        Answer(axis, asked[shown], *(in_time(one[:, row, k]) for one in (rates, commands) for row in (0, 1)))
+        Answer(axis, asked[shown], *(in_time(one[:, row, k]) for one in (rates, smoothed) for row in (0, 1)))
         for k, axis in enumerate(AXES)
     )
     t = STEP_S * np.arange(shown.stop, dtype=np.float64) - BEFORE_S

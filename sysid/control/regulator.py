@@ -9,7 +9,7 @@ The paper's section 5 with its slips corrected: observer poles (-50, -50, -51, -
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Any
@@ -67,6 +67,8 @@ class Gains:
     poles: AnyArray
     observer_poles: AnyArray
     input_cost: float
+    flapping_cost: float = FLAPPING_COST
+    """Of a and b, where a rate's is 1."""
     loop: ClosedLoop
     """With the whole model that they were designed for."""
     dynamic: DynamicPrefilter | None = None
@@ -106,7 +108,7 @@ class Gains:
             "margins_with": list(self.loop.effects),
             "margins_without": list(self.loop.left_out),
             "drifts": self.loop.drifts,
-            "weights": {"rates": RATE_COST, "flapping": FLAPPING_COST, "inputs": self.input_cost},
+            "weights": {"rates": RATE_COST, "flapping": self.flapping_cost, "inputs": self.input_cost},
             "model": {
                 "structure": structure.base,
                 "parameters": {
@@ -127,8 +129,10 @@ def design(
     observer_poles: Sequence[float] = OBSERVER_POLES,
     *,
     elevator: bool = False,
+    flapping_cost: float = FLAPPING_COST,
 ) -> Gains:
-    """Gains for a TPP model with the paper's weights Q = diag(1, 1, 0.001, 0.001), R = input_cost I, that hold it.
+    """Gains for a TPP model with the weights Q = diag(1, 1, flapping_cost, flapping_cost), R = input_cost I, that hold
+    it; left out they are the paper's.
 
     The controller on board has the four states p, q, a, b. Where a model has more (servos, inflow), or a delay, the
     gains are those of its tip-path plane, and loop and margins are those of the whole. With `elevator` they are those
@@ -136,10 +140,14 @@ def design(
     flapping states of its own, an uncontrollable or unstable model, a bad weight; NotHeldError where the loop would be
     unstable.
     """
-    gains = lqr(model, input_cost, observer_poles, elevator=elevator)
+
+    def at(cost: float) -> Gains:
+        return lqr(model, cost, observer_poles, elevator=elevator, flapping_cost=flapping_cost)
+
+    gains = at(input_cost)
     if gains.loop.stable:
         return gains
-    instead = _that_hold(model, input_cost, observer_poles, elevator)
+    instead = _that_hold(input_cost, at)
     raise NotHeldError(_refusal(model, gains, instead), instead)
 
 
@@ -149,6 +157,7 @@ def lqr(
     observer_poles: Sequence[float] = OBSERVER_POLES,
     *,
     elevator: bool = False,
+    flapping_cost: float = FLAPPING_COST,
 ) -> Gains:
     """The same gains whether they hold the whole model or not: `loop` tells. Raises DesignError as `design` does."""
     # heavier than NumPy itself to load: only where it is needed
@@ -157,6 +166,8 @@ def lqr(
     whole, model = model, _flown_by(model, elevator)
     if not (input_cost > 0 and math.isfinite(input_cost)):
         raise DesignError("the input cost must be a positive number (the paper's is 5)")
+    if not (flapping_cost >= 0 and math.isfinite(flapping_cost)):
+        raise DesignError("the flapping cost must be a number, not negative (the paper's is 0.001)")
     if not (np.all(np.isfinite(model.values)) and np.all(np.isfinite(whole.values))):
         raise DesignError("the model has values that are no numbers: fit again")
     if not (model.stable and whole.stable):
@@ -164,7 +175,7 @@ def lqr(
     A, B, C, _ = (np.asarray(x, dtype=float) for x in model.matrices)
     B = B[:, : 3 if elevator else 2]
     _refuse_uncontrolled(A, B, C)
-    Q, R = np.diag([RATE_COST, RATE_COST, FLAPPING_COST, FLAPPING_COST]), input_cost * np.eye(B.shape[1])
+    Q, R = np.diag([RATE_COST, RATE_COST, flapping_cost, flapping_cost]), input_cost * np.eye(B.shape[1])
     try:
         K = np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R))
         L = observer_gain(A, C, observer_poles)
@@ -179,6 +190,7 @@ def lqr(
         poles=np.linalg.eigvals(A - B @ K),
         observer_poles=np.linalg.eigvals(A - L @ C),
         input_cost=input_cost,
+        flapping_cost=flapping_cost,
         loop=ClosedLoop(None),
     )
     return replace(gains, loop=closed_loop(gains, whole))
@@ -258,14 +270,14 @@ def _flown_by(model: Model, elevator: bool = False) -> Model:
 # ------------------------------------------------------------------------------------------------ what would hold
 
 
-def _that_hold(model: Model, asked: float, observer_poles: Sequence[float], elevator: bool) -> Gains | None:
+def _that_hold(asked: float, at: Callable[[float], Gains]) -> Gains | None:
     """Of the costs offered the first, upwards and then downwards from the one asked for, that leaves sensible margins.
 
     Where none does, the first that holds at all.
     """
     some: Gains | None = None
     for cost in (*(c for c in COSTS if c > asked), *(c for c in reversed(COSTS) if c < asked)):
-        gains = lqr(model, cost, observer_poles, elevator=elevator)
+        gains = at(cost)
         if gains.loop.margins is not None:
             if gains.loop.margins.sensible:
                 return gains

@@ -71,7 +71,7 @@ def main(what: str, seconds: float, out: Path) -> None:
         thinking.wait()
     threading.Thread(target=feed.live, daemon=True).start()
     module.LOOKS_PER_S = FRAMES_PER_S
-    engine = Fake(feed)
+    engine: Any = Fake(feed)
 
     class Measured(module.TippathApp):
         CSS_PATH = str(Path(module.__file__).with_name("tippath.tcss"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -214,11 +215,15 @@ def test_report_is_self_contained(foreign_csv: Path, tippath: Tippath, tmp_path:
     fit = tmp_path / "fit.json"
     assert tippath("fit", foreign_csv, "--model", "cd", "-o", fit)[0] == 0
     page = tmp_path / "report.html"
-    assert tippath("report", fit, "-o", page)[0] == 0
+    assert tippath("report", fit, "-o", page, "--pdf")[0] == 0
     text = page.read_text(encoding="utf-8")
-    assert text.count("<svg") == 3  # comparison, diagnosis, the run
-    assert "src=" not in text
-    assert 'href="http' not in text
+    figures = text.count("<svg")
+    assert figures >= 4  # responses, spectra, the worst runs, the run
+    assert re.findall("<b>Figure ([0-9]+)", text) == [str(1 + n) for n in range(figures)]
+    assert not re.search(r"(src|href)=(?!\"#)", text.replace("xlink:href", ""))
+    assert not re.search(r"https?://(?!www\.w3\.org/)", text)
+    assert len(text) < 500_000
+    assert page.with_suffix(".pdf").read_bytes().startswith(b"%PDF-")
     foreign_csv.rename(foreign_csv.with_suffix(".moved"))
     try:
         status, _, err = tippath("report", fit, "-o", tmp_path / "second.html")

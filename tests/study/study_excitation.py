@@ -86,6 +86,10 @@ def study_no_rule_is_broken_without_the_logs_stream() -> None:
     _study(0, HARD, "card")
 
 
+def study_no_rule_is_broken_where_an_end_is_sent_unheard() -> None:
+    _study(0, HARD, "blind")
+
+
 def study_no_rule_is_broken_in_whole_flights() -> None:
     _study(0, WHOLE, "whole")
 

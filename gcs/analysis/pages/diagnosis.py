@@ -10,8 +10,8 @@ import numpy as np
 from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.diagnosis import FitDiagnosis
 from gcs.analysis.ladder import short_names
-from gcs.analysis.pages.page import BLACK, BLUE, ORANGE
-from gcs.analysis.pages.pictures import BESIDE, SKY, logarithmic, noise_area, plain, sheet
+from gcs.analysis.pages.page import BLACK, BLUE, ORANGE, literal
+from gcs.analysis.pages.pictures import BESIDE, SKY, WIDTH, logarithmic, noise_area, plain, sheet
 from sysid.compare.compare import compare
 from sysid.compare.values import Densities
 from sysid.data.record import RATES, axis_of
@@ -57,19 +57,20 @@ def diagnosis_picture(
     best_label: str = "best candidate",
     outputs: Sequence[str] = RATES,
     title: str = "",
+    width: float = WIDTH,
 ) -> Any:
     """Bars of what each candidate explains of what can be explained, and the residuals against the noise.
 
-    candidates: best first; the first bar is dark, those with a note hatched. parent, best: spectra of the residual
+    candidates: best first; the first bar is dark, those with a note are empty. parent, best: spectra of the residual
     before and with the best candidate. title: the answer.
     """
     tall = 0.36 * max(1, len(candidates)) + 1.0
-    figure = sheet(tall + 4.4)
+    figure = sheet(tall + (4.4 if width == WIDTH else 3.0), width)
     grid = figure.add_gridspec(2, len(outputs), height_ratios=[tall, 4.0])
     axis = figure.add_subplot(grid[0, :])
     plain(axis)
     _draw_shares(axis, candidates)
-    axis.set_title(title, fontsize=12, loc="left", fontweight="bold")
+    axis.set_title(literal(title), fontsize=12, loc="left", fontweight="bold")
     for k, output in enumerate(outputs):
         panel = figure.add_subplot(grid[1, k])
         plain(panel)
@@ -83,25 +84,31 @@ def _draw_shares(axis: Any, candidates: Sequence[Share]) -> None:
     shares = [0.0 if share is None else float(np.clip(share, 0, 1)) for _, share, _ in candidates]
     place = np.arange(len(candidates))
     colours = [BLUE if number == 0 else SKY for number in range(len(candidates))]
-    hatches = ["//" if note and share is not None else "" for _, share, note in candidates]
-    axis.barh(place, [100 * share for share in shares], color=colours, height=0.7, hatch=hatches, edgecolor="white")
+    filled = ["white" if note else colour for colour, (_, _, note) in zip(colours, candidates, strict=True)]
+    axis.barh(place, [100 * share for share in shares], color=filled, height=0.7, edgecolor=colours)
     for y, (share, (_, testable, note)) in enumerate(zip(shares, candidates, strict=True)):
         said = "not testable" if testable is None else f"{100 * share:.0f} %"
         axis.text(100 * share + 0.8, y, said, va="center", fontsize=9, bbox=BESIDE)
         after = NOTE_AFTER[testable is None]
         axis.annotate(
-            note, (100 * share, y), (after, 0), textcoords="offset points", va="center", fontsize=9, bbox=BESIDE
+            literal(note),
+            (100 * share, y),
+            (after, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=9,
+            bbox=BESIDE,
         )
     if candidates:
         axis.axvline(80, color=BLACK, linewidth=0.8, linestyle=":")
-        axis.text(80, -0.62, "enough to name it", ha="center", va="bottom", fontsize=8, bbox=BESIDE)
+        axis.text(80, -0.62, "needed to be named", ha="center", va="bottom", fontsize=8, bbox=BESIDE)
     else:
         axis.text(50, -0.1, "nothing was refitted: there is nothing to explain", ha="center", fontsize=10)
-    axis.set_yticks(place, [label for label, _, _ in candidates])
+    axis.set_yticks(place, [literal(label) for label, _, _ in candidates])
     axis.set_ylim(max(1, len(candidates)) - 0.4, -1.1)
     axis.set_xlim(0, 150 if any(note for _, _, note in candidates) else 108)
     axis.set_xticks([0, 20, 40, 60, 80, 100])
-    axis.set_xlabel("explained, % of what can be explained", fontsize=10, loc="left")
+    axis.set_xlabel("avoidable error that it removes, %", fontsize=10, loc="left")
 
 
 def _draw_residual(panel: Any, parent: Densities, best: Densities | None, best_label: str, k: int) -> None:
@@ -109,7 +116,9 @@ def _draw_residual(panel: Any, parent: Densities, best: Densities | None, best_l
     noise = np.maximum((best or parent).noise[:, k], 1e-12)
     panel.plot(parent.frequency_hz, parent.residual[:, k], color=ORANGE, linewidth=1.6, label="now")
     if best is not None:
-        panel.plot(best.frequency_hz, best.residual[:, k], color=BLUE, linewidth=1.8, linestyle="--", label=best_label)
+        panel.plot(
+            best.frequency_hz, best.residual[:, k], color=BLUE, linewidth=1.8, linestyle="--", label=literal(best_label)
+        )
     noise_area(panel, (best or parent).frequency_hz, noise)
     panel.set_yscale("log")
     top = float(max(np.max(parent.residual[:, k]), np.max(noise)))

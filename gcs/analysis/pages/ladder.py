@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from gcs.analysis.ladder import Nrmse, RungNumbers
-from gcs.analysis.pages.page import BLACK, BLUE, ORANGE
-from gcs.analysis.pages.pictures import BESIDE, GREY, panels
+from gcs.analysis.pages.page import BLACK, BLUE, ORANGE, literal
+from gcs.analysis.pages.pictures import BESIDE, GREY, WIDTH, panels
 from sysid.data.record import axis_of
 
 
@@ -17,13 +17,15 @@ def ladder_picture(
     rungs: Sequence[RungNumbers],
     floor: Nrmse | None,
     placebo: RungNumbers | None = None,
+    *,
+    width: float = WIDTH,
 ) -> Any:
     """Error that is left, 100 less the NRMSE fit in percent, rung by rung: fitted, validation, and noise's part.
 
     The numbers are the NRMSE fit of the fitted runs. placebo: the best wrong effect in place of the last rung's.
     """
     outputs = tuple(rungs[0][1])
-    figure, axes = panels(1, len(outputs), 5.0)
+    figure, axes = panels(1, len(outputs), 5.0 if width == WIDTH else 3.8, width=width)
     place = np.arange(len(rungs))
     for k, output in enumerate(outputs):
         axis = axes[0, k]
@@ -45,7 +47,7 @@ def ladder_picture(
                 markersize=8,
                 markerfacecolor="white",
                 markeredgecolor=BLACK,
-                label=f"placebo: {placebo[0]}",
+                label=literal(f"placebo: {placebo[0]}"),
             )
             top = max(top, wrong)
         if floor is not None:
@@ -59,12 +61,11 @@ def ladder_picture(
         axis.set_ylim(0, 1.25 * top)
         axis.set_xlim(-0.5, len(rungs) - 0.5)
         axis.grid(False, axis="x")
-        names = [label.replace(" + ", "\n+ ") for label, _, _ in rungs]
+        names = [literal(label).replace(" + ", "\n+ ") for label, _, _ in rungs]
         turned = len(rungs) > 4
         axis.set_xticks(place, names, rotation=25 if turned else 0, ha="right" if turned else "center")
-        axis.set_title(
-            f"{axis_of(output)}: the error left; numbers: NRMSE fit", fontsize=11, loc="left", fontweight="bold"
-        )
+        told = ": the error left; numbers: NRMSE fit" if width == WIDTH else ""
+        axis.set_title(f"{axis_of(output)}{told}", fontsize=11, loc="left", fontweight="bold")
         axis.set_ylabel("error left: 100 less NRMSE fit, %", fontsize=10)
         axis.legend(loc="upper right", fontsize=9, frameon=False)
     return figure

@@ -1,46 +1,96 @@
-"""One HTML document without outside references, and figures as parts of it."""
+"""One HTML document without outside references, and figures as parts of it.
+
+The template escapes whatever it is given, so that names and notes are harmless whatever they hold; only the figures,
+which Matplotlib escapes itself, go in as they are. The page allows nobody to load or run anything: its first words say
+so to the browser.
+"""
 
 from __future__ import annotations
 
-import html
 import io
-from collections.abc import Sequence
+import re
+import warnings
 from typing import Any
+
+from gcs.analysis.pages.parts import Document, Picture, numbered
 
 # Okabe and Ito: told apart by colour-blind eyes
 
 BLACK, BLUE, ORANGE, GREEN = "#222222", "#0072B2", "#D55E00", "#009E73"
 
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-pre { background: #f6f6f4; padding: .8rem 1rem; overflow-x: auto; line-height: 1.35; white-space: pre-wrap; }
-svg { max-width: 100%; height: auto; }
-h2 { margin-top: 2.2rem; border-bottom: 1px solid #ddd; }
-"""
+FONTS = re.compile(r"(?<=style=\")([^\"]*?)'DejaVu Sans'[^\"]*?sans-serif")
+PLACES = re.compile(r' (?:d|x|y)="[^"]*"')
+FINE = re.compile(r"(\.\d)\d+")
+PATH = re.compile(r' d="([^"]*)"')
+STEP = re.compile(r"([ML])\s*(-?[\d.]+(?:e-?\d+)?)\s+(-?[\d.]+(?:e-?\d+)?)\s*")
 
 
-def page(title: str, sections: Sequence[tuple[str, str, Sequence[str]]]) -> str:
-    """Heading, preformatted text and SVG pictures for each section -> one HTML document without outside references."""
-    parts = [
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
-        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body><h1>{html.escape(title)}</h1>",
+def page(document: Document) -> str:
+    """A document as HTML."""
+    # a twentieth of a second to load: only where a page is made
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=PackageLoader("gcs.analysis.pages", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    parts = numbered([section.parts for section in document.sections])
+    sections = [
+        (number, section, [(count, type(part).__name__, part) for count, part in each])
+        for number, (section, each) in enumerate(zip(document.sections, parts, strict=True), 1)
     ]
-    for heading, text, pictures in sections:
-        if heading:
-            parts.append(f"<h2>{html.escape(heading)}</h2>")
-        if text:
-            parts.append(f"<pre>{html.escape(text)}</pre>")
-        parts += pictures
-    return "\n".join([*parts, "</body></html>", ""])
+    contents = [(number, section.heading) for number, section, _ in sections if section.heading]
+
+    def drawn(picture: Picture) -> Markup:
+        return Markup(svg(picture.figure))  # Matplotlib's own, in which it escapes texts
+
+    template = environment.get_template("page.html.jinja")
+    return f"{template.render(document=document, sections=sections, contents=contents, svg=drawn)}\n"
 
 
-def svg(figure: Any) -> str:
-    """A figure as an SVG element to stand in a page."""
+def svg(figure: Any, *, outlined: bool = False) -> str:
+    """A figure as an SVG element to stand in a page. `outlined`: letters as their outlines, for who has no fonts."""
     stream = io.StringIO()
     # a second to load: only where something is drawn
     from matplotlib import rc_context
 
-    with rc_context({"svg.hashsalt": "tippath"}):  # the same figure gives the same page
+    settings = {"svg.hashsalt": "tippath", "svg.fonttype": "path" if outlined else "none"}
+    with rc_context(settings), warnings.catch_warnings():  # the same figure gives the same page
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # in a name, say; a box stands for it
         figure.savefig(stream, format="svg", metadata={"Date": None})
     text = stream.getvalue()
-    return text[text.index("<svg") :]
+    text = text[text.index("<svg") :]
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = PLACES.sub(lambda found: FINE.sub(r"\1", found.group(0)), PATH.sub(_short, text))
+    return FONTS.sub(r"\1sans-serif", text)
+
+
+def _short(found: re.Match[str]) -> str:
+    """The path of a line in steps of a tenth of a point, each from the one before; any other as it is.
+
+    Rounded are places, not steps, so that errors do not add up.
+    """
+    path = found.group(1)
+    steps = STEP.findall(path)
+    if len(steps) < 8 or STEP.sub("", path).strip():
+        return found.group(0)
+    written, x, y = [], 0, 0
+    for command, right, down in steps:
+        to_x, to_y = round(10 * float(right)), round(10 * float(down))
+        if command == "M":
+            written.append(f"M{_tenths(to_x)} {_tenths(to_y)}")
+        elif (to_x, to_y) != (x, y):
+            written.append(f"l{_tenths(to_x - x)} {_tenths(to_y - y)}")
+        x, y = to_x, to_y
+    return f' d="{re.sub(" -", "-", "".join(written))}"'
+
+
+def _tenths(value: int) -> str:
+    """`-.3`, `12`."""
+    whole = f"{value / 10:g}"
+    return whole.replace("0.", ".", 1) if whole.startswith(("0.", "-0.")) else whole
+
+
+def literal(text: str) -> str:
+    """Words of others in a figure: no formulas."""
+    return text.replace("$", r"\$")

@@ -8,13 +8,16 @@ figures are made without its global state, so that drawing works in any thread a
 from __future__ import annotations
 
 import io
+import itertools
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, page, svg
+from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, literal, page
+from gcs.analysis.pages.parts import Document, Listing, Part, Picture, Section
 from gcs.errors import UsageError
 from gcs.files import write_whole
 from sysid.compare.values import BandError, Comparison, Densities, ResponseError, Trace
@@ -26,8 +29,12 @@ COMMAND_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW, SKY)
 KINDS = (".png", ".svg", ".html")
 DOTS_PER_INCH = 100
 WIDTH = 12.0
+PAGE_WIDTH = 9.0
+"""Inches, in a page that is printed too: letters of 9 points are 7 on paper."""
 BESIDE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 """Behind numbers that stand on lines."""
+COLUMNS = 700
+"""Of a line in time: two points of each are drawn, so that no peak is lost."""
 LARGEST_DB, LARGEST_DEG = 20.0, 180.0
 """Beyond these a mismatch is drawn at the edge."""
 
@@ -46,7 +53,8 @@ def write_picture(path: Path, figure: Any, title: str, text: str = "") -> None:
     """
     kind = picture_kind(path)
     if kind == "html":
-        content = page(title, [("", text, [svg(figure)])]).encode()
+        parts: tuple[Part, ...] = (*((Listing(text),) if text else ()), Picture(figure, ""))
+        content = page(Document(title, "", (Section("", parts),))).encode()
     else:
         stream = io.BytesIO()
         figure.savefig(stream, format=kind, dpi=DOTS_PER_INCH)
@@ -76,21 +84,55 @@ def compare_picture(found: Comparison) -> Any:
     return figure
 
 
-def panels(rows: int, columns: int, height: float, ratios: Sequence[float] | None = None) -> tuple[Any, Any]:
-    figure = sheet(height)
+def overlay_figure(found: Comparison) -> Any:
+    """The worst run of each axis in time, with the residual."""
+    figure, axes = panels(2, len(found.outputs), 3.6, [1.25, 0.6], width=PAGE_WIDTH)
+    for k, output in enumerate(found.outputs):
+        _overlay(axes[0, k], axes[1, k], _worst(found, k), k, output, COLUMNS)
+        axes[0, k].set_title(axis_of(output), fontsize=10, loc="left", fontweight="bold")
+    return figure
+
+
+def spectra_figure(found: Comparison) -> Any:
+    """Where in frequency the residual lies, over the noise, and the error of each band."""
+    figure, axes = panels(2, len(found.outputs), 5.6, width=PAGE_WIDTH)
+    for k, output in enumerate(found.outputs):
+        _spectra(axes[0, k], found.densities, k, found.band_hz)
+        _bars(axes[1, k], [one for one in found.bands if one.axis == axis_of(output)])
+        axes[0, k].set_title(axis_of(output), fontsize=10, loc="left", fontweight="bold")
+    return figure
+
+
+def panels(
+    rows: int, columns: int, height: float, ratios: Sequence[float] | None = None, *, width: float = WIDTH
+) -> tuple[Any, Any]:
+    figure = sheet(height, width)
     axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"height_ratios": ratios} if ratios else None)
     for axis in axes.flat:
         plain(axis)
     return figure, axes
 
 
-def sheet(height: float) -> Any:
+def sheet(height: float, width: float = WIDTH) -> Any:
     # a second to load: only where something is drawn
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     layout = ConstrainedLayoutEngine(h_pad=0.08, w_pad=0.08)
-    return Figure(figsize=(WIDTH, height), layout=layout, facecolor="white")
+    return Figure(figsize=(width, height), layout=layout, facecolor="white")
+
+
+def thinned(t: FloatArray, values: FloatArray, columns: float = COLUMNS) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest value of each of so many columns, in their order: (n,) and (n,), or fewer of each."""
+    if t.size <= 2 * columns:
+        return t, values
+    edges = np.linspace(0, t.size, int(columns) + 1).astype(int)
+    picked = []
+    for low, high in itertools.pairwise(edges):
+        part = values[low:high]
+        picked += sorted({low + int(np.argmin(part)), low + int(np.argmax(part))})
+    at = np.array([0, *picked, t.size - 1])
+    return t[at], values[at]
 
 
 def plain(axis: Any) -> None:
@@ -106,21 +148,23 @@ def _worst(found: Comparison, k: int) -> Trace:
     return max(found.traces, key=lambda one: float(np.sum(one.residual[k] ** 2)))
 
 
-def _overlay(above: Any, below: Any, trace: Trace, k: int, output: str) -> None:
+def _overlay(above: Any, below: Any, trace: Trace, k: int, output: str, columns: float = math.inf) -> None:
     t = trace.t - trace.t[0]
-    above.plot(t, trace.measured[k], color=BLACK, linewidth=0.9, label="measured")
-    above.plot(t, trace.modelled[k], color=ORANGE, linewidth=0.8, linestyle=(0, (4, 1.5)), label="model")
+    above.plot(*thinned(t, trace.measured[k], columns), color=BLACK, linewidth=0.9, label="measured")
+    above.plot(
+        *thinned(t, trace.modelled[k], columns), color=ORANGE, linewidth=0.8, linestyle=(0, (4, 1.5)), label="model"
+    )
     above.set_ylabel(f"{output}, {CHANNELS[output]}", fontsize=10)
     above.legend(loc="upper left", ncols=2, fontsize=9, frameon=False, borderaxespad=0.0)
     above.tick_params(labelbottom=False)
     below.sharex(above)
-    below.plot(t, trace.residual[k], color=BLUE, linewidth=0.7)
+    below.plot(*thinned(t, trace.residual[k], columns), color=BLUE, linewidth=0.7)
     limit = float(np.max(np.abs(trace.measured[k]))) or 1.0
     above.set_ylim(-1.1 * limit, 1.35 * limit)
     room = max(0.6 * limit, 1.1 * float(np.max(np.abs(trace.residual[k]))))
     below.set_ylim(-room, room)
     below.set_ylabel("residual", fontsize=10)
-    below.set_xlabel(f"time in {trace.run}, s", fontsize=10)
+    below.set_xlabel(literal(f"time in {trace.run}, s"), fontsize=10)
     above.set_xlim(float(t[0]), float(t[-1]))
 
 
@@ -218,7 +262,7 @@ def _bars(axis: Any, bands: Sequence[BandError]) -> None:
     linear = np.minimum(whole * np.array([one.coherence_together for one in bands]), whole - noise)
     other = whole - noise - linear
     axis.bar(place, linear, color=BLUE, width=0.75, label="follows the commands")
-    axis.bar(place, other, bottom=linear, color=SKY, width=0.75, hatch="//", edgecolor="white", label="other error")
+    axis.bar(place, other, bottom=linear, color=SKY, width=0.75, label="other error")
     axis.bar(place, noise, bottom=linear + other, color=GREY, width=0.75, label="noise")
     for x, y in zip(place, whole, strict=True):
         axis.text(x, y + 0.02 * float(np.max(whole)), f"{y:.0f}", ha="center", va="bottom", fontsize=9)
@@ -227,4 +271,6 @@ def _bars(axis: Any, bands: Sequence[BandError]) -> None:
     axis.grid(False, axis="x")
     axis.set_ylabel("% of the error", fontsize=10)
     axis.set_xlabel("band, Hz", fontsize=10)
-    axis.legend(loc="upper right", ncols=3, fontsize=9, frameon=False)
+    wide = axis.get_figure().get_figwidth() == WIDTH
+    axis.tick_params(axis="x", labelsize=9 if wide else 7)
+    axis.legend(loc="upper right", ncols=3 if wide else 1, fontsize=9 if wide else 8, frameon=False)

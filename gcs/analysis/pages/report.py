@@ -1,103 +1,53 @@
-"""A self-contained page about a flight: tables, checks, where the model fails, what it lacks, and the ladder; gains
-with the answer they promise; and measured against modelled rates for every run.
+"""A self-contained page about a flight: what was found in a glance; the flight; the ladder and the discovery of each of
+its rungs; where the model fails; values; gains with the answer they promise; each run measured against modelled; where
+all that comes from.
 
-Where several fits are shown, the one with most steps behind it (the first of equals) is compared and diagnosed.
+Where several fits are shown, the one with most steps behind it (the first of equals) is compared and diagnosed, with
+the rungs below it, which are looked for beside it. What a kept diagnosis told of a fit is not asked again.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gcs import documents
-from gcs.analysis.clearance import clearance, gains_in
+from gcs.analysis.answer import as_asked_now
 from gcs.analysis.comparison import flown, flown_with_validation
 from gcs.analysis.diagnosis import diagnose_fit
 from gcs.analysis.fits import assess, runs_of
 from gcs.analysis.ladder import Nrmse, rungs_of
-from gcs.analysis.pages.diagnosis import drawn
+from gcs.analysis.pages.bode import bode_figure
+from gcs.analysis.pages.discovery import Told, discovery, told
+from gcs.analysis.pages.flown import columns_for, run_figure
+from gcs.analysis.pages.gains_section import gains_section
 from gcs.analysis.pages.ladder import ladder_picture
-from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, page, svg
-from gcs.analysis.pages.pictures import compare_picture
-from gcs.analysis.standing import beside
+from gcs.analysis.pages.models import fits_table, guides_table, modes_table, values_table
+from gcs.analysis.pages.page import page
+from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences
+from gcs.analysis.pages.pictures import PAGE_WIDTH, overlay_figure, spectra_figure
+from gcs.analysis.pages.provenance import flight_parts, flown_when, runs_table, source_parts
+from gcs.analysis.rungs import KeptFit, rungs_below
+from gcs.analysis.standing import diagnosis_beside, standing_of
 from gcs.analysis.text.addition import MARKS
-from gcs.analysis.text.blocks import wrapped
-from gcs.analysis.text.clearance import clearance_text
 from gcs.analysis.text.comparison import compare_text
-from gcs.analysis.text.diagnosis import diagnosis_text
-from gcs.analysis.text.fit import fit_text
-from gcs.analysis.text.gains import gains_text
-from gcs.analysis.text.ladder import ladder_text
+from gcs.analysis.text.documents import diagnosis_document
+from gcs.analysis.text.findings import finding_text
+from gcs.analysis.text.fit import checks_text, responses_text
 from gcs.analysis.text.progress import spoken
-from gcs.errors import TippathError
-from gcs.flight.folder import flight_of
-from gcs.flight.gains import GainsDocument, GainsError, checksum, load_gains
+from gcs.flight.folder import FlightFolder, flight_of
 from gcs.logs.words import printable
 from sysid.compare.compare import compare
-from sysid.control.loop import Following, following
-from sysid.control.regulator import Gains, lqr, not_held
-from sysid.control.stability import closed_loop
+from sysid.compare.metrics import Mismatches, mismatch
+from sysid.compare.values import Comparison, Densities
 from sysid.data.dataset import Dataset, prepared
-from sysid.data.record import CHANNELS, RATES, Record
-from sysid.errors import SysidError
+from sysid.data.record import Record
 from sysid.fit.result import Fit
-from sysid.fit.simulate import overlay
-from sysid.model.structure import Model
 
-Section = tuple[str, str, list[str]]
-"""Heading, text, pictures."""
 Progress = Callable[[str, float | None], None]
-
-
-SAME = 1e-9
-"""Relative: gains designed again on another machine."""
-
-
-def run_picture(record: Record, models: Sequence[tuple[str, Model]], band_hz: tuple[float, float]) -> str:
-    """SVG of one run: commands, then each output measured against each model, as the fit saw them (inside the band)."""
-    inputs, outputs = models[0][1].structure.inputs, models[0][1].structure.outputs
-    figure, axes = _figure(1 + len(outputs), (10, 2.2 + 2.0 * len(outputs)))
-    top = axes[0]
-    for name, colour in zip(inputs, (BLACK, ORANGE, GREEN), strict=False):
-        top.plot(record.t - record.t[0], record.channels[name], color=colour, linewidth=0.6, label=name)
-    top.set_ylabel("command")
-    top.legend(loc="upper left", fontsize=8, ncols=3)
-    for index, output in enumerate(outputs):
-        axis = axes[1 + index]
-        for one in prepared([record], band_hz).viewed(inputs, outputs).spectra:
-            for number, ((label, model), colour) in enumerate(zip(models, (BLUE, ORANGE, GREEN), strict=False)):
-                t, measured, modelled = overlay(model, one)
-                t = t - record.t[0]
-                if number == 0:
-                    axis.plot(t, measured[:, index], color=BLACK, linewidth=1.0, label="measured")
-                axis.plot(
-                    t, modelled[:, index], color=colour, linewidth=0.9, linestyle="--" if number else "-", label=label
-                )
-        axis.set_ylabel(f"{output}, {CHANNELS[output]}")
-        axis.legend(loc="upper left", fontsize=8, ncols=4)
-    axes[-1].set_xlabel("time in the record, s")
-    axes[0].set_title(f"{record.id}   {record.axis or ''} {record.maneuver}", fontsize=10, loc="left")
-    return svg(figure)
-
-
-def _figure(rows: int, size: tuple[float, float]) -> tuple[Any, Any]:
-    # a second to load: only where something is drawn
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, 1, sharex=True)
-    for axis in axes:
-        axis.grid(True, linewidth=0.3)
-        axis.tick_params(labelsize=8)
-    return figure, axes
-
-
-# ------------------------------------------------------------------------------------------------ a whole flight
 
 
 class SignDocument(documents.Open, frozen=True, kw_only=True):
@@ -116,6 +66,18 @@ class AddedDocument(documents.Open, frozen=True, kw_only=True):
     signs: tuple[SignDocument, ...] | None = None
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RungFound:
+    """A rung of the ladder, and what is known of it."""
+
+    kept: KeptFit
+    comparison: Comparison
+    asked: Told | None
+    """None where it was not diagnosed."""
+    best: Densities | None
+    """What the residual is with what it lacks."""
+
+
 def flight_report(
     paths: Sequence[Path],
     named: Sequence[str] = (),
@@ -125,64 +87,87 @@ def flight_report(
     say: Progress = lambda _what, _share: None,
     warn: Callable[[str], None] = lambda _words: None,
 ) -> str:
+    """The page of `flight_document` as HTML; raises as it does."""
+    return page(flight_document(paths, named, gains, diagnosing=diagnosing, say=say, warn=warn))
+
+
+def flight_document(
+    paths: Sequence[Path],
+    named: Sequence[str] = (),
+    gains: Path | None = None,
+    *,
+    diagnosing: bool = True,
+    say: Progress = lambda _what, _share: None,
+    warn: Callable[[str], None] = lambda _words: None,
+) -> Document:
     """The page of one or more FIT.json, with the gains designed on one of them; `warn` hears that these do not hold it.
 
     `named` are the user's effect files, whose code may run. Raises TippathError where a log is gone, ResultError for a
     file that is no fit, GainsError for one that holds no gains.
     """
-    fits = [Fit.load(path, named) for path in paths]
-    main = max(range(len(fits)), key=lambda number: len(fits[number].lineage))
-    path, fit = paths[main], fits[main]
-    added = _added(path, fit)
-    designed = [] if gains is None else [_gains_section(gains, list(zip(paths, fits, strict=True)), warn)]
-    steps = len(fits) + 2 + diagnosing
-    sections: list[Section] = []
-    runs: dict[tuple[str, str], Record] = {}
-    fitted: list[Dataset] = []
-    for number, (one_path, one) in enumerate(zip(paths, fits, strict=True)):
-        say(one_path.name, number / steps)
-        fitted.append(prepared(runs_of(one, one.records), one.band_hz))
-        for record in [*fitted[-1].records, *runs_of(one, one.validation)]:
-            runs[record.path, record.id] = record
-        judged = assess(one, fitted[-1])
-        sections.append((one_path.name, fit_text(one, judged.checks, judged.responses), []))
-    say("where it fails", len(fits) / steps)
-    found = compare(fit.model, fitted[main], fit.band_hz, flown(fit)[1])
-    sections += _ladder_section(path, fit, added, found.noise_floor_percent)
-    sections.append((f"Where {path.name} fails", compare_text(found, fit), [svg(compare_picture(found))]))
-    if diagnosing:
-        sections.append(_diagnosis_section(path, fit, fitted[main], lambda what: say(what, (len(fits) + 1) / steps)))
-    sections += designed
-    models = [(_label(fit), fit.model) for fit in fits]
-    pictures = []
-    for number, record in enumerate(runs.values()):
-        say(record.id, 1 - (1 - number / len(runs)) / steps)
-        pictures.append(run_picture(record, models, fits[0].band_hz))
-    sections.append(("Measured against modelled", "", pictures))
-    title, about = _head(paths, next(iter(runs.values())).path)
-    return page(title, [*([("The flight", about, [])] if about else []), *sections])
-
-
-def _label(fit: Fit) -> str:
-    return fit.model.structure.title
-
-
-def _head(paths: Sequence[Path], log: str) -> tuple[str, str]:
-    """The title, and what the flight's folder tells of the flight."""
-    folder = flight_of(Path(log))
+    fits = [KeptFit(path, Fit.load(path, named)) for path in paths]
+    main = max(fits, key=lambda one: len(one.fit.lineage))
+    added = _added(main.path, main.fit)
+    designed, worth = (None, "") if gains is None else gains_section(gains, fits, warn)
+    rungs = rungs_below(main.path, main.fit, fits, named)
+    others = [one for one in fits if all(one.fit is not rung.fit for rung in rungs)]
+    steps = 3.0 + len(rungs)
+    say(main.path.name, 0.0)
+    fitted = prepared(runs_of(main.fit, main.fit.records), main.fit.band_hz)
+    quiet = flown(main.fit)[1]
+    found = []
+    for number, kept in enumerate(rungs):
+        say(kept.path.name, (1 + number) / steps)
+        found.append(_rung(kept, fitted, quiet, named, diagnosing and kept.fit is main.fit, say))
+    say("the runs", (1 + len(rungs)) / steps)
+    runs = {(one.path, one.id): one for one in fitted.records}
+    for kept in fits:
+        for one in [*runs_of(kept.fit, kept.fit.records), *runs_of(kept.fit, kept.fit.validation)]:
+            runs.setdefault((one.path, one.id), one)
+    folder = flight_of(Path(next(iter(runs.values())).path))
+    floor = added.noise_floor_percent or found[-1].comparison.noise_floor_percent
+    sections = [_summary(found, floor, gains, worth)]
+    about = flight_parts(folder)
+    sections += [Section("The flight", tuple(about))] if about else []
+    sections += _ladder_section(main, added, floor)
+    sections += [_discovery_section(one, diagnosing) for one in found]
+    sections += [_failing_section(found, fitted), _models_section(rungs, fitted)]
+    sections += [] if not others else [_others_section(others)]
+    sections += [] if designed is None else [designed]
+    drawn = [(one.fit.model.structure.title, one.fit) for one in (main, *rungs[-2:-1], *others)]
+    sections.append(_runs_section(drawn, main.fit, runs, lambda what, done: say(what, 1 - (1 - done) / steps)))
+    files = [one.path for one in (*rungs, *others)]
+    sources = [runs_table(main.fit, runs), *source_parts(main, folder, files, version("tippath"))]
+    sections.append(Section("Where this comes from", tuple(sources), fresh=True))
     title = folder.name or "tippath: " + ", ".join(path.stem for path in paths)
-    lines = [printable(f"{time[:16].replace('T', ' ')}  {text}") for time, text in folder.notes()]
-    try:
-        flown = folder.runs()
-    except TippathError:
-        flown = []
-    for run in flown:
-        verdict = run.get("verdict")
-        reasons = verdict.get("reasons") if isinstance(verdict, dict) else None
-        kept = isinstance(verdict, dict) and verdict.get("keep") is True
-        why = "; ".join(map(str, reasons)) if isinstance(reasons, list) and reasons else str(run.get("reason", ""))
-        lines.append(printable(f"{run.get('label', '')}: {'keep' if kept else f'fly again: {why}'}"))
-    return title, "\n".join(lines)
+    return Document(printable(title), _about_line(folder, runs), tuple(sections))
+
+
+def _rung(
+    kept: KeptFit, fitted: Dataset, quiet: Sequence[Record], named: Sequence[str], asking: bool, say: Progress
+) -> RungFound:
+    """What is known of a rung; `asking`: what no kept diagnosis tells is asked now."""
+    fit, folder = kept.fit, kept.path.parent
+    document: Any = diagnosis_beside(folder, fit)
+    if asking and (document is None or not as_asked_now(document, fit)):
+        _, validation, hover = flown_with_validation(fit, (), (), None, None)
+        asked = diagnose_fit(fit, fitted, validation, hover, say=spoken(lambda what: say(what, None)))
+        document = diagnosis_document(asked, folder=folder)
+    models = () if document is None else standing_of(document, folder, named).models
+    best = next((model for role, model in models if role == "missing"), None)
+    return RungFound(
+        kept=kept,
+        comparison=compare(fit.model, fitted, fit.band_hz, quiet),
+        asked=None if document is None else told(document),
+        best=None if best is None else compare(best, fitted, fit.band_hz, quiet).densities,
+    )
+
+
+def _about_line(folder: FlightFolder, runs: Mapping[tuple[str, str], Record]) -> str:
+    when = flown_when(folder)
+    logs = sorted({Path(path).name for path, _ in runs})
+    told_of = f"{len(runs)} run{'s' if len(runs) != 1 else ''} of {', '.join(logs)}"
+    return printable(", ".join([*([f"flown {when} UTC"] if when else []), told_of]))
 
 
 def _added(path: Path, fit: Fit) -> AddedDocument:
@@ -196,83 +181,126 @@ def _added(path: Path, fit: Fit) -> AddedDocument:
     return added
 
 
-def _ladder_section(path: Path, fit: Fit, added: AddedDocument, floor: Nrmse | None) -> list[Section]:
+def _summary(found: Sequence[RungFound], floor: Nrmse | None, gains: Path | None, worth: str) -> Section:
+    """The answer, before any reason."""
+    named = [(one.kept.fit.model.structure.title, one.kept.fit) for one in found]
+    said = {
+        one.kept.fit.model.structure.title: "not diagnosed" if one.asked is None else one.asked.answer for one in found
+    }
+    last = named[-1][1]
+    reached = " and ".join(f"{name} {value:.1f} %" for name, value in last.nrmse_percent.items())
+    lines = [f"{printable(named[-1][0])} explains {reached} (NRMSE fit)."]
+    if floor is not None:
+        alone = " and ".join(f"{name} {value:.1f} %" for name, value in floor.items())
+        lines[0] = f"{lines[0][:-1]}; a model that leaves nothing but noise would reach {alone}."
+    lines += [f"{printable(name)}: {words}." for name, words in said.items()]
+    if gains is not None:
+        lines.append(f"Gains {gains.name}: {worth}.")
+    lines += [f"Warning: {printable(words)}" for words in last.warnings]
+    return Section("Summary", (Sentences(tuple(lines)), fits_table(named, floor, said)))
+
+
+def _ladder_section(main: KeptFit, added: AddedDocument, floor: Nrmse | None) -> list[Section]:
     """Rung by rung, with the signs that the last addition left in its file."""
+    fit = main.fit
     if len(fit.lineage) < 2:
         return []
     rungs = rungs_of(fit.model.structure.base_, fit.lineage)
-    floor = added.noise_floor_percent or floor
-    lines = ladder_text(rungs, floor)
-    for one in added.signs or ():
-        lines += wrapped(f"{MARKS[one.seen]} {one.name}: {one.text}", " ", "   ")
-    return [(f"The ladder to {path.name}", "\n".join(lines), [svg(ladder_picture(rungs, floor))])]
+    drawn = Picture(
+        ladder_picture(rungs, floor, width=PAGE_WIDTH),
+        "The error that is left (100 % less the NRMSE fit) rung by rung, on fitted runs and on runs that were not "
+        "fitted (dashed), above the part that is noise (grey). Numbers are the NRMSE fit.",
+    )
+    signs = tuple(printable(f"{MARKS[one.seen]} {one.name}: {one.text}") for one in added.signs or ())
+    return [Section(f"The ladder to {main.path.name}", (drawn, *((Sentences(signs),) if signs else ())))]
 
 
-def _diagnosis_section(path: Path, fit: Fit, fitted: Dataset, say: Callable[[str], None]) -> Section:
-    _, validation, quiet = flown_with_validation(fit, (), (), None, None)
-    found = diagnose_fit(fit, fitted, validation, quiet, say=spoken(say))
-    return f"What {path.name} lacks", diagnosis_text(found, path.name, full=True), [svg(drawn(found))]
+def _discovery_section(rung: RungFound, diagnosing: bool) -> Section:
+    heading = f"What {rung.kept.path.name} lacks"
+    if rung.asked is None:
+        told_of = " (left out by --no-diagnosis)" if not diagnosing else ""
+        words = f"It was not diagnosed{told_of}: `tippath diagnose {rung.kept.path.name}` asks."
+        return Section(heading, (Sentences((words,)),))
+    outputs = rung.kept.fit.model.structure.outputs
+    parts = discovery(rung.asked, rung.comparison.densities, rung.best, outputs)
+    return Section(heading, tuple(parts), fresh=any(isinstance(part, Picture) for part in parts))
 
 
-def _gains_section(path: Path, named: Sequence[tuple[Path, Fit]], warn: Callable[[str], None]) -> Section:
-    """The gains designed again on the fit that they are from, and the answer they promise, or that they do not hold.
-
-    Raises GainsError, with the reason for each fit, where they are from none of them.
-    """
-    crc = load_gains(path).crc
-    document = json.loads(path.read_text(encoding="utf-8"))
-    reasons = []
-    for one, fit in reversed(named):
-        gains = _designed_again(document, fit)
-        if isinstance(gains, str):
-            reasons.append(f"{one.name}: {gains}")
-            continue
-        text = f"{gains_text(gains)}\n  checksum      {checksum(crc)}"
-        if gains.loop.stable:
-            cleared = clearance(gains, fit, beside(one.parent, fit, fit.model.structure.files))
-            text += f"\n{clearance_text(cleared)}"
-            return f"Gains, {path.name}", text, [following_picture(following(gains, fit.model))]
-        refused = f"{not_held(gains, fit.model)}. Do not push it; design again, `tippath design` says what holds"
-        warn(f"{path}: {refused}")
-        return f"Gains, {path.name}, which do not hold {one.name}", f"{refused}.\n\n{text}", []
-    raise GainsError(f"{path} was designed on none of these fits: {'; '.join(reasons)}")
-
-
-def _designed_again(document: dict[str, Any], fit: Fit) -> Gains | str:
-    """The gains of a document, with the loop that they make with this fit; or why they are not from it.
-
-    K and the steady prefilter follow from the model and the input cost; observer and dynamic prefilter may be others.
-    """
-    weights = document.get("weights")
-    cost = weights.get("inputs") if isinstance(weights, dict) else None
-    if not isinstance(cost, int | float):
-        return "the gains do not say with which input cost they were designed"
-    try:
-        held = gains_in(documents.convert(document, GainsDocument, "the gains"))
-        gains = lqr(fit.model, float(cost), elevator=len(held.K) > 2)
-    except SysidError as error:
-        return f"no gains can be designed on it: {error}"
-    own = gains.model.by_name
-    theirs = document["model"]["parameters"]
-    moved = [name for name, value in own.items() if theirs.get(name) != value]
-    if moved:
-        return f"its model is another ({', '.join(moved)} differ)"
-    for name, here, value in (("K", held.K, gains.K), ("prefilter", held.prefilter, gains.prefilter)):
-        if not np.allclose(here, value, rtol=0, atol=SAME * float(np.max(np.abs(value)))):
-            return f"{name} is not what `tippath design` makes of its model"
-    return replace(held, input_cost=gains.input_cost, loop=closed_loop(held, fit.model))
+def _failing_section(found: Sequence[RungFound], fitted: Dataset) -> Section:
+    """The last rung against the measurement, with the one below it."""
+    last = found[-1]
+    fit = last.kept.fit
+    parts: list[Part] = [Sentences(tuple(finding_text(one) for one in last.comparison.findings), listed=True)]
+    models = [(one.kept.fit.model.structure.title, _responses(one.kept.fit, fitted)) for one in reversed(found[-2:])]
+    beside = "" if len(models) == 1 else f", and {printable(models[1][0])} (dotted)"
+    parts += [
+        Picture(
+            bode_figure(command, models, fit.band_hz),
+            f"Frequency responses to {command}: measured with 95 % bounds (grey), {printable(models[0][0])} "
+            f"(dashed){beside} where the coherence is good. Below, the partial coherence; its guide is dotted.",
+        )
+        for command in _answered(models[0][1])
+    ]
+    parts += [
+        Picture(
+            spectra_figure(last.comparison),
+            f"Above: amplitude spectra of the measured rate and of what {printable(models[0][0])} leaves, over the "
+            "noise. Below: the error of each band, divided into what follows the commands, other error, and noise.",
+        ),
+        Picture(
+            overlay_figure(last.comparison),
+            f"The run with most error of each axis: measured, {models[0][0]}, residual.",
+        ),
+        Listing(compare_text(last.comparison, fit)),
+    ]
+    return Section(f"Where {last.kept.path.name} fails", tuple(parts), fresh=True)
 
 
-def following_picture(found: Following) -> str:
-    """SVG of the rates asked for and predicted, on each axis."""
-    figure, axes = _figure(2, (10, 4.6))
-    for axis, one in zip(axes, (found.roll, found.pitch), strict=True):
-        own, other = RATES if one.axis == "roll" else RATES[::-1]
-        axis.plot(found.t, one.asked, color=BLACK, linewidth=1.0, label=f"{own} asked for")
-        axis.plot(found.t, one.own, color=BLUE, linewidth=1.2, label=f"{own} predicted")
-        axis.plot(found.t, one.other, color=ORANGE, linewidth=0.9, linestyle="--", label=f"{other} predicted")
-        axis.set_ylabel("rad/s")
-        axis.legend(loc="upper right", fontsize=8)
-    axes[0].set_title("rate doublets, closed loop, small motion", fontsize=10, loc="left")
-    axes[-1].set_xlabel("s")
-    return svg(figure)
+def _responses(fit: Fit, fitted: Dataset) -> Mismatches:
+    structure = fit.model.structure
+    return mismatch(fit.model, fitted.viewed(structure.inputs, structure.outputs))
+
+
+def _answered(found: Mismatches) -> list[str]:
+    """The commands with a response that was measured."""
+    measured = found.measured
+    return [
+        command
+        for command in measured.commands
+        if any(measured.valid_hz(output, command) is not None for output in measured.outputs)
+    ]
+
+
+def _models_section(rungs: Sequence[KeptFit], fitted: Dataset) -> Section:
+    """Values of all rungs side by side, then what engineers ask of the last."""
+    named = [(one.fit.model.structure.title, one.fit) for one in rungs]
+    title, fit = named[-1]
+    judged = assess(fit, fitted)
+    listing = "\n\n".join([responses_text(judged.responses), *([checks_text(judged.checks)] if judged.checks else [])])
+    return Section("Values", (values_table(named), modes_table(named), guides_table(title, fit), Listing(listing)))
+
+
+def _others_section(others: Sequence[KeptFit]) -> Section:
+    """Models that are no rungs of the ladder, for comparison: how well they fit, and their values."""
+    named = [(one.fit.model.structure.title, one.fit) for one in others]
+    note = Facts(tuple((name, one.path.name) for (name, _), one in zip(named, others, strict=True)))
+    return Section("Other models", (note, fits_table(named, None, {}), values_table(named), modes_table(named)))
+
+
+def _runs_section(
+    drawn: Sequence[tuple[str, Fit]],
+    main: Fit,
+    runs: Mapping[tuple[str, str], Record],
+    say: Callable[[str, float], None],
+) -> Section:
+    """Every run measured against each model."""
+    models = [(printable(title), fit.model) for title, fit in drawn]
+    used = {(one.path, one.id) for one in main.records}
+    parts = []
+    for number, (key, record) in enumerate(runs.items()):
+        say(record.id, number / len(runs))
+        what = f"{record.axis or ''} {record.maneuver}".strip()
+        kind = "fitted" if key in used else "not fitted"
+        caption = printable(f"{record.id}, {what}, {kind}: measured and modelled inside the band.")
+        parts.append(Picture(run_figure(record, models, main.band_hz, columns_for(len(runs))), caption))
+    return Section("Measured against modelled", tuple(parts), fresh=True)

@@ -33,7 +33,8 @@ def gains_text(gains: Gains) -> str:
 
     return "\n".join(
         [
-            f"LQR on {gains.model.structure.base_.label}, rates 1, flapping 0.001, input cost {gains.input_cost:g}",
+            f"LQR on {gains.model.structure.base_.label}, "
+            f"rates 1, flapping {gains.flapping_cost:g}, input cost {gains.input_cost:g}",
             *rows("K", gains.K),
             *rows("observer L", gains.observer_gain),
             *rows("prefilter g", gains.prefilter),

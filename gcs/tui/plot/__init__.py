@@ -3,18 +3,20 @@
 from gcs.tui.plot.bars import bars
 from gcs.tui.plot.draw import STYLES, Style, bar, chart, dots_across, envelope, raster, round_limit
 from gcs.tui.plot.found import (
-    band_bars,
     candidate_bars,
     compared,
     densities_plot,
-    ladder_bars,
+    fallen_plot,
+    heat_plot,
+    left_bars,
+    named_band,
     response_names,
     response_plot,
     spectra_plot,
     strip,
     time_plot,
-    worst_part,
 )
+from gcs.tui.plot.heat import HeatPlot, cell_at, heat
 from gcs.tui.plot.model import Bar, BarPlot, FrequencyPlot, Ink, Panel, Plot, Reading, Row, TimePlot, View
 from gcs.tui.plot.paint import picture
 from gcs.tui.plot.ready import Prepared, prepared, readings
@@ -24,6 +26,7 @@ __all__ = [
     "Bar",
     "BarPlot",
     "FrequencyPlot",
+    "HeatPlot",
     "Ink",
     "Panel",
     "Plot",
@@ -33,16 +36,20 @@ __all__ = [
     "Style",
     "TimePlot",
     "View",
-    "band_bars",
     "bar",
     "bars",
     "candidate_bars",
+    "cell_at",
     "chart",
     "compared",
     "densities_plot",
     "dots_across",
     "envelope",
-    "ladder_bars",
+    "fallen_plot",
+    "heat",
+    "heat_plot",
+    "left_bars",
+    "named_band",
     "picture",
     "prepared",
     "raster",
@@ -53,5 +60,4 @@ __all__ = [
     "spectra_plot",
     "strip",
     "time_plot",
-    "worst_part",
 ]

@@ -33,7 +33,7 @@ def marks_row(sheet: Sheet) -> Row:
     if plan.left:
         row.insert(0, (fit(f" {plot.marked_is}", plan.left), "text"))
     if plan.right:
-        row.append((fit(" than noise", plan.right) if plot.marked_is == "beyond" else " " * plan.right, "text"))
+        row.append((fit(" noise", plan.right) if plot.marked_is == "beyond" else " " * plan.right, "text"))
     return tuple(row)
 
 
@@ -57,6 +57,12 @@ def axis_row(sheet: Sheet) -> Row:
         words = f" at {here}" if here and len(here) + 4 <= plan.right else f" {here}"
         row.append((fit(words, plan.right), "cursor" if here else "text"))
     return tuple(row)
+
+
+def tick_columns(sheet: Sheet) -> list[int]:
+    """Where the ticks stand."""
+    dots = [_dot(sheet, place) for place, _ in _ticks(sheet.ready, sheet.view, sheet.plan.columns)]
+    return [dot * sheet.plan.columns // sheet.grid.dots for dot in dots if dot is not None]
 
 
 def _labelled(sheet: Sheet) -> CharArray:

@@ -24,22 +24,29 @@ Kind = Literal["line", "over", "both", "reference"]
 DOTS: dict[Style, tuple[int, int]] = {"braille": (4, 2), "block": (2, 1), "ascii": (2, 1)}
 """Dots in one character: rows, columns."""
 _BRAILLE_BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], dtype=np.uint8)
+_QUADRANTS = np.array(list(" ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"))
+_QUARTERS = (0x03, 0x18, 0x44, 0xA0)
+"""Braille's bits in each quarter of a character, in the order of the quadrants' own bits."""
+_THIRDS = (0x09, 0x36, 0xC0)
+"""Braille's bits at the top, in the middle and at the bottom of a character."""
 GLYPHS: dict[Style, dict[Kind, CharArray]] = {
     "block": {
         "line": np.array(list(" ▀▄█")),
         "over": np.array(list(" ¯_▒")),
-        "both": np.array(list(" ▀▄█")),
+        "both": np.array(list(" ▘▖▌")),
         "reference": np.array(list(" ··:")),
     },
     "ascii": {
         "line": np.array(list(" '.|")),
         "over": np.array(list(" ^_!")),
         "both": np.array(list(" *o#")),
-        "reference": np.array(list(" ~~:")),
+        "reference": np.array(list(" ~~=")),
     },
 }
 """By which of the upper and the lower dot is there: none, upper, lower, both."""
 ZERO: dict[Style, str] = {"braille": "·", "block": "·", "ascii": "-"}
+EDGE: dict[Style, str] = {"braille": "┊", "block": "┊", "ascii": ":"}
+"""Where a shaded part of the axis begins and ends."""
 ZERO_EVERY = 6
 
 
@@ -146,6 +153,12 @@ def cells(dots: BoolArray, style: Style) -> IntArray:
 
 def glyphs(numbers: IntArray, style: Style, kind: Kind = "line") -> CharArray:
     """Those numbers as characters, (rows, columns) of str."""
+    if style == "braille" and kind == "over":
+        parts = [((numbers & bits) > 0) * np.uint8(1 << i) for i, bits in enumerate(_QUARTERS)]
+        return np.asarray(_QUADRANTS[np.bitwise_or.reduce(parts)])
+    if style == "braille" and kind == "reference":
+        top, middle, bottom = ((numbers & bits) > 0 for bits in _THIRDS)
+        return np.asarray(np.select([middle, top, bottom], ["─", "▔", "▁"], " "))
     if style == "braille":
         codes = numbers.astype(np.uint32)
         return np.asarray(np.where(codes == 0, 32, codes + 0x2800).astype(np.uint32).view("<U1"))

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gcs.analysis.ladder import ErrorLeft
+from gcs.tui.plot.heat import Cell, HeatPlot, HeatRow
 from gcs.tui.plot.model import Bar, BarPlot, FloatArray, FrequencyPlot, Panel, TimePlot
+from sysid.compare.finding_kinds import ErrorInBand, NearlyNoise, TooShort
+from sysid.data.record import axis_of
 
 if TYPE_CHECKING:  # only for types: the app starts without the mathematics
     from sysid.compare.values import BandError, Comparison, Densities
 
 LARGEST_DB, LARGEST_DEG = 20.0, 180.0
 """Beyond these a mismatch is drawn at the edge."""
+FOLLOWS = 0.2
+"""Coherence from which on a cell says what its error follows."""
+SHORT = {"delta_x": "δx", "delta_y": "δy", "delta_e": "δe"}
+Bands = Sequence[tuple[float, float]]
 ENOUGH = 0.8
 """The share that a candidate must explain to be named."""
 
@@ -24,13 +33,31 @@ def strip(name: str, t: FloatArray, values: FloatArray, unit: str = "", least: f
 
 
 def compared(
-    name: str, t: FloatArray, measured: FloatArray, modelled: FloatArray, unit: str = "rad/s", least: float = 0.01
+    name: str,
+    t: FloatArray,
+    measured: FloatArray,
+    modelled: FloatArray,
+    other: FloatArray | None = None,
+    *,
+    unit: str = "rad/s",
+    least: float = 0.01,
+    residual_least: float = 0.01,
 ) -> tuple[Panel, Panel]:
-    """Model over measurement, and the residual below on a scale of its own; (n,) each. The scales are told."""
+    """Model over measurement, and the residual below on a scale of its own; (n,) each. The scales are told.
+
+    other: what another model makes of it, dashed in both. residual_least: the residual's smallest scale.
+    """
+    apart = None if other is None else measured - other
     return (
-        Panel(name=name, x=t, line=measured, over=modelled, unit=unit, least=least, weight=2.0),
-        Panel(name=f"{name} res", x=t, line=measured - modelled, unit=unit, least=least, residual=True),
-    )
+        Panel(
+            name=name, x=t, line=measured, over=modelled, reference=other, mirrored=False, unit=unit, least=least,
+            weight=2.0,
+        ),
+        Panel(
+            name=f"{name} res", x=t, line=measured - modelled, reference=apart, mirrored=False, unit=unit,
+            least=residual_least, residual=True,
+        ),
+    )  # fmt: skip
 
 
 def time_plot(
@@ -39,40 +66,36 @@ def time_plot(
     *,
     outputs: Sequence[int] | None = None,
     commands: Mapping[str, FloatArray] | None = None,
-    same_scale: bool = False,
+    other: tuple[str, FloatArray] | None = None,
+    residual_least: Sequence[float] = (),
+    more: Mapping[int, Sequence[Panel]] = MappingProxyType({}),
+    shaded: Bands = (),
 ) -> TimePlot:
     """One gap-free part of a run (`comparison.traces[part]`): commands above, model over measurement, residuals.
 
     outputs: which of the comparison's, all where None. commands: name -> (n,) on the trace's own time, where known.
-    same_scale: residuals on the scale of their signal.
+    other: name of another model and what it makes of the run, (k, n). residual_least: smallest scale of each output's
+    residual. more: panels below an output's own. shaded: times that are looked at.
     """
     trace = comparison.traces[part]
     panels = [Panel(name=name, x=trace.t, line=values) for name, values in (commands or {}).items()]
     for k in range(len(comparison.outputs)) if outputs is None else outputs:
-        above, below = compared(comparison.outputs[k], trace.t, trace.measured[k], trace.modelled[k])
-        if same_scale:
-            below = Panel(
-                name=below.name,
-                x=below.x,
-                line=below.line,
-                unit=below.unit,
-                scale_of=len(panels),
-                residual=True,
-                least=below.least,
-            )
-        panels += [above, below]
+        least = residual_least[k] if residual_least else 0.01
+        beside = None if other is None else other[1][k]
+        panels += compared(
+            comparison.outputs[k], trace.t, trace.measured[k], trace.modelled[k], beside, residual_least=least
+        )
+        panels += more.get(k, ())
     origin = float(trace.t[0]) if trace.t.size else 0.0
-    return TimePlot(panels=tuple(panels), title=f"run {trace.run}", words=("measured", "model", ""), origin_s=origin)
+    words = ("measured", "model", "" if other is None else other[0])
+    return TimePlot(panels=tuple(panels), title=f"run {trace.run}", words=words, origin_s=origin, shaded=tuple(shaded))
 
 
-def worst_part(comparison: Comparison, k: int = 0) -> int:
-    """The part of a run with the most error on output k."""
-    errors = [float(np.sum(one.residual[k] ** 2)) for one in comparison.traces]
-    return int(np.argmax(errors)) if errors else 0
+def response_plot(comparison: Comparison, k: int = 0, shaded: Bands = ()) -> FrequencyPlot:
+    """The k-th of `comparison.responses`: magnitude and phase, mismatch with what noise allows, coherence.
 
-
-def response_plot(comparison: Comparison, k: int = 0) -> FrequencyPlot:
-    """The k-th of `comparison.responses`: magnitude and phase, mismatch with what noise allows, coherence."""
+    shaded: bands in Hz that are looked at.
+    """
     one = comparison.responses[k]
     f = one.frequency_hz
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -102,6 +125,7 @@ def response_plot(comparison: Comparison, k: int = 0) -> FrequencyPlot:
         low_hz=low_hz,
         high_hz=high_hz,
         marked=one.noticed,
+        shaded=tuple(shaded),
     )
 
 
@@ -110,12 +134,14 @@ def response_names(comparison: Comparison) -> tuple[str, ...]:
     return tuple(f"{one.mismatch.output} from {one.mismatch.command}" for one in comparison.responses)
 
 
-def spectra_plot(comparison: Comparison, k: int = 0) -> FrequencyPlot:
-    """Output k: spectra of measurement, residual and noise in one panel."""
-    return densities_plot(comparison.densities, k, comparison.outputs[k], comparison.band_hz)
+def spectra_plot(comparison: Comparison, k: int = 0, shaded: Bands = ()) -> FrequencyPlot:
+    """Output k: spectra of measurement, residual and noise in one panel; shaded: bands in Hz that are looked at."""
+    return densities_plot(comparison.densities, k, comparison.outputs[k], comparison.band_hz, shaded)
 
 
-def densities_plot(found: Densities, k: int, output: str, band_hz: tuple[float, float]) -> FrequencyPlot:
+def densities_plot(
+    found: Densities, k: int, output: str, band_hz: tuple[float, float], shaded: Bands = ()
+) -> FrequencyPlot:
     """As `spectra_plot`, of densities alone."""
     panel = Panel(
         name=output, x=found.frequency_hz, line=found.measured[:, k], over=found.residual[:, k],
@@ -123,7 +149,9 @@ def densities_plot(found: Densities, k: int, output: str, band_hz: tuple[float, 
     )  # fmt: skip
     low_hz, high_hz = _band(band_hz)
     words = ("measured", "residual", "noise")
-    return FrequencyPlot(panels=(panel,), title=f"{output}: spectra", words=words, low_hz=low_hz, high_hz=high_hz)
+    return FrequencyPlot(
+        panels=(panel,), title=f"{output}: spectra", words=words, low_hz=low_hz, high_hz=high_hz, shaded=tuple(shaded)
+    )
 
 
 def _band(band_hz: tuple[float, float]) -> tuple[float, float]:
@@ -142,41 +170,116 @@ def candidate_bars(candidates: Sequence[tuple[str, float | None, str]], title: s
     return BarPlot(bars=tuple(bars), title=title, lines=((ENOUGH, "enough to name it"),) if bars else ())
 
 
-Nrmse = Mapping[str, float]
-
-
-def ladder_bars(rungs: Sequence[tuple[str, Nrmse, Nrmse | None]], floor: Nrmse | None, output: str) -> BarPlot:
-    """NRMSE in percent rung by rung, of one output: fitted as bars, validation marked on them, noise's reach a line."""
-    bars = []
-    for number, (label, fitted, judged) in enumerate(rungs):
-        value = fitted[output]
-        beside = None if judged is None else judged[output]
-        text = f"{value:.1f}" + ("" if beside is None else f"  {beside:.1f}")
-        bars.append(
-            Bar(label=label, parts=(max(0.0, value),), text=text, beside=beside, chosen=number == len(rungs) - 1)
+def heat_plot(comparison: Comparison) -> HeatPlot:
+    """The error beyond noise by axis and band, the worst axis first; outlined is what its finding names."""
+    order = sorted(comparison.outputs, key=lambda output: -_beyond(comparison, output))
+    bands = {output: [one for one in comparison.bands if one.axis == axis_of(output)] for output in order}
+    rows = tuple(
+        HeatRow(
+            output=output,
+            axis=axis_of(output),
+            names=_names(comparison, output),
+            cells=tuple(_cell(one) for one in bands[output]),
         )
-    lines = ((floor[output], f"noise {floor[output]:.0f}"),) if floor is not None else ()
-    return BarPlot(
-        bars=tuple(bars), title=f"{output}: NRMSE, %", full=100.0, lines=lines, words=("fitted",), beside="validation"
+        for output in order
     )
+    first = bands[order[0]]
+    named = named_band(comparison, axis_of(order[0]))
+    outlined = None
+    if named is not None:
+        inside = [k for k, one in enumerate(first) if one.low_hz < named[1] * 0.999 and one.high_hz > named[0] * 1.001]
+        outlined = (0, inside[0], inside[-1]) if inside else None
+    edges = (first[0].low_hz, *(one.high_hz for one in first))
+    return HeatPlot(rows=rows, edges_hz=edges, outlined=outlined, title="error beyond noise, x its rms")
 
 
-def band_bars(bands: Sequence[BandError], axis: str) -> BarPlot:
-    """One axis's error by band: what follows the commands, other error, noise."""
+def _beyond(comparison: Comparison, output: str) -> float:
+    """An axis's error power that is not noise, of what was measured."""
+    share = sum(one.beyond_noise for one in comparison.bands if one.axis == axis_of(output))
+    return share * (1 - comparison.nrmse_percent[output] / 100) ** 2
+
+
+def _names(comparison: Comparison, output: str) -> tuple[str, ...]:
+    axis = axis_of(output)
+    name = output if axis == output else f"{axis} {output}"
+    floor = comparison.noise_floor_percent
+    beside = () if floor is None else (f"noise {floor[output]:.1f}",)
+    return name, f"NRMSE {comparison.nrmse_percent[output]:.1f}", *beside
+
+
+def _cell(one: BandError) -> Cell:
+    """A band's error in words: what sits there, how far above the noise it is, and what it follows."""
+    where = f"{one.axis} {one.low_hz:.2g}-{one.high_hz:.2g} Hz: {100 * one.error_share:.0f} % of its error"
+    command, alone = max(one.coherence.items(), key=lambda item: item[1], default=("", 0.0))
+    follows = f"{SHORT.get(command, command)} {alone:.2f}"
+    if one.noise_share is None:
+        words: tuple[str, ...] = (f"{100 * one.error_share:.0f} %", "noise ?")
+        said = f"{where}; too short to tell it from noise"
+    else:
+        times = min(1 / max(one.noise_share, 1e-4), 1e4) ** 0.5
+        words = (f"{100 * one.beyond_noise:.0f} %", f"{times:.1f}x")
+        said = f"{where}, {100 * one.beyond_noise:.0f} % beyond noise ({times:.1f}x)"
+    if alone >= FOLLOWS:
+        words, said = (*words, follows), f"{said}; follows {follows}"
+    return Cell(beyond=one.beyond_noise, words=words, said=said)
+
+
+def named_band(comparison: Comparison, axis: str) -> tuple[float, float] | None:
+    """The band in Hz that the finding on an axis's error names; None where it names none."""
+    found = [one for one in comparison.findings if isinstance(one, ErrorInBand | NearlyNoise | TooShort)]
+    return next((one.band_hz for one in found if one.axis == axis), None)
+
+
+def left_bars(rungs: Sequence[tuple[str, Sequence[ErrorLeft]]], title: str = "") -> BarPlot:
+    """The error falling, a group of bars for each axis: what each rung leaves, and what it took away.
+
+    rungs: name, and what is left on each axis, lowest first.
+    """
     bars = []
-    shown = [one for one in bands if one.axis == axis]
-    for one in shown:
-        noise = one.error_share * (one.noise_share or 0.0)
-        linear = min(one.error_share * one.coherence_together, one.error_share - noise)
-        parts = linear, max(0.0, one.error_share - noise - linear), noise
-        bars.append(
-            Bar(label=f"{one.low_hz:.2g}-{one.high_hz:.2g} Hz", parts=parts, text=f"{100 * one.error_share:.0f} %")
-        )
-    largest = max((one.error_share for one in shown), default=1.0)
-    return BarPlot(
-        bars=tuple(bars),
-        title=f"{axis}: error by band",
-        full=max(largest, 1e-9),
-        lines=(),
-        words=("follows the commands", "other", "noise"),
-    )
+    for axis in range(len(rungs[0][1]) if rungs else 0):
+        for number, (name, each) in enumerate(rungs):
+            one = each[axis]
+            bars.append(
+                Bar(
+                    label=f"{one.output}  {name}",
+                    parts=(one.left, max(0.0, one.before - one.left)),
+                    text=_reached(one),
+                    beside=one.placebo,
+                    chosen=number == len(rungs) - 1,
+                )
+            )
+    return BarPlot(bars=tuple(bars), title=title, words=("left", "taken away"), beside="placebo", full=1.0)
+
+
+def _reached(one: ErrorLeft) -> str:
+    """NRMSE on the fitted and on the validation runs, whether that is better; then what is left."""
+    validated = "-" if one.validation_percent is None else f"{one.validation_percent:.1f}"
+    sign = {True: "↑", False: "↓", None: " "}[one.better]
+    return f"{one.nrmse_percent:.1f} / {validated} {sign} {100 * one.left:3.0f} %"
+
+
+def fallen_plot(
+    before: tuple[str, Densities] | None,
+    after: tuple[str, Densities],
+    outputs: Sequence[str],
+    band_hz: tuple[float, float],
+) -> FrequencyPlot:
+    """Residual spectra over the noise, a panel for each output: before and after the last rung, each with its name."""
+    name, now = after
+    panels = []
+    for k, output in enumerate(outputs):
+        was = None
+        if before is not None:
+            was = before[1].residual[:, k]
+            if before[1].frequency_hz.size != now.frequency_hz.size:
+                was = np.interp(now.frequency_hz, before[1].frequency_hz, was)
+        panels.append(
+            Panel(
+                name=output, x=now.frequency_hz, line=now.residual[:, k] if was is None else was,
+                over=None if was is None else now.residual[:, k], reference=now.noise[:, k], unit="rad/s/√Hz",
+                logarithmic=True, centred=False, least=1.0, most=3.0,
+            )
+        )  # fmt: skip
+    low_hz, high_hz = _band(band_hz)
+    words = (name, "", "noise") if before is None else (before[0], name, "noise")
+    return FrequencyPlot(panels=tuple(panels), title="residual spectra", words=words, low_hz=low_hz, high_hz=high_hz)

@@ -42,14 +42,14 @@ def layout(plot: Plot, width: int, height: int) -> Layout:
         columns=width - left - right,
         right=right,
         head=head,
-        rows=_shares(height - axis - head - marks, weights),
+        rows=shares(height - axis - head - marks, weights),
         marks=marks,
         axis=axis,
     )
 
 
-def _shares(rows: int, weights: Sequence[float]) -> tuple[int, ...]:
-    """Rows divided by weight, each at least one."""
+def shares(rows: int, weights: Sequence[float]) -> tuple[int, ...]:
+    """Rows, or columns, divided by weight, each at least one."""
     if not weights:
         return ()
     wanted = np.array(weights) / sum(weights) * rows
@@ -85,6 +85,21 @@ def grid_of(ready: Prepared, view: View, dots: int) -> Grid:
         width = view.span / dots
         return Grid(0.0, math.floor(view.high / width) - dots + 1, width, dots)
     return Grid(view.low, 0, view.span / dots * (1 + 1e-9), dots)
+
+
+def shaded_at(sheet: Sheet) -> tuple[tuple[int, int], ...]:
+    """First and last column of signals of every shaded part that is in sight."""
+    plot, view, columns = sheet.ready.plot, sheet.view, sheet.plan.columns
+    found = []
+    for ends in plot.shaded:
+        low, high = (math.log10(one) if one > 0 else -math.inf for one in ends) if plot.logarithmic else ends
+        if high <= view.low or low >= view.high:
+            continue
+        first, last = (
+            math.floor((min(max(one, view.low), view.high) - view.low) / view.span * columns) for one in (low, high)
+        )
+        found.append((first, max(min(last, columns - 1), first)))
+    return tuple(found)
 
 
 def cursor_at(ready: Prepared, view: View, width: int, height: int, x: int) -> float | None:

@@ -24,6 +24,10 @@ Ink = Literal[
     "mark",
     "full",
     "rest",
+    "heat1",
+    "heat2",
+    "heat3",
+    "heat4",
 ]
 """What a run of characters is; the caller gives each a style (`plot--measured` and so on)."""
 Row = tuple[tuple[str, Ink], ...]
@@ -40,9 +44,11 @@ class Panel:
     line: FloatArray
     """The first signal: measured, or a residual, or a mismatch."""
     over: FloatArray | None = None
-    """Drawn over `line` in the same cells, dotted: the model."""
+    """Drawn over `line` in the same cells, with signs of its own where it is apart: the model."""
     reference: FloatArray | None = None
-    """Drawn sparse, behind both: the noise, or what noise allows; where `centred`, on both sides of zero."""
+    """Drawn dashed, before both: the noise, or what noise allows, or another model."""
+    mirrored: bool = True
+    """`reference` stands on both sides of zero where the panel is `centred`."""
     unit: str = ""
     least: float = 0.1
     """The smallest scale: noise must look like noise."""
@@ -73,6 +79,8 @@ class Plot:
     panels: tuple[Panel, ...]
     title: str = ""
     words: tuple[str, str, str] = ("", "", "")
+    shaded: tuple[tuple[float, float], ...] = ()
+    """Parts of the axis, s or Hz, that are looked at: between dotted lines, on another ground."""
     unit: ClassVar[str] = "s"
     logarithmic: ClassVar[bool] = False
 

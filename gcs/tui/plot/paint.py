@@ -8,14 +8,15 @@ characters of its own, so that the two are told apart without colour.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from rich.cells import cell_len
 
-from gcs.tui.plot.axis import axis_row, marks_row
+from gcs.tui.plot.axis import axis_row, marks_row, tick_columns
 from gcs.tui.plot.draw import (
+    EDGE,
     ZERO,
     ZERO_EVERY,
     BoolArray,
@@ -29,15 +30,17 @@ from gcs.tui.plot.draw import (
     slices,
     zero_row,
 )
-from gcs.tui.plot.layout import Grid, Sheet, sheet_of
+from gcs.tui.plot.layout import Grid, Sheet, shaded_at, sheet_of
 from gcs.tui.plot.model import Ink, Panel, Plot, Row, TimePlot, View
 from gcs.tui.plot.ready import Layer, Prepared, ReadyPanel, reading
-from gcs.tui.plot.rows import CURSOR, GRID, RESIDUAL, TEXT, CodeArray, figure, fit, headed, runs
+from gcs.tui.plot.rows import CURSOR, GRID, REFERENCE, RESIDUAL, TEXT, CodeArray, figure, fit, headed, runs
 
 Scale = tuple[float, float]
 """Values at the bottom and at the top."""
 Extent = tuple[FloatArray, FloatArray]
 """Least and largest value, (slices,)."""
+ROOM_FOR_TICKS = 5
+"""Rows from which on a panel has numbers beside it, and a grid."""
 REFERENCE_EVERY = 4
 """A reference has a dot in every so many columns."""
 
@@ -93,7 +96,8 @@ def _panel(sheet: Sheet, one: ReadyPanel, rows: int, scales: list[Scale]) -> lis
     scale = _scale(panel, extents.signals if panel.centred else [*extents.signals, *extents.references], scales)
     scales.append(scale)
     chars, codes = _canvas(sheet, panel, extents, rows, scale)
-    _zero_line(sheet, panel, scale, chars, codes)
+    ticks = _ticks(panel, scale, rows)
+    _grid(sheet, panel, ticks, scale, chars, codes)
     if not one.line.u.size and panel.absent:
         text = panel.absent[: plan.columns]
         middle = (rows - 1) // 2
@@ -104,7 +108,9 @@ def _panel(sheet: Sheet, one: ReadyPanel, rows: int, scales: list[Scale]) -> lis
         bare = chars[:, sheet.column] == " "
         chars[bare, sheet.column] = "|" if sheet.style == "ascii" else "│"
         codes[:, sheet.column] = CURSOR
-    left = _left(panel, scale, rows, plan.left, sheet.style)
+    left = (
+        _left(panel, scale, rows, plan.left, sheet.style) if len(ticks) < 2 else _ticked(panel, ticks, rows, plan.left)
+    )
     right = _right(sheet, one, extents.line, rows, scale)
     painted: list[Row] = []
     for i in range(rows):
@@ -114,16 +120,54 @@ def _panel(sheet: Sheet, one: ReadyPanel, rows: int, scales: list[Scale]) -> lis
     return painted
 
 
-def _zero_line(sheet: Sheet, panel: Panel, scale: Scale, chars: CharArray, codes: CodeArray) -> None:
-    """Zero, sparse, where nothing else is."""
+def _grid(
+    sheet: Sheet, panel: Panel, ticks: Mapping[int, str], scale: Scale, chars: CharArray, codes: CodeArray
+) -> None:
+    """Zero and ticks, sparse, where nothing else is; and the edges of what is shaded."""
     bottom, top = scale
-    if not (panel.centred and bottom < 0 < top):
-        return
     rows = chars.shape[0]
-    row = zero_row(rows) if bottom == -top else round((rows - 1) * top / (top - bottom))
+    across = set(ticks) - {0, rows - 1}
+    if panel.centred and bottom < 0 < top:
+        across.add(_row_of(0.0, scale, rows))
     every = np.arange(0, sheet.plan.columns, ZERO_EVERY)
-    every = every[chars[row, every] == " "]
-    chars[row, every], codes[row, every] = ZERO[sheet.style], GRID
+    places = [(np.full(every.size, row), every, ZERO[sheet.style]) for row in across]
+    down = np.arange(rows)
+    if len(ticks) > 1 and sheet.style != "ascii":
+        second = down[::2]
+        places += [(second, np.full(second.size, column), ZERO[sheet.style]) for column in tick_columns(sheet)]
+    edges = {column for ends in shaded_at(sheet) for column in ends}
+    places += [(down, np.full(rows, column), EDGE[sheet.style]) for column in edges]
+    for y, x, sign in places:
+        bare = np.isin(chars[y, x], (" ", ZERO[sheet.style]))
+        chars[y[bare], x[bare]], codes[y[bare], x[bare]] = sign, GRID
+
+
+def _row_of(value: float, scale: Scale, rows: int) -> int:
+    bottom, top = scale
+    return zero_row(rows) if value == 0 and bottom == -top else round((rows - 1) * (top - value) / (top - bottom))
+
+
+def _ticks(panel: Panel, scale: Scale, rows: int) -> dict[int, str]:
+    """Row -> label of its value, where a panel is high enough for a scale."""
+    if rows < ROOM_FOR_TICKS:
+        return {}
+    bottom, top = scale
+    if panel.logarithmic:
+        powers = range(math.ceil(bottom), math.floor(top) + 1)
+        return {_row_of(power, scale, rows): f"1e{power}" for power in powers[:: max(1, math.ceil(len(powers) / rows))]}
+    parts = 4 if rows >= 2 * ROOM_FOR_TICKS - 1 else 2
+    values = [bottom + (top - bottom) * i / parts for i in range(parts + 1)]
+    return {_row_of(value, scale, rows): f"{value + 0.0:.3g}" for value in values}
+
+
+def _ticked(panel: Panel, ticks: Mapping[int, str], rows: int, width: int) -> list[str]:
+    """The name, and every tick's label, right-aligned."""
+    lines = []
+    for row in range(rows):
+        name, label = f" {panel.name}" if row == 0 else "", ticks.get(row, "")
+        room = max(width - 1 - len(label), 0)
+        lines.append(name if cell_len(name) >= room else name + " " * (room - cell_len(name)) + label)
+    return lines
 
 
 def _canvas(sheet: Sheet, panel: Panel, extents: _Extents, rows: int, scale: Scale) -> tuple[CharArray, CodeArray]:
@@ -141,39 +185,23 @@ def _canvas(sheet: Sheet, panel: Panel, extents: _Extents, rows: int, scale: Sca
         return glyphs(first, style), codes
     second = np.zeros_like(first)
     if extents.over is not None:
-        over = dots(extents.over)
-        second = cells(dotted(over) if style == "braille" else over, style)
+        second = cells(dots(extents.over), style)
         codes += 2 * (second > 0).astype(np.uint8)
     third = np.zeros_like(first)
-    for low, _ in extents.references:
+    for level in (level for extent in extents.references for level in extent):
         # what lies outside the scale allows anything, and is not drawn at the edge
-        inside = (low >= bottom) & (low <= top)
+        inside = (level >= bottom) & (level <= top)
         inside[np.arange(inside.size) % REFERENCE_EVERY > 0] = False
-        shown = np.where(inside, low, np.nan)
+        shown = np.where(inside, level, np.nan)
         third |= cells(dots((shown, shown), wraps=False) & inside, style)
-    codes += 4 * (third > 0).astype(np.uint8)
-    if style == "braille":
-        chars = glyphs(first | second | third, style)
-    else:
-        chars = glyphs(third, style, "reference")
-        for numbers, kind, among in (
-            (first, "line", codes & 3 == 1),
-            (second, "over", codes & 3 == 2),
-            (first | second, "both", codes & 3 == 3),
-        ):
-            chars[among] = glyphs(numbers, style, kind)[among]  # type: ignore[arg-type]
+    chars = glyphs(first, style)
+    for numbers, kind, among in ((second, "over", codes == 2), (first | second, "both", codes == 3)):
+        chars[among] = glyphs(numbers, style, kind)[among]  # type: ignore[arg-type]
     if panel.residual:
-        codes[codes & 3 == 1] = RESIDUAL
+        codes[codes == 1] = RESIDUAL
+    # dashed, before all else: the noise stays in sight where a residual comes down to it
+    chars[third > 0], codes[third > 0] = glyphs(third, style, "reference")[third > 0], REFERENCE
     return chars, codes
-
-
-def dotted(dots: BoolArray) -> BoolArray:
-    """Every second column left out, except what no column beside it shows: no peak goes."""
-    found = dots.copy()
-    beside = dots[:, 0::2].copy()
-    beside[:, :-1] |= dots[:, 2::2]
-    found[:, 1::2] &= ~beside
-    return found
 
 
 def _scale(panel: Panel, drawn: Sequence[Extent], scales: Sequence[Scale]) -> Scale:
@@ -281,10 +309,12 @@ def _newest(one: ReadyPanel) -> float:
 
 
 SAMPLES: dict[Style, tuple[str, str, str]] = {
-    "braille": ("⠒⠒", "⠂⠂", "⠂ ⠂"),
+    "braille": ("⠒⠒", "▞▚", "─ ─"),
     "block": ("▀▄", "¯_", "· ·"),
     "ascii": ("'.|", "^_!", "~ ~"),
 }
+BOTH: dict[Style, str] = {"braille": "⠶⠶", "block": "▘▖", "ascii": "*o#"}
+"""Where the first two stand in one cell."""
 
 
 def _head(plot: Plot, width: int, style: Style) -> Row:
@@ -299,7 +329,7 @@ def _head(plot: Plot, width: int, style: Style) -> Row:
         if word and needed <= room:
             legend += [(sample, ink), (f" {word}  ", "text")]
             room -= needed
-    if style == "ascii" and plot.words[1] and room >= 10:
-        legend += [("*o#", "both"), (" both  ", "text")]
-        room -= 10
+    if plot.words[1] and room >= 10:
+        legend += [(BOTH[style], "both"), (" both  ", "text")]
+        room -= len(BOTH[style]) + 7
     return (*headed(plot.title, room + title + 2, style), *legend)

@@ -140,7 +140,8 @@ def _ready(panel: Panel, axis: Axis) -> ReadyPanel:
 
     references: tuple[Layer, ...] = ()
     if panel.reference is not None:
-        references = (layer(panel.reference), layer(-panel.reference)) if panel.centred else (layer(panel.reference),)
+        mirrored = panel.centred and panel.mirrored
+        references = (layer(panel.reference), *([layer(-panel.reference)] if mirrored else []))
     over = None if panel.over is None else layer(panel.over)
     return ReadyPanel(panel, axis.u, layer(panel.line), over, references)
 

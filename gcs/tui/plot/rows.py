@@ -12,12 +12,12 @@ from gcs.tui.plot.draw import CharArray, Style
 from gcs.tui.plot.model import Ink, Row
 
 INKS: tuple[Ink, ...] = (
-    "blank", "measured", "model", "both", "reference", "measured", "model", "both", "grid", "residual", "cursor",
-    "mark", "text",
+    "blank", "measured", "model", "both", "reference", "grid", "residual", "cursor", "mark", "text",
+    "heat1", "heat2", "heat3", "heat4",
 )  # fmt: skip
-"""The first eight are sums of: 1 the line, 2 the one over it, 4 the reference."""
+"""The first four are sums of: 1 the line, 2 the one over it."""
 
-GRID, RESIDUAL, CURSOR, TEXT = 8, 9, 10, len(INKS) - 1
+REFERENCE, GRID, RESIDUAL, CURSOR, MARK, TEXT, HEAT = range(4, 11)
 
 CodeArray = NDArray[np.uint8]
 

@@ -32,7 +32,8 @@ class Canvas(Widget):
 
     COMPONENT_CLASSES = {
         "plot--measured", "plot--model", "plot--both", "plot--residual", "plot--reference", "plot--grid", "plot--text",
-        "plot--title", "plot--cursor", "plot--mark", "plot--full", "plot--rest",
+        "plot--title", "plot--cursor", "plot--mark", "plot--full", "plot--rest", "plot--heat1", "plot--heat2",
+        "plot--heat3", "plot--heat4", "plot--shaded",
     }  # fmt: skip
     DEFAULT_CSS = """
     Canvas { width: 1fr; height: 1fr; }
@@ -49,6 +50,11 @@ class Canvas(Widget):
     Canvas > .plot--mark { color: $text-warning; text-style: bold; }
     Canvas > .plot--full { color: $text-primary; }
     Canvas > .plot--rest { color: $text-accent; }
+    Canvas > .plot--heat1 { color: $text-muted; }
+    Canvas > .plot--heat2 { color: $text-accent; }
+    Canvas > .plot--heat3 { color: $text-warning; }
+    Canvas > .plot--heat4 { color: $text-error; }
+    Canvas > .plot--shaded { background: $primary 25%; }
     """
 
     def __init__(self, style: Style, id: str) -> None:
@@ -57,6 +63,7 @@ class Canvas(Widget):
         self._rows: tuple[Row, ...] = ()
         self._strips: list[Strip | None] = []
         self._inks: dict[Ink, RichStyle] = {}
+        self._shaded: tuple[Region, ...] = ()
 
     @property
     def shown(self) -> str:
@@ -67,10 +74,11 @@ class Canvas(Widget):
         """A text made harmless; in `ascii` only ASCII."""
         return _harmless(text, self._style)
 
-    def put(self, rows: tuple[Row, ...]) -> None:
-        """Show these rows, as many as the box is high."""
+    def put(self, rows: tuple[Row, ...], shaded: tuple[Region, ...] = ()) -> None:
+        """Show these rows, as many as the box is high; `shaded`: parts of it on another ground."""
         before, self._rows = self._rows, rows
-        if len(before) != len(rows):
+        elsewhere, self._shaded = shaded != self._shaded, shaded
+        if len(before) != len(rows) or elsewhere:
             self._strips = [None] * len(rows)
             self.refresh()
             return
@@ -105,8 +113,17 @@ class Canvas(Widget):
             strip = Strip([Segment(text, self._ink(ink)) for text, ink in row if text], self.size.width)
             if strip.cell_length != sum(segment.cell_length for segment in strip):
                 strip = Strip(list(strip)).adjust_cell_length(self.size.width, self.rich_style)
+            for part in self._shaded:
+                strip = self._on_ground(strip, part) if part.y <= y < part.bottom else strip
             self._strips[y] = strip
         return strip
+
+    def _on_ground(self, strip: Strip, part: Region) -> Strip:
+        """A strip with some columns on the ground of what is looked at; the signs stay as they are."""
+        ground = RichStyle(bgcolor=self.get_component_rich_style("plot--shaded").bgcolor)
+        before, inside, after = strip.divide([part.x, part.right, strip.cell_length])
+        within = [Segment(text, ground if style is None else style + ground) for text, style, _ in inside]
+        return Strip([*before, *within, *after], strip.cell_length)
 
     def _ink(self, ink: Ink) -> RichStyle:
         found = self._inks.get(ink)

@@ -7,9 +7,10 @@ from typing import Literal
 
 from textual.binding import Binding
 from textual.events import Click
+from textual.geometry import Region
 
 from gcs.tui.plot import Plot, Prepared, Reading, Style, View, picture, prepared
-from gcs.tui.plot.layout import cursor_at, layout
+from gcs.tui.plot.layout import cursor_at, layout, shaded_at, sheet_of
 from gcs.tui.plot.ready import clamped, holding, moved, readings, zoomed
 from gcs.tui.widgets.canvas import Canvas
 
@@ -21,10 +22,10 @@ FAR = 10
 class Traces(Canvas, can_focus=True):
     """Shows a `Plot` (TimePlot or FrequencyPlot). Give it one each tick; only what changed is drawn again.
 
-    Keys, where focused: left/right the cursor by a column, but at least by a sample; shift+left/right ten columns;
-    home/end to the first and last sample; + and - zoom around the cursor; [ and ] pan by half a view; 0 shows
-    everything again, without cursor. A click puts the cursor. The actions `cursor(columns)`, `ends(which)`,
-    `zoom(steps)`, `pan(halves)` and `reset` can be bound to other keys, or called.
+    Keys, where focused: left/right the cursor by a column, but at least by a sample; comma and full stop (or
+    shift+left/right) ten columns; home/end to the first and last sample; + and - zoom around the cursor; [ and ] pan
+    by half a view; 0 shows everything again, without cursor. A click puts the cursor. The actions `cursor(columns)`,
+    `ends(which)`, `zoom(steps)`, `pan(halves)` and `reset` can be bound to other keys, or called.
 
     A live plot (span_s) moves along until it is zoomed or panned; a cursor that its view has left behind goes.
     """
@@ -34,8 +35,8 @@ class Traces(Canvas, can_focus=True):
     BINDINGS = [
         Binding("left", "cursor(-1)", "cursor", show=False),
         Binding("right", "cursor(1)", "cursor", show=False),
-        Binding("shift+left", f"cursor({-FAR})", "cursor", show=False),
-        Binding("shift+right", f"cursor({FAR})", "cursor", show=False),
+        Binding("shift+left,comma", f"cursor({-FAR})", "cursor", show=False),
+        Binding("shift+right,full_stop", f"cursor({FAR})", "cursor", show=False),
         Binding("home", "ends('first')", "first sample", show=False),
         Binding("end", "ends('last')", "last sample", show=False),
         Binding("plus,equals_sign", "zoom(1)", "zoom in", show=False),
@@ -72,7 +73,10 @@ class Traces(Canvas, can_focus=True):
         view = self._shown(ready)
         if self._cursor is not None and not view.low <= self._cursor <= view.high:
             self._cursor = None
-        self.put(picture(ready, view, width, height, self._style, cursor=self._cursor))
+        sheet = sheet_of(ready, view, width, height, self._style, cursor=self._cursor)
+        top, left, high = int(sheet.plan.head), sheet.plan.left, sum(sheet.plan.rows)
+        shaded = tuple(Region(left + first, top, last - first + 1, high) for first, last in shaded_at(sheet))
+        self.put(picture(ready, view, width, height, self._style, cursor=self._cursor), shaded)
 
     @property
     def cursor(self) -> float | None:

@@ -83,7 +83,8 @@ def test_fit_and_compare_warn_of_runs_of_different_vehicles(
     runs = [f"{shared_data / 'ardupilot' / name}_sweep.BIN@20:26" for name in ("heli_roll", "quad_pitch")]
     fit = tmp_path / "mixed.json"
     assert main(["fit", *runs, "--model", "cd", "--band", "0:10", "-o", str(fit)]) == 0
-    out, _ = capsys.readouterr()
+    out, err = capsys.readouterr()
+    assert "note: vehicle differs: frame HELI" in err
     assert "these runs are of different vehicles" in " ".join(out.split())
     assert "different vehicles" in json.loads(fit.read_text())["warnings"][0]
     assert main(["compare", str(fit), "--json"]) == 0

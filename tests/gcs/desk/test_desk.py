@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,13 @@ from matplotlib.figure import Figure
 
 import gcs.desk.keeping
 from gcs.analysis.answer import answer_of, kept_answer
+from gcs.analysis.clearance import clearance
 from gcs.analysis.text.blocks import text_of
-from gcs.desk import Base, Cancelled, Choice, Desk
+from gcs.desk import Base, Cancelled, Choice, Desk, tuning
+from gcs.desk.state import Weights
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
+from gcs.logs import resolve_runs
 from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
 from sysid.fit.result import Fit
 
@@ -140,6 +144,120 @@ def test_runs_are_used_as_their_kind_says(raw: Path) -> None:
         desk.use("flight.BIN#9", Choice.FIT)
     with pytest.raises(TippathError, match="not quiet hover"):
         desk.use("flight.BIN#1", Choice.NOISE)
+
+
+def test_a_part_of_a_run_is_taken_as_a_command_takes_it_and_found_again(
+    worked: tuple[Desk, Path], tmp_path: Path
+) -> None:
+    shutil.copytree(worked[1] / "flight-0001", tmp_path / "flight-0001", ignore=lambda *_: ["report.html"])
+    desk = Desk(now=lambda: WHEN)
+    desk.open(str(tmp_path / "flight-0001"))
+    whole = desk.state().runs[0]
+    desk.cut(whole.word, 1.04, None)
+    desk.cut(desk.state().runs[0].word, None, 7.5)
+    part = desk.state().runs[0]
+    assert (part.word, part.start_s, part.choice) == (f"{whole.word}@1:7.5", whole.start_s, whole.choice)
+    assert part.record is not None
+    (read,) = resolve_runs([part.word])
+    assert np.array_equal(part.record.t, read.t)
+    desk.fit()
+    assert f"{part.word} " in desk.state().commands[-1]
+    again = Desk(now=lambda: WHEN)
+    again.open(str(tmp_path / "flight-0001"))
+    assert [run.id for run in again.state().chosen(Choice.FIT)] == [run.id for run in desk.state().chosen(Choice.FIT)]
+    assert again.state().fitted is not None
+    with pytest.raises(TippathError, match="stays whole"):
+        desk.halve(part.word)
+    with pytest.raises(TippathError, match="nothing is left"):
+        desk.cut(part.word, 7.4, None)
+    desk.take_whole(part.word)
+    assert desk.state().runs[0] == whole
+    with pytest.raises(TippathError, match="whole already"):
+        desk.take_whole(whole.word)
+
+
+def test_runs_are_split_by_a_key(short: Path, raw: Path) -> None:
+    desk = Desk(now=lambda: WHEN)
+    desk.open(str(short))
+    with pytest.raises(TippathError, match="H halves"):
+        desk.alternate()
+    with pytest.raises(TippathError, match="alike"):
+        desk.use_alike()
+    desk.fit_alone(desk.state().runs[0].word)
+    assert desk.state().runs[0].alone[0].startswith("roll alone, of first order: NRMSE p ")
+    desk.open(str(raw))
+    desk.alternate()
+    assert [run.choice for run in desk.state().runs[2:4]] == [Choice.FIT, Choice.VALIDATE]
+    desk.alternate()
+    assert [run.choice for run in desk.state().runs[2:4]] == [Choice.VALIDATE, Choice.FIT]
+
+
+def test_sliders_are_followed_at_once_judged_at_rest_and_kept_by_a_key(
+    short: Path, few_effects: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tuning, "clearance", partial(clearance, samples=20))
+    desk = Desk(now=lambda: WHEN)
+    desk.open(str(short))
+    desk.fit()
+    desk.follow()
+    paper = desk.state().trial
+    assert paper is not None
+    assert paper.found is not None
+    desk.turn(Weights(input_cost=12.0, flapping_cost=0.01, observer=0.8, dynamic=True))
+    desk.follow()
+    trial = desk.state().trial
+    assert trial is not None
+    assert trial.found is not None
+    assert trial.clearance is None
+    assert trial.found.gains.margins.phase_deg > paper.found.gains.margins.phase_deg
+    assert not list(short.glob("gains*"))
+    desk.judge_trial()
+    judged = desk.state().trial
+    assert judged is not None
+    assert judged.clearance is not None
+    with pytest.raises(TippathError, match="D designs"):
+        desk.shadow()
+    desk.design()
+    made = desk.state().designed
+    assert made is not None
+    assert made.clearance is judged.clearance
+    assert made.command.endswith(
+        "--input-cost 12.0 --flapping-cost 0.01 --observer 40,40,40.8,40.8 --prefilter dynamic "
+        f"-o {short / 'gains.json'}"
+    )
+    desk.diagnose()
+    desk.design()
+    made = desk.state().designed
+    assert made is not None
+    assert made.clearance is not judged.clearance, "it was judged before anything was known of what the fit lacks"
+    assert made.clearance.standing.state != "not asked"
+    desk.shadow()
+    made = desk.state().designed
+    assert made is not None
+    assert made.shadow is not None
+    assert desk.state().commands[-1].startswith(f"tippath shadow {short / 'gains-2.json'} {short / 'flight.BIN'}#1")
+    desk.seek_present(made.crc)
+    held = desk.state().present
+    assert held is not None
+    assert (held.path, held.found is not None) == (short / "gains-2.json", True)
+    desk.seek_present(0x123456)
+    assert desk.state().present is None
+    with pytest.raises(TippathError, match="fly the card"):
+        desk.prove()
+
+
+def test_weights_that_hold_nothing_are_told_and_designed_by_nobody(short: Path) -> None:
+    desk = Desk(now=lambda: WHEN)
+    desk.open(str(short))
+    desk.fit()
+    desk.turn(Weights(flapping_cost=float("nan")))
+    desk.follow()
+    trial = desk.state().trial
+    assert trial is not None
+    assert trial.found is None
+    assert "flapping cost" in trial.problem
+    with pytest.raises(TippathError, match="flapping cost"):
+        desk.design()
 
 
 def test_a_base_is_checked_when_it_is_chosen(raw: Path) -> None:
@@ -427,26 +545,36 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
 def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
     worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import gcs.analysis.pages.report
+    import gcs.analysis.pages.page
 
-    def counted(figure: Figure) -> str:
+    def counted(figure: Figure, **_: bool) -> str:
         return f"<svg>{len(figure.axes)} panels</svg>"
 
-    monkeypatch.setattr(gcs.analysis.pages.report, "svg", counted)
+    monkeypatch.setattr(gcs.analysis.pages.page, "svg", counted)
     desk, home = worked
     monkeypatch.chdir(home)
-    desk.rename("first flight")
+    desk.rename("first <script>flight</script> $x^{")
     desk.report()
     state = desk.state()
     assert state.report is not None
     text = state.report.read_text()
     for part in (
-        *("<h1>first flight</h1>", "run 2: fly again: gust", "The ladder to tpp-servo_lag.json", "Where tpp-servo_lag"),
         *(
+            "<h1>first &lt;script&gt;flight&lt;/script&gt; $x^{</h1>",
+            "run 2: fly again: gust",
+            "The ladder to tpp-servo_lag.json",
+            "Where tpp-servo_lag",
+        ),
+        *(
+            "What tpp.json lacks",
+            "missing: servo_lag",
             "What tpp-servo_lag.json lacks",
             "complete: what is left is noise",
             "Gains, gains.json",
             "<svg>3 panels</svg>",
+            "servo_lag</td>",
+            "SHA-256",
+            "What was done",
         ),
         "✓ its size is physically plausible",
     ):

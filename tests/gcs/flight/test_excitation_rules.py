@@ -64,6 +64,16 @@ def test_no_rule_is_broken_without_the_logs_stream() -> None:
     assert counts["ended: telemetry stopped"]
 
 
+def test_no_rule_is_broken_where_an_end_is_sent_unheard() -> None:
+    counts: Counter[str] = Counter()
+    for seed in range(100):
+        outcome = play(history_of("blind", seed))
+        counts += outcome.counts
+        if outcome.breaches:
+            hold(history_of("blind", seed))
+    assert counts["sent unheard, and arrived in the excitation"] > 100
+
+
 @pytest.mark.parametrize(
     ("guard", "history"),
     [

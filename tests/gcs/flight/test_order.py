@@ -50,6 +50,9 @@ class Operator:
         self._abort = None
         return self.goes_on and len(self.asked) <= OFTEN
 
+    def blind(self) -> bool:
+        return False
+
     def aborted(self) -> str | None:
         return self._abort
 

@@ -21,6 +21,7 @@ from gcs.flight.excitation import abort
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.flyable import NotReadyError, require_flyable
 from gcs.flight.folder import FlightFolder, create
+from gcs.flight.order import IN_ORDER
 from gcs.flight.recorder import RecordingSummary
 from gcs.flight.run import Note, Probed, Progress, RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
@@ -306,6 +307,40 @@ def test_a_link_lost_in_mid_chirp_is_not_resumed_but_ended_once_it_is_back(
     assert modes(vehicle) == [SYSTEMID, STABILIZE]
     assert vehicle.asked[1][0] >= begun[0] + 8.0, "nothing was sent while the link was lost"
     assert vehicle.mode == STABILIZE
+
+
+class Blindly:
+    """Somebody at the app who wants an end sent unheard."""
+
+    def chosen(self) -> int | None:
+        return None
+
+    def again(self, result: RunResult) -> bool:
+        return False
+
+    def blind(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_while_nothing_is_heard_only_the_maneuvers_size_is_sent_and_only_if_asked(
+    asked: bool, vehicle: FakeVehicle, session: FakeSession, folder: FlightFolder
+) -> None:
+    lost: list[float] = []
+
+    def lose() -> None:
+        lost.append(vehicle.now)
+        session.deaf_from, session.deaf_until = vehicle.now, vehicle.now + 12.0
+
+    vehicle.in_sweep(4.0, lose)
+    chirp = Maneuver(kind="chirp", axis="roll", amplitude=0.1, duration_s=30.0)
+    result = fly(session, folder, chirp, choosing=Blindly() if asked else IN_ORDER)
+    assert result.ending is Ending.LINK
+    assert {(name, value) for _, name, value in session.unheard} == ({("SID_MAGNITUDE", 0.0)} if asked else set())
+    assert all(lost[0] + 3.0 < at_s < lost[0] + 12.5 for at_s, _, _ in session.unheard), "only while it is not heard"
+    assert modes(vehicle) == [SYSTEMID, STABILIZE], "no mode is sent unheard"
+    assert vehicle.asked[1][0] >= lost[0] + 12.0
+    assert as_found(vehicle), "its own size is back, too"
 
 
 def test_a_failsafe_during_a_lost_link_is_not_talked_over(

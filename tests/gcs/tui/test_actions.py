@@ -236,14 +236,26 @@ def test_ports_and_earlier_flights_are_offered(tmp_path: Path, monkeypatch: pyte
     ):
         folder = tmp_path / f"flight-000{number}"
         folder.mkdir()
-        FlightFolder(folder).write({"link": link})
+        FlightFolder(folder).write({"link": link, "card": "hover", "started": "2026-11-22T10:00:00", "name": "gusty"})
+    (tmp_path / "flight-0005").mkdir()
+    (tmp_path / "00000012.BIN").write_bytes(b"")
     offered = connections.connections(tmp_path)
+    assert [(one.name, one.about) for one in offered if one.flight] == [
+        ("flight-0005", "what was flown is not told"),
+        ("flight-0004", "gusty: card hover, 0 of 0 runs kept, 2026-11-22"),
+        ("flight-0003", "gusty: card hover, 0 of 0 runs kept, 2026-11-22"),
+        ("00000012.BIN", "a log"),
+    ]
+    assert offered[connections.first_marked(offered)].link == "/dev/ttyUSB0,57600"
+    assert connections.first_marked(connections.connections(tmp_path / "vehicle-logs")) == 0
     assert [one.link for one in offered if one.link] == [
         connections.ANY_UDP,
         "/dev/ttyUSB0,57600",
         "udpin:0.0.0.0:14560",
     ]
-    assert offered[-1] is connections.NOWHERE
+    assert [one.heading for one in offered if one.flight or one is connections.NOWHERE].count(
+        "open a recorded flight"
+    ) == 5
     with pytest.raises(UsageError, match="is no link"):
         connections.typed("elsewhere")
 

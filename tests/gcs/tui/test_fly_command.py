@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 import pytest
 
@@ -59,24 +58,3 @@ def test_a_plant_that_is_none_is_wrong_usage():
 def test_a_flight_that_is_not_there_is_told(tmp_path):
     with pytest.raises(TippathError, match="no such folder or log"):
         fly.run(parsed(str(tmp_path / "none")))
-
-
-@pytest.mark.parametrize("word", ["0.0.0.0:8000", "0", "65536", "x"])
-def test_it_is_served_on_loopback_only(word, capsys):
-    with pytest.raises(SystemExit) as ended:
-        parsed("--serve", word)
-    assert ended.value.code == 2
-    assert "127.0.0.1 only" in capsys.readouterr().err
-
-
-def test_serving_without_the_extra_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "textual_serve.server", None)
-    with pytest.raises(TippathError, match="-m pip install textual-serve"):
-        fly.run(parsed("--serve"))
-    assert parsed("--serve").serve == 8000
-
-
-def test_what_is_served_is_the_same_app(tmp_path):
-    args = parsed("--sim", "hover", "--seed", "3", "-o", str(tmp_path), "--theme", "sun", "--serve", "8123")
-    again = parsed(*fly._again(args))
-    assert (again.sim, again.seed, again.output, again.theme, again.serve) == ("hover", 3, tmp_path, "sun", None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,14 +17,12 @@ from gcs.tui.plot import (
     Panel,
     TimePlot,
     View,
-    band_bars,
     bar,
     bars,
     candidate_bars,
     chart,
     dots_across,
     envelope,
-    ladder_bars,
     picture,
     prepared,
     readings,
@@ -32,9 +31,8 @@ from gcs.tui.plot import (
     round_limit,
     spectra_plot,
     time_plot,
-    worst_part,
 )
-from gcs.tui.plot.paint import dotted
+from gcs.tui.plot.layout import shaded_at, sheet_of
 from gcs.tui.plot.ready import clamped, moved, zoomed
 from sysid.compare.metrics import Mismatch
 from sysid.compare.values import BandError, Densities, ResponseError, Trace
@@ -148,8 +146,8 @@ STEPS = np.arange(28.0)
 
 
 RAMPS = {
-    "braille": ([" p    ⢀⣀⣀⣀⡤⠤⠤⠤⠖⠒⠒⠒⠋⠉", " ±1   ⠉     ·     · "], [" p    ⢁⣁⣃⣂⡦⠦⠦⠤⠖⠖⡖⡒⡋⡉", " ±1   ⠉     ·     ·⠈"]),
-    "block": ([" p    ▄▄▄▄▄▄▄▄▄█▀▀▀▀", " ±1   ▀     ·     · "], [" p    ██████▄▄▄█████", " ±1   ▀     ·     ·¯"]),
+    "braille": ([" p    ⢀⣀⣀⣀⡤⠤⠤⠤⠖⠒⠒⠒⠋⠉", " ±1   ⠉     ·     · "], [" p    ⢉⣉⣓⣒⡶⠶⠦⠤⠶⠶⣖⣒⣋⣉", " ±1   ⠉     ·     ·▝"]),
+    "block": ([" p    ▄▄▄▄▄▄▄▄▄█▀▀▀▀", " ±1   ▀     ·     · "], [" p    ▌▌▌▌▌▌▖▖▖▌▌▌▌▌", " ±1   ▀     ·     ·¯"]),
     "ascii": ([" p    .........|''''", " +-1  '     -     - "], [" p    ######ooo#####", " +-1  '     -     -^"]),
 }
 """Up from 0 to 1, and with a model that goes down."""
@@ -170,7 +168,7 @@ def test_a_ramp_is_drawn_exactly(style):
 
 
 @pytest.mark.parametrize(
-    ("style", "signs"), [("braille", ("⠉⠉⠉", "⠁⠁⠁")), ("block", ("▀▀▀", "¯¯¯")), ("ascii", ("'''", "^^^"))]
+    ("style", "signs"), [("braille", ("⠉⠉⠉", "▀▀▀")), ("block", ("▀▀▀", "¯¯¯")), ("ascii", ("'''", "^^^"))]
 )
 def test_model_and_measurement_are_told_apart_without_colour(style, signs):
     x = np.arange(240.0)
@@ -179,22 +177,10 @@ def test_model_and_measurement_are_told_apart_without_colour(style, signs):
     rows = rows_of(TimePlot(panels=(apart,), words=("measured", "model", "")), 60, 4, style)
     measured, model = rows[1], rows[2]
     assert {ink for text, ink in measured if signs[0] in text} == {"measured"}
-    lower = {"⠉⠉⠉": "⡀⡀⡀", "▀▀▀": "___", "'''": "___"}[signs[0]]
+    lower = {"⠉⠉⠉": "▄▄▄", "▀▀▀": "___", "'''": "___"}[signs[0]]
     assert {ink for text, ink in model if lower in text} == {"model"}
     same = Panel(name="p", x=x, line=top, over=top, least=1.0)
     assert "both" in {ink for _, ink in rows_of(TimePlot(panels=(same,)), 60, 4, style)[0]}
-
-
-def test_the_dotted_model_keeps_its_peaks():
-    rng = np.random.default_rng(4)
-    dots = rng.random((12, 40)) < 0.3
-    thin = dotted(dots)
-    assert not (thin & ~dots).any()
-    lost = dots & ~thin
-    beside = np.zeros_like(dots)
-    beside[:, 1:] |= thin[:, :-1]
-    beside[:, :-1] |= thin[:, 1:]
-    assert (beside | ~lost).all(), "a dot that goes has another at its height beside it"
 
 
 @pytest.mark.parametrize("style", STYLES)
@@ -436,10 +422,7 @@ def test_bars_fit_any_box(style):
     assert "7 more" in texts(bars(plot, 40, 3, style))[-1]
 
 
-def test_a_ladder_s_rungs():
-    plot = ladder_bars([("tpp", {"p": 64.1}, {"p": 61.7}), ("+ servo_lag", {"p": 81.0}, None)], {"p": 82.0}, "p")
-    assert [(one.parts, one.beside, one.chosen) for one in plot.bars] == [((64.1,), 61.7, False), ((81.0,), None, True)]
-    assert plot.lines == ((82.0, "noise 82"),)
+def test_candidates_say_what_they_explain():
     assert [one.text for one in candidate_bars([("a", 0.941, ""), ("b", None, "no alpha")]).bars] == [
         "94 %",
         "not testable  no alpha",
@@ -521,9 +504,12 @@ def test_a_run_of_a_comparison(comparison):
     ]
     assert (plot.title, plot.origin_s) == ("run a#2", 512.0)
     np.testing.assert_allclose(plot.panels[1].line - plot.panels[1].over, plot.panels[2].line)
-    shared = time_plot(comparison, 0, outputs=[1], same_scale=True)
-    assert [one.scale_of for one in shared.panels] == [None, 0]
-    assert worst_part(comparison, 1) == 1
+    beside = time_plot(
+        comparison, 0, outputs=[1], other=("CD", 0.5 * comparison.traces[0].measured), residual_least=(1, 2)
+    )
+    measured, residual = beside.panels
+    np.testing.assert_allclose(residual.reference, 0.5 * measured.line)
+    assert (residual.least, measured.mirrored, beside.words[2]) == (2, False, "CD")
 
 
 def test_a_response_of_a_comparison(comparison):
@@ -539,12 +525,31 @@ def test_a_response_of_a_comparison(comparison):
     assert response_names(comparison) == ("q from delta_y",)
 
 
-def test_spectra_and_bands_of_a_comparison(comparison):
+def test_spectra_of_a_comparison(comparison):
     (panel,) = spectra_plot(comparison, 1).panels
     np.testing.assert_allclose(panel.over, 0.3 * panel.line)
     np.testing.assert_allclose(panel.reference, 0.1 * panel.line)
     text = texts(rows_of(spectra_plot(comparison, 1), 80, 9))
     assert "1e1" in text[1]
-    found = band_bars(comparison.bands, "roll")
-    assert [one.parts for one in found.bars] == [pytest.approx((0.2, 0.1, 0.1)), pytest.approx((0.54, 0.06, 0.0))]
-    assert found.full == 0.6
+
+
+def test_the_noise_stays_in_sight_where_the_residual_comes_down_to_it():
+    f = np.geomspace(0.5, 10, 80)
+    panel = Panel(name="p", x=f, line=10 / f, over=1 / f, reference=1 / f, logarithmic=True, centred=False)
+    for style, dashes in (("braille", "▔─▁"), ("block", "·:"), ("ascii", "~=")):
+        text = "".join(texts(rows_of(FrequencyPlot(panels=(panel,)), 80, 6, style)))
+        assert sum(text.count(dash) for dash in dashes) >= 10, style
+
+
+def test_a_band_that_is_looked_at_lies_between_its_edges():
+    f = np.geomspace(1, 10, 60)
+    plot = FrequencyPlot(panels=(Panel(name="dB", x=f, line=f),), low_hz=1.0, high_hz=10.0, shaded=((2.0, 5.0),))
+    ready = prepared(plot)
+    for style, edge in (("braille", "┊"), ("ascii", ":")):
+        row = texts(picture(ready, ready.first, 80, 9, style))[1]
+        columns = [x for x, sign in enumerate(row) if sign == edge]
+        assert len(columns) == 2
+        wanted = [9 + 56 * math.log10(2), 9 + 56 * math.log10(5)]
+        assert columns == pytest.approx(wanted, abs=1)
+    out_of_sight = sheet_of(ready, View(0.8, 1.0), 80, 9, "braille", None)
+    assert shaded_at(out_of_sight) == ()

@@ -15,9 +15,9 @@ from rich.cells import cell_len
 from gcs.cards.envelope import Use
 from gcs.desk import DeskState
 from gcs.flight.preflight import Check
-from gcs.tui import next_step, words
-from gcs.tui.state import Progress, RunView, Stage, State, joined
-from gcs.tui.words import rings, top_line
+from gcs.tui import calls, next_step, words
+from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State, joined
+from gcs.tui.top_line import top_line, who
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
 VEHICLE = VehicleSnapshot(
@@ -46,19 +46,49 @@ STATE = State(link="udpin:127.0.0.1:14550", vehicle=VEHICLE, stage=Stage.IDLE, c
     ],
 )
 def test_the_abort_key_is_on_the_top_line_at_any_width(width, vehicle):
-    line = words.top_line(replace(STATE, vehicle=vehicle), width).plain
+    line = top_line(replace(STATE, vehicle=vehicle), width).plain
     assert line.endswith("F12 ABORT ")
     assert cell_len(line) == width
 
 
 def test_the_top_line_at_80_says_all_of_it():
-    line = words.top_line(STATE, 80).plain
+    line = top_line(STATE, 80).plain
     for word in ("LINK 0.1 s", "Stabilize (pilot)", "ARMED", "RPM 1648 -0.1 %", "BAT 22.1 V"):
         assert word in line
 
 
+@pytest.mark.parametrize("width", [80, 120])
 @pytest.mark.parametrize(
-    ("mode", "stage", "who"),
+    ("changes", "said", "unsaid"),
+    [
+        ({"air_s": 192.4}, [" 3:12 "], [">"]),
+        ({"air_s": 192.4, "air_known": False}, [" >3:12 "], []),
+        ({"bank": Bank(0x12, None, True)}, ["LQR ON"], []),
+        ({"bank": Bank(0, None, True)}, [], ["LQR"]),
+        ({"battery_remaining": 0.87}, ["▓▓▓▓ 87 %"], ["LOW"]),
+        ({"battery_remaining": 0.3, "air_s": 5.0}, ["▓▓░░ 30 %", " 0:05 "], ["LOW"]),
+        (
+            {"battery_remaining": 0.12, "air_s": 2000.0, "bank": Bank(1, None, True)},
+            ["12 % LOW", " 33:20 ", "LQR ON"],
+            [],
+        ),
+    ],
+)
+def test_time_in_the_air_battery_and_the_controller_stand_on_the_top_line(width, changes, said, unsaid):
+    of_vehicle = {key: value for key, value in changes.items() if key == "battery_remaining"}
+    others = {key: value for key, value in changes.items() if key != "battery_remaining"}
+    line = top_line(
+        replace(STATE, vehicle=replace(VEHICLE, lag_s=0.02, answer_age_s=0.1, **of_vehicle), **others), width
+    )
+    for words_ in said:
+        assert words_ in line.plain
+    for words_ in unsaid:
+        assert words_ not in line.plain
+    assert cell_len(line.plain) == width
+
+
+@pytest.mark.parametrize(
+    ("mode", "stage", "commands"),
     [
         (0, Stage.IDLE, "pilot"),
         (25, Stage.FLYING, "tippath"),
@@ -68,8 +98,8 @@ def test_the_top_line_at_80_says_all_of_it():
         (9, Stage.FLYING, "autopilot"),
     ],
 )
-def test_who_commands_the_mode(mode, stage, who):
-    assert words.who(replace(STATE, vehicle=replace(VEHICLE, mode=mode), stage=stage)) == who
+def test_who_commands_the_mode(mode, stage, commands):
+    assert who(replace(STATE, vehicle=replace(VEHICLE, mode=mode), stage=stage)) == commands
 
 
 @pytest.mark.parametrize("height", [1, 2, 3, 5, 20])
@@ -107,24 +137,40 @@ def flying(elapsed_s: float, percent: float = 10.0) -> State:
     )
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "rings"),
-    [
-        (flying(-0.1), flying(0.1), True),
-        (flying(14.9), flying(15.1), True),
-        (flying(26.95), flying(27.05), True),
-        (flying(27.95), flying(28.05), True),
-        (flying(28.95), flying(29.05), True),
-        (flying(29.9), replace(STATE, stage=Stage.CLOSING), True),
-        (flying(5.0, 90), flying(5.1, 101), True),
-        (flying(5.1, 101), flying(5.2, 102), False),
-        (flying(5.0), flying(5.1), False),
-        (STATE, replace(STATE, vehicle=replace(VEHICLE, lost=True)), True),
-        (STATE, STATE, False),
-    ],
-)
-def test_the_bell(before, after, rings):
-    assert words.rings(before, after) is rings
+CALLS = [
+    (flying(-0.1), flying(0.1), [calls.START]),
+    (flying(14.9), flying(15.1), [calls.HALF]),
+    (flying(26.95), flying(27.05), [calls.COUNT[3]]),
+    (flying(27.95), flying(28.05), [calls.COUNT[2]]),
+    (flying(28.95), flying(29.05), [calls.COUNT[1]]),
+    (flying(29.9), replace(STATE, stage=Stage.CLOSING), [calls.END]),
+    (flying(5.0), replace(flying(5.1), stage=Stage.ABORTING), [calls.ABORT]),
+    (flying(5.0, 90), replace(flying(5.1, 101), stage=Stage.ABORTING), [calls.LIMIT, calls.ABORT]),
+    (flying(5.0, 90), flying(5.1, 101), [calls.LIMIT]),
+    (flying(5.1, 101), flying(5.2, 102), []),
+    (flying(5.0), flying(5.1), []),
+    (STATE, replace(STATE, vehicle=replace(VEHICLE, lost=True)), [calls.LINK_LOST]),
+    (STATE, STATE, []),
+    (
+        replace(flying(29.9), runs=(RunView(number=1, label="roll", numbers="", mark=Mark.FLYING),)),
+        replace(STATE, stage=Stage.CLOSING, runs=(RunView(number=1, label="roll", numbers="", mark=Mark.KEEP),)),
+        [calls.END, calls.KEEP],
+    ),
+]
+
+
+@pytest.mark.parametrize(("before", "after", "called"), CALLS)
+def test_what_is_called_out(before, after, called):
+    assert calls.calls(before, after) == called
+    urgent = calls.ringing(called)
+    assert urgent is (called[0] if called else None)
+
+
+def test_whoever_only_hears_tells_the_calls_apart():
+    by_ear = (calls.START, calls.HALF, calls.END, calls.LIMIT, calls.ABORT, calls.LINK_LOST)
+    assert len({call.pattern for call in by_ear}) == len(by_ear)
+    assert all(call.pattern == tuple(sorted(call.pattern)) for call in by_ear)
+    assert len({call.words for call in (*by_ear, *calls.COUNT.values(), calls.KEEP, calls.AGAIN)}) == 11
 
 
 def test_what_is_missing_is_said():
@@ -201,7 +247,7 @@ def test_what_was_looked_at_is_shortened_and_never_cut(width, height, checks):
 def test_too_small_is_said_in_what_fits(width):
     assert cell_len(words.too_small((width, 20), (80, 24))) <= width
     assert width < 12 or "too small" in words.too_small((width, 20), (80, 24))
-    top = words.top_line(STATE, width).plain
+    top = top_line(STATE, width).plain
     assert top.strip().endswith("F12 ABORT"[:width].strip())
 
 
@@ -222,4 +268,4 @@ def test_the_links_lag_stands_beside_its_age(width: int, changes: dict[str, floa
     assert words in line
     assert len(line) == width
     assert ("RPM 1648 -0.1 %" in line) is not bool(changes)
-    assert rings(before, state) is bool(changes), "it is told by the bell, too"
+    assert (calls.calls(before, state) == [calls.LINK_LATE]) is bool(changes), "it is told by the bell, too"

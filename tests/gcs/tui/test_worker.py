@@ -470,6 +470,21 @@ def test_a_ready_that_comes_while_the_vehicle_is_looked_at_is_not_lost(engine):
     assert engine.state().stage is Stage.CHECKING, "nothing is ready yet"
 
 
+@pytest.mark.parametrize("lost", [True, False])
+def test_a_second_abort_is_sent_unheard_only_while_the_link_is_lost(engine, lost: bool) -> None:
+    engine.ready()
+    reach(engine, Stage.READY)
+    card = engine._card
+    engine._moment.set(stage=Stage.ABORTING)  # as the run's end by the link shows
+    engine._link.session.now = replace(VEHICLE, lost=lost)
+    engine.abort()
+    assert card.blind() is lost
+    assert ("unheard" in engine.state().said) is lost
+    engine._moment.set(stage=Stage.READY)
+    engine.abort()
+    engine.end_card()
+
+
 def test_abort_while_ready_calls_off_and_moves_nothing(engine):
     engine.ready()
     reach(engine, Stage.READY)
@@ -557,7 +572,7 @@ def test_f12_ends_an_excitation_of_somebody_else(engine):
 
 def test_f12_commands_no_mode_where_nothing_is_excited(engine):
     engine.abort()
-    assert engine.state().said == "nothing is excited"
+    assert engine.state().said == "nothing to abort: no maneuver is running"
     assert "SetMode" not in engine.fake_session.called
 
 

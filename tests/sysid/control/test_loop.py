@@ -83,3 +83,13 @@ def test_gains_that_do_not_hold_promise_nothing(late_s: float) -> None:
     assert gains.margins.delay_s < late_s
     with pytest.raises(DesignError, match="do not hold"):
         following(gains, vehicle("transport_delay", T_d=late_s))
+
+
+def test_commands_come_to_rest_with_the_rates() -> None:
+    found = following(design(vehicle()), vehicle())
+    late = found.t > 2.5
+    for answer in (found.roll, found.pitch):
+        before = max(float(np.abs(one).max()) for one in (answer.delta_x, answer.delta_y))
+        assert 0.01 < before < 1.0
+        assert np.abs(answer.delta_x[late]).max() < 1e-3 * before
+        assert np.abs(answer.delta_y[late]).max() < 1e-3 * before

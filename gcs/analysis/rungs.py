@@ -1,0 +1,70 @@
+"""The rungs of a fit's ladder that lie beside it: the fits that it grew from, and what their diagnoses said.
+
+All are known by what they hold: a fit by its lineage and its runs, a diagnosis by the digest of the fit that was asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gcs.analysis.standing import MOST_BYTES, MOST_FILES
+from sysid.document import parsed
+from sysid.errors import SysidError
+from sysid.fit.result import FORMAT, Fit
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class KeptFit:
+    """A fit and its file."""
+
+    path: Path
+    fit: Fit
+
+
+def rungs_below(path: Path, fit: Fit, given: Sequence[KeptFit], named: Sequence[str] = ()) -> list[KeptFit]:
+    """The fits that this one grew from, bottom first, and itself: of those given, else of the files beside it.
+
+    `named`: files of the user's effects, whose code may run. A rung whose fit is nowhere is left out.
+    """
+    steps = len(fit.lineage)
+    found = {steps: KeptFit(path, fit)}
+    for one in (*given, *(() if steps < 2 else _beside(path.parent, named))):
+        count = len(one.fit.lineage)
+        if count < steps and _lineage(one.fit) == _lineage(fit)[:count] and _runs(one.fit) == _runs(fit):
+            found.setdefault(count, one)
+    return [found[count] for count in sorted(found)]
+
+
+def _beside(folder: Path, named: Sequence[str]) -> list[KeptFit]:
+    """The fits of a folder, the newest first."""
+    found: list[tuple[int, KeptFit]] = []
+    try:
+        for path in sorted(folder.glob("*.json"))[:MOST_FILES]:
+            if path.stat().st_size <= MOST_BYTES and _says(path, FORMAT):
+                try:
+                    found.append((path.stat().st_mtime_ns, KeptFit(path, Fit.load(path, named))))
+                except SysidError:
+                    continue  # damaged, or of an effect whose code nobody named
+    except OSError:
+        return []
+    return [one for _, one in sorted(found, key=lambda each: -each[0])]
+
+
+def _says(path: Path, what: str) -> bool:
+    try:
+        document = parsed(path)
+    except (OSError, ValueError):
+        return False
+    return isinstance(document, dict) and document.get("format") == what
+
+
+def _lineage(fit: Fit) -> list[Any]:
+    return [(rung.effects, dict(rung.nrmse_percent)) for rung in fit.lineage]
+
+
+def _runs(fit: Fit) -> Any:
+    used = [frozenset((one.id, one.sha256, one.samples) for one in which) for which in (fit.records, fit.validation)]
+    return used, fit.band_hz, fit.fixed

@@ -1,0 +1,55 @@
+"""Runs of a card as the screens list them: asked for, flown before, and what became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import replace
+
+from gcs.cards.maneuver import CardRun, TestCard
+from gcs.flight.resume import Earlier
+from gcs.flight.run import RunResult
+from gcs.flight.run_state import Ending
+from gcs.tui.state import Mark, RunView
+
+BEFORE = "flown before"
+
+
+def outcome(result: RunResult) -> tuple[Mark, tuple[str, ...], str]:
+    """What became of a run, why in parts, and both in a sentence."""
+    verdict = result.verdict
+    if verdict is None:
+        return Mark.SKIPPED, (result.reason,), result.reason
+    if result.clean:
+        return Mark.KEEP, verdict.figures, verdict.words
+    if result.ending is Ending.FINISHED:
+        return Mark.AGAIN, ("; ".join(verdict.reasons), *verdict.figures), verdict.words
+    words = f"{result.ending.value}: {result.reason}"
+    return Mark.AGAIN, (words,), words
+
+
+def views(card: TestCard, earlier: Earlier | None = None) -> tuple[RunView, ...]:
+    """A card's runs; of a flight that goes on those that were flown, too."""
+    if earlier is None:
+        return tuple(view_of(run) for run in card.runs())
+    left = (view_of(run, earlier.kept) for run in earlier.left)
+    return tuple(sorted((*flown_before(earlier), *left), key=lambda run: run.number))
+
+
+def flown_before(earlier: Earlier, probes: int = 0) -> tuple[RunView, ...]:
+    """What was flown before, with so many probes before the card."""
+    runs = [run for run in earlier.card.runs() if run.number in earlier.kept]
+    return tuple(replace(view_of(run), number=probes + run.number, mark=Mark.KEEP, why=(BEFORE,)) for run in runs)
+
+
+def view_of(run: CardRun, kept: Container[int] = ()) -> RunView:
+    """One run that is still to be flown; `kept` are the numbers of those that need not be."""
+    locked = run.locked_by is not None and run.locked_by not in kept
+    return RunView(
+        number=run.number,
+        label=run.label,
+        numbers=run.maneuver.numbers,
+        kind=run.maneuver.kind,
+        size=run.maneuver.size,
+        mark=Mark.LOCKED if locked else Mark.WAITING,
+        why=(f"until {run.locked_by} is clean",) if locked else (),
+    )

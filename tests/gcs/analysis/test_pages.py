@@ -1,0 +1,183 @@
+"""Pages: what strangers wrote is harmless in them, figures stay small and true, and the PDF is one."""
+
+from __future__ import annotations
+
+import io
+import re
+from datetime import UTC, datetime
+from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from gcs.analysis.pages.discovery import discovery, told
+from gcs.analysis.pages.page import literal, page, svg
+from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences, Table
+from gcs.analysis.pages.pdf import pdf
+from gcs.analysis.pages.pictures import thinned
+from sysid.compare.values import Densities
+
+HOSTILE = "</style><script>alert(1)</script><img src=x onerror=alert(1)>\" ' & $x^{ 日本"
+
+
+class Elements(HTMLParser):
+    """All elements and their attributes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: set[str] = set()
+        self.attributes: set[str] = set()
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.names.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def figure(label: str = "measured") -> Figure:
+    drawn = Figure(figsize=(4, 3))
+    axis = drawn.subplots()
+    axis.plot(np.linspace(0, 1, 50), np.sin(np.linspace(0, 6, 50)), label=literal(label))
+    axis.set_title(literal(label))
+    axis.legend()
+    return drawn
+
+
+def document(text: str) -> Document:
+    """With this text everywhere."""
+    parts: tuple[Part, ...] = (
+        Sentences((text, text)),
+        Sentences((text,), listed=True),
+        Listing(text),
+        Facts(((text, text),)),
+        Table(text, (text, text), ((text, text),)),
+        Picture(figure(text), text),
+    )
+    return Document(text, text, (Section(text, parts), Section(text, parts, fresh=True), Section(text, ())))
+
+
+def test_whatever_strangers_wrote_is_text_in_a_page() -> None:
+    html = page(document(HOSTILE))
+    read = Elements()
+    read.feed(html)
+    assert read.names.isdisjoint({"script", "img", "link", "iframe", "object"})
+    assert not any(name.startswith("on") for name in read.attributes)
+    assert read.text.count(HOSTILE) >= 18
+    assert re.findall("<b>(Figure|Table) ([0-9])", html) == [
+        *(("Table", "1"), ("Figure", "1"), ("Table", "2"), ("Figure", "2")),
+    ]
+    assert "default-src 'none'" in html
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_pdf_has_its_sheets_whatever_it_says() -> None:
+    raw = pdf(document(HOSTILE), datetime(2026, 5, 4, tzinfo=UTC))
+    assert raw.startswith(b"%PDF-")
+    assert len(re.findall(rb"/Type /Page\b", raw)) >= 2
+    assert raw == pdf(document(HOSTILE), datetime(2026, 5, 4, tzinfo=UTC))
+
+
+def points(text: str) -> list[tuple[float, float]]:
+    """Of the longest path, absolute."""
+    path = max(re.findall(r' d="([^"]*)"', text), key=len)
+    x = y = 0.0
+    found = []
+    for command, right, down in re.findall(r"([Ml])(-?[.\d]+?)\s*?(?: |(?=-))(-?[.\d]+)", path):
+        x, y = (float(right), float(down)) if command == "M" else (x + float(right), y + float(down))
+        found.append((x, y))
+    return found
+
+
+def test_a_line_is_written_in_small_steps_and_stays_where_it_was() -> None:
+    x = np.linspace(0, 1, 3000)
+    drawn = Figure(figsize=(6, 4))
+    (line,) = drawn.subplots().plot(x, np.sin(40 * x) + 0.3 * np.sin(300 * x))
+    written = points(svg(drawn))
+    place = line.axes.transData.transform(np.column_stack(line.get_data())) * 72 / drawn.dpi
+    height = 72 * 4
+    assert len(written) > 500
+    at = np.array(written)
+    ends = np.array([place[0], place[-1]])
+    np.testing.assert_allclose(at[[0, -1], 0], ends[:, 0], atol=0.11)  # steps are rounded, places do not drift
+    np.testing.assert_allclose(height - at[[0, -1], 1], ends[:, 1], atol=0.11)
+    plain = io.StringIO()
+    drawn.savefig(plain, format="svg")
+    assert len(svg(drawn)) < 0.6 * len(plain.getvalue())
+
+
+def test_thinning_keeps_every_peak() -> None:
+    t = np.arange(100_000) / 500
+    values = np.random.default_rng(1).normal(size=t.size)
+    values[50_123], values[70_001] = 9.0, -9.0
+    at, kept = thinned(t, values, 300)
+    assert at.size <= 602
+    assert (float(kept.max()), float(kept.min())) == (9.0, -9.0)
+    assert np.all(np.diff(at) >= 0)
+    assert set(zip(at, kept, strict=True)) <= set(zip(t, values, strict=True))
+
+
+DIAGNOSIS: dict[str, Any] = {
+    "format": "tippath.diagnosis/1",
+    "verdict": "missing",
+    "chain": ["servo_lag"],
+    "equivalent": {"servo_lag": ["gyro_lag"]},
+    "confidence": 0.97,
+    "candidates": [
+        {"effect": "gyro_lag", "explained_share": 0.9, "delta_bic": -9.0, "nrmse_percent": {"p": 88.1, "q": None}},
+        {
+            "effect": "servo_lag",
+            "explained_share": 0.95,
+            "delta_bic": -8.0,
+            "parameters": {"tau_s": 0.0312, "wild": None},
+            "standard_errors": {"tau_s": 0.0004},
+        },
+        {"effect": HOSTILE, "explained_share": 0.4, "implausible_parameters": [HOSTILE], "parameters": {"a": 1.0}},
+        {"effect": "dynamic_inflow", "explained_share": None, "not_testable": "no airspeed"},
+        {"effect": "evil.py", "explained_share": 0.2, "parameters": {"a": 1.0}},
+    ],
+    "explanation": {"what": ["a lag"], "why": ["phase falls", HOSTILE]},
+    "could_hide": [HOSTILE],
+    "next_maneuver": {"maneuver": "elevator chirp", "why": HOSTILE},
+}
+
+
+def densities() -> Densities:
+    f = np.linspace(0.5, 15, 30)
+    spectrum = np.column_stack([1 / f, 2 / f])
+    return Densities(frequency_hz=f, measured=spectrum, residual=0.3 * spectrum, noise=0.1 * spectrum)
+
+
+def test_a_kept_diagnosis_is_told_with_its_answer_first() -> None:
+    found = told(DIAGNOSIS)
+    assert found is not None
+    assert found.answer == "missing: servo_lag (not to be told from gyro_lag), confidence 0.97"
+    parts = discovery(found, densities(), densities(), ("p", "q"))
+    (table,) = (part for part in parts if isinstance(part, Table))
+    assert [row[0] for row in table.rows][:2] == ["servo_lag", "gyro_lag"]
+    assert table.rows[0][-1] == "tau_s = 31.2 ± 0.4 ms"
+    assert table.rows[1][2:4] == ("88.1", "")
+    assert all("dynamic_inflow" not in row[0] for row in table.rows)  # was not refitted
+    read = Elements()
+    read.feed(page(Document("x", "", (Section("lacks", tuple(parts)),))))
+    assert "script" not in read.names
+    assert "phase falls." in read.text
+
+
+@pytest.mark.parametrize(
+    "damage", [{"verdict": 5}, {"candidates": [{"effect": None}]}, {"confidence": "sure"}, {"could_hide": "all"}]
+)
+def test_a_damaged_diagnosis_is_none(damage: dict[str, Any]) -> None:
+    assert told(DIAGNOSIS | damage) is None
+    assert told([]) is None
+
+
+def test_a_complete_one_draws_no_candidates() -> None:
+    found = told({"verdict": "complete", "log10_chance": -0.5, "confidence": 0.98})
+    assert found is not None
+    assert found.answer == "complete: what is left is noise, confidence 0.98"
+    assert not [part for part in discovery(found, densities(), None, ("p", "q")) if isinstance(part, Picture)]

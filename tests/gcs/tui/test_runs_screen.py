@@ -1,0 +1,83 @@
+"""Runs: what differs is said before the fit, and runs are cut, split and left out by keys."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from fake_app import IDLE, app_on, screen_text, settle
+from fake_desk import DESKS, RUNS
+
+from gcs.analysis.alike import alike
+from gcs.tui import runs_words
+from gcs.tui.draw_run import run_strip
+from gcs.tui.state import State, joined
+from gcs.tui.widgets.traces import Traces
+
+WORD = "flight-0007/flight.BIN#{}"
+
+
+def on(moment: str) -> State:
+    return joined(IDLE, DESKS[moment])
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+async def test_two_vehicles_in_a_folder_are_told_with_what_to_do(size):
+    app, engine = app_on(on("mixed"))
+    async with app.run_test(size=size) as pilot:
+        await pilot.press("3")
+        await settle(app)
+        text = "\n".join(screen_text(app))
+        assert "! vehicle differs: frame HELI: flight.BIN#1, #3; frame QUAD" in text
+        assert "A leaves out flight.BIN#4" in text
+        assert "like  health" in text
+        await pilot.press("a")
+        assert engine.asked == ["desk use_alike"]
+        engine.now = on("open")
+        await settle(app)
+        assert "differs" not in "\n".join(screen_text(app))
+
+
+async def test_the_run_under_the_mark_is_drawn_and_cut_where_the_cursor_is():
+    app, engine = app_on(on("open"))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("3", "c")
+        await settle(app)
+        assert "put the cursor on the strip first" in "\n".join(screen_text(app))
+        assert engine.asked == []
+        await pilot.press("right")
+        cursor = app.screen.query_one("#plot", Traces).cursor
+        assert cursor == pytest.approx(6.0, abs=0.2)
+        await pilot.press("c", "e", "w", "h", "enter", "s")
+        await app.workers.wait_for_complete()
+        word = WORD.format(1)
+        assert engine.asked == [
+            f"desk cut {word} {cursor} None",
+            f"desk cut {word} None {cursor}",
+            f"desk take_whole {word}",
+            f"desk halve {word}",
+            f"desk fit_alone {word}",
+            "desk alternate",
+        ]
+        await pilot.press("down")
+        await settle(app)
+        assert not app.screen.query_one("#drawn").display, "a run without samples"
+
+
+def test_sizes_have_units_and_a_long_name_shows_its_end():
+    desk = replace(DESKS["open"], runs=(replace(RUNS[0], id="a-long-name-of-a-log.BIN#12@5:25"),))
+    (line,) = runs_words.run_rows(desk, 0, 80, 5, alike([]))
+    assert "#12@5:25 roll chirp" in line[0]
+    assert " 7.0 %  " in line[0]
+    said = [line if isinstance(line, str) else line[0] for line in runs_words.run_details(desk, 0, 79)]
+    assert any("7.0 % of full command" in line for line in said)
+
+
+def test_the_strip_counts_from_the_maneuver_and_both_rates_have_one_scale():
+    row = replace(RUNS[2], start_s=2.0)
+    plot = run_strip(row)
+    assert plot is not None
+    command, p, q = plot.panels
+    assert (command.name, command.x[0], command.over) == ("δy", -2.0, None)
+    assert p.fixed == q.fixed == (-0.5, 0.5)
+    assert run_strip(replace(row, record=None)) is None
