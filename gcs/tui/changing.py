@@ -29,12 +29,9 @@ class ChangingApp(App[None]):
         return len(self.screen_stack) == 1
 
     async def _make_one(self) -> None:
-        """Keys wait meanwhile, so that none reaches another screen than the one that is seen."""
+        """Beside the one that is seen: Textual's own way there would change to it and back, with the keys."""
         if self._unmade and self.may_make_screens():
-            mode, here = self._unmade.pop(0), self.current_mode
-            with self.batch_update():
-                await self.switch_mode(mode)
-                await self.switch_mode(here)
+            await self._init_mode(self._unmade.pop(0))
         if self._unmade:
             self.set_timer(EVERY_S, lambda: self._make_one())
         else:  # what stays is not looked through again: that takes 100 ms, in the middle of anything
