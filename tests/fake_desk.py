@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 from planted import TABLE_4
 
+from gcs.analysis.answer import Answer, Plan, Row
 from gcs.analysis.clearance import Clearance
 from gcs.analysis.standing import Standing
 from gcs.analysis.text.blocks import Block, Sentence
+from gcs.analysis.text.hidden import hidden_sentences
+from gcs.analysis.text.maneuvers import proposal_text, why_text
 from gcs.desk import Base, Choice, Designed, DeskState, Fitted, Rung, RunRow, TimedNote
-from gcs.desk.state import OnFit, Present, Trial, Weights
+from gcs.desk.state import Asked, OnFit, Present, Trial, Weights
 from gcs.flight.identified import Identified
 from sysid.compare.finding_kinds import ErrorInBand, NoiseKnown, NotSeparable
 from sysid.compare.values import BandError, Densities, Trace
@@ -23,6 +26,7 @@ from sysid.control.regulator import design
 from sysid.control.stability import Margins
 from sysid.data.record import Record
 from sysid.diagnose.hidden import CouldHide, Hidden
+from sysid.diagnose.progress import Asking, Heard, Known, Ranking, Stage
 from sysid.diagnose.proposals import LogSignal, SignalTells
 from sysid.model.compose import compose
 from sysid.model.paper import TPP
@@ -120,14 +124,6 @@ def comparison() -> Any:
     )  # fmt: skip
 
 
-def candidate(effect: str, share: float | None, why: str | None = None, implausible: tuple[str, ...] = ()) -> Any:
-    return SimpleNamespace(
-        effects=(effect,), effect=effect, explained_share=share, not_testable=why, not_offered=False,
-        implausible=implausible,
-        fit=None if share is None else object(), delta_bic=-(share or 0.0),
-    )  # fmt: skip
-
-
 HIDDEN = Hidden(
     effect="quadratic_damping", title="quadratic damping", size={"k_p": 3.0},
     sized=(Parameter("k_p", "1/rad", "damping", null=0.0),), visible=True, shift={}, relative={"M_a": 0.005},
@@ -135,22 +131,53 @@ HIDDEN = Hidden(
 )  # fmt: skip
 
 
-def diagnosis(verdict: str = "missing") -> Any:
-    best = candidate("servo_lag", 0.94)
-    rest = (candidate("quadratic_damping", 0.04), candidate("dynamic_inflow", 0.9, implausible=("k_l",)))
-    untold = (candidate("airspeed_scaling", None, "it needs airspeed"), candidate("rotor_speed", None, "omega rests"))
-    last = SimpleNamespace(
-        verdict=verdict, effect="servo_lag" if verdict == "missing" else None, confidence=0.97,
-        winner=None if verdict == "complete" else best, candidates=(best, *rest, *untold), pairs=(),
-    )  # fmt: skip
-    return SimpleNamespace(
-        last=last,
-        next=SimpleNamespace(
-            proposal=LogSignal("servo"), why=SignalTells(7.0, same_whatever=False), separates=("servo_lag", "gyro_lag"),
-            card={"name": "next"},
+def answer(verdict: str = "missing", brief: tuple[Block, ...] = ()) -> Answer:
+    return Answer(
+        verdict=verdict,
+        chain=() if verdict == "complete" else ("servo_lag",),
+        effect="servo_lag" if verdict == "missing" else None,
+        confidence=0.97,
+        nrmse_percent={"p": 64.1, "q": 70.9},
+        noise_floor_percent={"p": 82.0, "q": 88.3},
+        candidates=(
+            Row(
+                effects=("servo_lag",), share=0.94, nrmse_percent={"p": 81.0, "q": 87.6},
+                validation_nrmse_percent={"p": 80.2, "q": 86.9}, sizes=("tau_s = 31.2 ± 0.4 ms",),
+            ),
+            Row(effects=("dynamic_inflow",), share=0.9, implausible=("k_l",)),
+            Row(effects=("quadratic_damping",), share=0.04),
+            Row(effects=("airspeed_scaling",), share=None, not_testable="it needs airspeed"),
+            Row(effects=("rotor_speed",), share=None, not_testable="omega rests"),
         ),
-        hiding=CouldHide((), ((HIDDEN,),)),
+        brief=brief,
+        full=brief,
+        plan=Plan(
+            separates=("servo_lag", "gyro_lag"),
+            maneuver=proposal_text(LogSignal("servo")),
+            why=why_text(SignalTells(7.0, same_whatever=False)),
+            card='name = "next"\n',
+        ),
+        hiding=hidden_sentences(CouldHide((), ((HIDDEN,),))),
     )  # fmt: skip
+
+
+def ranking(**more: Any) -> Asked:
+    """In the middle of a question."""
+    heard = Ranking()
+    for news in (
+        Asking(stage=Stage.NOISE, of=3),
+        Asking(stage=Stage.SCORES, effects=("servo_lag",), number=2, of=3),
+        Heard(effects=("servo_lag",), known=Known.SCORED, promise=900.0),
+        Heard(effects=("dynamic_inflow",), known=Known.SCORED, promise=300.0),
+        Asking(stage=Stage.REFITS, effects=("servo_lag",), number=1, of=2, done=0.0),
+        Heard(
+            effects=("servo_lag",), known=Known.REFITTED, promise=900.0, removed=0.09, avoidable=0.1,
+            nrmse_percent={"p": 81.0, "q": 87.6},
+        ),
+        Asking(stage=Stage.REFITS, effects=("dynamic_inflow",), number=2, of=2, done=0.5),
+    ):  # fmt: skip
+        heard = heard.after(news)
+    return Asked(fit=BOTTOM.fit, ranking=heard, **more)
 
 
 MISSING = (
@@ -180,7 +207,7 @@ BOTTOM = Rung(name="TPP", effect=None, fit=fit(p=64.1, q=70.9), path=HOME / "tpp
 COMPARED_RUNG = replace(
     BOTTOM, comparison=comparison(), comparison_text=COMPARED, noise_floor_percent={"p": 82.0, "q": 88.3}
 )
-ASKED = replace(COMPARED_RUNG, diagnosis=diagnosis(), diagnosis_text=MISSING)
+ASKED = replace(COMPARED_RUNG, answer=answer(brief=MISSING))
 ADDED = replace(
     COMPARED_RUNG,
     name="+ servo_lag",
@@ -192,9 +219,7 @@ ADDED = replace(
         Block("next", (" next: tippath diagnose x.json",)),
     ),
 )
-COMPLETE = replace(
-    ADDED, diagnosis=diagnosis("complete"), diagnosis_text=(Block("answer", ("complete: what is left is noise",)),)
-)
+COMPLETE = replace(ADDED, answer=answer("complete", (Block("answer", ("complete: what is left is noise",)),)))
 
 TABLES = "\n".join(f"row {i:3d} {'x' * 60}" for i in range(60))
 FITTED: Any = Fitted(
@@ -250,10 +275,14 @@ DESKS = {
     "fitting": replace(OPEN, busy="fitting: TPP and CD", progress=0.5),
     "fitted": replace(OPEN, fitted=FITTED, ladder=(BOTTOM,)),
     "compared": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,)),
-    "asking": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,), busy="asking: dynamic_inflow"),
+    "asking": replace(
+        OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,), asked=ranking(), busy="refitting with dynamic_inflow (2 of 2)",
+        busy_s=3, left="about 3 s left",
+    ),
+    "called off": replace(OPEN, fitted=FITTED, ladder=(COMPARED_RUNG,), asked=ranking(over=True)),
     "asked": replace(OPEN, fitted=FITTED, ladder=(ASKED,)),
     "unexplained": replace(
-        OPEN, fitted=FITTED, ladder=(replace(ASKED, diagnosis=diagnosis("unexplained")),), card=HOME / "next.toml"
+        OPEN, fitted=FITTED, ladder=(replace(ASKED, answer=answer("unexplained", MISSING)),), card=HOME / "next.toml"
     ),
     "added": replace(OPEN, fitted=FITTED, ladder=(ASKED, ADDED)),
     "complete": replace(OPEN, fitted=FITTED, ladder=(ASKED, COMPLETE)),

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gcs.analysis.ladder import WORSE_POINTS, RungNumbers, short_names, together
+from gcs.analysis.ladder import WORSE_POINTS, Nrmse, RungNumbers, short_names, together
 from gcs.analysis.quantities import listed, quantity
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.data.dataset import Dataset, Runs, prepared
 from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
+from sysid.diagnose.progress import Asking, Listener, Stage, unheard
+from sysid.diagnose.verdict import Diagnosis
 from sysid.fit.checks import EIGENFREQUENCY, Check, Spread, fit_checks
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit
 from sysid.model.effect import Effect
 from sysid.model.parameter import Parameter
-
-Progress = Callable[[str], None]
 
 AGREEING = 1.5
 """Standard errors, rms, that parameters of sets of runs may differ by."""
@@ -46,6 +46,24 @@ class Sign:
         return {"key": self.key, "name": self.name, "seen": self.seen, "text": self.text}
 
 
+@dataclass(frozen=True, slots=True)
+class Placebo:
+    """The best wrong effect in the place of one that was added."""
+
+    effects: tuple[str, ...]
+    nrmse_percent: Nrmse
+    validation_nrmse_percent: Nrmse | None
+    document: Mapping[str, Any] | None = None
+    """As a candidate of the diagnosis; None of one that was kept."""
+
+    @classmethod
+    def of(cls, one: Ranked | None) -> Placebo | None:
+        """None of one that was not refitted."""
+        if one is None or one.fit is None:
+            return None
+        return cls(one.effects, one.fit.nrmse_percent, one.validation_nrmse_percent, one.to_json())
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Addition:
     """A fit with an effect added, beside the one without and beside the best wrong effect."""
@@ -59,16 +77,16 @@ class Addition:
     noise_floor_percent: dict[str, float]
     checks: tuple[Check, ...]
     """The eigenfrequency check of the grown fit."""
-    placebo: Ranked | None
+    placebo: Placebo | None
     signs: tuple[Sign, ...]
 
     @property
     def placebo_rung(self) -> RungNumbers | None:
         """The placebo as a rung of the ladder."""
         wrong = self.placebo
-        if wrong is None or wrong.fit is None:
+        if wrong is None:
             return None
-        return " + ".join(short_names(wrong.effects)), wrong.fit.nrmse_percent, wrong.validation_nrmse_percent
+        return " + ".join(short_names(wrong.effects)), wrong.nrmse_percent, wrong.validation_nrmse_percent
 
 
 def add_effect(
@@ -78,27 +96,29 @@ def add_effect(
     validation: Runs = (),
     *,
     band_hz: Band | None = None,
-    say: Progress = lambda _: None,
+    asked: Diagnosis | None = None,
+    say: Listener = unheard,
 ) -> Addition:
     """Refit with one effect more, and look for the signs that it is the right one.
 
-    Raises EffectError where it cannot act on these runs, FitError where they do not determine it.
+    `asked` is a diagnosis of this fit on these runs: where it has the effect, the catalogue is not asked again.
+    Raises EffectError where the effect cannot act on these runs, FitError where they do not determine it.
     """
     composed = [*fit.model.structure.composed]
     band = band_hz or fit.band_hz
     fitted, judging = prepared(records, band), prepared(validation, band)
     before = fit if made_from(fit, fitted, judging) else refitted(fit, composed, fitted, judging, band)
-    say("the structure as it is")
-    after = refitted(fit, [*composed, effect], fitted, judging, band, grown=before)
-    say(effect.id)
-    runs = [*fitted.records, *judging.records]
-    structure = on_runs(fit.model.structure.base_, composed, runs, fitted.records, fit.model.structure.outputs)
-    held = {name: fit.model[name] for name in fit.fixed}
-    users = [] if effect.path is None else [effect]
-    asked = diagnose(
-        structure, fitted, judging, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
-    )
     name = effect.path or effect.id
+    say(Asking(stage=Stage.REFITS, effects=(name,)))
+    after = refitted(fit, [*composed, effect], fitted, judging, band, grown=before)
+    if before is not fit or asked is None or not any(one.effects == (name,) for one in asked.candidates):
+        runs = [*fitted.records, *judging.records]
+        structure = on_runs(fit.model.structure.base_, composed, runs, fitted.records, fit.model.structure.outputs)
+        held = {name: fit.model[name] for name in fit.fixed}
+        users = [] if effect.path is None else [effect]
+        asked = diagnose(
+            structure, fitted, judging, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
+        )
     (_, apart), (checks, closer) = (
         fit_checks(one.model, fitted, one.band_hz, one.fixed, one.weights) for one in (before, after)
     )
@@ -109,7 +129,7 @@ def add_effect(
         runs=fitted,
         noise_floor_percent={key: float(value) for key, value in asked.noise_floor_percent.items()},
         checks=checks[:EIGENFREQUENCY],
-        placebo=asked.placebo_of(name),
+        placebo=Placebo.of(asked.placebo_of(name)),
         signs=(_validated(before, after), _agrees(before, after, apart, closer), _plausible(before, after)),
     )
 

@@ -10,7 +10,7 @@ what is asked of such a fit is answered about the wrong vehicle.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +34,7 @@ from sysid.diagnose.hidden import CouldHide
 from sysid.diagnose.loop_change import Limit
 from sysid.diagnose.matters import Remainder, hardly_seen, judged, remainder
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
+from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.shares import EXPLAINED
 from sysid.diagnose.suggest import Suggestion, SuggestionError, suggest
 from sysid.diagnose.verdict import SURE, Diagnosis
@@ -45,8 +46,6 @@ from sysid.model.effect import Effect, named_effect
 MOST_RUNGS = 6
 UNSURE = 0.5
 """Confidence below which a repeated question stops: what is asked beside a guess is answered about the guess."""
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +157,8 @@ class FitDiagnosis:
     """The simple terms that explain most beside the structure, where something is left; asked for only."""
     remarks: tuple[Remark, ...] = ()
     """What these runs cost the answer."""
+    as_usual: bool = True
+    """Whether it was asked by itself: of the catalogue alone, with the usual limits, to the end."""
 
     @property
     def interrupted(self) -> bool:
@@ -181,7 +182,7 @@ def diagnose_fit(
     repeat: bool = False,
     suggesting: bool = False,
     limit: Limit | None = None,
-    say: Progress = lambda _: None,
+    say: Listener = unheard,
 ) -> FitDiagnosis:
     """Ask what a fit lacks; with `repeat`, add the answer and ask again until it is another one than `missing`.
 
@@ -203,7 +204,6 @@ def diagnose_fit(
         wild = () if grown is None else newly_implausible(fit, grown)
         if not repeat or grown is None or wild or _unsure(answer) or len(rungs) >= MOST_RUNGS or _interrupted(answer):
             break
-        say(f"added {answer.effect}")
         fit, composed = grown, [*grown.model.structure.composed]
     remarks: list[Remark] = [*_clocks_differ(answer), *remarks_on(fitted.records, judging.records)]
     remarks += [*(_in_a_loop(answer) or _no_excitation(answer)), *_not_judged(answer, judging.records)]
@@ -211,11 +211,11 @@ def diagnose_fit(
     if repeat and grown is not None:
         remarks.append(_stopped(answer, wild))
         grown = grown if isinstance(remarks[-1], StoppedAsking) else None
-    say("where it fails")
+    say(Asking(stage=Stage.FAILS))
     comparison = compare(answer.parent.model, fitted, fit.band_hz, quiet)
-    say("why")
+    say(Asking(stage=Stage.REASONS))
     explanation = _explained(answer)
-    say("what would tell")
+    say(Asking(stage=Stage.MANEUVER))
     return FitDiagnosis(
         fit=fit,
         runs=fitted,
@@ -229,7 +229,12 @@ def diagnose_fit(
         suggestion=_suggested(answer, fit, len(fitted.records)) if suggesting else None,
         next=_by_card_or_hand(answer),
         remarks=tuple(remarks),
+        as_usual=_as_usual(answer, effects, limit, repeat),
     )
+
+
+def _as_usual(answer: Diagnosis, effects: Sequence[Effect], limit: Limit | None, repeat: bool) -> bool:
+    return not (effects or repeat or limit is not None or _interrupted(answer))
 
 
 def _interrupted(answer: Diagnosis) -> bool:
@@ -244,7 +249,7 @@ class _Question:
     judging: Dataset
     users: Sequence[Effect]
     limit: Limit | None
-    say: Progress
+    say: Listener
 
     def ask(self, fit: Fit, composed: Sequence[Effect]) -> Diagnosis:
         """What a fit with these effects lacks."""
@@ -267,7 +272,7 @@ class _Question:
         """The answer by what matters, with what could hide beside it; both None where it is missing by name."""
         if answer.verdict == "missing" and self.limit is None and not hardly_seen(answer):
             return answer, None, None
-        self.say("what could hide")
+        self.say(Asking(stage=Stage.HIDING))
         hiding = _behind(answer.parent, answer, self.users)
         left = remainder(answer, hiding, self.limit)
         answer = judged(answer, left, asked=self.limit is not None)

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.pages.ladder import ladder_picture
     from gcs.analysis.pages.pictures import picture_kind, write_picture
     from gcs.analysis.text.addition import addition_document, addition_text
-    from gcs.cli.counting import Counting
+    from gcs.cli.asking import AskingLine
     from gcs.cli.fit import print_notes
     from gcs.desk.ladder import effect_to_add
     from gcs.errors import UsageError
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     effect = effect_to_add(fit, args.effect, str(args.fit))
     records, validation, _ = flown_with_validation(fit, args.runs, args.validate, profile, window, parse_airframe(args))
     print_notes(note_lines([*records, *validation]))
-    with Counting("asking") as say:
+    with AskingLine() as say:
         found = add_effect(fit, effect, records, validation, band_hz=band, say=say)
     text = addition_text(found, str(args.fit), None if args.output is None else str(args.output))
     if args.plot is not None:

@@ -70,7 +70,8 @@ what is missing, and with what could not be told from that), "airframe", "verdic
 "gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing
 by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs":
 [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}], "unsearched_chains":
-{"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or null}.
+{"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or null, "asked":
+{"version", "as_usual", "fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
 """
 
 
@@ -130,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.analysis.text.documents import diagnosis_document, grown_document
     from gcs.analysis.vehicles import doubted
     from gcs.cli import EXIT_INTERRUPTED
-    from gcs.cli.counting import Counting
+    from gcs.cli.asking import AskingLine
     from gcs.cli.fit import print_notes, with_warnings
     from gcs.errors import UsageError
     from sysid.fit.result import Fit
@@ -153,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
     airframe = parse_airframe(args)
     records, validation, quiet = flown_with_validation(fit, args.runs, args.validate, profile, window, airframe)
     print_notes(note_lines([*records, *validation]))
-    with Counting("asking") as say:
+    with AskingLine() as say:
         found = diagnose_fit(
             fit,
             records,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from gcs.analysis.addition import Addition, add_effect
+from gcs.analysis.answer import Answer, answer_of
 from gcs.analysis.band import chosen_band
 from gcs.analysis.comparison import flown_with_validation, quiet_among
 from gcs.analysis.diagnosis import FitDiagnosis, diagnose_fit
@@ -19,11 +20,10 @@ from gcs.analysis.quantities import quantity
 from gcs.analysis.text.addition import addition_blocks, addition_document, outcome
 from gcs.analysis.text.blocks import Blocks, whole
 from gcs.analysis.text.comparison import compare_blocks
-from gcs.analysis.text.diagnosis import diagnosis_blocks
 from gcs.analysis.text.documents import comparison_document, diagnosis_document
 from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.vehicles import doubted
-from gcs.desk import choices, ladder, saved, shell, windows
+from gcs.desk import choices, ladder, reopened, saved, shell, windows
 from gcs.desk.state import Base, Choice, DeskState, Fitted, Rung, RunRow, TimedNote
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder, flight_of
@@ -35,6 +35,7 @@ from sysid.control.regulator import designs_on
 from sysid.data.dataset import prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.data.record import CHANNELS, Record
+from sysid.diagnose.progress import Listener
 from sysid.errors import SysidError
 from sysid.fit.identify import identify
 from sysid.fit.result import Fit, RecordUsed
@@ -95,8 +96,9 @@ def _unread(read: Ingest) -> list[str]:
 class Calculations:
     """Each tells `step` how far it is. All raise TippathError or SysidError: what is wrong and what to do."""
 
-    def __init__(self, step: Step) -> None:
-        self._step = step
+    def __init__(self, step: Step, hear: Listener) -> None:
+        """`hear` is told of a diagnosis, and raises too."""
+        self._step, self._hear = step, hear
 
     def read(self, path: Path) -> Opened:
         """A flight folder or a log, its runs and the fits kept beside it."""
@@ -117,6 +119,7 @@ class Calculations:
             base = choices.base_of(kept.ladder[0].fit)
         fitted = _fitted_before(kept, records)
         unread = [*read.refused.values(), *read.left_out.values(), *_unread(read)]
+        rungs = reopened.rungs(kept.ladder, folder.path, lambda fit: self.flown_by(fit, read.runs), self._step)
         self._step("")
         state = DeskState(
             path=path,
@@ -128,7 +131,7 @@ class Calculations:
             unread=(*map(printable, unread), *kept.unread),
             base=base,
             fitted=fitted,
-            ladder=ladder.named([Rung(name="", effect=None, fit=one.fit, path=one.path) for one in kept.ladder]),
+            ladder=ladder.named(rungs),
         )
         places = {one.fit: one.path for one in (*kept.ladder, kept.tpp, kept.cd) if one is not None}
         return Opened(runs, folder, places, state)
@@ -153,13 +156,11 @@ class Calculations:
         self._step("")
         return comparison, comparison_document(comparison, doubted(records)), text
 
-    def diagnose(self, rung: Rung, flown: Flown, place: str) -> tuple[FitDiagnosis, Document, Blocks]:
-        """What a rung lacks: values, the document to keep, text; `place`: where its fit is kept."""
-        self._step(rung.name)
-        diagnosis = diagnose_fit(rung.fit, *flown, say=self._step)
-        text = diagnosis_blocks(diagnosis, place, shell.words(shell.named(rung.fit)))
+    def diagnose(self, rung: Rung, flown: Flown) -> tuple[FitDiagnosis, Document, Answer]:
+        """What a rung lacks: values, the document to keep, and what is shown of it."""
+        diagnosis = diagnose_fit(rung.fit, *flown, say=self._hear)
         self._step("")
-        return diagnosis, diagnosis_document(diagnosis, doubted([*flown[0], *flown[1]])), text
+        return diagnosis, diagnosis_document(diagnosis, doubted([*flown[0], *flown[1]])), answer_of(diagnosis)
 
     def effect(self, fit: Fit, word: str) -> Effect:
         """The effect to add that a word names; a file's code runs."""
@@ -169,7 +170,8 @@ class Calculations:
         """A rung's fit with one effect more."""
         self._step(rung.name)
         records, validation, _ = flown
-        addition = add_effect(rung.fit, effect, records, validation, say=self._step)
+        asked = None if rung.diagnosis is None else rung.diagnosis.last
+        addition = add_effect(rung.fit, effect, records, validation, asked=asked, say=self._hear)
         self._step("writing")
         return addition
 

@@ -7,9 +7,8 @@ log, never over another one. Where the folder does not take them they stay in th
 
 from __future__ import annotations
 
-import contextlib
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -18,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.desk import shell
 from gcs.desk.keeping import Keeping, ToKeep, document_text
-from gcs.desk.state import Base, Choice, DeskState, Rung, TimedNote
+from gcs.desk.state import Base, Choice, Rung, TimedNote
+from gcs.desk.working import Working
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder, stamp
-from sysid.errors import SysidError
 
 if TYPE_CHECKING:
     from gcs.desk.calculations import Calculations
@@ -33,11 +32,7 @@ ENDINGS = {"a comparison": "compare", "a diagnosis": "diagnosis"}
 """Of their files."""
 
 
-class Cancelled(TippathError):
-    """The work was called off; nothing was changed."""
-
-
-class Desk:
+class Desk(Working):
     """One flight at a time. `state`, `use`, `choose_base`, `undo` and `cancel` never wait; the others do, and are
     called from a worker. All raise TippathError: what is wrong and what to do.
     """
@@ -48,16 +43,13 @@ class Desk:
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
         on_command: Callable[[str], None] = lambda _: None,
         on_said: Callable[[str], None] = lambda _: None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """`on_command` is told every command as it is appended, `on_said` every last word; neither may wait."""
+        super().__init__(on_said, clock)
         self._now = now
         self._on_command = on_command
-        self._on_said = on_said
-        self._lock = threading.RLock()
-        self._work = threading.Lock()
-        self._cancelled = threading.Event()
         self._keeping = Keeping(now, self._did, self._kept)
-        self._state = DeskState()
         self._runs: tuple[Run, ...] = ()
         self._places: dict[Fit, Path] = {}
         """Where the fits of this flight are kept."""
@@ -66,18 +58,7 @@ class Desk:
     def _calculations(self) -> Calculations:
         from gcs.desk.calculations import Calculations  # a second of scipy and control, and the app is to be there
 
-        return Calculations(lambda what, share=None: self._step(what, share))
-
-    def state(self) -> DeskState:
-        """This moment."""
-        return self._state
-
-    def cancel(self) -> None:
-        """Call off what is being worked on; it ends with `Cancelled` at its next step, and changes nothing."""
-        with self._lock:
-            if self._state.busy:
-                self._cancelled.set()
-                self._set(busy=f"calling off: {self._state.busy}", called_off=True)
+        return Calculations(lambda what, share=None: self._step(what, share), self._hear)
 
     # ---------------------------------------------------------------------------------------------- the flight
 
@@ -195,13 +176,13 @@ class Desk:
         """Which effect the current rung lacks."""
         with self._working("asking"):
             rung = self._rung()
-            if rung.diagnosis is not None:
+            if rung.answer is not None:
                 return
-            place = str(self._places.get(rung.fit) or "FIT.json")
-            diagnosis, document, text = self._calculations.diagnose(rung, self._flown(rung.fit), place)
+            with self._ranked(rung):
+                diagnosis, document, told = self._calculations.diagnose(rung, self._flown(rung.fit))
+                floor = dict(told.noise_floor_percent)
+                self._replace(rung.fit, diagnosis=diagnosis, answer=told, noise_floor_percent=floor)
             last = diagnosis.last
-            floor = {key: float(value) for key, value in last.noise_floor_percent.items()}
-            self._replace(rung.fit, diagnosis=diagnosis, diagnosis_text=text, noise_floor_percent=floor)
             answer = last.verdict + (f" {last.effect}" if last.verdict == "missing" else "")
             self._set(said=f"{answer}, confidence {last.confidence:.2f}")
             self._keep_document("a diagnosis", rung.fit, document, shell.diagnose, f"asked: {answer}")
@@ -270,17 +251,17 @@ class Desk:
     def next_card(self) -> Path:
         """Write the maneuver that the diagnosis proposes as a test card; where it was written."""
         rung = self._rung()
-        if rung.diagnosis is None:
+        if rung.answer is None:
             raise TippathError("not asked yet: the diagnosis says what would tell more")
-        proposal = rung.diagnosis.next
-        text = None if proposal is None else proposal.toml
-        if text is None:
+        plan = rung.answer.plan
+        text = None if plan is None else plan.card
+        if plan is None or text is None:
             raise TippathError("no maneuver on a card would tell more")
         written: list[Path] = []
 
         def command(path: Path) -> str:
             written.append(path)
-            self._set(card=path)
+            self._set(card=path, said=f"wrote {path}: {plan.maneuver}")
             return shell.next_card(rung.fit, self._place(rung.fit), path)
 
         self._keeping.keep_file(
@@ -416,51 +397,6 @@ class Desk:
             if command not in self._state.commands[-1:]:
                 self._set(commands=(*self._state.commands, command))
                 self._on_command(command)
-
-    # ---------------------------------------------------------------------------------------------- small things
-
-    def _set(self, **changes: Any) -> None:
-        with self._lock:
-            self._state = replace(self._state, **changes)
-            if changes.get("said"):
-                self._on_said(changes["said"])
-
-    def _replace(self, fit: Fit, **changes: Any) -> None:
-        """Change the rung of a fit, where it is still on the ladder."""
-        with self._lock:
-            rungs = self._state.ladder
-            self._set(ladder=tuple(replace(one, **changes) if one.fit is fit else one for one in rungs))
-
-    def _say_unless_unkept(self, text: str) -> None:
-        with self._lock:
-            if not self._state.unkept:
-                self._set(said=text)
-
-    def _step(self, what: str, share: float | None = None) -> None:
-        """Tell how far the work is; raises Cancelled where it was called off."""
-        if self._cancelled.is_set():
-            raise Cancelled(f"called off: {self._doing}; nothing was changed")
-        self._set(busy=f"{self._doing}: {what}" if what else self._doing, progress=share)
-
-    @contextlib.contextmanager
-    def _working(self, what: str, *, wait: bool = False) -> Iterator[None]:
-        """One thing at a time; what the mathematics refuses is told as the data's word."""
-        if not self._work.acquire(blocking=wait):
-            raise TippathError(f"wait: {self._state.busy or 'something else is being worked on'}")
-        try:
-            self._doing = what
-            with self._lock:
-                self._cancelled.clear()
-                self._set(busy=what, progress=None, said="")
-            yield
-        except SysidError as error:
-            raise TippathError(str(error)) from error
-        except Cancelled as end:
-            self._set(said=str(end))
-            raise
-        finally:
-            self._set(busy="", called_off=False, progress=None)
-            self._work.release()
 
 
 def _one_line(text: str) -> str:

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gcs.analysis.text.blocks import Blocks
+from sysid.diagnose.progress import Ranking
 from sysid.model.bases import DEFAULT
 
 if TYPE_CHECKING:  # they bring scipy and control along, which takes a second
     from gcs.analysis.addition import Addition, Sign
+    from gcs.analysis.answer import Answer
     from gcs.analysis.clearance import Clearance
     from gcs.analysis.diagnosis import FitDiagnosis
     from gcs.analysis.fits import Identification
@@ -141,8 +143,10 @@ class Rung:
     comparison: Comparison | None = None
     """With traces, responses and densities to be drawn."""
     comparison_text: Blocks = ()
+    answer: Answer | None = None
+    """What was answered when it was asked what this rung lacks, in this session or in an earlier one;"""
     diagnosis: FitDiagnosis | None = None
-    diagnosis_text: Blocks = ()
+    """in this one with all that it stands on."""
 
     @property
     def nrmse_percent(self) -> Nrmse:
@@ -155,7 +159,7 @@ class Rung:
     @property
     def verdict(self) -> str | None:
         """`complete`, `missing` or `unexplained`; None where it was not asked."""
-        return None if self.diagnosis is None else self.diagnosis.last.verdict
+        return None if self.answer is None else self.answer.verdict
 
     @property
     def signs(self) -> tuple[Sign, ...]:
@@ -257,6 +261,16 @@ class Designed:
 
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class Asked:
+    """A question under way, or one that was called off: how the candidates stand so far, which is no verdict."""
+
+    fit: Fit
+    ranking: Ranking
+    over: bool = False
+    """Whether it was called off."""
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class DeskState:
     """One moment."""
 
@@ -275,6 +289,8 @@ class DeskState:
     fitted: Fitted | None = None
     ladder: tuple[Rung, ...] = ()
     """The current one, bottom first; the cursor is on the last rung."""
+    asked: Asked | None = None
+    """Of a rung without an answer."""
     designed: Designed | None = None
     weights: Weights = Weights()
     """Where the sliders stand."""
@@ -292,6 +308,10 @@ class DeskState:
     """It was called off, and ends at its next step."""
     progress: float | None = None
     """0..1; None where it cannot be told."""
+    busy_s: int = 0
+    """For how long, in whole seconds,"""
+    left: str = ""
+    """and `about 5 s left`; empty where that cannot be told."""
     said: str = ""
     """The last word: what was done, and what could not be kept."""
     unkept: tuple[str, ...] = ()
@@ -310,9 +330,17 @@ class DeskState:
         return None if self.current is None else self.current.comparison
 
     @property
-    def diagnosis(self) -> FitDiagnosis | None:
-        """Of the current rung."""
-        return None if self.current is None else self.current.diagnosis
+    def answer(self) -> Answer | None:
+        """About the current rung."""
+        return None if self.current is None else self.current.answer
+
+    @property
+    def ranking(self) -> Asked | None:
+        """How candidates stand for the current rung, while it is asked and after that was called off."""
+        asked, rung = self.asked, self.current
+        if asked is None or rung is None or rung.fit is not asked.fit or rung.answer is not None:
+            return None
+        return asked
 
     @property
     def noise_floor_percent(self) -> Nrmse | None:

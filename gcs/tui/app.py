@@ -16,13 +16,14 @@ from typing import Protocol
 
 from textual.binding import Binding
 
-from gcs.cards.maneuver import bundled_cards
+from gcs.desk.shell import word
 from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
 from gcs.tui import themes
 from gcs.tui.actions import GUIDE, NOTE, PILOT, REPLAY, REVEAL, bindings
-from gcs.tui.asked_card import AskedCard
+from gcs.tui.ask_from import AskFrom
+from gcs.tui.asked_card import AskedCard, offered_cards
 from gcs.tui.base import Dialog, Page
 from gcs.tui.calls import calls
 from gcs.tui.connect import ConnectScreen
@@ -112,10 +113,15 @@ class TippathApp(FieldApp):
         await self.switch_mode(self._first)
         self.set_interval(1 / LOOKS_PER_S, self.look)
         self._mind_signals()
+        self.make_screens([mode_of(page) for page in PAGES])
         self.action_look_for_connections()
         flight = self._flight
         if flight is not None:
             self.work("the flight", lambda: self.worker.open_flight(flight))
+
+    def may_make_screens(self) -> bool:
+        """Not while a card is flown."""
+        return super().may_make_screens() and not self.worker.state().stage.under_way
 
     def _mind_signals(self) -> None:
         """Being told to end, or losing the terminal, is leaving: a run under way is ended first."""
@@ -219,11 +225,18 @@ class TippathApp(FieldApp):
     def action_choose_card(self) -> None:
         """Ask for a card; what is left of a flight is proposed, or one that the diagnosis wrote."""
         state = self.worker.state()
-        proposed = "" if state.desk.card is None else str(state.desk.card)
+        proposed = "" if state.desk.card is None else word(state.desk.card)
         if state.unfinished is not None:
             proposed = AskedCard(resume=str(state.unfinished)).options
-        hint = f"a TOML file, or one of: {', '.join(bundled_cards())}; behind it --leave-out, --log card"
-        self.ask_to_work("Which card?", hint, "the card", self.worker.choose_card, proposed)
+        offers = offered_cards(state.desk.home, proposed)
+        hint = "up/down chooses, or type a TOML file; behind it --leave-out, --log card"
+
+        def take(word: str | None) -> None:
+            if word is not None:
+                self.work("the card", lambda: self.worker.choose_card(word))
+
+        self._problem = ""
+        self.push_screen(AskFrom(self.plot_style, "Which card?", hint, proposed, offers), take)
 
     # Connection.
 

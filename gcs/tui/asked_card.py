@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
+from pathlib import Path
 
+from gcs.cards.maneuver import bundled_cards, load_card, parse_card
 from gcs.desk.shell import word
 from gcs.errors import UsageError
 from gcs.flight.connection import LogWay
 
 SHOWN_FIRST = "hover"
 """The card that is shown until the vehicle, which may have its own, is known."""
+MOST_WRITTEN = 20
+"""Files of a folder that are looked at."""
 MEANT = "a card, and behind it, where wanted, --leave-out and --log card; or --resume DIR alone"
 
 
@@ -34,6 +38,36 @@ class AskedCard:
         words = [f"--card {word(self.card)}"] if self.card else []
         words += ["--log card"] if self.log == "card" else []
         return " ".join([*words, *(["--leave-out"] if self.leave_out else [])])
+
+
+def offered_cards(folder: Path | None, first: str = "") -> list[tuple[str, str]]:
+    """What can be taken without typing, each with what it is: what is proposed, the cards that a diagnosis wrote into a
+    flight's folder, the newest first, and those that come along.
+    """
+    offers = [(first, "the rest of the flight that was cut off")] if first.startswith("--resume") else []
+    for path in _written(folder):
+        try:
+            card = load_card(str(path))
+        except UsageError as error:
+            offers.append((word(path), f"no card: {error}"))
+            continue
+        offers.append((word(path), f"written by the diagnosis: {card.name}"))
+    for name, text in bundled_cards().items():
+        card = parse_card(text, f"card {name}")
+        offers.append((name, f"{len(card.runs())} runs: {card.description or card.name}"))
+    return offers
+
+
+def _written(folder: Path | None) -> list[Path]:
+    """`next.toml`, `next-2.toml` of a flight, the newest first."""
+    if folder is None:
+        return []
+    found: list[tuple[int, Path]] = []
+    try:
+        found = [(path.stat().st_mtime_ns, path) for path in sorted(folder.glob("next*.toml"))[:MOST_WRITTEN]]
+    except OSError:
+        return []
+    return [path for _, path in sorted(found, key=lambda one: -one[0])]
 
 
 def asked_card(text: str) -> AskedCard:

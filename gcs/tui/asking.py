@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from textual.app import App
 from textual.message import Message
 
 from gcs.errors import TippathError
+from gcs.tui.changing import ChangingApp
 from gcs.tui.dialogs import Ask, Confirm
 from gcs.tui.plot import Style
 from gcs.tui.worker import AppWorker
 
 
-class AskingApp(App[None]):
+class AskingApp(ChangingApp):
     """What is asked for is done, or its refusal is shown on every screen until something else is asked for."""
 
     class Finished(Message):

@@ -50,6 +50,7 @@ class Page(Screen[None]):
         self._there = False
         self._small = False
         self._shown_key: tuple[object, ...] = ()
+        self._flight: object = None
 
     def on_mount(self) -> None:
         """All widgets are there."""
@@ -97,7 +98,13 @@ class Page(Screen[None]):
         self.query_one("#keys", Lines).show([pressing_keys(keys, (*self.ACTS, *ANYWHERE))])
         self.query_one("#pilot").display = state.simulated
         self.query_one("#pilot", Lines).show([pressing_keys(words.pilot_line(state, width), PILOT)])
+        if state.desk.path != self._flight:
+            self._flight = state.desk.path
+            self.begin()
         self.show_body(state, width)
+
+    def begin(self) -> None:
+        """Another flight is looked at from the first view, whatever was left open of the one before."""
 
     def _show_guide(self, lines: Sequence[Line]) -> None:
         guide = self.query_one("#guide", Lines)
@@ -178,6 +185,10 @@ class Split(Scrolled):
     def drawn(self) -> Iterable[Widget]:
         """The plots."""
         yield Traces(self.style, "plot")
+
+    def begin(self) -> None:
+        """The first view."""
+        self.view = 0
 
     def action_view(self) -> None:
         """The next view."""

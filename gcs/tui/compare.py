@@ -68,6 +68,11 @@ class CompareScreen(Split):
         yield Heat(self.style, "heat")
         yield Traces(self.style, "plot")
 
+    def begin(self) -> None:
+        """The first view, run and axis."""
+        super().begin()
+        self.part, self.axis = 0, 0
+
     def action_run(self, step: int) -> None:
         """Another run."""
         self._leave_bands()

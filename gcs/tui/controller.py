@@ -132,7 +132,7 @@ class ControllerScreen(Split):
         crc = 0 if state.bank is None else state.bank.active
         if desk.current is None or desk.busy:
             return
-        key = (desk.current.fit, desk.current.diagnosis, crc)
+        key = (desk.current.fit, desk.current.answer, crc)
         if key == self._followed:
             return
         again, self._followed = bool(self._followed), key

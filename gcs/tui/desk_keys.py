@@ -85,7 +85,7 @@ class DeskApp(AskingApp):
         if what == "compare" and desk.state().comparison is not None:
             self.notice("this rung was compared already; 5 shows it")
             return
-        if what == "diagnose" and desk.state().diagnosis is not None:
+        if what == "diagnose" and desk.state().answer is not None:
             self.notice("this rung was asked already; 6 shows the answer")
             return
         do: dict[str, Callable[[], None]] = {
@@ -152,7 +152,7 @@ class DeskApp(AskingApp):
         rung = self.worker.desk.state().current
         effect = "" if rung is None else winner(rung)
         if not effect:
-            asked = rung is not None and rung.diagnosis is not None
+            asked = rung is not None and rung.answer is not None
             self.notice("nothing is missing that could be added" if asked else "D asks first what is missing")
             return
         self.work("adding", lambda: self._add(effect))

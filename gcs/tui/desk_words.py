@@ -10,22 +10,21 @@ from typing import TYPE_CHECKING
 
 from textual.style import Style as TextStyle
 
-from gcs.analysis.candidates import ranked, shows
 from gcs.analysis.ladder import short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.desk.state import DeskState, Nrmse, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
+from gcs.tui.ranking_words import unanswered
 from gcs.tui.state import State
 from gcs.tui.words import fitted, sanitise_line, wrapped
 
 if TYPE_CHECKING:
-    from gcs.analysis.diagnosis import FitDiagnosis
+    from gcs.analysis.answer import Answer
 
 Line = str | tuple[str, str | TextStyle]
 
-MOST_CANDIDATES = 12
 KEYS = {
     "card": "; W writes that as a test card",
     "validate some": "; 3, then V marks some, and 4, then F fits again",
@@ -105,26 +104,18 @@ def verdict_lines(desk: DeskState, width: int) -> list[Line]:
     rung = desk.current
     if rung is None:
         return ["", " no fit yet"]
-    if rung.diagnosis is None:
-        return [
-            "",
-            f" {full_name(desk)} was not asked yet",
-            "",
-            " D refits it with each effect of the catalogue, one by one, and judges by",
-            " what noise allows and by the runs that were not fitted",
-        ]
-    head, rest = _parted(rung.diagnosis_text, ("answer",))
+    if rung.answer is None:
+        return broken(unanswered(desk), width)
+    head, rest = _parted(rung.answer.brief, ("answer",))
     answer: list[Line] = [(line, "bold") for line in indented(spaced(head, KEYS))]
     return broken([*answer, *indented(spaced(rest, KEYS, but=TO_TYPE))], width)
 
 
 def explained_lines(rung: Rung, width: int) -> list[Line]:
     """All reasons: they were asked for, and come right behind the answer."""
-    if rung.diagnosis is None:
-        return ["", " not asked yet"]
-    from gcs.analysis.text.diagnosis import diagnosis_blocks  # scipy comes along; with a diagnosis it is there
-
-    head, rest = _parted(diagnosis_blocks(rung.diagnosis, full=True), ("answer", "reasons"))
+    if rung.answer is None:
+        return ["", " not diagnosed yet"]
+    head, rest = _parted(rung.answer.full, ("answer", "reasons"))
     return broken(indented([*spaced(head, KEYS), "", *spaced(rest, KEYS, but=TO_TYPE)]), width)
 
 
@@ -138,22 +129,10 @@ def indented(lines: Sequence[str]) -> list[str]:
     return [f" {line}" for line in lines]
 
 
-def candidates(found: FitDiagnosis | None) -> list[tuple[str, float | None, str]]:
+def candidates(found: Answer | None) -> list[tuple[str, float | None, str]]:
     """(name, explained share or None where not testable, note): the answer first, then the likeliest."""
-    if found is None:
-        return []
-    last = found.last
-    rows: list[tuple[str, float | None, str]] = [
-        (short_name(one.effects), one.explained_share or 0.0, "implausible" if one.implausible else "")
-        for one in ranked(last)[:MOST_CANDIDATES]
-        if shows(one, last)
-    ]
-    rows += [
-        (short_name(one.effects), None, "")
-        for one in last.candidates
-        if one.not_testable is not None and not one.not_offered
-    ]
-    return rows
+    rows = () if found is None else found.candidates
+    return [(short_name(one.effects), one.share, "implausible" if one.implausible else "") for one in rows]
 
 
 def short_name(effects: Sequence[str]) -> str:

@@ -38,6 +38,11 @@ class FitScreen(Split):
         drawn = self.query("#drawn")
         return f"{super().keys}  {Traces.KEYS}" if drawn and drawn.first().display else super().keys
 
+    def begin(self) -> None:
+        """The first view and run."""
+        super().begin()
+        self.part = 0
+
     def action_run(self, step: int) -> None:
         """Another run."""
         self.part += step

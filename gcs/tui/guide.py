@@ -129,11 +129,11 @@ def _asked(state: State, desk: DeskState) -> str:
     rung = desk.current
     if rung is None:
         return "A fit comes first: 4, then F."
-    if rung.diagnosis is None:
+    if rung.answer is None:
         return "D tries every effect of the catalogue on what is left of the error, and a wrong one as placebo."
     if winner(rung):
         return "The effect that explains most, and how sure that is. A adds it to the model: watch the error fall on 7."
-    if rung.diagnosis.last.verdict == "complete":
+    if rung.verdict == "complete":
         where = "Z opens a sealed answer. " if state.secret is not None else ""
         return f"What is left is noise: the model is complete, as far as these runs can tell. {where}8 is next."
     return "Something is left that no single effect explains; W says which maneuver would tell. 8 is next."

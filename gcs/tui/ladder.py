@@ -54,6 +54,10 @@ class LadderScreen(Scrolled):
             yield Lines(self.style, "candidates")
         yield self.scrolled()
 
+    def begin(self) -> None:
+        """The ladder."""
+        self.panel = ""
+
     def action_panel(self, which: str) -> None:
         """A text in place of the ladder, and back."""
         self.panel = "" if self.panel == which else which

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from gcs.analysis.ladder import short_names
 from gcs.analysis.text.blocks import spaced
-from gcs.analysis.text.hidden import hidden_sentences
-from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
 from gcs.desk.state import DeskState, Rung
 from gcs.link.decode import sanitise
-from gcs.tui.desk_words import KEYS, TO_TYPE, Line, broken, candidates, indented, pair
+from gcs.tui.desk_words import KEYS, TO_TYPE, Line, broken, candidates, indented, pair, short_name
 from gcs.tui.fit_words import MARKS
+from gcs.tui.ranking_words import candidates_of
 from gcs.tui.words import fitted, justified
 
 VERDICTS = {
@@ -36,9 +35,11 @@ def status_lines(desk: DeskState, width: int) -> list[Line]:
 def next_candidates(desk: DeskState, width: int, height: int) -> list[Line]:
     """What the top rung's diagnosis offers, with shares; how many could not be asked."""
     rung = desk.current
-    if rung is None or rung.diagnosis is None:
+    if rung is None or (rung.answer is None and desk.ranking is None):
         return [(fitted(" next candidates", width), "underline"), fitted(" D: which effect is missing", width)]
-    rows = candidates(rung.diagnosis)
+    rows = [(short_name(one.effects), one.share, "") for one in candidates_of(desk)]
+    if rung.answer is not None:
+        rows = candidates(rung.answer)
     asked = [one for one in rows if one[1] is not None]
     untold = len(rows) - len(asked)
     head: Line = (justified(" next candidates", "share ", width), "underline")
@@ -71,20 +72,20 @@ def sign_lines(rung: Rung, width: int) -> list[Line]:
 
 def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
     """Which maneuver would tell, and what could hide."""
-    found = rung.diagnosis
+    found = rung.answer
     if found is None:
-        return ["", " not asked yet: D asks, and then knows which maneuver would tell more"]
+        return ["", " not diagnosed yet: D asks, and then knows which maneuver would tell more"]
     lines: list[Line] = []
-    if found.next is not None:
-        lines += [(f" to tell {' from '.join(short_names(found.next.separates))}", "bold")]
-        lines += [f"   {proposal_text(found.next.proposal)}", f"   {why_text(found.next.why)}"]
-        if found.next.card is None:
-            lines.append(f"   {how_text(found.next.proposal, found.runs.records) or 'no card can hold that'}")
+    if found.plan is not None:
+        lines += [(f" to tell {' from '.join(short_names(found.plan.separates))}", "bold")]
+        lines += [f"   {found.plan.maneuver}", f"   {found.plan.why}"]
+        if found.plan.card is None:
+            lines.append(f"   {found.plan.how or 'no card can hold that'}")
         else:
             lines.append("   6, then W writes it as a test card")
     else:
         lines.append(" no maneuver would tell more")
     if desk.card is not None:
         lines.append(f" written: {desk.card}; 2, then C flies it")
-    lines += ["", *(f" {text}" for text in hidden_sentences(found.hiding))]
+    lines += ["", *(f" {text}" for text in found.hiding)]
     return broken(lines, width)

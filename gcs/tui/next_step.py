@@ -21,7 +21,7 @@ def next_words(state: State, screen: str) -> str:
     if state.stage is Stage.FLYING and screen != "Fly":
         return _flying(state)
     if state.busy:
-        return _wait(state)
+        return _wait(state, screen)
     if screen in ON_VEHICLE:
         said = _of_vehicle(state, screen)
         if said:
@@ -53,11 +53,16 @@ def _next_replay(state: State, screen: str) -> str:
     return "REPLAY, nothing is sent: P pauses, left/right 5 s, up/down a run, + - speed"
 
 
-def _wait(state: State) -> str:
-    share = "" if state.desk.progress is None else f" {100 * state.desk.progress:.0f} %"
-    by_key = (state.desk.busy and not state.desk.called_off) or state.busy.startswith(FETCHING)
-    off = "; K calls it off" if by_key else ""
-    return f"wait: {sanitise(state.busy)}{share}{off}"
+def _wait(state: State, screen: str) -> str:
+    desk = state.desk
+    asked = desk.ranking is not None and not desk.ranking.over
+    if asked and screen == "Diagnose" and not desk.called_off:
+        return "wait; K ends it and keeps the ranking so far"
+    share = "" if desk.progress is None else f" {100 * desk.progress:.0f} %"
+    left = f", {desk.left}" if desk.left else ""
+    by_key = (desk.busy and not desk.called_off) or state.busy.startswith(FETCHING)
+    off = ("; K ends it, the ranking stays" if asked else "; K calls it off") if by_key else ""
+    return f"wait: {sanitise(state.busy)}{share}{left}{off}"
 
 
 def _flying(state: State) -> str:
@@ -198,19 +203,19 @@ def _next_diagnose(desk: DeskState) -> str:
     rung = desk.current
     if rung is None:
         return "4 fits a flight first"
-    if rung.diagnosis is None:
-        return f"D asks what {full_name(desk)} lacks (some seconds)"
+    if rung.answer is None:
+        return f"D asks what {full_name(desk)} lacks"
     return _after_verdict(desk, rung)
 
 
 def _after_verdict(desk: DeskState, rung: Rung) -> str:
-    assert rung.diagnosis is not None
-    last = rung.diagnosis.last
+    last = rung.answer
+    assert last is not None
     if last.verdict == "complete":
         return "8 designs gains on it"
     if last.verdict == "missing" and winner(rung):
         return f"A adds {sanitise(winner(rung))}; U takes it back"
-    if rung.diagnosis.next is not None and rung.diagnosis.next.card is not None:
+    if last.plan is not None and last.plan.card is not None:
         if desk.card is not None:
             return f"2, then C: fly {sanitise(desk.card.name)}, the card that would tell"
         return "W writes the card that would tell more; I tries an effect of your own"
@@ -219,8 +224,7 @@ def _after_verdict(desk: DeskState, rung: Rung) -> str:
 
 def winner(rung: Rung) -> str:
     """The effect to add; empty where there is none."""
-    found = rung.diagnosis
-    return "" if found is None or found.last.verdict != "missing" else found.last.effect or ""
+    return "" if rung.answer is None else rung.answer.missing
 
 
 def full_name(desk: DeskState) -> str:
@@ -232,8 +236,8 @@ def _next_ladder(desk: DeskState) -> str:
     rung = desk.current
     if rung is None:
         return "4 fits a flight first: the fit is the lowest rung"
-    if rung.diagnosis is None:
-        return f"D asks what {full_name(desk)} lacks (some seconds)"
+    if rung.answer is None:
+        return f"D asks what {full_name(desk)} lacks"
     return _after_verdict(desk, rung)
 
 

@@ -14,6 +14,7 @@ from sysid.data.dataset import Dataset
 from sysid.diagnose.evidence import Candidate, Stepped, gain, instrumental_step
 from sysid.diagnose.initial_states import validation_error
 from sysid.diagnose.plausible import out_of_reach
+from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
 from sysid.diagnose.score import INDEPENDENT, Score, log_chance, score
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.diagnose.term_search import Selection
@@ -43,11 +44,6 @@ REMAINDER = 0.05
 CRUMBS = 0.1
 """Points of NRMSE: where an effect leaves no output more to explain, nothing slow and no chain is looked for. A stiff
 mode beside a lag that stood in for most of it was worth 0.15."""
-Progress = Callable[[str], None]
-
-
-def silent(_: str) -> None:
-    return None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -166,22 +162,33 @@ def composed_with(parent: Structure, effect: Effect, on: Dataset) -> Structure:
     return compose(parent.base_, [*parent.composed, effect], on.available, constants, outputs=parent.outputs)
 
 
-def score_effects(
-    parent: Candidate, stepped: Stepped, whitening: Whitening, users: Sequence[Effect], say: Progress
-) -> list[Ranked]:
-    """Every entry that the parent does not have, with its score or why there is none."""
-    structure, on = parent.model.structure, parent.dataset
+def entries(structure: Structure, on: Dataset, users: Sequence[Effect]) -> list[Effect]:
+    """What may be asked of a structure on these runs: entries that it does not have, and that are not measured."""
     present = {one.id for one in structure.composed}
     found = []
     for effect in (*catalogue().values(), *users):
-        name = effect.path or effect.id
-        if name in structure.effects or effect.id in present or effect.id in structure.base_.contains:
+        if (effect.path or effect.id) in structure.effects:
+            continue
+        if effect.id in present or effect.id in structure.base_.contains:
             continue
         if not on.common.isdisjoint(effect.unless_logged):
             continue  # it is measured
-        elsewhere = not_offered(effect, on.airframe)
-        if elsewhere is not None and not effect.can_be_on(Airframe.HELICOPTER):
+        if not_offered(effect, on.airframe) is not None and not effect.can_be_on(Airframe.HELICOPTER):
             continue  # a multirotor's own, which has another name here
+        found.append(effect)
+    return found
+
+
+def score_effects(
+    parent: Candidate, stepped: Stepped, whitening: Whitening, users: Sequence[Effect], say: Listener
+) -> list[Ranked]:
+    """Every entry that the parent does not have, with its score or why there is none."""
+    structure, on = parent.model.structure, parent.dataset
+    asked = entries(structure, on, users)
+    found = []
+    for number, effect in enumerate(asked, 2):  # the first question is what of the structure's own error is noise
+        name = effect.path or effect.id
+        elsewhere = not_offered(effect, on.airframe)
         if elsewhere is not None:
             found.append(Ranked(effects=(name,), score=None, not_testable=elsewhere, not_offered=True))
             continue
@@ -198,10 +205,12 @@ def score_effects(
         if composed.base != structure.base:
             found.append(Ranked(effects=(name,), score=None, not_testable=None))
             continue
+        say(Asking(stage=Stage.SCORES, effects=(name,), number=number, of=1 + len(asked)))
         answer = score(effect, composed, parent, stepped, whitening)
         reason = None if answer is not None else "it does nothing on these runs that the structure could not do itself"
         found.append(Ranked(effects=(name,), score=answer, not_testable=reason))
-        say(name)
+        if answer is not None:
+            say(Heard(effects=(name,), known=Known.SCORED, promise=answer.chi_squared))
     return found
 
 
@@ -252,6 +261,23 @@ def ranked(one: Ranked, reference: Reference) -> Ranked:
         return replace(one, fit=None, not_testable="its response does not settle on the validation runs")
     validated = dict(zip(one.fit.model.structure.outputs, map(float, error.nrmse_percent), strict=True))
     return replace(compared(one, reference), validation_nrmse_percent=validated, validation_error=error)
+
+
+def heard(one: Ranked, parent: Candidate, avoidable: float | None = None) -> Heard:
+    """What is known of a candidate that was refitted, or failed."""
+    promise = 0.0 if one.score is None else one.score.chi_squared
+    if one.fit is None:
+        return Heard(effects=one.effects, known=Known.SCORED, promise=promise)
+    return Heard(
+        effects=one.effects,
+        known=Known.REFITTED if one.validation_nrmse_percent is None else Known.VALIDATED,
+        promise=promise,
+        removed=parent.error_share - one.fit.error_share,
+        avoidable=avoidable,
+        nrmse_percent=one.fit.nrmse_percent,
+        validation_nrmse_percent=one.validation_nrmse_percent,
+        implausible=one.implausible,
+    )
 
 
 def compared(one: Ranked, reference: Reference) -> Ranked:

@@ -16,21 +16,21 @@ from sysid.diagnose.candidates import (
     CRUMBS,
     REMAINDER,
     SIGNIFICANT,
-    Progress,
     Ranked,
     Reference,
     chance_of_noise,
     composed_with,
+    heard,
     noise_shares,
     rank,
     ranked,
     residual_shares,
     score_effects,
-    silent,
 )
 from sysid.diagnose.evidence import Candidate, gain
 from sysid.diagnose.loop_change import Limit, seen
-from sysid.diagnose.refits import NEAR, refitted
+from sysid.diagnose.progress import Asking, Listener, Stage, unheard
+from sysid.diagnose.refits import NEAR, PRICES, refitted
 from sysid.diagnose.term_search import Selection
 from sysid.fit.grow import looks
 from sysid.model.acting import divided, linear_dynamics
@@ -56,9 +56,9 @@ BUDGET = 300.0
 """Base fits that all chains of one diagnosis may cost, by these prices:"""
 ASKED = 20.0
 """of the catalogue's scores on one first effect;"""
-REFIT = {"linear": (2.0, 0.6), "samples": (12.0, 2.0), "in time": (25.0, 15.0)}
-"""of a refit, and of a look at each beginning before it, by what has to be simulated."""
-DEAR = REFIT["in time"][0]
+LOOKS = {"linear": 0.6, "samples": 2.0, "in time": 15.0}
+"""of a look at each beginning before a refit, by what has to be simulated, beside PRICES of that."""
+DEAR = PRICES["in time"]
 """Price of a refit from which on it is for no crumbs."""
 
 
@@ -108,7 +108,7 @@ class ChainSearch:
 def chains_of_two(
     singles: Sequence[Ranked],
     reference: Reference,
-    say: Progress,
+    say: Listener,
     budget: float | None = None,
     limit: Limit | None = None,
     answered: bool = True,
@@ -173,17 +173,18 @@ def price(composed: Structure, begin: Model) -> float:
         kind = "in time"
     else:
         kind = "samples" if divided(composed)[0] else "linear"
-    refit, look = REFIT[kind]
-    return refit + look * looks(composed, begin.by_name)
+    return PRICES[kind] + LOOKS[kind] * looks(composed, begin.by_name)
 
 
 class _Chains:
     """Chains that were fitted, each pair of effects once, at its best."""
 
     def __init__(
-        self, fitted: Sequence[Ranked], reference: Reference, say: Progress, budget: float | None, answered: bool
+        self, fitted: Sequence[Ranked], reference: Reference, say: Listener, budget: float | None, answered: bool
     ) -> None:
-        self.reference, self.say, self.left = reference, say, BUDGET if budget is None else budget
+        self.reference, self.say = reference, say
+        self.budget = self.left = BUDGET if budget is None else budget
+        self.tried = 0
         self.answered = answered
         self.single = {one.effect: one for one in fitted}
         """Effects that were fitted alone;"""
@@ -243,9 +244,10 @@ class _Chains:
         if not self.paid(ASKED):
             self.not_asked.append(first.effect)
             return True
+        self.say(Asking(stage=Stage.SECONDS, effects=first.effects))
         whitening, users = self.reference.whitening, self.reference.users
         try:
-            seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, silent)
+            seconds = score_effects(first.fit.asked_in(whitening), first.stepped, whitening, users, unheard)
         except KeyboardInterrupt:
             self.interrupt()
             self.not_asked.append(first.effect)
@@ -293,7 +295,10 @@ class _Chains:
 
     def fit(self, first: Ranked, second: Ranked) -> None:
         """Fit the second beside the first; and the first beside the second, where the one is not plausible."""
-        self.say(" + ".join((first.effect, second.effect)))
+        self.tried += 1
+        spent = min(1.0, 1 - self.left / self.budget) if self.budget > 0 else 1.0
+        chain = (first.effect, second.effect)
+        self.say(Asking(stage=Stage.CHAINS, effects=chain, number=self.tried, done=spent, at_most=True))
         waiting = [(second, first)]
         while waiting:
             more, begin = waiting.pop()
@@ -342,6 +347,7 @@ class _Chains:
         both = ranked(both, self.reference)
         if both.fit is None:
             return None
+        self.say(heard(both, self.reference.parent))
         if names not in self.found or both.delta_bic < self.found[names].delta_bic:
             self.found[names] = both
         return both

@@ -20,20 +20,21 @@ from sysid.data.dataset import Dataset, Runs, dataset, prepared
 from sysid.data.preprocess import DEFAULT_BAND_HZ
 from sysid.diagnose.candidates import (
     SIGNIFICANT,
-    Progress,
     Ranked,
     Reference,
     chance_of_noise,
     compared,
+    entries,
+    heard,
     of_all_questions,
     rank,
     ranked,
     score_effects,
-    silent,
 )
 from sysid.diagnose.chains import ChainSearch, chains_of_two
 from sysid.diagnose.evidence import Candidate, Stepped, candidate, instrumental_step
 from sysid.diagnose.loop_change import Limit
+from sysid.diagnose.progress import Asking, FirstAnswer, Listener, Stage, unheard
 from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.slow_modes import SlowMode, slow_mode
 from sysid.diagnose.term_search import Selection, search, select
@@ -55,7 +56,7 @@ def diagnose(
     effects: Sequence[Effect] = (),
     fixed: Mapping[str, float] | None = None,
     begin: Model | None = None,
-    say: Progress = silent,
+    say: Listener = unheard,
     chains: bool = True,
     limit: Limit | None = None,
 ) -> Diagnosis:
@@ -68,6 +69,7 @@ def diagnose(
     judging = prepared(validation, band_hz)
     validated_on = dataset(judging, band_hz, on, structure.outputs) if judging.records else None
     fixed = fixed or {}
+    say(Asking(stage=Stage.NOISE, of=1 + len(entries(structure, on, effects))))
     parent, thinned, loop_s = as_held(
         _parent(structure, on, fixed, begin), fixed, lambda runs, near: _parent(structure, runs, fixed, near)
     )
@@ -75,7 +77,6 @@ def diagnose(
         validated_on = held(validated_on, loop_s).beside(parent.dataset)
     validated_on = None if validated_on is None else telling(validated_on)
     asked_of, stepped = parent.asked_in(parent.metric), parent.stepped
-    say("the structure as it is")
 
     candidates = score_effects(asked_of, stepped, parent.metric, effects, say)
     chance = chance_of_noise(parent.division, [one.score for one in candidates if one.score is not None])
@@ -83,9 +84,11 @@ def diagnose(
     if chance < SIGNIFICANT:
         candidates = refit_serious(candidates, parent, effects, say, elsewhere)
     reference = _reference(parent, candidates, effects, validated_on)
-    candidates = sorted((ranked(one, reference) for one in candidates), key=rank)
+    candidates = sorted(_held_against(reference, candidates, say), key=rank)
+    say(Asking(stage=Stage.WEIGHING))
     answer, chained = verdict_on(candidates, (), chance, reference), ChainSearch()
     if chains and chance < SIGNIFICANT:
+        say(_first(answer))
         answered = answer.verdict == "missing"
         chained = chains_of_two(answer.candidates, reference, say, limit=limit, answered=answered)
     pairs = chained.pairs
@@ -100,21 +103,42 @@ def diagnose(
 
 
 def _beyond_the_catalogue(
-    chance: float, asked_of: Candidate, stepped: Stepped, parent: Candidate, say: Progress
+    chance: float, asked_of: Candidate, stepped: Stepped, parent: Candidate, say: Listener
 ) -> tuple[float, float]:
     """The chance once a slow mode and simple terms are asked for, too, where nothing was significant before; and chi
     squared of the slow mode, where that is what shows."""
     if chance < SIGNIFICANT:
         return chance, 0.0
+    say(Asking(stage=Stage.SLOW))
     mode = slow_mode(asked_of, stepped, parent.metric)
-    say("slow modes")
     if mode is not None:
         chance = min(chance, of_all_questions(mode.log_p, parent.division))
         if chance < SIGNIFICANT:
             return chance, mode.chi_squared
+    say(Asking(stage=Stage.TERMS))
     simple = search(asked_of, stepped, parent.metric, most=1)
-    say("simple terms")
     return min([chance, *(of_all_questions(one.log_p, parent.division) for one in simple)]), 0.0
+
+
+def _held_against(reference: Reference, candidates: Sequence[Ranked], say: Listener) -> list[Ranked]:
+    """The candidates held against what they may explain, and the validation runs."""
+    refits = sum(one.fit is not None for one in candidates)
+    found: list[Ranked] = []
+    number = 0
+    for one in candidates:
+        if one.fit is not None:
+            number += 1
+            done = (number - 1) / refits
+            say(Asking(stage=Stage.VALIDATION, effects=one.effects, number=number, of=refits, done=done))
+        found.append(ranked(one, reference))
+        if one.fit is not None:
+            say(heard(found[-1], reference.parent))
+    return found
+
+
+def _first(answer: Diagnosis) -> FirstAnswer:
+    shares = {one.effects: one.explained_share for one in answer.candidates if one.explained_share is not None}
+    return FirstAnswer(verdict=answer.verdict, chain=answer.chain, confidence=answer.confidence, shares=shares)
 
 
 def _parent(structure: Structure, on: Dataset, fixed: Mapping[str, float], begin: Model | None) -> Candidate:

@@ -20,6 +20,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -167,8 +168,15 @@ def _proposal(plan: Plan, each: Sequence[Told], pairs: Sequence[Rivals]) -> Next
     usual = tuple((one, one.typical) for one in acting) if len(acting) <= MOST_USUAL else ()
     why = FurtherApart(sigma=least, before=before, usual=usual, rest=tuple(rest))
     names = (pairs[0].names[0], *(pair.names[1] for pair, _ in told))
-    card = None if not plan.on_card else _card(f"separate {' from '.join(names)}", [plan.table()])
+    card = None if not plan.on_card else _card(_named(names), [plan.table()])
     return NextManeuver(plan, names, why, least, card)
+
+
+def _named(rivals: Sequence[str]) -> str:
+    """A card's name is shown on a line: of many rivals two, files without their folder."""
+    names = [PurePath(name).name for name in rivals]
+    more = f" and {len(names) - 2} more" if len(names) > 2 else ""
+    return f"{names[0]} or {names[1]}{more}" if len(names) > 1 else names[0]
 
 
 def _card(name: str, tables: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

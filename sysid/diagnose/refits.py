@@ -11,14 +11,15 @@ import numpy as np
 from sysid.diagnose.candidates import (
     CRUMBS,
     REMAINDER,
-    Progress,
     Ranked,
     composed_with,
     explained_by,
+    heard,
     residual_shares,
     values_outside,
 )
 from sysid.diagnose.evidence import Candidate, by_the_noise, predicting, refit
+from sysid.diagnose.progress import Asking, Listener, Stage
 from sysid.diagnose.score import Score
 from sysid.errors import FitError
 from sysid.model.effect import Effect, EffectError, catalogue, named_effect
@@ -40,12 +41,14 @@ WORTH_THE_TIME = math.log(0.01)
 """Chance that noise alone shows as much at an entry's best point, above which it is neither simulated nor refitted
 twice. All points counted in, a mode that explained chi squared of 130 was above it."""
 FEW_POINTS = 8
+PRICES = {"linear": 2.0, "samples": 12.0, "in time": 25.0}
+"""Base fits that a refit takes, by what has to be simulated."""
 NEAR = 0.7
 """Of what the best linear entry explains, that the score of another must reach to be refitted all the same."""
 
 
 def refit_serious(
-    asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Progress, elsewhere: float = 0.0
+    asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Listener, elsewhere: float = 0.0
 ) -> list[Ranked]:
     """Refits of what may be the answer, the most promising first: linear entries, which take milliseconds, then others.
     `elsewhere` is chi squared that something outside the catalogue explains.
@@ -53,29 +56,69 @@ def refit_serious(
     An entry that takes simulations is refitted where the linear ones leave more than noise, or where its score alone
     comes near to what the best of them explains; once one leaves noise, no more where its score is far below the best.
     """
-    scored = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
-    top, least_quick = max(scored, elsewhere), SERIOUS if scored > elsewhere else SERIOUS_BESIDE
-    found: dict[tuple[str, ...], Ranked] = {}
-    best, question_open = parent, True
-
-    def fit(one: Ranked) -> None:
-        nonlocal best, question_open
-        found[one.effects] = again = refitted(one, parent, users)
-        say(one.effect)
-        if again.fit is not None and again.fit.error_share < best.error_share:
-            best, question_open = again.fit, _leaves_more(again.fit, parent)
-
-    testable = sorted((one for one in asked if one.not_testable is None), key=lambda one: -_share(one, top))
-    for one in filter(_quick, testable):
-        if _share(one, top) >= (least_quick if question_open else SERIOUS_BESIDE):
-            fit(one)
-    linear_enough = not question_open
+    order = _Order(asked, parent, users, say, elsewhere)
+    for one in filter(_quick, order.testable):
+        if order.quick_enough(one):
+            order.fit(one)
+    linear_enough, best = not order.question_open, order.best
     explained = 0.0 if best is parent else explained_by(best, parent, best.metric)
-    for one, score in _worth_simulating(testable):
-        least = SERIOUS_SLOW if question_open and not _on_samples(one) else SERIOUS_SLOW_BESIDE
-        if _share(one, top) >= least and (score.chi_squared > NEAR * explained or not linear_enough):
-            fit(one)
-    return [found.get(one.effects, one) for one in asked]
+    for one, score in order.slow:
+        if order.slow_enough(one) and (score.chi_squared > NEAR * explained or not linear_enough):
+            order.fit(one)
+    return [order.found.get(one.effects, one) for one in asked]
+
+
+class _Order:
+    """Which are refitted, the best of them so far, and how far that is."""
+
+    def __init__(
+        self, asked: Sequence[Ranked], parent: Candidate, users: Sequence[Effect], say: Listener, elsewhere: float
+    ) -> None:
+        scored = max((one.score.chi_squared for one in asked if one.score is not None), default=0.0)
+        self.top, self.least_quick = max(scored, elsewhere), SERIOUS if scored > elsewhere else SERIOUS_BESIDE
+        self.parent, self.users, self.say = parent, users, say
+        self.found: dict[tuple[str, ...], Ranked] = {}
+        self.best, self.question_open, self.spent = parent, True, 0.0
+        able = (one for one in asked if one.not_testable is None)
+        self.testable = sorted(able, key=lambda one: -_share(one, self.top))
+        self.slow = list(_worth_simulating(self.testable))
+
+    def quick_enough(self, one: Ranked) -> bool:
+        return _share(one, self.top) >= (self.least_quick if self.question_open else SERIOUS_BESIDE)
+
+    def slow_enough(self, one: Ranked) -> bool:
+        wide = self.question_open and not _on_samples(one)
+        return _share(one, self.top) >= (SERIOUS_SLOW if wide else SERIOUS_SLOW_BESIDE)
+
+    def fit(self, one: Ranked) -> None:
+        """Refit it, and keep it where it is the best."""
+        self.say(self._asking(one))
+        self.found[one.effects] = again = refitted(one, self.parent, self.users)
+        self.spent += _price(one)
+        if again.fit is not None and again.fit.error_share < self.best.error_share:
+            self.best, self.question_open = again.fit, _leaves_more(again.fit, self.parent)
+        self.say(heard(again, self.parent, _avoidable(self.best, self.parent)))
+
+    def _asking(self, one: Ranked) -> Asking:
+        waiting = [
+            *(other for other in filter(_quick, self.testable) if self.quick_enough(other)),
+            *(other for other, _ in self.slow if self.slow_enough(other)),
+        ]
+        waiting = [other for other in waiting if other.effects not in self.found]
+        behind, done = len(self.found), self.spent / (self.spent + sum(map(_price, waiting)))
+        return Asking(
+            stage=Stage.REFITS, effects=one.effects, number=behind + 1, of=behind + len(waiting), done=done
+        )  # fmt: skip
+
+
+def _price(one: Ranked) -> float:
+    return PRICES["linear" if _quick(one) else "samples" if _on_samples(one) else "in time"]
+
+
+def _avoidable(best: Candidate, parent: Candidate) -> float:
+    """Error share of the parent that is no noise, as far as the best so far tells."""
+    left = float(np.sum((1 - best.division.noise_share) * residual_shares(best)))
+    return parent.error_share - best.error_share + left
 
 
 def _worth_simulating(asked: Sequence[Ranked]) -> Iterator[tuple[Ranked, Score]]:

@@ -13,6 +13,7 @@ import fcntl
 import gc
 import importlib.util
 import json
+import math
 import os
 import pty
 import select
@@ -36,6 +37,7 @@ SPAN_S = 2.0
 """2,000 points."""
 STRIPS = (("p", "p"), ("q", "q"), ("δx", "delta_x"))
 KEY_EVERY_S = 0.06
+KEYS_AFTER_S = 5.0
 HOUR_S = 3600.0
 _RATE = struct.Struct("<2sBQffff")
 
@@ -43,8 +45,8 @@ _RATE = struct.Struct("<2sBQffff")
 # ------------------------------------------------------------------------------------------------ the terminal's side
 
 
-def run(what: str, out: Path, seconds: float = SECONDS, keys: bytes = b"") -> dict[str, Any]:
-    """Run this file as a program in a pty; what it measured, and key to screen in ms.
+def run(what: str, out: Path, seconds: float = SECONDS, keys: bytes = b"", program: str = __file__) -> dict[str, Any]:
+    """Run this file, or another that is used so, as a program in a pty; what it measured, and key to screen in ms.
 
     keys: typed in turn, the n-th answered by `key n.` on the screen.
     """
@@ -58,7 +60,7 @@ def run(what: str, out: Path, seconds: float = SECONDS, keys: bytes = b"") -> di
     }
     environment.pop("NO_COLOR", None)
     process = subprocess.Popen(
-        [sys.executable, __file__, what, str(seconds), str(out)],
+        [sys.executable, program, what, str(seconds), str(out)],
         stdin=child,
         stdout=child,
         stderr=child,
@@ -73,8 +75,7 @@ def run(what: str, out: Path, seconds: float = SECONDS, keys: bytes = b"") -> di
     typed = 0
     seen = b""
     shown = 0
-    started = time.monotonic()
-    next_key = started + 3.0
+    started, next_key = time.monotonic(), math.inf
     while process.poll() is None:
         ready, _, _ = select.select([parent], [], [], 0.002)
         if ready:
@@ -82,6 +83,9 @@ def run(what: str, out: Path, seconds: float = SECONDS, keys: bytes = b"") -> di
                 data = os.read(parent, 1 << 16)
             except OSError:
                 break
+            if not shown:  # the first frame; screens are made in the first seconds
+                started = time.monotonic()
+                next_key = started + KEYS_AFTER_S
             shown += len(data)
             seen = (seen + data)[-200_000:]
             if sent is not None and sent[1] in seen:
@@ -92,7 +96,7 @@ def run(what: str, out: Path, seconds: float = SECONDS, keys: bytes = b"") -> di
         if sent is not None and now - sent[0] > 2.0:
             waits_ms.append(2000.0)
             sent = None
-        if keys and sent is None and now > next_key and now - started < seconds + 1:
+        if keys and sent is None and now > next_key and now - started < KEYS_AFTER_S + seconds:
             seen = b""
             sent = time.monotonic(), f"key {typed}.".encode()
             os.write(parent, keys[typed % len(keys)].to_bytes(1, "big"))
@@ -331,8 +335,8 @@ def measured(app: Any, seconds: float, found: dict[str, Any]) -> None:
         )
         app.exit()
 
-    app.set_timer(2.0, begin)
-    app.set_timer(2.0 + seconds, end)
+    app.set_timer(KEYS_AFTER_S - 1.0, begin)
+    app.set_timer(KEYS_AFTER_S + seconds, end)
 
 
 class Fake:

@@ -61,15 +61,15 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
 
             await pilot.press("6")
             app.simulate_key("d")  # the pilot's own press waits until nothing is worked on
-            await until(lambda: desk.state().busy.startswith("asking"))
+            await until(lambda: desk.state().busy != "")
             app.simulate_key("f12")
             await until(lambda: "nothing to abort" in engine.state().said, 2)
             app.simulate_key("k")
             await until(lambda: not desk.state().busy)
-            assert desk.state().diagnosis is None
+            assert desk.state().answer is None
             assert "called off" in await shown()
             await pilot.press("d")
-            await until(lambda: desk.state().diagnosis is not None and not desk.state().busy)
+            await until(lambda: desk.state().answer is not None and not desk.state().busy)
             text = await shown()
             assert "missing: servo_lag" in text or "missing: gyro_lag" in text, "the two cannot be told apart here"
             assert "next: A adds" in text

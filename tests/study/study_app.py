@@ -181,19 +181,19 @@ async def study_from_connect_to_verified_gains(tmp_path: Path, monkeypatch: pyte
             await who.press("5")
             await who.shows("% of the error sits in", "next: 6 asks which effect is missing")
             await who.press("6", "d")
-            await until(lambda: desk.state().diagnosis is not None and not desk.state().busy, 60)
+            await until(lambda: desk.state().answer is not None and not desk.state().busy, 60)
             text = await who.shows("missing: ", "next: A adds")
-            found = desk.state().diagnosis.last.effect
+            found = desk.state().answer.effect
             assert found in ("servo_lag", "gyro_lag"), "the two cannot be told apart by these runs"
             assert f"missing: {found}" in text
-            who.did(f"asked: missing {found}, confidence {desk.state().diagnosis.last.confidence:.2f}")
+            who.did(f"asked: missing {found}, confidence {desk.state().answer.confidence:.2f}")
             await who.press("a")
             await until(lambda: len(desk.state().ladder) == 2 and not desk.state().busy, 60)
             await who.press("7")
             await who.shows("+ " + found, "placebo")
             await who.press("d")
-            await until(lambda: desk.state().diagnosis is not None and not desk.state().busy, 60)
-            assert desk.state().diagnosis.last.verdict == "complete"
+            await until(lambda: desk.state().answer is not None and not desk.state().busy, 60)
+            assert desk.state().answer.verdict == "complete"
             await who.shows("next: 8 designs gains on it")
             who.did("added, asked again: complete")
 

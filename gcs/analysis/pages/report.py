@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs import documents
+from gcs.analysis.answer import as_asked_now
 from gcs.analysis.comparison import flown, flown_with_validation
 from gcs.analysis.diagnosis import diagnose_fit
 from gcs.analysis.fits import assess, runs_of
@@ -36,6 +37,7 @@ from gcs.analysis.text.comparison import compare_text
 from gcs.analysis.text.documents import diagnosis_document
 from gcs.analysis.text.findings import finding_text
 from gcs.analysis.text.fit import checks_text, responses_text
+from gcs.analysis.text.progress import spoken
 from gcs.flight.folder import FlightFolder, flight_of
 from gcs.logs.words import printable
 from sysid.compare.compare import compare
@@ -153,9 +155,9 @@ def _rung(
     """What is known of a rung; `asking`: what no kept diagnosis tells is asked now."""
     fit, folder = kept.fit, kept.path.parent
     document: Any = diagnosis_beside(folder, fit)
-    if document is None and asking:
+    if asking and (document is None or not as_asked_now(document, fit)):
         _, validation, hover = flown_with_validation(fit, (), (), None, None)
-        asked = diagnose_fit(fit, fitted, validation, hover, say=lambda what: say(what, None))
+        asked = diagnose_fit(fit, fitted, validation, hover, say=spoken(lambda what: say(what, None)))
         document = diagnosis_document(asked, folder=folder)
     models = () if document is None else standing_of(document, folder, named).models
     best = next((model for role, model in models if role == "missing"), None)

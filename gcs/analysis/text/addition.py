@@ -55,7 +55,7 @@ def addition_document(found: Addition, folder: Path) -> dict[str, Any]:
         **found.after.to_json(folder),
         **judgement_document(assess(found.after, found.runs)),
         "noise_floor_percent": found.noise_floor_percent,
-        "placebo": None if found.placebo is None else found.placebo.to_json(),
+        "placebo": None if found.placebo is None else found.placebo.document,
         "signs": [sign.to_json() for sign in found.signs],
     }
 

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from gcs.analysis.answer import shown_document
 from gcs.analysis.diagnosis import ClocksDiffer, FitDiagnosis
 from gcs.analysis.fits import assess
 from gcs.analysis.standing import digest, open_models
@@ -87,6 +88,7 @@ def diagnosis_document(found: FitDiagnosis, warnings: Sequence[str] = (), folder
         "structure": {"base": structure.base, "effects": list(structure.effects)},
         "rungs": [rung.to_json() for rung in found.rungs],
         "remarks": [remark_text(remark) for remark in found.remarks],
+        **shown_document(found),
     }
 
 

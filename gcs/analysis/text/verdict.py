@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gcs.analysis.diagnosis import FitDiagnosis, rival
 from gcs.analysis.ladder import NO_CHANGE, Nrmse, short_names, together
 from gcs.analysis.quantities import listed, plausible_range, quantity
@@ -45,6 +47,41 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     return [*lines, *(_why(found) if reasons else []), *_before(found)]
 
 
+def stand_ins(last: Diagnosis) -> dict[str, tuple[str, ...]]:
+    """Of each effect of the answer, what may stand in its place: of a chain, beside the other one."""
+    chain = last.chain
+    places: dict[str, list[str]] = {name: [] for name in chain}
+    for name in last.not_told:
+        places[_place(name, last)].append(name)
+    return {name: tuple(others) for name, others in places.items()}
+
+
+def _place(name: str, last: Diagnosis) -> str:
+    """The effect of the answer that another may stand in for; the larger where both change."""
+    if len(last.chain) == 1:
+        return last.chain[0]
+    leader = next((one for one, others in last.equivalent.items() if name in others), name)
+    if leader in last.chain:
+        return leader
+    for pair in last.pairs:
+        kept = set(pair.effects) & set(last.chain)
+        if leader in pair.effects and len(kept) == 1:
+            return next(one for one in last.chain if one not in kept)
+    return last.chain[0]
+
+
+def _alike(others: Sequence[str], gap: str = " ") -> str:
+    return f"{gap}(not to be told from {listed(short_names(others))})" if others else ""
+
+
+def _beside_the_other(name: str, last: Diagnosis) -> Ranked | None:
+    """What stands in an answer's place: of a chain with the half that stays."""
+    if len(last.chain) == 1:
+        return next((one for one in last.candidates if one.effect == name), None)
+    pairs = (one for one in last.pairs if name in one.effects and set(one.effects) & set(last.chain))
+    return next(pairs, None)
+
+
 def _left(found: FitDiagnosis) -> list[Line]:
     left = found.remainder
     return [] if left is None else [Sentence(remainder_sentence(left), "  ", "    ")]
@@ -65,10 +102,12 @@ def answer(last: Diagnosis) -> str:
         what = "a trace more than noise is left, too little to be named" if a_trace(last) else "no known effect does it"
         return f"unexplained: {what}"
     names = named_effects(winner)
-    same = short_names(last.not_told)
-    alike = f"  (not to be told from {listed(same)})" if same else ""
     if last.verdict == "missing":
-        return "missing: " + (", and then ".join(short_names(last.chain)) if len(last.chain) == 2 else names) + alike
+        places = stand_ins(last)
+        if len(last.chain) < 2:
+            return f"missing: {names}{_alike(places[last.chain[0]], '  ')}"
+        each = [short_names([name])[0] + _alike(places[name]) for name in last.chain]
+        return f"missing: {', and then '.join(each)}"
     if last.stands_in:
         return f"unexplained: {names} would do it, but only at implausible values: it stands in"
     if last.sizes_that_differ:
@@ -103,8 +142,7 @@ def _others(last: Diagnosis) -> list[Line]:
     second = rival(last)
     if last.verdict == "missing" and last.confidence < SURE and second is None:
         lines.append(f"  not sure: of 100 answers like this, {100 * last.confidence:.0f} were right where it was known")
-    by_name = {one.effect: one for one in last.candidates}
-    same = [by_name[name] for name in last.indistinguishable[:1]]
+    same = [_beside_the_other(name, last) for name in last.indistinguishable[:1]]
     for word, one in (*(("as well", one) for one in same), ("not sure", second), ("placebo", last.placebo)):
         if one is None or one.fit is None or (word != "as well" and one.effect in named) or last.verdict != "missing":
             continue

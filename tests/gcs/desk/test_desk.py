@@ -9,11 +9,12 @@ import json
 import shlex
 import shutil
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from flying import CHIRP, ELEVATOR, LAG, LAG_CARD, PITCH, QUIET, ROLL, TWO_CHIRP
 from matplotlib.figure import Figure
 
 import gcs.desk.keeping
+from gcs.analysis.answer import answer_of, kept_answer
 from gcs.analysis.clearance import clearance
 from gcs.analysis.text.blocks import text_of
 from gcs.desk import Base, Cancelled, Choice, Desk, tuning
@@ -29,6 +31,7 @@ from gcs.desk.state import Weights
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
 from gcs.logs import resolve_runs
+from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
 from sysid.fit.result import Fit
 
 pytestmark = pytest.mark.usefixtures("answers_kept")
@@ -303,11 +306,13 @@ def test_the_hidden_lag_is_found_and_the_ladder_says_so(worked: tuple[Desk, Path
     assert last.placebo[0] != "servo_lag"
     assert last.noise_floor_percent is not None
     assert last.noise_floor_percent["q"] == pytest.approx(last.nrmse_percent["q"], abs=1.0)
-    assert "missing: servo_lag" in text_of(first.diagnosis_text)
+    assert first.answer is not None
+    assert "missing: servo_lag" in text_of(first.answer.brief)
     assert "on runs that were not fitted" in text_of(last.addition_text).replace("\n  ", " ")
     assert state.comparison is last.comparison is not None
     assert state.comparison.traces
-    assert state.diagnosis is last.diagnosis
+    assert state.answer is last.answer
+    assert state.asked is None
     assert state.fitted is not None
     for part in ("paper: TPP / CD", "eigenfrequency check", "  validation p"):
         assert part in state.fitted.tables
@@ -429,9 +434,61 @@ def test_an_old_flight_is_opened_with_its_ladder_wherever_it_was_moved(
     assert after.fitted.tables == before.fitted.tables
     assert [run.choice for run in after.runs] == [run.choice for run in before.runs]
     assert after.unread == ()
-    other.compare()
-    assert other.state().comparison is not None
+    assert [rung.answer for rung in after.ladder] == [rung.answer for rung in before.ladder]
+    assert [rung.placebo for rung in after.ladder] == [rung.placebo for rung in before.ladder]
+    assert [rung.signs for rung in after.ladder] == [rung.signs for rung in before.ladder]
+    texts = [[text_of(rung.addition_text).partition("next:")[0] for rung in one.ladder] for one in (before, after)]
+    assert texts[0] == texts[1]
+    for rung, same in zip(after.ladder, before.ladder, strict=True):
+        assert rung.comparison is not None
+        assert same.comparison is not None
+        assert dict(rung.comparison.nrmse_percent) == dict(same.comparison.nrmse_percent)
     assert other.state().current.path.name == "tpp-servo_lag.json"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda kept: kept.update(fit_sha256="0" * 64),
+        lambda kept: kept["asked"].update(version="0.0.1"),
+        lambda kept: kept["asked"].update(as_usual=False),
+        lambda kept: kept["asked"].update(fixed={"L_b": 1.0}),
+        lambda kept: kept["shown"].pop("brief"),
+        lambda kept: kept.update(shown="an answer"),
+        lambda kept: kept.pop("asked"),
+    ],
+)
+def test_an_answer_is_believed_only_where_it_fits(
+    worked: tuple[Desk, Path], tmp_path: Path, harm: Callable[[dict[str, Any]], None]
+) -> None:
+    rung = worked[0].state().ladder[0]
+    kept = json.loads((worked[1] / "flight-0001" / "tpp-diagnosis.json").read_text())
+    (tmp_path / "tpp-diagnosis.json").write_text(json.dumps(kept))
+    assert kept_answer(tmp_path, rung.fit) == rung.answer
+    harm(kept)
+    (tmp_path / "tpp-diagnosis.json").write_text(json.dumps(kept))
+    assert kept_answer(tmp_path, rung.fit) is None
+
+
+def test_what_was_just_diagnosed_is_not_asked_again_when_it_is_added(
+    worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from gcs.analysis import addition
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("the catalogue was asked again")
+
+    desk, _ = worked
+    bottom, grown = desk.state().ladder
+    assert bottom.diagnosis is not None
+    assert grown.addition is not None
+    flown = desk._flown(bottom.fit)
+    known = desk._calculations.effect(bottom.fit, "servo_lag")
+    monkeypatch.setattr(addition, "diagnose", never)
+    again = addition.add_effect(bottom.fit, known, *flown[:2], asked=bottom.diagnosis.last)
+    assert again.placebo_rung == grown.placebo
+    with pytest.raises(AssertionError, match="asked again"):
+        addition.add_effect(bottom.fit, known, *flown[:2])
 
 
 def test_the_audit_tells_it_all(worked: tuple[Desk, Path]) -> None:
@@ -465,19 +522,20 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
     desk = Desk()
     desk.open(str(tmp_path / "flight-0001"))
     desk.undo()
-    with pytest.raises(TippathError, match="not asked yet"):
-        desk.next_card()
     asked = worked[0].state().ladder[0].diagnosis
     rung = desk.state().current
     assert asked is not None
     assert rung is not None
-    desk._replace(rung.fit, diagnosis=asked)
+    desk._replace(rung.fit, answer=None)
+    with pytest.raises(TippathError, match="not asked yet"):
+        desk.next_card()
+    desk._replace(rung.fit, answer=answer_of(asked))
     with pytest.raises(TippathError, match="no maneuver on a card"):
         desk.next_card()
     table = {"kind": "chirp", "axis": "roll", "amplitude": 0.2, "duration_s": 20.0}
     card = {"name": "next", "maneuver": [table]}
     more = NextManeuver(LogChannels(("beta",)), ("a", "b"), MeasuredNotGuessed("a"), 5.0, card)
-    desk._replace(rung.fit, diagnosis=replace(asked, next=more))
+    desk._replace(rung.fit, answer=answer_of(replace(asked, next=more)))
     path = desk.next_card()
     assert path == tmp_path / "flight-0001" / "next.toml" == desk.state().card
     assert load_card(str(path)).maneuvers[0].amplitude == 0.2
@@ -661,28 +719,28 @@ def test_what_is_called_off_changes_nothing(short: Path, monkeypatch: pytest.Mon
     desk.open(str(short))
     desk.fit()
     before = desk.state()
-    steps: list[str] = []
-    step = Desk._step
 
-    def third(self: Desk, what: str, share: float | None = None) -> None:
-        steps.append(what)
-        if len(steps) == 3:
-            assert self.state().busy.startswith("asking: ")
-            self.cancel()
-            assert self.state().busy.startswith("calling off: ")
-        step(self, what, share)
+    def asks(*_: object, say: Listener) -> None:
+        say(Asking(stage=Stage.SCORES, effects=("servo_lag",), number=2, of=3))
+        say(Heard(effects=("servo_lag",), known=Known.SCORED, promise=9.0))
+        assert desk.state().busy == "asking servo_lag (2 of 3)"
+        desk.cancel()
+        assert desk.state().busy.startswith("calling off: ")
+        say(Asking(stage=Stage.SCORES, effects=("gyro_lag",), number=3, of=3))
 
-    monkeypatch.setattr(Desk, "_step", third)
+    monkeypatch.setattr("gcs.desk.calculations.diagnose_fit", asks)
     files = sorted(short.iterdir())
     with pytest.raises(Cancelled, match="called off: asking"):
         desk.diagnose()
     after = desk.state()
-    assert len(steps) == 3
     assert (after.ladder, after.commands, after.busy) == (before.ladder, before.commands, "")
-    assert "nothing was changed" in after.said
+    assert "the ranking so far stays, and is no verdict" in after.said
+    assert after.answer is None
+    assert after.ranking is not None
+    assert after.ranking.over
+    assert [one.effects for one in after.ranking.ranking.standings] == [("servo_lag",)]
     assert sorted(short.iterdir()) == files
     desk.cancel()  # nothing is under way: no harm to what comes next
-    monkeypatch.setattr(Desk, "_step", step)
     desk.compare()
     assert desk.state().comparison is not None
 

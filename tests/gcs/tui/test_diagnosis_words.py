@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 from fake_desk import ASKED, OPEN
+from msgspec import structs
 
+from gcs.analysis.answer import answer_of
 from gcs.analysis.diagnosis import remarks_on
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
 from gcs.analysis.text.maneuvers import proposal_text
@@ -52,6 +54,9 @@ def unexplained(proposal: NextManeuver) -> Any:
     )  # fmt: skip
 
 
+EMPTY = answer_of(unexplained(HALVES))
+
+
 def of_every_length(pairs: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
     """One pair for every length of the words: what is broken into lines differs with it, and with nothing else."""
     return [*{(len(one), len(other)): (one, other) for one, other in pairs}.values()]
@@ -65,7 +70,7 @@ def test_every_proposal_offers_the_key_and_never_the_option(
     shell, keys = [], []
     for separates in some(itertools.permutations(catalogue(), 2)):
         diagnosis = unexplained(NextManeuver(plan, separates, WHY, 4.0, {"name": "card", "maneuver": []}))
-        rung = replace(ASKED, diagnosis_text=diagnosis_blocks(diagnosis))
+        rung = replace(ASKED, answer=structs.replace(EMPTY, brief=diagnosis_blocks(diagnosis)))
         lines = desk_words.verdict_lines(replace(OPEN, ladder=(rung,)), 80)
         words = " ".join(" ".join(line if isinstance(line, str) else line[0] for line in lines).split())
         shell += [separates] if "CARD.toml" in words else []
@@ -76,9 +81,7 @@ def test_every_proposal_offers_the_key_and_never_the_option(
 
 def shown(diagnosis: Any) -> str:
     """What the Diagnose and the Compare screens show of it, brief and in full, on one line."""
-    rung = replace(
-        ASKED, diagnosis_text=diagnosis_blocks(diagnosis), diagnosis=diagnosis, comparison=diagnosis.comparison
-    )
+    rung = replace(ASKED, answer=answer_of(diagnosis), comparison=diagnosis.comparison)
     desk = replace(OPEN, ladder=(rung,))
     screens = (
         desk_words.verdict_lines(desk, 80),

@@ -24,7 +24,7 @@ from fake_app import (
     screen_text,
     settle,
 )
-from fake_desk import CLEARED, DESKS, MODEL
+from fake_desk import CLEARED, DESKS, MODEL, answer
 from rich.cells import cell_len
 from textual.geometry import Region
 from textual.widgets import Input
@@ -379,7 +379,7 @@ def hostile_desk(text: str) -> DeskState:
     desk = DESKS["added"]
     row = replace(desk.runs[0], id=text, health=text, notes=(text,), reasons=(text,), verdict=text, maneuver=text)
     blocks = (Block("answer", (Sentence(text),)), Block("measures", (text,)))
-    rung = replace(desk.ladder[0], name=text, comparison_text=blocks, diagnosis_text=blocks)
+    rung = replace(desk.ladder[0], name=text, comparison_text=blocks, answer=answer(brief=blocks))
     path = Path(text.replace("/", "_").replace("\0", "_"))
     return replace(
         desk, path=path, name=text, vehicle=text, runs=(row,), unread=(text,),

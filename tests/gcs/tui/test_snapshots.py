@@ -31,6 +31,7 @@ SHOTS = {
     "fit-strips": ("4", after("compared"), "v"),
     "compare": ("5", after("compared"), ""),
     "compare-response": ("5", after("compared"), "vv"),
+    "diagnosing": ("6", after("asking"), ""),
     "diagnose": ("6", after("asked"), ""),
     "ladder": ("7", after("added"), ""),
     "controller": ("8", after("designed"), ""),

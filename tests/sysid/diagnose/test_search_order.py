@@ -10,7 +10,8 @@ from typing import Any, cast
 import pytest
 
 from sysid.diagnose import candidates, refits
-from sysid.diagnose.candidates import Ranked, silent
+from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.progress import unheard
 from sysid.diagnose.refits import refit_serious
 from sysid.diagnose.score import Score
 
@@ -20,6 +21,7 @@ class Left:
     """As much of a candidate as the order of refits reads."""
 
     error_share: float
+    nrmse_percent: None = None
     metric: None = None
     stepped: None = None
 
@@ -42,9 +44,10 @@ def order(monkeypatch: pytest.MonkeyPatch, asked: Sequence[Ranked], enough: str 
 
     monkeypatch.setattr(refits, "refitted", refitted)
     monkeypatch.setattr(refits, "_leaves_more", lambda best, _: best.error_share > 0.2)
+    monkeypatch.setattr(refits, "_avoidable", lambda *_: 1.0)
     monkeypatch.setattr(candidates, "instrumental_step", lambda *_: None)
     monkeypatch.setattr(candidates, "gain", lambda *_: (1000.0, 0.0))
-    refit_serious(asked, cast("Any", Left(1.0)), (), silent)
+    refit_serious(asked, cast("Any", Left(1.0)), (), unheard)
     return made
 
 

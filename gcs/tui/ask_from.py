@@ -1,0 +1,75 @@
+"""A question whose likely answers are listed: up and down put one into the field, where more can be typed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from textual.containers import Vertical
+from textual.widget import Widget
+from textual.widgets import Input
+
+from gcs.link.decode import sanitise
+from gcs.tui.dialogs import Ask
+from gcs.tui.plot import Style
+from gcs.tui.pressing import pressed
+from gcs.tui.widgets.lines import Line, Lines
+from gcs.tui.words import fitted
+
+ROWS = 12
+
+
+class AskFrom(Ask):
+    """Gives what stands in the field, or the answer that was pressed."""
+
+    BINDINGS = [("down", "move(1)", "down"), ("up", "move(-1)", "up")]
+
+    def __init__(
+        self, style: Style, question: str, hint: str, value: str = "", offers: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        """`offers`: words, each with what it is."""
+        super().__init__(style, question, hint, value)
+        self._offers = offers
+        self._at = next((number for number, (word, _) in enumerate(offers) if word == value), -1)
+
+    def body(self) -> Iterable[Widget]:
+        with Vertical(classes="box"):
+            yield Lines(self.style, "question")
+            yield Input(self._value, id="answer")
+            yield Lines(self.style, "offers")
+            yield Lines(self.style, "hint")
+
+    def on_mount(self) -> None:
+        super().on_mount()
+        self._list()
+
+    def on_resize(self) -> None:
+        """The lines are cut anew."""
+        self._list()
+
+    def action_move(self, lines: int) -> None:
+        """Put the answer above or below into the field."""
+        if self._offers:
+            self._at = max(0, min(self._at + lines, len(self._offers) - 1))
+            field = self.query_one("#answer", Input)
+            field.value = self._offers[self._at][0]
+            field.cursor_position = len(field.value)
+            self._list()
+
+    def action_choose(self, number: int) -> None:
+        """The answer that was pressed."""
+        self.dismiss(self._offers[number][0])
+
+    def _list(self) -> None:
+        width = max(20, self.app.size.width - 8)
+        rows = min(ROWS, len(self._offers), max(1, self.app.size.height - 17))
+        first = max(0, min(self._at - rows // 2, len(self._offers) - rows))
+        names = max((len(word) for word, _ in self._offers), default=0)
+        names = min(names, width // 2)
+        lines: list[Line] = []
+        for number, (word, what) in enumerate(self._offers[first : first + rows], first):
+            mark = "▶" if number == self._at else " "
+            text = fitted(f" {mark} {fitted(sanitise(word), names):<{names}}  {sanitise(what)}", width)
+            lines.append(pressed(text, f"screen.choose({number})", "reverse" if number == self._at else ""))
+        shown = self.query_one("#offers", Lines)
+        shown.styles.height = max(1, len(lines))
+        shown.show(lines)
