@@ -69,7 +69,7 @@ FLYING = replace(
     ),
     progress=Progress(12.4, 30.0, 4.6, "Table 1"),
     use=USE,
-    link_loss="link lost: RETURNS after 5 s",
+    link_loss="if the link drops: returns home after 5 s",
     rpm_reference=1650.0,
     samples=9120,
     disk_free=41_000_000_000,
@@ -194,6 +194,9 @@ class FakeWorker:
 
     def abort(self) -> None:
         self.ask("abort")
+
+    def replay(self, wish: str) -> None:
+        self.ask(f"replay {wish}")
 
     def answer(self, number: int, word: str) -> None:
         self.ask(f"answer {number} {word}")

@@ -15,7 +15,7 @@ from sysid.diagnose.candidates import Ranked
 from sysid.diagnose.diagnose import diagnose
 from sysid.diagnose.progress import Asking, Listener, Stage, unheard
 from sysid.diagnose.verdict import Diagnosis
-from sysid.fit.checks import fit_checks
+from sysid.fit.checks import EIGENFREQUENCY, Check, Spread, fit_checks
 from sysid.fit.identify import on_runs
 from sysid.fit.result import Fit
 from sysid.model.effect import Effect
@@ -75,6 +75,8 @@ class Addition:
     runs: Dataset
     """Those that were fitted."""
     noise_floor_percent: dict[str, float]
+    checks: tuple[Check, ...]
+    """The eigenfrequency check of the grown fit."""
     placebo: Placebo | None
     signs: tuple[Sign, ...]
 
@@ -117,14 +119,18 @@ def add_effect(
         asked = diagnose(
             structure, fitted, judging, band, effects=users, fixed=held, begin=before.model, say=say, chains=False
         )
+    (_, apart), (checks, closer) = (
+        fit_checks(one.model, fitted, one.band_hz, one.fixed, one.weights) for one in (before, after)
+    )
     return Addition(
         named=name,
         before=before,
         after=after,
         runs=fitted,
         noise_floor_percent={key: float(value) for key, value in asked.noise_floor_percent.items()},
+        checks=checks[:EIGENFREQUENCY],
         placebo=Placebo.of(asked.placebo_of(name)),
-        signs=(_validated(before, after), _agrees(before, after, fitted), _plausible(before, after)),
+        signs=(_validated(before, after), _agrees(before, after, apart, closer), _plausible(before, after)),
     )
 
 
@@ -137,11 +143,9 @@ def _validated(before: Fit, after: Fit) -> Sign:
     return Sign(key, name, together(now) - together(was) > WORSE_POINTS, text)
 
 
-def _agrees(before: Fit, after: Fit, runs: Dataset) -> Sign:
+def _agrees(before: Fit, after: Fit, was: Spread | None, now: Spread | None) -> Sign:
     """The base's parameters, fitted to sets of runs apart, come nearer to each other."""
     key, name = "agreement", "runs agree better on the parameters"
-    spreads = [fit_checks(one.model, runs, one.band_hz, one.fixed, one.weights)[1] for one in (before, after)]
-    was, now = spreads
     if was is None or now is None:
         return Sign(key, name, None, "needs two chirps on each axis: fly each twice")
     shared = set(before.model.structure.names)

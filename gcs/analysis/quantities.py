@@ -13,16 +13,22 @@ def quantity(parameter: Parameter, value: float, error: float | None = None) -> 
     return f"{parameter.name} = {amount(parameter, value, error)}"
 
 
-def amount(parameter: Parameter, value: float, error: float | None = None) -> str:
-    """The value with its unit."""
+def amount(parameter: Parameter, value: float, error: float | None = None, model_error: float | None = None) -> str:
+    """The value with its unit; `138.4 ± 1.0 (± 12) 1/s^2` with what standard errors do not know of."""
     if not math.isfinite(value):
         return "no limit"
     times, unit = _unit(parameter, value)
     if error is None or not (error > 0 and math.isfinite(error)):
         return f"{times * value:.3g}{unit}"
-    digits = max(0, 1 - math.floor(math.log10(times * error)))
-    digits -= digits > 0 and times * error * 10**digits >= 20  # one digit of an error is enough above 2
-    return f"{times * value:.{digits}f} ± {times * error:.{digits}f}{unit}"
+    digits = decimals(times * error)
+    model = "" if model_error is None else f" (± {float(f'{times * model_error:.2g}'):g})"
+    return f"{times * value:.{digits}f} ± {times * error:.{digits}f}{model}{unit}"
+
+
+def decimals(error: float) -> int:
+    """How many decimals a value with this standard error is worth, which is above zero and finite."""
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    return digits - (digits > 0 and error * 10**digits >= 20)  # one digit of an error is enough above 2
 
 
 def plausible_range(parameter: Parameter) -> str:

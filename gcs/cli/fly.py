@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 PLANTS = ("hover", "hover-ideal", "forward")
 THEMES = ("dark", "light", "sun", "contrast")
+FASTEST = 1000.0
+"""A replay."""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -40,6 +42,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def _add_flight(parser: argparse.ArgumentParser) -> None:
     """What is flown, where to connect, where results go."""
     parser.add_argument("flight", nargs="?", metavar="FLIGHT", help="a flight folder or a log to open at once")
+    parser.add_argument(
+        "--replay",
+        nargs="?",
+        type=_speed,
+        const=1.0,
+        metavar="SPEED",
+        help="watch FLIGHT again on the Fly screen, so many times as fast as it was (default 1); nothing is connected",
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--connect",
@@ -112,6 +122,17 @@ def _add_screen(parser: argparse.ArgumentParser) -> None:
     add_serve_options(parser)
 
 
+def _speed(word: str) -> float:
+    """How many times as fast."""
+    try:
+        speed = float(word.removesuffix("x"))
+    except ValueError:
+        speed = 0.0
+    if not 0.0 < speed <= FASTEST:
+        raise argparse.ArgumentTypeError(f"{word}: a speed above 0 up to {FASTEST:g} is wanted, such as 4")
+    return speed
+
+
 def run(args: argparse.Namespace) -> int:
     """Exit status 0, or 1 where the app itself failed. Raises TippathError where the app cannot begin."""
     _require_words(args)
@@ -131,7 +152,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.tui.speaking import Speaker, voice
 
     connection = _connection(args)
-    first = "runs" if args.flight is not None else "connect" if connection is NOWHERE else "fly"
+    opened = args.flight if args.replay is None else None
+    first = "runs" if opened is not None else "connect" if connection is NOWHERE else "fly"
     with contextlib.ExitStack() as ends:
         worker = Reconnecting(
             connection,
@@ -143,19 +165,17 @@ def run(args: argparse.Namespace) -> int:
             key=args.key,
             system=args.system,
         )
-        speaker = None if args.say is None else Speaker(voice(args.say))
-        if speaker is not None:
-            ends.callback(speaker.close)
+        say = None if args.say is None else ends.enter_context(contextlib.closing(Speaker(voice(args.say)))).say
         ends.callback(_close, worker)
         app = TippathApp(
             worker,
             args.plot,
             bell=not args.no_bell,
-            say=None if speaker is None else speaker.say,
+            say=say,
             theme=args.theme,
             connections=worker,
             first=first,
-            flight=args.flight,
+            flight=opened,
         )
         gc.collect()
         gc.freeze()  # a full collection over all that was imported stops the keys for a tenth of a second
@@ -174,6 +194,8 @@ def _require_words(args: argparse.Namespace) -> None:
 
     Raises UsageError or TippathError.
     """
+    if args.replay is not None and (args.flight is None or args.connect is not None or args.sim is not None):
+        raise UsageError("--replay watches a FLIGHT again: name its folder or log before it, and leave out a vehicle")
     if args.sim is None and (args.seed is not None or args.on_ground):
         raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
     from gcs.cards.maneuver import load_card
@@ -208,8 +230,10 @@ def _asked(args: argparse.Namespace) -> str:
 
 def _connection(args: argparse.Namespace) -> Connection:
     """Where to connect to first."""
-    from gcs.tui.connections import NOWHERE, simulated, typed
+    from gcs.tui.connections import NOWHERE, Connection, simulated, typed
 
+    if args.replay is not None:
+        return Connection(name="replay", replay=Path(args.flight).expanduser(), speed=args.replay)
     if args.connect is not None:
         return typed(args.connect)
     return NOWHERE if args.sim is None else simulated(args.sim, seed=args.seed, on_ground=args.on_ground)

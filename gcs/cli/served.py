@@ -78,13 +78,14 @@ def serve(args: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     _require_token(host, token)
     guard = Guard(host, args.serve, token)
     served = Served(app_words(again(args, parser)), environment_without(TOKEN_VARIABLE), say=_say)
-    shown = "127.0.0.1" if host == "0.0.0.0" else host
-    _say(f"serving on http://{shown}:{args.serve}{'' if token is None else f'/?token={token}'}; Ctrl-C ends it")
+    shown = LOOPBACK if host == "0.0.0.0" else host
+    about = f"serving on http://{shown}:{args.serve}{'' if token is None else f'/?token={token}'}; Ctrl-C ends it"
     try:
-        web.run_app(application(served, guard), host=host, port=args.serve, print=None)
+        web.run_app(application(served, guard), host=host, port=args.serve, print=lambda *_: _say(about))
     except OSError as error:
+        why = str(error) if error.errno is None else os.strerror(error.errno)
         raise TippathError(
-            f"port {args.serve} of {host} cannot be served ({error.strerror or error}); choose another: --serve 8001"
+            f"port {args.serve} of {host} cannot be served ({why.lower()}); choose another: --serve 8001"
         ) from error
     return 0
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from gcs.analysis.following import Following, measure_following
 from gcs.cards.maneuver import load_card
+from gcs.demo.discovery import Discovery, discover
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.errors import TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
@@ -69,6 +70,7 @@ class Demonstration:
     lqr_flown: SweepResult
     following: tuple[Following, ...]
     reverted: RevertResult
+    discovery: Discovery
     duration_s: float
 
     def tables(self) -> str:
@@ -86,6 +88,9 @@ class Demonstration:
             f"reverted to {checksum(self.reverted.crc)} after the flight",
             "following the rate command with the LQR",
             *(f"  {one.words}" for one in self.following),
+            "",
+            "what TPP lacks here",
+            self.discovery.text,
             "",
             f"{self.folder.log}: {len(self.flown.runs)} runs, {self.flown.missing_blocks} blocks missing, "
             f"byte for byte {self.on_board}",
@@ -123,6 +128,7 @@ class Demonstration:
             "reverted_to": self.reverted.crc,
             "reverted_to_checksum": checksum(self.reverted.crc),
             "following": [one.to_json() for one in self.following],
+            "discovery": self.discovery.to_json(),
             "files": sorted(p.name for p in self.folder.path.iterdir() if p.is_file()),
             "duration_s": round(self.duration_s, 1),
         }
@@ -180,13 +186,12 @@ def fly_demo(
         lqr_flown=closed_loop.flown,
         following=closed_loop.following,
         reverted=closed_loop.reverted,
+        discovery=_discovered(identified, tell),
         duration_s=time.monotonic() - began,
     )
     tell("writing the report")
     save_results(demonstration, identified.records)
-    if not all(one.follows for one in demonstration.following):
-        words = "; ".join(one.words for one in demonstration.following)
-        raise DemoError(f"the vehicle does not follow the LQR's rate command: {words}")
+    require_followed(demonstration.following)
     return demonstration
 
 
@@ -229,6 +234,13 @@ class _Identified:
     records: Sequence[Record]
     gains: tuple[Gains, ...]
     """The gentle ones first."""
+
+
+def _discovered(found: _Identified, tell: Say) -> Discovery:
+    """What the fit of the flight lacks, and the error with it."""
+    from gcs.analysis.fits import split_runs
+
+    return discover(found.identification.tpp, *split_runs(found.records), tell)
 
 
 def _identified(folder: FlightFolder, vehicle: SimulatedVehicle, tell: Say) -> _Identified:
@@ -291,6 +303,13 @@ def require_flown(result: SweepResult, aborted: Callable[[], str | None]) -> Non
         raise DemoError(f"{result.missing_blocks} blocks of the log are missing in {result.folder.log}")
     if not result.recording.complete:
         raise DemoError(f"the log in {result.folder.log} is not complete: {'; '.join(result.recording.problems)}")
+
+
+def require_followed(following: Sequence[Following]) -> None:
+    """The vehicle follows the rates that the LQR is asked for. Raises DemoError."""
+    if not all(one.follows for one in following):
+        words = "; ".join(one.words for one in following)
+        raise DemoError(f"the vehicle does not follow the LQR's rate command: {words}")
 
 
 def require_same_bytes(log: Path, directory: Path) -> Path:

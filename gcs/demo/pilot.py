@@ -71,9 +71,14 @@ class SimulatedVehicle:
         command += ["--seed", str(seed)] if seed is not None else []
         command += ["--on-ground"] if on_ground else []
         command += ["--loss", str(loss)] if loss else []
-        directory.mkdir(parents=True, exist_ok=True)
         self._errors = directory / "vehicle.err"
-        with self._errors.open("wb") as errors:
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            errors = self._errors.open("wb")
+        except OSError as error:
+            told = f"{directory} cannot be written ({error.strerror or error}); choose another folder with -o DIR"
+            raise PilotError(f"the simulated vehicle keeps its logs there, and cannot start: {told}") from error
+        with errors:
             self._process = subprocess.Popen(
                 [*command, *more],
                 stdin=subprocess.PIPE,

@@ -40,6 +40,7 @@ CALM = 0.3
 CENTRED = 0.25
 """Of full command: more trim leaves too little room on one side."""
 LOW_BATTERY = 0.25
+EMPTY_BATTERY = 0.05
 AGAIN = ", then fly this again"
 
 
@@ -74,13 +75,21 @@ def flying(snapshot: VehicleSnapshot, profile: VehicleProfile | None) -> tuple[C
     if profile is not None:
         checks.append(_mode(snapshot, profile))
     if snapshot.battery_remaining is not None or snapshot.battery_v is not None:
-        volts = "" if snapshot.battery_v is None else f"{snapshot.battery_v:.1f} V"
-        left = "" if snapshot.battery_remaining is None else f" {100 * snapshot.battery_remaining:.0f} %"
-        low = snapshot.battery_remaining is not None and snapshot.battery_remaining < LOW_BATTERY
-        checks.append(Check("battery", (volts + left).strip() + (": too low, land" if low else ""), not low))
+        checks.append(_battery(snapshot))
     if snapshot.other_stations:
         checks.append(Check("stations", f"{snapshot.other_stations} other ground station(s) on this link"))
     return tuple(checks)
+
+
+def _battery(snapshot: VehicleSnapshot) -> Check:
+    """What is left, and what to do where that is too little."""
+    volts = "" if snapshot.battery_v is None else f"{snapshot.battery_v:.1f} V"
+    left = "" if snapshot.battery_remaining is None else f" {100 * snapshot.battery_remaining:.0f} %"
+    told = (volts + left).strip()
+    if snapshot.battery_remaining is None or snapshot.battery_remaining >= LOW_BATTERY:
+        return Check("battery", told)
+    empty = "empty" if snapshot.battery_remaining < EMPTY_BATTERY else "low"
+    return Check("battery", f"{empty} ({told}): {'land and ' if snapshot.armed else ''}change it", False)
 
 
 def _mode(snapshot: VehicleSnapshot, profile: VehicleProfile) -> Check:

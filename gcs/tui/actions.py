@@ -50,9 +50,10 @@ PILOT = (
 )
 """The simulated pilot's."""
 HELP = Act("question_mark,f1", "app.screen('help')", "help", "what the keys do", "?")
-GUIDE = Act("g,G", "app.guide", "guide", "the guide: a line at a time says what you see; again, and it is gone")
+GUIDE = Act("f3", "app.guide", "guide", "the guide: a line at a time says what you see; again, and it is gone", "F3")
 NOTE = Act("n,N", "app.note", "note", "write a note, with the time of flight")
 REVEAL = Act("z,Z", "app.reveal", "", "open the sealed answer of a hidden effect")
+REPLAY = Act("f4", "app.replay_open", "replay", "watch the flight that is open again, on Fly, at any speed", "F4")
 QUIT = Act("q,Q", "app.leave", "quit", "quit", "q")
 ANYWHERE = (
     Act("f12", "app.abort", "abort", "abort: back to the mode before the run", "F12/space"),
@@ -61,6 +62,7 @@ ANYWHERE = (
     QUIT,
     Act("f2", "app.palette", "all keys", "every action of every screen", "F2"),
     GUIDE,
+    REPLAY,
 )
 """At the end of every screen's footer, as far as there is room."""
 SCROLL = (

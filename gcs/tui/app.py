@@ -21,7 +21,7 @@ from gcs.errors import TippathError
 from gcs.flight.folder import flight_of
 from gcs.link.decode import sanitise
 from gcs.tui import themes
-from gcs.tui.actions import GUIDE, NOTE, PILOT, REVEAL, bindings
+from gcs.tui.actions import GUIDE, NOTE, PILOT, REPLAY, REVEAL, bindings
 from gcs.tui.ask_from import AskFrom
 from gcs.tui.asked_card import AskedCard, offered_cards
 from gcs.tui.base import Dialog, Page
@@ -37,7 +37,7 @@ from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
 from gcs.tui.plot import Style
 from gcs.tui.report import ReportScreen
-from gcs.tui.state import State
+from gcs.tui.state import State, as_flown
 from gcs.tui.worker import AppWorker
 
 LOOKS_PER_S = 12.0
@@ -68,7 +68,7 @@ class TippathApp(FieldApp):
         Binding("f1", "screen('help')", "help", priority=True),
         Binding("f2,ctrl+p", "palette", "all keys"),
         Binding("f9", "theme", "colours", priority=True),
-        *bindings((NOTE, GUIDE, REVEAL)),
+        *bindings((NOTE, GUIDE, REVEAL, REPLAY)),
         Binding("escape,k,K", "cancel", "call off"),
         Binding("q,Q", "leave", "quit"),
         Binding("ctrl+q", "leave", "quit", show=False, priority=True),
@@ -137,7 +137,7 @@ class TippathApp(FieldApp):
         state = self.worker.state()
         before, self._seen = self._seen, state
         if before is not None:
-            self.call_out(calls(before, state))
+            self.call_out(calls(as_flown(before), as_flown(state)))
         for screen in self.screen_stack:
             if isinstance(screen, ConnectScreen):
                 screen.offer(self._connections, "" if self.connections is None else self.connections.connection.name)
@@ -309,6 +309,15 @@ class TippathApp(FieldApp):
             "to it, the vehicle acts on that. Nothing else changes: the pilot has it.",
         )
         self.confirm("Leave this vehicle?", lines, "connecting", do)
+
+    def action_replay_open(self) -> None:
+        """Watch the flight that is open again; a link is left for it, as for another link."""
+        path = self.worker.state().desk.path
+        if path is None or self.connections is None:
+            self.notice("no flight is open: 3, then O opens one")
+            return
+        self.connect_to(Connection(name=f"replay of {path.name}", replay=path))
+        self.call_later(self.action_screen, "fly")
 
     # Gains.
 

@@ -255,7 +255,7 @@ def guide_lines(state: State, name: str, width: int) -> list[Line]:
     """What the guide says, and the word that ends it, which can be pressed."""
     leave = f"{GUIDE.key} leaves"
     lines = words.notice_lines(guide_words(state, name), width - len(leave) - 2, GUIDE_LINES)
-    first = words.justified(lines[0], leave, width)
+    first = words.justified(lines[0], leave, width - 1)
     return [
         Content.assemble((first[: -len(leave)], "italic"), pressed(leave, GUIDE.action, "italic")),
         *((line, "italic") for line in lines[1:]),

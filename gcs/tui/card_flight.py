@@ -31,7 +31,7 @@ from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
 from gcs.tui import state as view
 from gcs.tui.asked_card import SHOWN_FIRST, AskedCard, asked_card
-from gcs.tui.card_views import BEFORE, flown_before, outcome, view_of, views
+from gcs.tui.card_views import BEFORE, flown_before, outcome, progress_view, view_of, views
 from gcs.tui.logbook import Logbook
 from gcs.tui.moment import Moment
 from gcs.tui.so_far import FitsSoFar
@@ -439,7 +439,7 @@ class CardFlight:
                     self._moment.set(said=f"{progress.ending.value}: {progress.reason}")
             self._moment.set(
                 stage=stage,
-                progress=view.Progress(progress.elapsed_s, duration, progress.frequency_hz, progress.plan.words),
+                progress=progress_view(progress),
                 use=progress.use,
             )
 

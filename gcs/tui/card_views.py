@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from gcs.cards.maneuver import CardRun, TestCard
 from gcs.flight.resume import Earlier
-from gcs.flight.run import RunResult
+from gcs.flight.run import RunProgress, RunResult
 from gcs.flight.run_state import Ending
-from gcs.tui.state import Mark, RunView
+from gcs.tui.state import Mark, Progress, RunView, Swept
 
 BEFORE = "flown before"
 
@@ -25,6 +25,15 @@ def outcome(result: RunResult) -> tuple[Mark, tuple[str, ...], str]:
         return Mark.AGAIN, ("; ".join(verdict.reasons), *verdict.figures), verdict.words
     words = f"{result.ending.value}: {result.reason}"
     return Mark.AGAIN, (words,), words
+
+
+def progress_view(progress: RunProgress) -> Progress:
+    """How far a run is; of a chirp, how far along its frequencies."""
+    maneuver, hertz = progress.plan.maneuver, progress.frequency_hz
+    swept = None
+    if maneuver.kind == "chirp" and hertz is not None:
+        swept = Swept(maneuver.axis, maneuver.f_start_hz, maneuver.f_stop_hz, hertz)
+    return Progress(progress.elapsed_s, maneuver.duration_s, hertz, progress.plan.words, swept)
 
 
 def views(card: TestCard, earlier: Earlier | None = None) -> tuple[RunView, ...]:

@@ -24,7 +24,7 @@ class ConnectScreen(Scrolled):
         Act("down", "move(1)", "", "mark the line below", "down"),
         Act("enter", "go", "begin", "begin with the marked line", "enter"),
         Act("a,A", "app.type_link", "link", "type a link"),
-        Act("r,R", "app.look_for_connections", "look", "look again for serial ports"),
+        Act("g,G", "app.look_for_connections", "look", "look again for serial ports"),
         Act("c,C", "check", "check", "what to set before flying, and back"),
         Act("t,T", "app.take_over", "", "take another address that speaks as the vehicle for it"),
         Act("o,O", "app.open_flight", "open", "open a flight folder or a log"),

@@ -13,7 +13,7 @@ from gcs.link.transport import parse_link
 from gcs.tui.connections import Connection
 from gcs.tui.desk_words import Line, broken
 from gcs.tui.pressing import pressed
-from gcs.tui.state import Stage, State
+from gcs.tui.state import STARTING, Stage, State
 from gcs.tui.words import connection_words, fitted, justified, sanitise_line
 from gcs.vehicle.autopilots import AUTOPILOTS, KINDS, PRIMARY_SYSTEM
 from gcs.vehicle.snapshot import VehicleSnapshot
@@ -159,6 +159,9 @@ def _stations(state: State, vehicle: VehicleSnapshot) -> str:
 def _checks(state: State) -> list[Line]:
     """What to look at, for the kind of link."""
     if state.simulated:
-        return ["   the simulated vehicle takes some seconds to start"]
+        waits = (
+            "takes some seconds to start" if state.trouble == STARTING else "is not there: choose a line to begin again"
+        )
+        return [f"   the simulated vehicle {waits}"]
     link = parse_link(state.link)
     return ["   check:", *(f"   - {text.format(port=link.port)}" for text in TO_CHECK[link.kind])]

@@ -45,6 +45,10 @@ class Connection:
     """To be flown there; empty for the one that was asked for."""
     guided: bool = False
     """With a guide that explains what is seen."""
+    replay: Path | None = None
+    """A recorded flight to watch again, in place of a link;"""
+    speed: float = 1.0
+    """so much faster than it was."""
     flight: Path | None = None
     """A flight folder or log to open, in place of a link."""
 

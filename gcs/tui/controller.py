@@ -30,8 +30,6 @@ class ControllerScreen(Split):
     ACTS = (
         Act("up", "choose_by(-1)", "", "the slider above", "up"),
         Act("down", "choose_by(1)", "", "the slider below", "down"),
-        Act("left", "slide_here(-1)", "less", "less of the marked slider", "left"),
-        Act("right", "slide_here(1)", "more", "more of the marked slider", "right"),
         Act("d,D", "app.work('design')", "design", "keep the gains that the sliders make"),
         Act("s,S", "app.work('shadow')", "shadow", "the gains over the chosen runs, without authority"),
         Act("p,P", "app.push", "push (asks)", "push the gains to the vehicle"),
@@ -39,6 +37,8 @@ class ControllerScreen(Split):
         Act("f,F", "app.work('prove')", "flown", "this flight against what its gains promised"),
         VIEW,
         Act("x,X", "axis(1)", "axis", "the answer of the other axis, or the next run that was flown"),
+        Act("left", "slide_here(-1)", "less", "less of the marked slider", "left"),
+        Act("right", "slide_here(1)", "more", "more of the marked slider", "right"),
         Act("w,W", "app.weigh", "", "type an input cost"),
         Act("0", "usual", "", "the sliders where the paper has them"),
         Act("pagedown", "scroll(5)", "", "scroll down", "page down"),

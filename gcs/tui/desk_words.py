@@ -13,7 +13,7 @@ from textual.style import Style as TextStyle
 from gcs.analysis.ladder import short_names
 from gcs.analysis.text.blocks import Blocks, spaced
 from gcs.analysis.text.findings import finding_text, suspicion_text
-from gcs.desk.state import Choice, DeskState, Nrmse, Rung
+from gcs.desk.state import DeskState, Nrmse, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.next_step import chosen_anew, full_name
 from gcs.tui.ranking_words import unanswered
@@ -68,40 +68,12 @@ def fit_title(state: State, width: int) -> tuple[str, str]:
     if desk.path is None:
         return flight_line(state, width)
     text = f" {sanitise(desk.path.name or str(desk.path))} · base {sanitise(desk.base.words)}"
-    if desk.ladder:
-        name, percent = sanitise(desk.ladder[0].name), desk.ladder[0].nrmse_percent
-        text += f" · {name}: NRMSE p {percent['p']:.1f}  q {percent['q']:.1f} %"
+    if desk.current is not None:
+        percent = desk.current.nrmse_percent
+        text += f" · {full_name(desk)}: NRMSE p {percent['p']:.1f}  q {percent['q']:.1f} %"
     if chosen_anew(desk):
         text += " · OF OTHER RUNS OR BASE THAN CHOSEN NOW"
     return (fitted(text, width), "bold")
-
-
-def fit_lines(state: State, width: int) -> list[Line]:
-    """The tables; warnings before them, because they say whether to read them."""
-    found = state.fitted
-    if found is None:
-        runs = state.desk.chosen(Choice.FIT)
-        chosen = [f"   {run.id} {run.axis or ''} {run.maneuver}" for run in runs]
-        return broken(["", " nothing is fitted yet", *([" chosen to be fitted:", *chosen] if chosen else [])], width)
-    lines: list[Line] = [
-        f" fitted on {_runs(found.runs)}",
-        f" judged on {_runs(found.validation) or 'the same runs: none was left to judge'}",
-    ]
-    lines += [(f" warning: {text}", "bold") for text in found.warnings]
-    lines += ["", *(f" {line}" for line in found.tables.splitlines())]
-    if found.commands:
-        lines += ["", " the same in a shell:", *(f"   {command}" for command in found.commands)]
-    return broken(lines, width)
-
-
-def _runs(ids: Sequence[str]) -> str:
-    """`flight.BIN#1, #2, #5`: a log's name once."""
-    said, last = [], ""
-    for one in ids:
-        log, mark, number = one.rpartition("#")
-        said.append(f"#{number}" if mark and log == last else one)
-        last = log
-    return ", ".join(said)
 
 
 # ------------------------------------------------------------------------------------------------ comparison
@@ -197,7 +169,7 @@ def report_lines(state: State, audit: Sequence[str], width: int) -> list[Line]:
     desk = state.desk
     lines: list[Line] = []
     if desk.report is not None:
-        lines += [(f" the page: {desk.report}", "bold")]
+        lines += [(f" the page: {desk.report}", "bold"), " for paper, as PDF: its command below with --pdf"]
     elif desk.path is not None:
         lines += [" no page is written yet"]
     if desk.home is not None:

@@ -46,9 +46,14 @@ class FieldApp(DeskApp):
             self.bell()
             for after_s in call.pattern:
                 self.set_timer(after_s, self.bell)
-        if self._say is not None:
-            for one in found:
-                self._say(one.words)
+        if self._say is not None and found:
+            self._say(", ".join(one.words for one in found))
+
+    def action_replay(self, wish: str) -> None:
+        """Move in a flight that is watched again."""
+        self._problem = ""
+        self.worker.replay(wish)
+        self.look()
 
     # Notes.
 

@@ -1,8 +1,8 @@
-"""Fit: the flight's chosen runs, fitted by the functions that the command line uses, beside the paper's numbers."""
+"""Fit: the flight's chosen runs, fitted: what decides first, of the model whose curves stand beside it."""
 
 from __future__ import annotations
 
-from gcs.tui import desk_words
+from gcs.tui import desk_words, fit_words
 from gcs.tui.actions import Act
 from gcs.tui.base import READ, TALL, VIEW, Split
 from gcs.tui.draw_desk import Look, run_strips
@@ -13,7 +13,7 @@ from gcs.tui.widgets.traces import Traces
 
 
 class FitScreen(Split):
-    """TPP, CD and the CD that the TPP reduces to; strips of a run with the model over it."""
+    """The top rung's figures, then TPP, CD and the CD that the TPP reduces to; strips of a run with models over it."""
 
     NAME = "Fit"
     VIEWS = ("tables", "strips")
@@ -23,6 +23,7 @@ class FitScreen(Split):
         Act("m,M", "app.choose_base", "model", "choose the base model"),
         VIEW,
         Act("r,R", "run(1)", "run", "show the next run"),
+        Act("g,G", "beside(1)", "models", "set another model beside: the rung below, the other base, all"),
         Act("o,O", "app.open_flight", "", "open another flight"),
         *READ,
     )
@@ -30,6 +31,7 @@ class FitScreen(Split):
     def __init__(self, style: Style) -> None:
         super().__init__(style)
         self.part = 0
+        self.beside = 0
 
     @property
     def keys(self) -> str:
@@ -45,15 +47,20 @@ class FitScreen(Split):
         """Another run."""
         self.part += step
 
+    def action_beside(self, step: int) -> None:
+        """Another model over the measurement."""
+        self.beside += step
+        self.view = 1
+
     def show_body(self, state: State, width: int) -> None:
         rung = state.desk.current
         self.lay_out(rung is not None and rung.comparison is not None)
         title = self.query_one("#title", Lines)
         title.show([desk_words.fit_title(state, width)])
         height = self.size.height
-        if not self.changed(state.desk, self.part, width, height, self.text_width):
+        if not self.changed(state.desk, self.part, self.beside, width, height, self.text_width):
             return
-        self.put_text(desk_words.fit_lines(state, self.text_width))
-        plot = run_strips(state.desk, Look(part=self.part, both=height >= TALL))
+        self.put_text(fit_words.fit_lines(state, self.text_width))
+        plot = run_strips(state.desk, Look(part=self.part, beside=self.beside, both=height >= TALL))
         if plot is not None:
             self.put_plot(plot, f"{self.part}")

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 from textual.content import Content
 
 from gcs.desk.state import DeskState
@@ -21,7 +22,7 @@ from gcs.tui.words import bank_line, fitted
 if TYPE_CHECKING:
     from gcs.analysis.clearance import Clearance
     from sysid.control.judgement import Judgement, Limits, OnModel, Quantity
-    from sysid.control.loop import Following
+    from sysid.control.loop import Answer, Following
 
 NAME, COLUMN = 18, 17
 FAILS, POOR = "bold $text-error", "bold $text-warning"
@@ -134,7 +135,7 @@ def _rows(limits: Limits) -> list[tuple[str, str, Cell]]:
     """Name, what is asked, and the cell of a column on its n-th model."""
     return [
         ("gain margin", f"{limits.gain_db:g} dB or more", _margin("gain_db", 1, " dB")),
-        ("phase margin", f"{limits.phase_deg:g}° or more", _margin("phase_deg", 0, "°")),
+        ("phase margin", f"{limits.phase_deg:g} deg or more", _margin("phase_deg", 0, " deg")),
         ("delay margin", f"{limits.delay_ms:g} ms or more", _margin("delay_ms", 0, " ms")),
         ("rise roll/pitch", "", _rise),
         ("overshoot", f"{100 * limits.overshoot:g} % or less", _answer("overshoot", 100.0, " %")),
@@ -180,8 +181,15 @@ def _rise(one: Column, number: int) -> _Cell:
     found = one.following if number == 0 else None
     if found is None:
         return _Cell("-")
-    each = ["never" if axis.rise_s is None else f"{1000 * axis.rise_s:.0f}" for axis in (found.roll, found.pitch)]
-    return _Cell(f"{each[0]} / {each[1]} ms")
+    roll, pitch = (_risen(axis) for axis in (found.roll, found.pitch))
+    return _Cell(f"{roll} / {pitch} ms")
+
+
+def _risen(answer: Answer) -> str:
+    """ms until nine tenths of what is asked; or how much of it is ever reached."""
+    if answer.rise_s is not None:
+        return f"{1000 * answer.rise_s:.0f}"
+    return f"max {100 * float(np.max(np.abs(answer.own)) / np.max(np.abs(answer.asked))):.0f} %"
 
 
 def _verdict(one: Column) -> _Cell:

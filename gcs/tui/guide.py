@@ -1,6 +1,6 @@
 """The guided first flight: at every moment one or two lines that say what is seen, and which key is next.
 
-Pure: a moment and a screen give a sentence. Nothing is ever pressed for the user, and G leaves it anywhere.
+Pure: a moment and a screen give a sentence. Nothing is ever pressed for the user, and F3 leaves it anywhere.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _flying(state: State) -> str:
     if progress is None or progress.elapsed_s < 0.35 * progress.duration_s:
         return "A sine on the stick that grows faster: the sweep. The strips answer; the pilot only holds position."
     if progress.elapsed_s < 0.7 * progress.duration_s:
-        return "The bars are the run's peaks against the card's limits: at 100 % it is aborted. The bell rang half way."
+        return "The bars: the run's peaks against the card's limits; 100 % aborts it. The bell rings twice half way."
     return "Above some hertz the answer shrinks: there the rotor decides. F12 would end it; else the bell does."
 
 
@@ -108,7 +108,7 @@ def _of_desk(state: State, screen: str) -> str:
         case "Controller":
             return "D designs a controller on the model and says how much gain and delay it bears; 9 ends in a page."
         case _:
-            return "W writes one page with all of it. That was the way from a sweep to its cause: G ends the guide."
+            return "W writes one page with all of it. That was the way from a sweep to its cause: F3 ends the guide."
 
 
 def _fit(desk: DeskState) -> str:

@@ -48,8 +48,8 @@ the order of the work
 keys everywhere, none of them with two at once
   F12            abort, as above
   1 ... 9  ?     the screens; F1 is help, too; escape leaves it
-  N              a note     G  the guide     Z  the sealed answer of a hidden effect
-  F2             every action of every screen, by name
+  N              a note     F3  the guide     Z  a hidden effect's sealed answer
+  F2             every action of every screen, by name     F4  a replay
   K, escape      call off a fit, a diagnosis, whatever is worked on
   F9             other colours: black on white for the sun, high contrast
   q              quit; during a run it asks, and aborts first
@@ -93,6 +93,9 @@ last one come those that were not kept; E ends the card.
 
 percentages are the run's peaks against the card's limits; beyond 100 the run
 is aborted.
+
+the bar of a chirp is its frequencies, each as high as the rate has followed
+there so far (coherence); of other runs it is time.
 
 the strips show 20 s; each column holds the least and the largest sample of
 its time, so no peak is lost. Before R they show telemetry, from R on the log.

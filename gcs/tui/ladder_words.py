@@ -7,6 +7,7 @@ from gcs.analysis.text.blocks import spaced
 from gcs.desk.state import DeskState, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.desk_words import KEYS, TO_TYPE, Line, broken, candidates, indented, pair, short_name
+from gcs.tui.fit_words import MARKS
 from gcs.tui.ranking_words import candidates_of
 from gcs.tui.words import fitted, justified
 
@@ -15,7 +16,6 @@ VERDICTS = {
     "unexplained": " ? unexplained: no known effect does it",
     "missing": " ○ something is missing still",
 }
-MARKS = {True: "✓", False: "✗", None: "?"}
 
 
 def status_lines(desk: DeskState, width: int) -> list[Line]:

@@ -30,7 +30,7 @@ class LogFetching:
 
         def on_progress(progress: Progress) -> None:
             if self._off.is_set():
-                raise TippathError("fetching was called off; what came is kept, and G goes on with it")
+                raise TippathError("fetching was called off; what came is kept, and I goes on with it")
             if progress.lost_s is not None:
                 say(f"link lost for {progress.lost_s:.0f} s, waiting")
             elif progress.rate is not None and progress.left_s is not None:  # else it is only looked at

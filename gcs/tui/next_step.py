@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs.desk.state import Choice, DeskState, Rung
 from gcs.link.decode import sanitise
-from gcs.tui.state import FETCHING, Mark, RunView, Stage, State
+from gcs.tui.state import FETCHING, STARTING, Mark, RunView, Stage, State
 from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
 from gcs.vehicle.snapshot import VehicleSnapshot
 
@@ -14,6 +14,8 @@ ON_VEHICLE = ("Connect", "Fly", "Controller", "help")
 
 def next_words(state: State, screen: str) -> str:
     """What to do now."""
+    if state.replay is not None and screen in ("Fly", "Connect"):
+        return _next_replay(state, screen)
     if state.lost and state.stage in (Stage.FLYING, Stage.ABORTING):
         return "the PILOT ends it with the transmitter; F12 sends a stop unheard"
     if state.stage is Stage.FLYING and screen != "Fly":
@@ -45,6 +47,12 @@ def next_words(state: State, screen: str) -> str:
             return _next_fly(state, state.vehicle)
 
 
+def _next_replay(state: State, screen: str) -> str:
+    if screen == "Connect":
+        return "a REPLAY is watched (2): no vehicle is listened to; choose a line to leave it"
+    return "REPLAY, nothing is sent: P pauses, left/right 5 s, up/down a run, + - speed"
+
+
 def _wait(state: State, screen: str) -> str:
     desk = state.desk
     asked = desk.ranking is not None and not desk.ranking.over
@@ -72,6 +80,8 @@ def _of_vehicle(state: State, screen: str) -> str:
             return ""  # gains are designed without a vehicle
         if not state.link:
             return "up/down and enter choose where to connect; A types a link" if screen == "Connect" else "1 connects"
+        if state.simulated and state.trouble not in (None, STARTING):
+            return "the simulated vehicle did not start: 1 begins again, or with another folder (-o DIR)"
         return "wait for the vehicle" + ("" if state.simulated or screen == "Connect" else ", or 1 for another link")
     if state.lost:
         return "nothing is heard: check power, radio, cable; nothing restarts by itself"
@@ -118,15 +128,17 @@ def _next_idle(state: State, vehicle: VehicleSnapshot | None) -> str:
     to_fit = any(run.mark is Mark.KEEP and run.kind == "chirp" for run in state.runs)
     if vehicle is None or not vehicle.armed:
         if to_fit:
-            return "3 shows the runs that were flown, 4 fits them"
+            return "3 shows the runs that were flown; 4, then F fits them"
         return "T: the simulated pilot takes off" if state.simulated else "the pilot arms, takes off and hovers; then R"
     if vehicle.mode == SYSTEMID:
         return "an excitation runs that this app did not start; F12 ends it"
     if vehicle.mode in BY_ITSELF:
         flies = f"{sanitise(vehicle.mode_name)} flies it"
-        return f"{flies}; 3 shows the runs, 4 fits them" if to_fit else f"{flies}; R once the pilot has it again"
+        return (
+            f"{flies}; 3 shows the runs; 4, then F fits them" if to_fit else f"{flies}; R once the pilot has it again"
+        )
     if to_fit:
-        return "3 shows the runs, 4 fits them; R flies the card again into a new folder"
+        return "3 shows the runs; 4, F fits them; R flies the card again into a new folder"
     if any(run.mark in (Mark.KEEP, Mark.AGAIN) for run in state.runs):
         return "R flies the card again into a new folder (nothing moves yet)"
     return "R makes the first run ready (nothing moves yet)"
@@ -142,7 +154,7 @@ def _next_runs(state: State) -> str:
     if not fitted:
         return "F uses a run to fit: at least a roll and a pitch chirp"
     with_judges = (
-        f", judged on {len(judged)} other{'s' if len(judged) > 1 else ''}" if judged else "; V on a run lets it judge"
+        f", checked on {len(judged)} other{'s' if len(judged) > 1 else ''}" if judged else "; V on a run lets it judge"
     )
     return f"4 fits {len(fitted)} run{'s' if len(fitted) > 1 else ''}{with_judges}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gcs.tui.actions import GUIDE, HELP, NOTE, QUIT, REVEAL, Act
+from gcs.tui.actions import GUIDE, HELP, NOTE, QUIT, REPLAY, REVEAL, Act
 from gcs.tui.base import Page
 from gcs.tui.compare import CompareScreen
 from gcs.tui.connect import ConnectScreen
@@ -43,6 +43,7 @@ GENERAL = (
     NOTE,
     GUIDE,
     REVEAL,
+    REPLAY,
     Act("k,K", "app.cancel", "", "call off what is being worked on"),
     Act("f9", "app.theme", "", "other colours: dark, black on white for the sun, high contrast, light", "F9"),
     QUIT,

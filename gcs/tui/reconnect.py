@@ -19,6 +19,7 @@ from gcs.flight.live import LiveWindow
 from gcs.flight.session import Session
 from gcs.flight.session_notes import SessionNote
 from gcs.tui.connections import NOWHERE, Connection, connections, vehicle_logs
+from gcs.tui.replay import ReplayWorker
 from gcs.tui.state import State
 from gcs.tui.worker import FlightWorker
 
@@ -89,9 +90,11 @@ class Reconnecting:
         finally:
             self._changing.release()
 
-    def _on(self, connection: Connection) -> FlightWorker:
+    def _on(self, connection: Connection) -> FlightWorker | ReplayWorker:
         start: Callable[[], SimulatedVehicle] | None = None
         self._secret = None
+        if connection.replay is not None:
+            return ReplayWorker(connection.replay, speed=connection.speed, make_desk=self._taken_over)
         if connection.plant is not None:
 
             def start() -> SimulatedVehicle:
@@ -155,6 +158,9 @@ class Reconnecting:
 
     def abort(self) -> None:
         self._now.abort()
+
+    def replay(self, wish: str) -> None:
+        self._now.replay(wish)
 
     def answer(self, number: int, word: str) -> None:
         self._now.answer(number, word)

@@ -20,6 +20,8 @@ from gcs.vehicle.snapshot import VehicleSnapshot
 
 FETCHING = "fetching the log"
 """What is worked on then; a key calls it off."""
+STARTING = "the simulated vehicle is starting"
+"""The trouble that goes by itself."""
 
 
 class Stage(Enum):
@@ -86,6 +88,16 @@ class RunView:
 
 
 @dataclass(frozen=True, slots=True)
+class Swept:
+    """What a chirp sweeps, and how far it is."""
+
+    axis: str
+    low_hz: float
+    high_hz: float
+    at_hz: float
+
+
+@dataclass(frozen=True, slots=True)
 class Progress:
     """The run under way."""
 
@@ -95,6 +107,8 @@ class Progress:
     frequency_hz: float | None
     words: str
     """What is really flown: `Table 1`."""
+    swept: Swept | None = None
+    """Of a chirp that tells its frequency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +121,19 @@ class Bank:
     """What a revert goes back to, where a push or revert has told."""
     switch_on: bool | None
     """Whether the pilot's switch selects the LQR; None where the vehicle does not say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replaying:
+    """A recorded flight that is watched again."""
+
+    name: str
+    at_s: float
+    """From its first sample."""
+    of_s: float
+    speed: float
+    """Of the clock; 1 is as it was."""
+    paused: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,6 +191,8 @@ class State:
     busy: str = ""
     """What is being worked on away from the screen: a fit, a push."""
     bank: Bank | None = None
+    replay: Replaying | None = None
+    """None where a vehicle is watched, or none."""
     secret: Path | None = None
     """Folder with the sealed answer of the simulated vehicle; None where nothing is hidden."""
     commands: tuple[str, ...] = ()
@@ -212,6 +241,15 @@ def tells_both_axes(runs: Sequence[RunView]) -> bool:
     """Whether chirps of roll and of pitch were kept: what TPP is fitted to."""
     kept = [run.label for run in runs if run.mark is Mark.KEEP and run.kind == "chirp"]
     return all(any(label.startswith(axis) for label in kept) for axis in ("roll", "pitch"))
+
+
+def as_flown(state: State) -> State:
+    """The moment of a replay as it was, flying where a run flew; everything else is left as it is.
+
+    Nothing but what is shown and called out takes it so: to all that could act, nothing flies in a replay.
+    """
+    flown = state.replay is not None and state.progress is not None
+    return replace(state, stage=Stage.FLYING) if flown else state
 
 
 def joined(state: State, desk: DeskState) -> State:

@@ -16,7 +16,7 @@ from gcs.link.clock import LOST_AFTER_S
 from gcs.link.decode import sanitise
 from gcs.tui.field_words import minutes
 from gcs.tui.pressing import pressed
-from gcs.tui.state import Stage, State
+from gcs.tui.state import Replaying, Stage, State
 from gcs.tui.words import fitted, justified
 from gcs.vehicle.autopilots import BY_ITSELF, SYSTEMID
 from gcs.vehicle.snapshot import VehicleSnapshot
@@ -68,6 +68,8 @@ def who(state: State) -> str:
 
 def _parts(state: State, level: int) -> list[Part]:
     vehicle = state.vehicle
+    if state.replay is not None:
+        return _replay(state, state.replay, level)
     if vehicle is None:
         return [("NO VEHICLE", ""), (fitted(state.link, 40), "")]
     if vehicle.lost:
@@ -84,6 +86,17 @@ def _parts(state: State, level: int) -> list[Part]:
         return parts
     rotor = _rotor(state, vehicle, level)
     return [*parts, *([(rotor, "")] if rotor else []), battery_part(vehicle, level)]
+
+
+def _replay(state: State, replay: Replaying, level: int) -> list[Part]:
+    """Loudly: what is seen is over, and nothing can be sent."""
+    goes = "PAUSED" if replay.paused else f"{replay.speed:g}x"
+    parts = [("REPLAY", "reverse"), (fitted(sanitise(replay.name), 30 if level < 2 else 12), ""), (goes, "")]
+    parts.append((f"{minutes(replay.at_s)} of {minutes(replay.of_s)}", ""))
+    vehicle = state.vehicle
+    if vehicle is not None and level < 3:
+        parts += [(vehicle.mode_name, ""), *([(_rotor(state, vehicle, 3), "")] if vehicle.rpm is not None else [])]
+    return parts
 
 
 def _armed(state: State, vehicle: VehicleSnapshot, level: int) -> Part:

@@ -20,7 +20,7 @@ from gcs.flight.session import Session
 from gcs.link.procedures import ProcedureError, ReadParameter
 from gcs.tui.air_time import AirTime
 from gcs.tui.moment import Moment
-from gcs.tui.state import Bank, Stage
+from gcs.tui.state import STARTING, Bank, Stage
 from gcs.vehicle.autopilots import ACTIVE_CRC, STABILIZE, SWITCH, SYSTEMID
 from gcs.vehicle.profile import VehicleProfile
 from gcs.vehicle.snapshot import VehicleSnapshot
@@ -145,7 +145,7 @@ class VehicleLink:
     def _conduct(self) -> None:
         try:
             if self._start_vehicle is not None:
-                self._moment.set(trouble="the simulated vehicle is starting")
+                self._moment.set(trouble=STARTING)
                 self._vehicle = self._start_vehicle()
                 self.word = self._vehicle.ground_link
                 self._moment.set(link=self.word)
@@ -154,6 +154,9 @@ class VehicleLink:
                     return
         except TippathError as error:
             self._moment.set(trouble=str(error))
+            return
+        except Exception as error:  # a fault of ours is told, and no vehicle is waited for
+            self._moment.set(trouble=f"the simulated vehicle did not start: {type(error).__name__}: {error}")
             return
         if self.word is None:
             return

@@ -23,6 +23,7 @@ from gcs.tui.plot import Style as PlotStyle
 from gcs.tui.plot import bar
 from gcs.tui.pressing import pressed
 from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State
+from gcs.tui.swept_so_far import coherence_bar
 
 _PLAIN = str.maketrans(
     {
@@ -120,12 +121,14 @@ def card_line(state: State, width: int) -> str:
     return full if cell_len(full) <= width else fitted(text + flown, width)
 
 
-def progress_line(state: State, width: int, style: PlotStyle) -> str:
-    """How far the run is."""
+def progress_line(state: State, width: int, style: PlotStyle, followed: tuple[float | None, ...] = ()) -> str:
+    """How far the run is; `followed`: coherence so far, over the frequencies of the sweep."""
     match state.stage:
         case Stage.FLYING if state.progress is not None:
             run = current(state)
-            return fitted(f" ▶ {_progress(state.progress, amplitude(run), style, 20 if width < 100 else 40)}", width)
+            return fitted(
+                f" ▶ {_progress(state.progress, amplitude(run), _gone(state.progress, width, style, followed))}", width
+            )
         case Stage.ABORTING if state.lost:
             return fitted(" LINK LOST IN THE RUN: nothing is sent until it is heard, unless you press F12", width)
         case Stage.ABORTING:
@@ -154,11 +157,20 @@ def amplitude(run: RunView | None) -> str:
     return "" if run is None else run.size
 
 
-def _progress(progress: Progress, size: str, style: PlotStyle, width: int) -> str:
+def _gone(progress: Progress, width: int, style: PlotStyle, followed: tuple[float | None, ...]) -> str:
+    """Time as a bar; of a sweep its frequencies, each as high as the rate follows it."""
+    if progress.swept is not None and any(value is not None for value in followed):
+        swept = progress.swept
+        name = "coherence " if width >= 100 else ""
+        return f"{name}{swept.low_hz:g} {coherence_bar(followed, style)} {swept.high_hz:g} Hz"
+    share = min(max(progress.elapsed_s / progress.duration_s, 0.0), 1.0) if progress.duration_s else 0.0
+    return bar(share, 20 if width < 100 else 40, style)
+
+
+def _progress(progress: Progress, size: str, gone: str) -> str:
     elapsed = min(max(progress.elapsed_s, 0.0), progress.duration_s)
     left = progress.duration_s - elapsed
-    share = elapsed / progress.duration_s if progress.duration_s else 0.0
-    text = f"{elapsed:4.1f} s of {progress.duration_s:g}  {bar(share, width, style)}  {left:.0f} s left"
+    text = f"{elapsed:4.1f} s of {progress.duration_s:g}  {gone}  {left:.0f} s left"
     return "  ".join(
         [text, *([f"{progress.frequency_hz:.1f} Hz"] if progress.frequency_hz else []), *filter(None, [size])]
     )
@@ -191,11 +203,13 @@ def caution(state: State, width: int) -> str:
 def recording_line(state: State, width: int) -> str:
     """What lands on disk, what is missing, and what a lost link does."""
     vehicle = state.vehicle
+    if state.replay is not None:
+        return fitted(" recorded before, and watched again: nothing is recorded now, and nothing is sent", width)
     parts = []
     if vehicle is not None and vehicle.recording is not None:
-        name = f"{state.flight.name}: " if state.flight is not None and width >= 100 else ""
+        name = "" if width < 100 else "log " if state.flight is None else f"log {state.flight.name}: "
         came = f"{state.samples:,} samples · {vehicle.blocks_open} blocks missing"
-        parts.append(f"log {name}{'on the card, telemetry only' if vehicle.log_on_card else came}")
+        parts.append(f"{name}{'telemetry only, the log stays on the card' if vehicle.log_on_card else came}")
         if vehicle.recording_problem:
             parts[-1] = f"NOT KEPT: {sanitise(vehicle.recording_problem)}"
     else:
@@ -289,6 +303,8 @@ def looked_at(checks: Sequence[Check], width: int, height: int) -> list[str]:
 
 def said_lines(state: State, width: int, height: int) -> list[str]:
     """The last texts of the vehicle, newest last."""
+    if state.replay is not None:
+        return []
     lines = []
     if state.stage in (Stage.READY, Stage.HELD) and state.checks:
         lines = looked_at(state.checks, width, height)

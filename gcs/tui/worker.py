@@ -46,6 +46,9 @@ class AppWorker(Protocol):
     def choose_run(self, number: int) -> None: ...
     def end_card(self) -> None: ...
     def abort(self) -> None: ...
+    def replay(self, wish: str) -> None:
+        """Move in a flight that is watched again; nothing elsewhere."""
+
     def answer(self, number: int, word: str) -> None:
         """To a question of the card's checklist. Raises TippathError."""
 
@@ -141,6 +144,9 @@ class FlightWorker:
 
     def abort(self) -> None:
         self._card.abort()
+
+    def replay(self, wish: str) -> None:
+        """This one is flown."""
 
     def answer(self, number: int, word: str) -> None:
         self._card.logbook.answer(number, word)

@@ -167,13 +167,13 @@ def says_log_failed(text: str) -> bool:
 
 
 _FAILSAFE_ACTIONS: Final = {
-    1: "RETURNS",
-    2: "RETURNS",
-    3: "RETURNS",
-    4: "RETURNS",
-    5: "LANDS",
-    6: "LANDS",
-    7: "BRAKES",
+    1: "returns home",
+    2: "returns home",
+    3: "returns home",
+    4: "returns home",
+    5: "lands",
+    6: "lands",
+    7: "brakes",
 }
 _CONTINUE_PILOT_CONTROL: Final = 16
 """FS_OPTIONS bit 4."""
@@ -184,14 +184,14 @@ class LinkLoss:
     """What the vehicle does when it no longer hears the ground."""
 
     answer: str
-    """`RETURNS after 5 s`, `the sweep RUNS ON (...)`."""
+    """`returns home after 5 s`, `the sweep does NOT stop (...)`."""
     ends_sweep: bool | None
     """None where the vehicle does not tell."""
 
     @property
     def words(self) -> str:
-        """`link lost: RETURNS after 5 s`."""
-        return f"link lost: {self.answer}"
+        """`if the link drops: returns home after 5 s`."""
+        return f"if the link drops: {self.answer}"
 
 
 def link_loss(parameters: Mapping[str, float], station: int) -> LinkLoss:
@@ -200,16 +200,16 @@ def link_loss(parameters: Mapping[str, float], station: int) -> LinkLoss:
     if enabled is None:
         return LinkLoss("the vehicle does not tell what it would do (no FS_GCS_ENABLE)", None)
     if int(enabled) == 0:
-        return LinkLoss("the sweep RUNS ON (FS_GCS_ENABLE 0: the vehicle does not notice)", False)
+        return LinkLoss("the sweep does NOT stop (FS_GCS_ENABLE 0: the vehicle does not notice)", False)
     primary = parameters.get("SYSID_MYGCS", parameters.get("MAV_GCS_SYSID"))
     if primary is not None and int(primary) != station:
         return LinkLoss(
-            f"the sweep RUNS ON (the failsafe listens to station {int(primary)}, this is {station}; "
-            "--primary takes its place)",
+            f"the sweep does NOT stop: the failsafe listens to station {int(primary)}, this is {station} (start with "
+            "--primary)",
             False,
         )
     if int(parameters.get("FS_OPTIONS", 0)) & _CONTINUE_PILOT_CONTROL:
-        return LinkLoss("the sweep RUNS ON (FS_OPTIONS 16: continuing pilot control)", False)
+        return LinkLoss("the sweep does NOT stop (FS_OPTIONS 16: continuing pilot control)", False)
     after_s = parameters.get("FS_GCS_TIMEOUT", 5.0)
     action = _FAILSAFE_ACTIONS.get(int(enabled), f"does what FS_GCS_ENABLE {int(enabled)} means")
     return LinkLoss(f"{action} after {after_s:g} s", True)

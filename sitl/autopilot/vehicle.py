@@ -436,7 +436,7 @@ class Vehicle:
                 self._disarm()
 
     def _disarm(self) -> None:
-        self._rotor_speed = 0.0
+        self._rotor_speed = self._airborne_s = 0.0  # the pilot changes the battery
         self._enter(Phase.DISARMED)
         self.recording.write_event(LogEvent.DISARMED)
         self.say(Severity.INFO, "Disarming motors")

@@ -84,7 +84,7 @@ def eigenfrequency_checks(
     model: Model, runs: Runs, band_hz: tuple[float, float] = DEFAULT_BAND_HZ
 ) -> tuple[Check, ...]:
     """Modes inside the swept band, well below the rotor's frequency, and agreeing between sets of runs."""
-    return fit_checks(model, runs, band_hz)[0][:3]
+    return fit_checks(model, runs, band_hz)[0][:EIGENFREQUENCY]
 
 
 def fit_checks(
@@ -136,6 +136,8 @@ def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
 
 
 AGREEMENT = "agreement between runs"
+EIGENFREQUENCY = 3
+"""How many of the checks, the first ones, are the paper's on natural modes."""
 
 
 def _sets(model: Model, on: Dataset, held: Collection[str], weights: Weights) -> list[Estimate] | Check:

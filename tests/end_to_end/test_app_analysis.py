@@ -63,7 +63,7 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
             app.simulate_key("d")  # the pilot's own press waits until nothing is worked on
             await until(lambda: desk.state().busy != "")
             app.simulate_key("f12")
-            await until(lambda: "excited" in engine.state().said, 2)
+            await until(lambda: "nothing to abort" in engine.state().said, 2)
             app.simulate_key("k")
             await until(lambda: not desk.state().busy)
             assert desk.state().answer is None
@@ -79,7 +79,7 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
             await pilot.press("7", "a")
             await until(lambda: len(desk.state().ladder) == 2 and desk.state().comparison is not None)
             text = await shown()
-            assert "explained" in text
+            assert "error beyond noise" in text
             assert "_lag" in text
             bottom, top = desk.state().ladder
             assert top.nrmse_percent["q"] > bottom.nrmse_percent["q"] + 5

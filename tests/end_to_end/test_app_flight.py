@@ -53,7 +53,7 @@ async def test_connect_see_samples_fly_and_abort(tmp_path):
             await make_ready(pilot, engine)
             assert engine.state().vehicle.mode_name == "Stabilize", "ready moves nothing"
             assert engine.window(5).t.size > 500, "the log arrives at 500 Hz"
-            assert "RETURNS" in engine.state().link_loss
+            assert "returns home" in engine.state().link_loss
 
             await pilot.press("s")
             await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 1.0)

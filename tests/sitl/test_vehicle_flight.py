@@ -250,8 +250,11 @@ def test_land_and_take_off_again(tmp_path: Path, fly: Fly) -> None:
     vehicle = make_vehicle("hover", 1, directory=tmp_path)
     fly(vehicle, 1)
     assert obey(vehicle, "takeoff").startswith("refused")
+    vehicle._airborne_s = 1900.0
+    assert vehicle.battery_percent == 0
     assert obey(vehicle, "LAND") == "ok"
     assert fly(vehicle, 5)[-1] == "Disarming motors"
+    assert vehicle.battery_percent == 100, "the pilot has changed it"
     assert (vehicle.phase, vehicle.height_m, vehicle.rotor_rpm) == (Phase.DISARMED, 0, 0)
     assert obey(vehicle, "land").startswith("refused")
     assert obey(vehicle, "takeoff") == "ok"

@@ -345,7 +345,7 @@ async def study_link_lost_in_a_chirp_past_the_failsafe(tmp_path: Path, monkeypat
     print("\nlink lost for 9 s in a chirp, by the station that holds the failsafe")
     async with flown_over_a_radio(tmp_path, primary=True, runs=2) as (who, engine, radio):
         await who.press("r")
-        await who.shows("READY:", "link lost: RETURNS after 5 s")
+        await who.shows("READY:", "if the link drops: returns home")
         await who.press("s")
         await until(lambda: engine.state().progress is not None and engine.state().progress.elapsed_s > 2)
         cut_at = await lose(who, engine, radio)

@@ -126,4 +126,5 @@ def _draw_residual(panel: Any, parent: Densities, best: Densities | None, best_l
     logarithmic(panel, (0.0, float(parent.frequency_hz[-1])))
     panel.set_ylabel("(rad/s)/√Hz", fontsize=10)
     panel.set_xlabel("frequency, Hz", fontsize=10)
-    panel.legend(loc="upper right", ncols=3, fontsize=9, framealpha=0.85)
+    wide = panel.get_figure().get_figwidth() == WIDTH
+    panel.legend(loc="upper right", ncols=3 if wide else 1, fontsize=9 if wide else 8, framealpha=0.85)

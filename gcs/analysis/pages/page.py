@@ -21,6 +21,10 @@ BLACK, BLUE, ORANGE, GREEN = "#222222", "#0072B2", "#D55E00", "#009E73"
 FONTS = re.compile(r"(?<=style=\")([^\"]*?)'DejaVu Sans'[^\"]*?sans-serif")
 PLACES = re.compile(r' (?:d|x|y)="[^"]*"')
 FINE = re.compile(r"(\.\d)\d+")
+METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
+IDS = re.compile(r' id="[A-Za-z0-9.]+_[0-9]+"')
+"""That nothing refers to, and every figure has."""
+BETWEEN = re.compile(r">\s+<")
 PATH = re.compile(r' d="([^"]*)"')
 STEP = re.compile(r"([ML])\s*(-?[\d.]+(?:e-?\d+)?)\s+(-?[\d.]+(?:e-?\d+)?)\s*")
 
@@ -60,7 +64,7 @@ def svg(figure: Any, *, outlined: bool = False) -> str:
         figure.savefig(stream, format="svg", metadata={"Date": None})
     text = stream.getvalue()
     text = text[text.index("<svg") :]
-    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = BETWEEN.sub("><", IDS.sub("", METADATA.sub("", text)))
     text = PLACES.sub(lambda found: FINE.sub(r"\1", found.group(0)), PATH.sub(_short, text))
     return FONTS.sub(r"\1sans-serif", text)
 

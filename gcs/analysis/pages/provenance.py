@@ -11,8 +11,11 @@ from typing import Any
 from gcs.analysis.identified import identified
 from gcs.analysis.pages.parts import Facts, Part, Sentences, Table
 from gcs.analysis.rungs import KeptFit
+from gcs.analysis.text.blocks import Sentence, whole
+from gcs.analysis.text.session import session_blocks
 from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
+from gcs.flight.session_notes import told_session
 from gcs.logs.words import printable
 from sysid.data.record import Record
 from sysid.fit.result import Fit
@@ -44,18 +47,15 @@ def flown_when(folder: FlightFolder) -> str:
 
 
 def flight_parts(folder: FlightFolder) -> list[Part]:
-    """The flight as it went: facts, notes, checklists, verdicts."""
+    """The flight as it went: facts, what people said of it, verdicts."""
     parts: list[Part] = []
     facts = flight_facts(folder)
     if facts:
         parts.append(Facts(facts))
-    notes = tuple(printable(f"{time[:16].replace('T', ' ')}  {text}") for time, text in folder.notes())
-    if notes:
-        parts.append(Sentences(notes, listed=True))
-    checked = _about(folder).get("checklist")
-    if isinstance(checked, list) and checked:
-        lines = [_checked(one) for one in checked if isinstance(one, dict)]
-        parts.append(Sentences(tuple(line for line in lines if line), listed=True))
+    for block in session_blocks(told_session(_about(folder))):
+        first, *others = (whole(line) if isinstance(line, Sentence) else line for line in block.lines)
+        parts.append(Sentences((f"{first[:1].upper()}{first[1:]}",)))
+        parts += [Sentences(tuple(others), listed=True)] if others else []
     try:
         flown = folder.runs()
     except TippathError:
@@ -72,13 +72,6 @@ def _verdict(run: Mapping[str, Any]) -> str:
     kept = isinstance(verdict, dict) and verdict.get("keep") is True
     why = "; ".join(map(str, reasons)) if isinstance(reasons, list) and reasons else str(run.get("reason", ""))
     return printable(f"{run.get('label', '')}: {'keep' if kept else f'fly again: {why}'}")
-
-
-def _checked(item: Mapping[str, Any]) -> str:
-    """`battery strapped: yes`."""
-    asked = _said(item.get("item") or item.get("text") or item.get("name"))
-    answer = _said(item.get("answer"))
-    return f"{asked}: {answer}" if asked and answer else asked
 
 
 def runs_table(fit: Fit, records: Mapping[tuple[str, str], Record]) -> Table:
@@ -121,7 +114,7 @@ def source_parts(kept: KeptFit, folder: FlightFolder, files: Sequence[Path], ver
         facts.append(("vehicle's settings", printable(", ".join(each))))
     if known.changed:
         facts.append(("changed between runs", printable(", ".join(known.changed))))
-    return [*parts, *([Facts(tuple(facts))] if facts else []), *_audit(folder)]
+    return [*parts, *([Facts(tuple(facts))] if facts else []), *audit_parts(folder)]
 
 
 def _settings(fit: Fit, files: Sequence[Path], version: str) -> tuple[tuple[str, str], ...]:
@@ -141,7 +134,7 @@ def _settings(fit: Fit, files: Sequence[Path], version: str) -> tuple[tuple[str,
     return tuple((name, printable(str(said))) for name, said in told if said)
 
 
-def _audit(folder: FlightFolder) -> list[Part]:
+def audit_parts(folder: FlightFolder) -> list[Part]:
     """What was done, oldest first; the newest lines where there are many."""
     try:
         entries, damaged = folder.audited()

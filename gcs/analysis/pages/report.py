@@ -120,10 +120,7 @@ def flight_document(
         say(kept.path.name, (1 + number) / steps)
         found.append(_rung(kept, fitted, quiet, named, diagnosing and kept.fit is main.fit, say))
     say("the runs", (1 + len(rungs)) / steps)
-    runs = {(one.path, one.id): one for one in fitted.records}
-    for kept in fits:
-        for one in [*runs_of(kept.fit, kept.fit.records), *runs_of(kept.fit, kept.fit.validation)]:
-            runs.setdefault((one.path, one.id), one)
+    runs = _all_runs(fitted, fits)
     folder = flight_of(Path(next(iter(runs.values())).path))
     floor = added.noise_floor_percent or found[-1].comparison.noise_floor_percent
     sections = [_summary(found, floor, gains, worth)]
@@ -134,13 +131,22 @@ def flight_document(
     sections += [_failing_section(found, fitted), _models_section(rungs, fitted)]
     sections += [] if not others else [_others_section(others)]
     sections += [] if designed is None else [designed]
-    drawn = [(one.fit.model.structure.title, one.fit) for one in (main, *rungs[-2:-1], *others)]
+    drawn = [(one.fit.model.structure.title, one.fit) for one in (main, *(rungs[-2:-1] or others[:1]))]
     sections.append(_runs_section(drawn, main.fit, runs, lambda what, done: say(what, 1 - (1 - done) / steps)))
     files = [one.path for one in (*rungs, *others)]
     sources = [runs_table(main.fit, runs), *source_parts(main, folder, files, version("tippath"))]
     sections.append(Section("Where this comes from", tuple(sources), fresh=True))
     title = folder.name or "tippath: " + ", ".join(path.stem for path in paths)
     return Document(printable(title), _about_line(folder, runs), tuple(sections))
+
+
+def _all_runs(fitted: Dataset, fits: Sequence[KeptFit]) -> dict[tuple[str, str], Record]:
+    """By log and name: the fitted ones first, then those that only judge, and other fits' own."""
+    runs = {(one.path, one.id): one for one in fitted.records}
+    for kept in fits:
+        for one in [*runs_of(kept.fit, kept.fit.records), *runs_of(kept.fit, kept.fit.validation)]:
+            runs.setdefault((one.path, one.id), one)
+    return runs
 
 
 def _rung(
@@ -301,6 +307,7 @@ def _runs_section(
         say(record.id, number / len(runs))
         what = f"{record.axis or ''} {record.maneuver}".strip()
         kind = "fitted" if key in used else "not fitted"
-        caption = printable(f"{record.id}, {what}, {kind}: measured and modelled inside the band.")
+        left = f"below each, what {models[0][0]} leaves"
+        caption = printable(f"{record.id}, {what}, {kind}: measured and modelled inside the band; {left}.")
         parts.append(Picture(run_figure(record, models, main.band_hz, columns_for(len(runs))), caption))
     return Section("Measured against modelled", tuple(parts), fresh=True)

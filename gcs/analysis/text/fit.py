@@ -10,6 +10,7 @@ from typing import Any
 
 from gcs.analysis.fits import GUIDE_CRAMER_RAO, GUIDE_INSENSITIVITY, PAPER_PARAMETERS, Identification, Judgement
 from gcs.analysis.ladder import rung_names
+from gcs.analysis.quantities import decimals
 from gcs.analysis.text.blocks import wrapped
 from gcs.analysis.text.checks import check_text, checks_document
 from sysid.compare.metrics import GOOD_COST, Difference, Mismatches
@@ -127,8 +128,9 @@ def parameter_table(found: Identification) -> str:
             structure.parameters, fit.model.values, fit.standard_errors, beside, strict=True
         ):
             label = f"{structure.base_.label:3} {parameter.name:6}"
-            spread = f"{_two_figures(error)}{_model_spread(fit, parameter.name)}"
-            lines.append(f"  {label:12} {value:12.4f} ± {spread:{room}}  {parameter.unit:8}{theirs}".rstrip())
+            digits = decimals(error) if error > 0 and math.isfinite(error) else 4
+            spread = f"{error:.{digits}f}{_model_spread(fit, parameter.name)}"
+            lines.append(f"  {label:12} {value:12.{digits}f} ± {spread:{room}}  {parameter.unit:8}{theirs}".rstrip())
     if judged:
         lines += wrapped(MODEL_ERROR, "  ", "    ")
     return "\n".join(lines)

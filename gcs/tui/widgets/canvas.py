@@ -121,9 +121,9 @@ class Canvas(Widget):
     def _on_ground(self, strip: Strip, part: Region) -> Strip:
         """A strip with some columns on the ground of what is looked at; the signs stay as they are."""
         ground = RichStyle(bgcolor=self.get_component_rich_style("plot--shaded").bgcolor)
-        before, inside, after = strip.divide([part.x, part.right, strip.cell_length])
+        inside = strip.crop(part.x, part.right)
         within = [Segment(text, ground if style is None else style + ground) for text, style, _ in inside]
-        return Strip([*before, *within, *after], strip.cell_length)
+        return Strip([*strip.crop(0, part.x), *within, *strip.crop(part.right)], strip.cell_length)
 
     def _ink(self, ink: Ink) -> RichStyle:
         found = self._inks.get(ink)

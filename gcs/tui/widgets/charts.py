@@ -49,7 +49,7 @@ def live_plot(window: LiveWindow, span_s: float, stale: bool = False) -> TimePlo
             line=getattr(window, one.field),
             unit=one.unit,
             least=one.least,
-            absent="comes with the log: R" if one.field.startswith("delta") else "no samples yet",
+            absent="shown once recording starts (R)" if one.field.startswith("delta") else "no samples yet",
         )
         for one in SIGNALS
     )

@@ -6,6 +6,7 @@ import io
 import re
 from datetime import UTC, datetime
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from gcs.analysis.pages.page import literal, page, svg
 from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences, Table
 from gcs.analysis.pages.pdf import pdf
 from gcs.analysis.pages.pictures import thinned
+from gcs.analysis.pages.provenance import audit_parts, flight_parts, flown_when
+from gcs.flight.folder import FlightFolder
 from sysid.compare.values import Densities
 
 HOSTILE = "</style><script>alert(1)</script><img src=x onerror=alert(1)>\" ' & $x^{ 日本"
@@ -181,3 +184,40 @@ def test_a_complete_one_draws_no_candidates() -> None:
     assert found is not None
     assert found.answer == "complete: what is left is noise, confidence 0.98"
     assert not [part for part in discovery(found, densities(), None, ("p", "q")) if isinstance(part, Picture)]
+
+
+def test_the_flight_is_told_with_what_people_said_of_it(tmp_path: Path) -> None:
+    folder = FlightFolder(tmp_path)
+    folder.write(
+        {
+            "started": "2026-05-04T12:30:00+00:00",
+            "vehicle": {"profile": "arducopter", "version": "4.5.7", "system": 3, "battery_v": 22.14159, "type": None},
+            "pilot": HOSTILE,
+            "mass": 4.2,
+            "place": ["no", "text"],
+            "checklist": [{"ask": "blades tight", "answer": True}, {"ask": 5}],
+            "notes": [{"time": "2026-05-04T12:31:00.000+00:00", "text": HOSTILE, "air_s": 65.0}],
+            "runs": [
+                {"label": "roll chirp 1/2", "verdict": {"keep": True, "reasons": []}},
+                {"label": "roll chirp 2/2", "verdict": {"keep": False, "reasons": ["gust"]}},
+                {"label": "odd", "verdict": "keep", "reason": "aborted"},
+            ],
+        }
+    )
+    folder.audit(datetime(2026, 5, 4, 12, 40, tzinfo=UTC), "pushed gains b9e9e2", "tippath push gains.json")
+    parts = [*flight_parts(folder), *audit_parts(folder)]
+    (facts,) = (part for part in parts if isinstance(part, Facts))
+    told_of = dict(facts.rows)
+    assert told_of["vehicle"] == "profile arducopter, version 4.5.7, system 3, battery_v 22.14"
+    assert (told_of["mass"], told_of["started"], "place" in told_of) == ("4.2", "2026-05-04 12:30", False)
+    said = [line for part in parts if isinstance(part, Sentences) for line in part.lines]
+    assert {"blades tight: yes", "roll chirp 1/2: keep", "roll chirp 2/2: fly again: gust"} <= set(said)
+    assert f"2026-05-04 12:31:00, 1:05 in the air: {HOSTILE}" in said
+    (done,) = (part for part in parts if isinstance(part, Table))
+    assert done.rows[-1] == ("2026-05-04 12:40:00", "pushed gains b9e9e2", "tippath push gains.json")
+    assert flown_when(folder) == "2026-05-04 12:30"
+
+
+def test_a_log_without_a_flight_has_nothing_to_tell_of_it(tmp_path: Path) -> None:
+    alone = FlightFolder(tmp_path, "X.BIN")
+    assert (flight_parts(alone), flown_when(alone), audit_parts(alone)) == ([], "", [])

@@ -99,13 +99,16 @@ async def test_one_flies_others_watch_and_anybody_aborts(monkeypatch: pytest.Mon
 
 async def test_a_tablet_presses_with_a_finger() -> None:
     async with serving(str(ROOT / "tests" / "served_app.py")) as address, running_browser() as browser:
-        page = await browser.page(address)
+        page = await browser.page("about:blank")
         await page.call("Emulation.setTouchEmulationEnabled", enabled=True)
         await page.call("Emulation.setDeviceMetricsOverride", width=800, height=1100, deviceScaleFactor=1, mobile=True)
+        await page.open(address)
         await page.until("ready", "press me")
         await page.until_true("getComputedStyle(document.querySelector('.keys')).display !== 'none'")
-        await asyncio.sleep(0.3)  # the size is told
-        shown = await page.until("press me")
+        before, shown = "", await page.until("press me")
+        while before != shown:  # until its size is told and painted
+            await asyncio.sleep(0.3)
+            before, shown = shown, await page.until("press me")
         row = next(number for number, line in enumerate(shown.splitlines()) if "press me" in line)
         line = f"document.querySelectorAll('.xterm-rows > div')[{row}].getBoundingClientRect()"
         x, y = await page.value(f"(b => [b.x + 60, b.y + b.height / 2])({line})")

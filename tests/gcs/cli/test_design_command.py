@@ -201,6 +201,8 @@ def test_observers_stand_side_by_side_and_costs_are_drawn(flight: Path, tippath:
         (("--plot", "costs.png"), "--plot draws what --costs lists: name both"),
         (("--costs", "--plot", "costs.gif"), "name a file that ends in .png, .svg or .html"),
         (("--for", "ardupilot", "--observer", "kalman"), "--observer goes with the paper's controller"),
+        (("--for", "ardupilot", "--flapping-cost", "0.1"), "--flapping-cost goes with the paper's controller"),
+        (("--flapping-cost", "-1"), "--flapping-cost: wants a number, not negative"),
     ],
 )
 def test_wrong_words_for_a_design(flight: Path, tippath: Tippath, options: tuple[str, ...], says: str) -> None:

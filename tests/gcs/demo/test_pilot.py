@@ -71,3 +71,9 @@ def test_it_ends_with_us_even_when_we_are_killed(tmp_path: Path) -> None:
         ours.send_signal(signal.SIGKILL)
         ours.wait(5)
     assert gone(pid)
+
+
+def test_a_folder_that_takes_nothing_is_told_at_once(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(PilotError, match=r"cannot start: .*logs cannot be written .*another folder with -o DIR"):
+        SimulatedVehicle("hover", tmp_path / "file" / "logs")

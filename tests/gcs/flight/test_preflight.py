@@ -36,16 +36,21 @@ PLAN = PROFILE.plan(Maneuver(kind="chirp", axis="roll", amplitude=0.2, duration_
     ("parameters", "station", "words", "ends"),
     [
         # README of the real logs, "What a lost link does", transmitter on
-        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 16, "SYSID_MYGCS": 255}, 255, "RUNS ON", False),
-        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "SYSID_MYGCS": 255}, 255, "RETURNS after 5 s", True),
-        ({"FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "SYSID_MYGCS": 255}, 255, "RUNS ON", False),
+        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 16, "SYSID_MYGCS": 255}, 255, "does NOT stop", False),
+        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "SYSID_MYGCS": 255}, 255, "returns home after 5 s", True),
+        ({"FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "SYSID_MYGCS": 255}, 255, "does NOT stop", False),
         # our own heartbeat is not the one that counts
-        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "SYSID_MYGCS": 255}, 254, "RUNS ON (the failsafe listens to", False),
-        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "MAV_GCS_SYSID": 254}, 254, "RETURNS", True),
+        (
+            {"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "SYSID_MYGCS": 255},
+            254,
+            "does NOT stop: the failsafe listens to",
+            False,
+        ),
+        ({"FS_GCS_ENABLE": 1, "FS_OPTIONS": 0, "MAV_GCS_SYSID": 254}, 254, "returns home", True),
         (
             {"FS_GCS_ENABLE": 5, "FS_OPTIONS": 0, "FS_GCS_TIMEOUT": 2.5, "SYSID_MYGCS": 255},
             255,
-            "LANDS after 2.5",
+            "lands after 2.5",
             True,
         ),
         ({}, 255, "does not tell", None),
@@ -56,7 +61,7 @@ def test_the_answer_to_a_lost_link_is_read_and_said(
 ) -> None:
     found = link_loss(parameters, station)
     assert words in found.words
-    assert found.words.startswith("link lost: ")
+    assert found.words.startswith("if the link drops: ")
     assert found.ends_sweep is ends
 
 

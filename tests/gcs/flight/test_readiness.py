@@ -135,7 +135,7 @@ def test_another_log_client_stands_against_a_stream(vehicle: FakeVehicle) -> Non
 def test_a_lost_link_and_what_was_left_ready_are_told(vehicle: FakeVehicle) -> None:
     vehicle.parameters |= {"SID_AXIS": 10.0, "SID_MAGNITUDE": 15.0}
     found = checked(vehicle)
-    assert "RUNS ON" in item(found, "lost link").value
+    assert "does NOT stop" in item(found, "lost link").value
     assert found.better["FS_GCS_ENABLE"] == 1.0
     assert found.better["FS_OPTIONS"] == 0.0
     assert item(found, "SID_AXIS").standing is Standing.BETTER

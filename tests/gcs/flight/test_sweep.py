@@ -666,7 +666,7 @@ def test_without_a_word_of_confirmation_nothing_is_flown(
         fly(session, folder, CHIRP, confirm=refuse)
     assert (vehicle.asked, vehicle.written) == ([], [])
     assert session.ended_recordings == 1
-    assert "RUNS ON" in briefings[0].link_loss.words, "station 254 does not hold the failsafe of 255"
+    assert "does NOT stop" in briefings[0].link_loss.words, "station 254 does not hold the failsafe of 255"
 
 
 def test_a_vehicle_without_an_excitation_is_told_apart(

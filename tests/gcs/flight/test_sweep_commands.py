@@ -170,7 +170,7 @@ def test_the_lines_of_a_card_say_what_is_flown_and_what_it_was_worth(tmp_path: P
     )
     text = stream.getvalue()
     assert "card two: 2 runs" in text
-    assert "link lost: the sweep RUNS ON" in text
+    assert "if the link drops: the sweep does NOT stop" in text
     assert "ready   roll chirp 1/2   0.5-10 Hz  10 s  A 0.10   Table 1" in text
     assert "✓ roll chirp 2/2   keep   coherence" in text
     assert "\x1b" not in text, "no terminal, no escapes"
@@ -202,7 +202,7 @@ def test_a_lost_link_is_told_with_the_wait_the_way_out_and_who_takes_over(tmp_pa
     )
     text = stream.getvalue()
     assert text.count("LINK LOST: no abort reaches the vehicle. PILOT: take over") == 1
-    assert "the vehicle's own answer to a lost link: RETURNS after 5 s" in text
+    assert "the vehicle's own answer to a lost link: returns home after 5 s" in text
     assert "waiting up to 60 s for the vehicle" in text
     assert "Ctrl-C ends the wait" in text
 

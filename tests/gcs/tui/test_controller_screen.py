@@ -89,6 +89,13 @@ def test_margins_of_a_model_that_nobody_asked_about_are_said_to_be():
     )
 
 
+def test_an_answer_that_never_gets_there_says_how_far_it_comes():
+    slow = SimpleNamespace(**{**vars(GAINS.following.roll), "rise_s": None, "own": 0.83 * GAINS.following.roll.asked})
+    made = replace(GAINS, following=SimpleNamespace(roll=slow, pitch=GAINS.following.pitch))
+    lines = plain(gains_words.controller_lines(joined(IDLE, replace(DESKS["designed"], designed=made)), 80))
+    assert any(line.startswith(" rise roll/pitch   max 83 % / 74 ms") for line in lines)
+
+
 def test_a_shadow_and_a_proof_stand_before_the_matrices():
     shadow = SimpleNamespace(
         verdict="refused",

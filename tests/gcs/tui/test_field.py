@@ -116,7 +116,7 @@ async def test_the_bell_rings_a_pattern_and_the_voice_says_all(monkeypatch):
         monkeypatch.setattr(app, "set_timer", lambda after_s, do: rung.append(after_s))
         app.call_out([LIMIT, START])
     assert rung == ["ring", *LIMIT.pattern]
-    assert said == ["limit", "started"]
+    assert said == ["limit, started"]
 
 
 def test_a_voice_is_found_or_named_or_refused_in_a_line():

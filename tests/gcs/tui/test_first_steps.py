@@ -52,11 +52,11 @@ async def test_a_recorded_flight_is_opened_and_the_guide_comes_with_its_flight_o
         await app.workers.wait_for_complete()
         await settle(app)
         assert (begin.sent, app.guided) == (["first flight, guided"], True)
-        assert any("G leaves" in line for line in screen_text(app))
+        assert any("F3 leaves" in line for line in screen_text(app))
         engine.asked.clear()
-        await pilot.press("g")
+        await pilot.press("f3")
         await settle(app)
-        assert not any("G leaves" in line for line in screen_text(app))
+        assert not any("F3 leaves" in line for line in screen_text(app))
         assert engine.asked == [], "the guide asks nothing of anybody"
 
 
@@ -64,7 +64,7 @@ def test_the_guide_says_something_else_at_every_step_and_fits_in_its_lines():
     moments = {**MOMENTS, **ANALYSED, "nowhere": NOWHERE}
     said = {guide_words(state, screen) for state in moments.values() for screen in (*SCREENS, "help")}
     assert len(said) > 25
-    cut = [words for words in said if len(notice_lines(words, 80 - len("G leaves") - 2, 9)) > LINES]
+    cut = [words for words in said if len(notice_lines(words, 80 - len("F3 leaves") - 2, 9)) > LINES]
     assert not cut
     assert "S starts" in guide_words(MOMENTS["ready"], "Fly")
     assert "Z opens" in guide_words(replace(ANALYSED["complete"], secret=Path("vehicle-0001")), "Diagnose")
@@ -82,7 +82,7 @@ async def test_every_screen_has_room_for_the_guide(size):
             await settle(app)
             lines = screen_text(app)
             assert lines[-3].startswith(" next: "), key
-            assert any("G leaves" in line for line in lines), key
+            assert any("F3 leaves" in line for line in lines), key
 
 
 async def test_help_has_the_glossary_of_the_package():

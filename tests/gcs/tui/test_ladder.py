@@ -20,7 +20,7 @@ SMALLER.traces = tuple(
 PLACED = replace(
     ADDED,
     comparison=SMALLER,
-    addition=SimpleNamespace(placebo_rung=("gyro_filter", {"p": 66.0, "q": 72.0}, None), signs=()),  # type: ignore[arg-type]
+    addition=SimpleNamespace(placebo_rung=("gyro_filter", {"p": 66.0, "q": 72.0}, None), signs=(), checks=()),  # type: ignore[arg-type]
 )
 DESK = replace(DESKS["added"], ladder=(ASKED, PLACED))
 

@@ -1,4 +1,4 @@
-"""G on Runs: the flight's log off the vehicle, in the way of `tippath fetch`, called off by a key."""
+"""I on Runs: the flight's log off the vehicle, in the way of `tippath fetch`, called off by a key."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ async def test_the_keys_and_what_stands_meanwhile():
     app, engine = app_on(joined(IDLE, DESKS["open"]))
     assert isinstance(engine, FakeWorker)
     async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.press("3", "g")
+        await pilot.press("3", "i")
         await app.workers.wait_for_complete()
         assert engine.asked == ["fetch"]
         engine.now = replace(engine.now, busy=f"{FETCHING}: 12 %")

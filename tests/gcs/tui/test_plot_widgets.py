@@ -225,6 +225,28 @@ async def test_without_colours_the_model_is_bold_and_the_cursor_reversed(monkeyp
         assert next(style for text, style in styles.items() if text == "│").reverse
 
 
+async def test_what_is_looked_at_stands_on_another_ground_and_keeps_its_signs():
+    traces = Traces("braille", "t")
+    async with Shown(traces).run_test(size=(80, 12)) as pilot:
+        traces.show(RESPONSE)
+        await pilot.pause()
+        plain = [traces.render_line(y).text for y in range(12)]
+        traces.show(replace(RESPONSE, shaded=((2.0, 20.0), (0.1, 0.4))))
+        for width in (80, 30, 12, 120):
+            await pilot.resize_terminal(width, 12)
+            await pilot.pause()
+            strips = [traces.render_line(y) for y in range(12)]
+            assert [one.cell_length for one in strips] == [width] * 12
+            grounds = [{style.bgcolor for _, style, _ in one} for one in strips]
+            assert [len(one) > 1 for one in grounds] == [False, *[True] * 10, False]
+        await pilot.resize_terminal(80, 12)
+        await pilot.pause()
+        signs = str.maketrans("┊·", "  ")  # edges stand before the grid
+        assert [traces.render_line(y).text.translate(signs) for y in range(12)] == [
+            one.translate(signs) for one in plain
+        ]
+
+
 async def test_another_theme_gives_other_colours():
     traces = Traces("braille", "t")
     app = Shown(traces)
@@ -250,7 +272,7 @@ async def test_the_live_charts_say_where_no_value_is_now():
         assert [line[:4].strip() for line in lines[::2]] == ["p", "q", "δx", "δy"] or "δx" in charts.shown
         assert f"{WAVE[-1]:+.2f} rad/s" in charts.shown
         assert "peak 1.00" in charts.shown
-        assert charts.shown.count("comes with the log") == 2
+        assert charts.shown.count("shown once recording starts") == 2
         charts.draw(window, 20.0, stale=True)
         assert "no link" in charts.shown
         assert "rad/s" not in charts.shown

@@ -162,7 +162,7 @@ async def test_what_matters_can_be_read_at_80_by_24():
             ("no vehicle", "NO VEHICLE"),
             ("flying", "SystemID (tippath)"),
             ("flying", "0 blocks missing"),
-            ("flying", "link lost: RETURNS after 5 s"),
+            ("flying", "if the link drops: returns home after 5 s"),
             ("lost", "LINK LOST 4.2 s"),
             ("lost", "the PILOT ends it"),
             ("over the limit", "144 %!"),

@@ -15,8 +15,8 @@ from rich.cells import cell_len
 from gcs.cards.envelope import Use
 from gcs.desk import DeskState
 from gcs.flight.preflight import Check
-from gcs.tui import calls, next_step, words
-from gcs.tui.state import Bank, Mark, Progress, RunView, Stage, State, joined
+from gcs.tui import calls, connect_words, next_step, words
+from gcs.tui.state import STARTING, Bank, Mark, Progress, RunView, Stage, State, joined
 from gcs.tui.top_line import top_line, who
 from gcs.vehicle.snapshot import Text, VehicleSnapshot
 
@@ -125,6 +125,15 @@ def test_every_moment_has_something_to_do_next():
             assert 5 < len(said) <= 90, said
 
 
+def test_a_simulated_vehicle_that_did_not_start_is_not_waited_for():
+    waiting = replace(STATE, vehicle=None, plant="hover", stage=Stage.NO_VEHICLE, trouble=STARTING)
+    assert next_step.next_words(waiting, "Fly") == "wait for the vehicle"
+    failed = replace(waiting, trouble="vehicle-logs cannot be written")
+    assert "did not start" in next_step.next_words(failed, "Fly")
+    assert any("begin again" in str(line) for line in connect_words.heard_lines(failed, 78))
+    assert words.notice(failed, "Fly", 80) == "vehicle-logs cannot be written"
+
+
 def test_on_hardware_the_tool_never_says_that_it_takes_off():
     grounded = replace(STATE, vehicle=replace(VEHICLE, armed=False))
     assert next_step.next_words(grounded, "Fly").startswith("the pilot arms")
@@ -196,12 +205,14 @@ def test_long_words_are_cut_and_short_ones_left(width):
 
 
 def test_what_a_lost_link_does_is_told_in_full_before_a_start():
-    long = "link lost: the sweep RUNS ON (the failsafe listens to station 255, this is 254; --primary takes its place)"
+    answer = "the sweep does NOT stop: the failsafe listens to station 255, this is 254 (start with --primary)"
+    long = f"if the link drops: {answer}"
     ready = replace(STATE, stage=Stage.READY, link_loss=long)
     assert words.caution(ready, 80) == long
     assert words.caution(ready, 200) == "", "there the whole of it stands on its line"
     assert words.caution(replace(ready, stage=Stage.FLYING), 80) == ""
-    assert words.caution(replace(ready, link_loss="link lost: RETURNS after 5 s"), 80) == ""
+    recorded = replace(ready, vehicle=replace(VEHICLE, recording=Path("flight.BIN")), samples=958_491)
+    assert words.caution(replace(recorded, link_loss="if the link drops: returns home after 5 s"), 80) == ""
 
 
 def test_in_a_lost_link_the_tool_does_not_claim_to_abort():

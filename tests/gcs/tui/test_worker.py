@@ -149,7 +149,7 @@ class FakeCard:
     ):
         self.folder, self.probe = folder.path, probe
         planned = [(run, _plan(run)) for run in (card.runs() if earlier is None else earlier.left)]
-        loss = LinkLoss("RETURNS after 5 s", True)
+        loss = LinkLoss("returns home after 5 s", True)
         assert confirm(
             Briefing(
                 card=card,
@@ -386,7 +386,7 @@ def test_ready_then_start_flies_and_each_run_asks_again(engine):
     engine.ready()
     reach(engine, Stage.READY)
     state = engine.state()
-    assert (state.current, state.link_loss) == (1, "link lost: RETURNS after 5 s")
+    assert (state.current, state.link_loss) == (1, "if the link drops: returns home after 5 s")
     assert state.checks == (Check("trim", "centred"),)
     assert engine.fake_card.flown == []
     assert engine.fake_card.probe is True, "the app did not start this vehicle itself"

@@ -8,6 +8,7 @@ import pytest
 from planted import TABLE_4
 
 from sysid.control.over_costs import over_costs
+from sysid.control.regulator import DesignError, design
 from sysid.model.compose import compose
 from sysid.model.paper import TPP
 from sysid.model.structure import Model
@@ -35,3 +36,13 @@ def test_each_k_is_control_s_lqr_and_margins_are_the_least_of_all_models() -> No
             assert one.least.delay_s == pytest.approx(alone.delay_s - 0.030, abs=1e-4) or one.least.delay_s == np.inf
     assert found[0].least is None, "an input cost of 1 bears 26 ms, and there are 30"
     assert np.all(np.diff([one.rate_gain for one in found]) < 0)
+
+
+def test_a_flapping_cost_is_control_s_too_and_stands_with_the_gains() -> None:
+    A, B, _, _ = (np.asarray(x, dtype=float) for x in PAPER.matrices)
+    K, _, _ = control.lqr(A, B[:, :2], np.diag([1, 1, 2.0, 2.0]), 5.0 * np.eye(2))
+    gains = design(PAPER, flapping_cost=2.0)
+    assert pytest.approx(K, rel=1e-6, abs=1e-9) == gains.K
+    assert gains.to_json()["weights"] == {"rates": 1.0, "flapping": 2.0, "inputs": 5.0}
+    with pytest.raises(DesignError, match="flapping cost must be a number"):
+        design(PAPER, flapping_cost=-1.0)
