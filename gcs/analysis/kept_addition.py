@@ -8,7 +8,7 @@ from gcs import documents
 from gcs.analysis.addition import Addition, Placebo, Sign
 from gcs.errors import TippathError
 from sysid.data.dataset import Dataset
-from sysid.fit.checks import eigenfrequency_checks
+from sysid.fit.checks import EIGENFREQUENCY, fit_checks
 from sysid.fit.result import Fit
 
 
@@ -52,7 +52,7 @@ def kept_addition(path: Path, before: Fit, after: Fit, runs: Dataset) -> Additio
         after=after,
         runs=runs,
         noise_floor_percent=told.noise_floor_percent,
-        checks=eigenfrequency_checks(after.model, runs, after.band_hz),
+        checks=fit_checks(after.model, runs, after.band_hz, after.fixed, after.weights)[0][:EIGENFREQUENCY],
         placebo=None
         if wrong is None
         else Placebo(tuple(wrong.effect.split("+")), wrong.nrmse_percent, wrong.validation_nrmse_percent),
