@@ -117,7 +117,7 @@ def _inside_sweep(model: Model, records: Sequence[Record]) -> Check:
     if not bands:
         return Check(name, None, SweepUnknown())
     low, high = max(band[0] for band in bands), min(band[1] for band in bands)
-    found = [mode for mode in model.modes if mode.frequency_hz > SLOWEST_HZ]
+    found = [mode for mode in model.own_modes if mode.frequency_hz > SLOWEST_HZ]
     outside = tuple(mode.frequency_hz for mode in found if not low <= mode.frequency_hz <= high)
     if outside:
         return Check(name, False, OutsideSweep(outside, (low, high)))
@@ -130,7 +130,7 @@ def _below_rotor(model: Model, records: Sequence[Record]) -> Check:
     if not speeds or min(speeds) <= 0:
         return Check(name, None, RotorUnknown())
     rotor_hz = min(speeds) / (2 * np.pi)
-    highest = max(mode.frequency_hz for mode in model.modes)
+    highest = max(mode.frequency_hz for mode in model.own_modes)
     ratio = rotor_hz / highest
     return Check(name, ratio >= ROTOR_SEPARATION, RotorAbove(rotor_hz, ratio))
 
@@ -163,7 +163,7 @@ def _sets(model: Model, on: Dataset, held: Collection[str], weights: Weights) ->
 
 def _agreement(models: Sequence[Model]) -> Check:
     """Natural frequencies and damping ratios of the sets (the paper: 0.9 and 1.8 %); integrators do not count."""
-    modes = [[mode for mode in model.modes if mode.frequency_hz > SLOWEST_HZ] for model in models]
+    modes = [[mode for mode in model.own_modes if mode.frequency_hz > SLOWEST_HZ] for model in models]
     if len({len(found) for found in modes}) > 1:
         return Check(AGREEMENT, False, ModesDiffer())
     frequencies = np.array([[mode.frequency_hz for mode in found] for found in modes])

@@ -289,6 +289,20 @@ class Model:
         """Of the vehicle alone, from its commands on; what `outside_matrices` does to these moves none."""
         return modes(self.matrices.A)
 
+    @property
+    def own_modes(self) -> tuple[Mode, ...]:
+        """Those of the base's own states, by their participation: what an effect brings along, as a servo's pair, is
+        no natural mode of the airframe. All of a base without effects."""
+        A = self.matrices.A
+        own = len(self.structure.base_.states) + len(self.structure.attitude_states)
+        if own == len(A):
+            return self.modes
+        poles, right = np.linalg.eig(A)
+        # a pole that stands there twice, as of two like lags behind each other, has one vector
+        part = np.abs(np.linalg.pinv(right) * right.T)  # (modes, states)
+        mine = part[:, :own].sum(axis=1) >= 0.5 * part.sum(axis=1)
+        return tuple(mode for mode in self.modes if mine[int(np.argmin(np.abs(poles - mode.pole)))])
+
     @cached_property
     def stable(self) -> bool:
         """Of the vehicle alone, from its commands: a delay of these, which no matrix holds, moves no pole.

@@ -10,8 +10,9 @@ from scipy.signal import lfilter, place_poles
 
 from sysid.control.regulator import OBSERVER_POLES, lqr, observer_gain
 from sysid.diagnose.maneuver_plans import Plan
+from sysid.model.compose import compose
 from sysid.model.modal import Modes
-from sysid.model.paper import TPP
+from sysid.model.paper import TABLE_4, TPP
 from sysid.model.structure import COMPLEX_STEP, Model, discretise, recursion
 
 NOMINAL = Model(TPP, np.array([one.typical for one in TPP.parameters]))
@@ -69,3 +70,18 @@ def test_gains_and_plans_load_no_scipy_signal(monkeypatch: pytest.MonkeyPatch) -
     assert lqr(NOMINAL).loop.stable
     plan = Plan(kind="chirp", axis="roll", amplitude=0.1, f_start_hz=0.1, f_stop_hz=10.0, duration_s=5.0)
     assert np.any(plan.excitation(0.01))
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [(), ("servo_second_order",), ("dynamic_inflow",), ("gyro_filter",), ("servo_lag", "gyro_lag", "transport_delay")],
+)
+def test_what_an_effect_brings_along_is_no_mode_of_the_airframe(effects: tuple[str, ...]) -> None:
+    structure = compose("tpp", effects)
+    values = {one.name: one.typical for one in structure.parameters}
+    model = Model(structure, structure.vector(values | dict(TABLE_4)))
+    own = [(mode.frequency_hz, mode.damping_ratio) for mode in model.own_modes]
+    assert len(own) == 2
+    for found, paper in zip(own, ((1.65, 0.39), (4.97, 0.23)), strict=True):
+        assert found == pytest.approx(paper, rel=0.35 if "dynamic_inflow" in effects else 0.03)
+    assert len(model.modes) > 2 or not effects
