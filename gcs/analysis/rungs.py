@@ -5,7 +5,7 @@ All are known by what they hold: a fit by its lineage and its runs, a diagnosis 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,19 +31,20 @@ def rungs_below(path: Path, fit: Fit, given: Sequence[KeptFit], named: Sequence[
     """
     steps = len(fit.lineage)
     found = {steps: KeptFit(path, fit)}
-    for one in (*given, *(() if steps < 2 else _beside(path.parent, named))):
+    known = {one.path.resolve() for one in (KeptFit(path, fit), *given)}
+    for one in (*given, *(() if steps < 2 else _beside(path.parent, known, named))):
         count = len(one.fit.lineage)
         if count < steps and _lineage(one.fit) == _lineage(fit)[:count] and _runs(one.fit) == _runs(fit):
             found.setdefault(count, one)
     return [found[count] for count in sorted(found)]
 
 
-def _beside(folder: Path, named: Sequence[str]) -> list[KeptFit]:
-    """The fits of a folder, the newest first."""
+def _beside(folder: Path, known: Collection[Path], named: Sequence[str]) -> list[KeptFit]:
+    """The other fits of a folder, the newest first."""
     found: list[tuple[int, KeptFit]] = []
     try:
         for path in sorted(folder.glob("*.json"))[:MOST_FILES]:
-            if path.stat().st_size <= MOST_BYTES and _says(path, FORMAT):
+            if path.resolve() not in known and path.stat().st_size <= MOST_BYTES and _says(path, FORMAT):
                 try:
                     found.append((path.stat().st_mtime_ns, KeptFit(path, Fit.load(path, named))))
                 except SysidError:

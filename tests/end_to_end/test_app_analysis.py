@@ -49,7 +49,7 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
             app.screen.query_one(Input).value = str(flight)
             await pilot.press("enter")
             await until(lambda: len(desk.state().runs) == 4)
-            assert "4 fits 2 runs, judged on 2 others" in await shown()
+            assert "4 fits 2 runs, checked on 2 others" in await shown()
 
             await pilot.press("4", "f")
             await until(lambda: desk.state().comparison is not None)
