@@ -54,7 +54,7 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
             await pilot.press("4", "f")
             await until(lambda: desk.state().comparison is not None)
             text = await shown()
-            assert "natural modes" in text
+            assert "modes  " in text
             assert "measured" in text, "strips beside the tables"
             await pilot.press("5")
             assert "% of the error sits in" in await shown()
