@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from gcs.cli import main
+from sysid.model.effect import catalogue
 
 Tippath = Callable[..., tuple[int, str, str]]
 LATE = {"servo_lag", "servo_second_order", "servo_rate_limit", "transport_delay", "gyro_lag", "gyro_filter"}
@@ -66,6 +67,16 @@ def test_the_raw_log_through_its_profile_fits_as_the_mapped_one(
         assert abs(parameter["value"] - mapped["parameters"][name]["value"]) < 0.1 * error, name
 
 
+@pytest.mark.usefixtures("only_effects")
+@pytest.mark.parametrize(
+    "only_effects",
+    [
+        ("servo_lag", "transport_delay", "gyro_lag", "quadratic_damping"),
+        pytest.param(tuple(catalogue()), marks=pytest.mark.thorough),
+    ],
+    indirect=True,
+    ids=["four", "all"],
+)
 def test_the_diagnosis_names_something_late_as_a_lag_is(fit: Path, tippath: Tippath) -> None:
     status, out, _ = tippath("diagnose", fit, "--json")
     assert status == 0

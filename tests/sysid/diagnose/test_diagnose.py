@@ -79,6 +79,7 @@ def test_the_paper_s_own_discovery() -> None:
     assert (forward.verdict, forward.effect) == ("missing", "elevator")
 
 
+@pytest.mark.thorough
 def test_what_physics_does_not_allow_stands_in() -> None:
     """A hovering vehicle has no spring to the horizon; one that is tethered is told so."""
     found = asked(flown("attitude_stiffness"))
