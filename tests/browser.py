@@ -88,8 +88,8 @@ class Page:
 
     async def text(self) -> str:
         """What the terminal shows."""
-        rows = await self.value("document.querySelector('.xterm-rows')?.innerText ?? ''")
-        return str(rows).replace("\xa0", " ")
+        rows = "[...document.querySelectorAll('.rows > div')].map((row) => row.textContent).join('\\n')"
+        return str(await self.value(rows))
 
     async def until(self, *words: str, within_s: float = PATIENCE_S) -> str:
         """Wait until the terminal shows all of these."""

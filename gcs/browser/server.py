@@ -25,10 +25,8 @@ from gcs.browser.seats import Seats
 PAGE = Path(__file__).parent / "page"
 FILES = {
     "/": ("index.html", "text/html"),
-    "/page.js": ("page.js", "text/javascript"),
     "/page.css": ("page.css", "text/css"),
-    "/xterm.mjs": ("xterm.mjs", "text/javascript"),
-    "/xterm.css": ("xterm.css", "text/css"),
+    **{f"/{name}.js": (f"{name}.js", "text/javascript") for name in ("page", "screen", "grid", "glyphs", "keys")},
 }
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "

@@ -1,5 +1,5 @@
 // The page: a terminal that shows what the server sends, and says who types. See server.py for the messages.
-import { Terminal } from "./xterm.mjs";
+import { Screen } from "./screen.js";
 
 const LARGEST_FONT = 16, SMALLEST_FONT = 7;
 const COLUMNS = 80, ROWS = 24; // what every screen of the app fits into
@@ -9,12 +9,7 @@ const BEEP_S = 0.12, BETWEEN_S = 0.2;
 
 const element = (id) => document.getElementById(id);
 const main = element("terminal");
-const terminal = new Terminal({
-  scrollback: 0,
-  fontSize: LARGEST_FONT,
-  fontFamily: "ui-monospace, 'DejaVu Sans Mono', 'Cascadia Mono', Menlo, Consolas, monospace",
-  macOptionIsMeta: true,
-});
+const terminal = new Screen("ui-monospace, 'DejaVu Sans Mono', 'Cascadia Mono', Menlo, Consolas, monospace", LARGEST_FONT);
 let socket = null, role = "watches", shown = [COLUMNS, ROWS], asked = "";
 
 // the same tab is the same viewer, also after a reload
@@ -27,32 +22,23 @@ function say(message) {
 
 // ---------------------------------------------------------------------------------------------- size
 
-function cell() {
-  const screen = main.querySelector(".xterm-screen");
-  return [screen.clientWidth / terminal.cols, screen.clientHeight / terminal.rows];
-}
-
-function room() { // columns and rows of the largest letters that show enough of them
+function largest(shows) { // letters so large that columns and rows of them do, and how many there are
   for (let size = LARGEST_FONT; ; size -= 1) {
-    terminal.options.fontSize = size;
-    const [wide, high] = cell();
+    const [wide, high] = terminal.cell(size);
     const found = [Math.floor(main.clientWidth / wide), Math.floor(main.clientHeight / high)];
-    if ((found[0] >= COLUMNS && found[1] >= ROWS) || size <= SMALLEST_FONT) return found;
+    if ((found[0] >= shows[0] && found[1] >= shows[1]) || size <= SMALLEST_FONT) {
+      terminal.fontSize = size;
+      return found;
+    }
   }
 }
 
-function shrink() { // who watches sees the same columns, as large as they fit
-  terminal.resize(...shown);
-  for (let font = LARGEST_FONT; font >= SMALLEST_FONT; font -= 1) {
-    terminal.options.fontSize = font;
-    const [wide, high] = cell();
-    if (wide * shown[0] <= main.clientWidth && high * shown[1] <= main.clientHeight) return;
-  }
-}
+const room = () => largest([COLUMNS, ROWS]);
 
 function fit() {
-  if (role !== "flies") {
-    shrink();
+  if (role !== "flies") { // who watches sees the same columns, as large as they fit
+    terminal.resize(...shown);
+    largest(shown);
     return;
   }
   const size = room();
@@ -141,9 +127,9 @@ function type(keys) {
 }
 
 terminal.open(main);
-terminal.onData(type);
-terminal.onBell(beep);
-terminal.textarea.inputMode = "none"; // a finger on the screen presses, and brings no keyboard up
+terminal.onData = type;
+terminal.onBell = beep;
+terminal.keyboard.inputMode = "none"; // a finger on the screen presses, and brings no keyboard up
 terminal.focus();
 window.addEventListener("focus", () => terminal.focus());
 window.addEventListener("resize", fit);
@@ -152,7 +138,7 @@ window.addEventListener("keydown", (event) => {
     event.preventDefault();
     event.stopPropagation();
     say({ abort: true });
-  } else if (event.target !== terminal.textarea) terminal.focus();
+  } else if (event.target !== terminal.keyboard && !event.ctrlKey && !event.metaKey) terminal.focus(); // those may copy
 }, true);
 window.addEventListener("pointerdown", sound);
 window.addEventListener("keydown", sound, { once: true });
@@ -165,8 +151,8 @@ element("take").addEventListener("click", () => { say({ take: true }); terminal.
 element("again").addEventListener("click", () => location.reload());
 element("sound").addEventListener("click", () => { sound(); beep(); });
 element("keyboard").addEventListener("click", () => {
-  const open = terminal.textarea.inputMode === "none";
-  terminal.textarea.inputMode = open ? "text" : "none";
+  const open = terminal.keyboard.inputMode === "none";
+  terminal.keyboard.inputMode = open ? "text" : "none";
   element("keyboard").setAttribute("aria-pressed", `${open}`);
   terminal.blur();
   terminal.focus();
@@ -177,11 +163,7 @@ for (const button of document.querySelectorAll("[data-keys]")) {
 
 // a finger presses where it taps; one that moves turns the wheel, row by row
 let held = null, moved = false;
-
-function under(touch) {
-  const [wide, high] = cell(), box = main.querySelector(".xterm-screen").getBoundingClientRect();
-  return `${1 + Math.floor((touch.clientX - box.left) / wide)};${1 + Math.floor((touch.clientY - box.top) / high)}`;
-}
+const at = (touch) => terminal.place(touch).join(";");
 
 main.addEventListener("touchstart", ({ touches }) => {
   held = touches.length === 1 ? touches[0] : null;
@@ -189,16 +171,16 @@ main.addEventListener("touchstart", ({ touches }) => {
 }, { passive: true });
 main.addEventListener("touchmove", (event) => {
   if (held === null) return;
-  const now = event.touches[0], rows = Math.trunc((now.clientY - held.clientY) / cell()[1]);
+  const now = event.touches[0], rows = Math.trunc((now.clientY - held.clientY) / terminal.cell()[1]);
   if (rows === 0) return;
   event.preventDefault();
-  type(`\x1b[<${rows > 0 ? 64 : 65};${under(now)}M`.repeat(Math.abs(rows)));
+  type(`\x1b[<${rows > 0 ? 64 : 65};${at(now)}M`.repeat(Math.abs(rows)));
   [held, moved] = [now, true];
 }, { passive: false });
 main.addEventListener("touchend", (event) => {
   if (held === null) return;
   event.preventDefault(); // no mouse on top of it
-  if (!moved) type(`\x1b[<0;${under(held)}M\x1b[<0;${under(held)}m`);
+  if (!moved) type(`\x1b[<0;${at(held)}M\x1b[<0;${at(held)}m`);
   held = null;
   terminal.focus();
 }, { passive: false });

@@ -93,7 +93,7 @@ async def test_one_flies_others_watch_and_anybody_aborts(monkeypatch: pytest.Mon
         await watcher.until_true("!document.getElementById('again').hidden")
         own = (address, address.replace("http", "ws", 1), "data:", "about:blank")
         assert [one for page in (pilot, watcher) for one in page.asked if not one.startswith(own)] == []
-        assert len([one for one in pilot.asked if one.endswith("xterm.mjs")]) >= 1
+        assert len([one for one in pilot.asked if one.endswith("screen.js")]) >= 1
         assert (pilot.errors, watcher.errors) == ([], [])
 
 
@@ -110,7 +110,7 @@ async def test_a_tablet_presses_with_a_finger() -> None:
             await asyncio.sleep(0.3)
             before, shown = shown, await page.until("press me")
         row = next(number for number, line in enumerate(shown.splitlines()) if "press me" in line)
-        line = f"document.querySelectorAll('.xterm-rows > div')[{row}].getBoundingClientRect()"
+        line = f"document.querySelectorAll('.rows > div')[{row}].getBoundingClientRect()"
         x, y = await page.value(f"(b => [b.x + 60, b.y + b.height / 2])({line})")
         await page.tap(x, y)
         await page.until("(pressed)")
