@@ -13,7 +13,7 @@ from typing import Any
 from gcs.analysis.standing import MOST_BYTES, MOST_FILES
 from sysid.document import parsed
 from sysid.errors import SysidError
-from sysid.fit.result import FORMAT, Fit
+from sysid.fit.result import FORMAT, Fit, RecordUsed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,7 +34,7 @@ def rungs_below(path: Path, fit: Fit, given: Sequence[KeptFit], named: Sequence[
     known = {one.path.resolve() for one in (KeptFit(path, fit), *given)}
     for one in (*given, *(() if steps < 2 else _beside(path.parent, known, named))):
         count = len(one.fit.lineage)
-        if count < steps and _lineage(one.fit) == _lineage(fit)[:count] and _runs(one.fit) == _runs(fit):
+        if count < steps and lineage(one.fit) == lineage(fit)[:count] and used_by(one.fit) == used_by(fit):
             found.setdefault(count, one)
     return [found[count] for count in sorted(found)]
 
@@ -62,10 +62,15 @@ def _says(path: Path, what: str) -> bool:
     return isinstance(document, dict) and document.get("format") == what
 
 
-def _lineage(fit: Fit) -> list[Any]:
+def lineage(fit: Fit) -> list[Any]:
+    """What each rung had, and how well it did: two fits of one ladder begin alike."""
     return [(rung.effects, dict(rung.nrmse_percent)) for rung in fit.lineage]
 
 
-def _runs(fit: Fit) -> Any:
-    used = [frozenset((one.id, one.sha256, one.samples) for one in which) for which in (fit.records, fit.validation)]
-    return used, fit.band_hz, fit.fixed
+def used_by(fit: Fit) -> Any:
+    """The runs of a fit, by what is in them, and how they were fitted: hashable, equal for the rungs of one ladder."""
+
+    def used(which: Sequence[RecordUsed]) -> frozenset[tuple[str, str, int]]:
+        return frozenset((one.id, one.sha256, one.samples) for one in which)
+
+    return used(fit.records), used(fit.validation), fit.band_hz, fit.fixed

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from gcs.analysis.fits import PAIR, on_cd
+from gcs.analysis.rungs import lineage, used_by
 from gcs.logs.words import printable
 from sysid.data.record import RATES, Record
 from sysid.errors import SysidError
-from sysid.fit.result import FORMAT, Fit, RecordUsed
+from sysid.fit.result import FORMAT, Fit
 from sysid.model.paper import CD, TPP
 
 MOST_BYTES = 4 << 20
@@ -82,7 +83,7 @@ def look(folder: Path, records: Sequence[Record]) -> SavedResults:
     if not found:
         return SavedResults((), None, None, tuple(unread))
     newest = max(found, key=lambda one: one.time_ns)
-    group = [one for one in found if _runs(one.fit) == _runs(newest.fit)]
+    group = [one for one in found if used_by(one.fit) == used_by(newest.fit)]
     group.sort(key=lambda one: one.time_ns)
     tip = newest
     if _bare_cd(tip):  # it is written beside the TPP, which the ladder goes on from
@@ -118,13 +119,6 @@ def _document(path: Path) -> Any:
     return document if isinstance(document, dict) and document.get("format") == FORMAT else None
 
 
-def _runs(fit: Fit) -> Any:
-    def used(which: Sequence[RecordUsed]) -> frozenset[tuple[str, str, int]]:
-        return frozenset((one.id, one.sha256, one.samples) for one in which)
-
-    return used(fit.records), used(fit.validation), fit.band_hz, fit.fixed
-
-
 def _bare_cd(one: Kept) -> bool:
     structure = one.fit.model.structure
     return structure.base == CD.base and all(effect.id == "elevator" for effect in structure.composed)
@@ -132,18 +126,14 @@ def _bare_cd(one: Kept) -> bool:
 
 def _below(tip: Kept, group: Sequence[Kept]) -> list[Kept]:
     """The kept fits that this one grew from, bottom first, and itself."""
-    rungs = _lineage(tip.fit)
+    rungs = lineage(tip.fit)
     newest: dict[int, Kept] = {}
     for one in group:  # oldest first
-        own = _lineage(one.fit)
+        own = lineage(one.fit)
         if len(own) <= len(rungs) and own == rungs[: len(own)]:
             newest[len(own)] = one
     newest[len(rungs)] = tip
     return [newest[count] for count in sorted(newest)]
-
-
-def _lineage(fit: Fit) -> list[Any]:
-    return [(rung.effects, dict(rung.nrmse_percent)) for rung in fit.lineage]
 
 
 def _pair(bottom: Kept, group: Sequence[Kept]) -> tuple[Kept | None, Kept | None]:

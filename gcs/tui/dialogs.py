@@ -67,42 +67,8 @@ class Ask(Dialog):
         self.action_take()
 
 
-class Confirm(Dialog):
-    """Asks for a yes. Gives "yes", or None; every other key than Y is a no."""
-
-    BINDINGS = [("y,Y", "dismiss('yes')", "yes"), ("n,N", "dismiss(None)", "no")]
-
-    def __init__(self, style: Style, question: str, lines: tuple[str, ...]) -> None:
-        super().__init__(style)
-        self._question = question
-        self._lines = lines
-
-    def body(self) -> Iterable[Widget]:
-        with Vertical(classes="box"):
-            yield Lines(self.style, "question")
-            yield Lines(self.style, "hint")
-
-    def on_mount(self) -> None:
-        self.query_one("#question", Lines).show([(f" {self._question}", "bold")])
-        self.break_text()
-
-    def on_resize(self) -> None:
-        """The text is broken anew."""
-        self.break_text()
-
-    def break_text(self) -> None:
-        """Break the text to the box."""
-        width = max(20, self.app.size.width - 8)
-        lines = [piece for line in self._lines for piece in wrapped(f" {sanitise(line)}", width, 0)]
-        hint = self.query_one("#hint", Lines)
-        hint.styles.height = len(lines) + 1
-        hint.show([*lines, YES_OR_NO])
-
-
-class Told(Dialog):
-    """A text to be read; enter, escape or a press leaves it."""
-
-    BINDINGS = [("enter", "dismiss(None)", "leave")]
+class Text(Dialog):
+    """A title and a text below it, broken anew to every width."""
 
     def __init__(self, style: Style, title: str, lines: tuple[str, ...]) -> None:
         super().__init__(style)
@@ -121,6 +87,30 @@ class Told(Dialog):
     def on_resize(self) -> None:
         """The text is broken anew."""
         self.break_text()
+
+    def break_text(self) -> None:
+        """Break the text to the box."""
+        raise NotImplementedError
+
+
+class Confirm(Text):
+    """Asks for a yes. Gives "yes", or None; every other key than Y is a no."""
+
+    BINDINGS = [("y,Y", "dismiss('yes')", "yes"), ("n,N", "dismiss(None)", "no")]
+
+    def break_text(self) -> None:
+        """Break the text to the box."""
+        width = max(20, self.app.size.width - 8)
+        lines = [piece for line in self._lines for piece in wrapped(f" {sanitise(line)}", width, 0)]
+        hint = self.query_one("#hint", Lines)
+        hint.styles.height = len(lines) + 1
+        hint.show([*lines, YES_OR_NO])
+
+
+class Told(Text):
+    """A text to be read; enter, escape or a press leaves it."""
+
+    BINDINGS = [("enter", "dismiss(None)", "leave")]
 
     def break_text(self) -> None:
         """Break the text to the box, and cut it at the screen's end."""
