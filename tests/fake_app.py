@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
 import threading
 from dataclasses import replace
@@ -260,12 +261,20 @@ async def settle(app: TippathApp) -> None:
     for _ in range(2):  # heights that change with the text are known after the first
         before = [box.region for box in app.screen.query(Lines)]
         app.look()
-        drawn = asyncio.Event()
-        app.screen.call_after_refresh(drawn.set)
-        await asyncio.wait_for(drawn.wait(), 60)  # an app that ended does not draw
+        await _drawn(app)
         if before == [box.region for box in app.screen.query(Lines)]:
             break
     app.look()
+
+
+async def _drawn(app: TippathApp) -> None:
+    """Until the screen on top has been drawn: one that was just left answers no more, so the newest is asked anew."""
+    drawn = asyncio.Event()
+    async with asyncio.timeout(60.0):  # an app that ended does not draw
+        while not drawn.is_set():
+            app.screen.call_after_refresh(drawn.set)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(drawn.wait(), 1.0)
 
 
 async def make_ready(pilot: Pilot[Any], engine: FlightWorker) -> None:
