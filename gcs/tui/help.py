@@ -16,17 +16,18 @@ from gcs.tui.words import wrapped
 
 _TEXT = """\
 in a pilot's words
-  A sweep (a chirp) is a sine on one stick axis that grows faster. It is added on
-  board to what the pilot commands; the rates answer, and from both a model is
-  made. The pilot flies, always: this app asks for a sweep and can end it.
+  A sweep (a chirp) is a sine on one stick axis that grows faster. It is
+  added on board to what the pilot commands; the rates answer, and from both
+  a model is made. The pilot flies, always: this app asks for a sweep and can
+  end it.
 
 on the flight line
   R              the next run is made ready: nothing moves
   S              it starts; hold position, and do not fight the sweep
-  F12            abort, from anywhere: back to the mode before. So does a press on
-                 F12 ABORT, and space where no text is being typed
-  the pilot      ends it as well: with any other mode on the transmitter, and then
-                 nothing here commands anything
+  F12            abort, from anywhere: back to the mode before. So does a
+                 press on F12 ABORT, and space where no text is being typed
+  the pilot      ends it as well: with any other mode on the transmitter, and
+                 then nothing here commands anything
   N              a note, with the time of flight
   H              the card's checklist, where it has one
 
@@ -138,4 +139,34 @@ class HelpScreen(Scrolled):
         lines = (_TEXT + (_PILOT if state.simulated else "") + _LINES).splitlines()
         for page in PAGES:
             lines += ["", f"on {page.NAME}", *(f"  {act.key:<13}  {act.name}" for act in page.ACTS)]
-        self.put_text([piece for line in lines for piece in wrapped(f" {line}", self.text_width, 0)])
+        self.put_text([piece for line in _joined(lines) for piece in wrapped(f" {line}", self.text_width, _hang(line))])
+
+
+_KEYS = 17
+"""Columns that a key and the space behind it take."""
+
+
+def _joined(lines: Iterable[str]) -> list[str]:
+    """Each entry and paragraph on one line, so that it can be set as wide as the screen is."""
+    whole: list[str] = []
+    for line in lines:
+        goes_on = line.startswith(" " * _KEYS)
+        before = whole[-1] if whole else ""
+        same = line.strip() and before.strip() and _indent(line) == _indent(before)
+        if goes_on or (same and not _has_key(line) and not _has_key(before)):
+            whole[-1] += " " + line.strip()
+        else:
+            whole.append(line)
+    return whole
+
+
+def _indent(line: str) -> int:
+    return len(line) - len(line.lstrip())
+
+
+def _has_key(line: str) -> bool:
+    return "  " in line.strip()
+
+
+def _hang(line: str) -> int:
+    return _KEYS - _indent(line) if _has_key(line) else 0
