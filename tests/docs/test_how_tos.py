@@ -106,6 +106,6 @@ def test_every_contract_test_stays_green_with_all_that_was_added(copy: Path) -> 
     assert all((copy / name).exists() for name in added), "the pages come first: run the whole file"
     files = " or ".join(Path(name).stem for name in added)
     reached = f"(not test_cli or explains or top_help) and (not test_autopilots or {files})"
-    reached += " and not examples_run and not fresh_interpreter"
+    reached += " and not examples_run and not fresh_interpreter and not test_sizes"
     chosen = ["tests/contracts", "-k", reached, "-p", "no:cacheprovider"]
     carried_out([sys.executable, "-m", "pytest", "-q", "-x", *chosen], copy)

@@ -65,12 +65,13 @@ def of_heave(x: FloatArray, delta: float) -> FloatArray:
     ("base", "runs", "row", "signal", "unit"),
     [
         ("yaw", [moved("delta_r", "r", size, of_yaw, 1, 0, seed=1) for size in (0.03, 0.12)], "r_dot", "r|r|", "-"),
-        (
+        pytest.param(
             "heave",
             [moved("delta_c", "az", size, of_heave, 2, 1, seed=2) for size in (0.03, 0.08)],
             "az_dot",
             "w|w|",
             "1/(m s)",
+            marks=pytest.mark.thorough,
         ),
     ],
 )
