@@ -70,9 +70,10 @@ def add_parser(subparsers: Any) -> None:
         f"reads lines from this terminal: {', '.join(PILOT_LINES)}. "
         "Plants: hover has physics that the models lack; hover-ideal is Table 4 exactly; forward is Table 5 in forward "
         "flight, with an elevator, airspeed and rotor speed wandering. With --hidden, one physical effect is planted "
-        "in hover-ideal or forward and the answer sealed in DIR; its SHA-256 (salted: another one each time) commits to "
-        "it, and `tippath reveal DIR` opens it. random may draw nothing, too, and flies everything in the lively "
-        "condition, so that a moving rotor speed does not tell. --condition stirs rotor speed, airspeed, yaw or collective; by itself it hides nothing. "
+        "in hover-ideal or forward and the answer sealed in DIR; its SHA-256 (salted: another one each time) commits "
+        "to it, and `tippath reveal DIR` opens it. random may draw nothing, too, and flies everything in the lively "
+        "condition, so that a moving rotor speed does not tell. --condition stirs rotor speed, airspeed, yaw or "
+        "collective; by itself it hides nothing. "
         "With --like the vehicle is a stock ArduCopter: its parameters, log, sweeps, refusals and words. It flies "
         "hover or hover-ideal, or quad; hidden effects and conditions are the other vehicle's.",
         epilog='--json prints {"ready", "link", "ground_link", "plant", "like", "seed", "directory", "sealed": '

@@ -40,7 +40,7 @@ from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import Parameter
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Mode, Model, Structure, modes
+from sysid.model.structure import FloatArray, Mode, Model, Structure
 
 UPPER = 1.645
 """Standard errors to the upper 95 % limit."""

@@ -213,7 +213,9 @@ def test_a_vehicle_ends_with_the_command_that_started_it_even_where_that_is_kill
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    assert told.stdin is not None and told.stdout is not None and told.stderr is not None
+    assert told.stdin is not None
+    assert told.stdout is not None
+    assert told.stderr is not None
     told.stdout.readline()
     told.stdin.write(b"mode land\n")
     told.stdin.flush()
