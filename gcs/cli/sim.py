@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import secrets
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -68,9 +70,10 @@ def add_parser(subparsers: Any) -> None:
         f"reads lines from this terminal: {', '.join(PILOT_LINES)}. "
         "Plants: hover has physics that the models lack; hover-ideal is Table 4 exactly; forward is Table 5 in forward "
         "flight, with an elevator, airspeed and rotor speed wandering. With --hidden, one physical effect is planted "
-        "in hover-ideal or forward and the answer sealed in DIR; its SHA-256 commits to it, and `tippath reveal DIR` "
-        "opens it. random may draw nothing, too, and flies everything in the lively condition, so that a moving rotor "
-        "speed does not tell. --condition stirs rotor speed, airspeed, yaw or collective; by itself it hides nothing. "
+        "in hover-ideal or forward and the answer sealed in DIR; its SHA-256 (salted: another one each time) commits "
+        "to it, and `tippath reveal DIR` opens it. random may draw nothing, too, and flies everything in the lively "
+        "condition, so that a moving rotor speed does not tell. --condition stirs rotor speed, airspeed, yaw or "
+        "collective; by itself it hides nothing. "
         "With --like the vehicle is a stock ArduCopter: its parameters, log, sweeps, refusals and words. It flies "
         "hover or hover-ideal, or quad; hidden effects and conditions are the other vehicle's.",
         epilog='--json prints {"ready", "link", "ground_link", "plant", "like", "seed", "directory", "sealed": '
@@ -174,15 +177,18 @@ def run(args: argparse.Namespace) -> int:
     seed = args.seed
     if seed is None:
         seed = 1 if args.hidden is None else secrets.randbelow(10_000)
-    command = [sys.executable, "-m", "sitl", "--listen", args.listen]
+    command = [sys.executable, "-m", "sitl", "--until-input-ends", "--listen", args.listen]
     command += ["--seed", str(seed), "-o", str(directory), *_faults(args)]
     for option in ("plant", "like", "hidden", "condition", "logs_by", "log_rate", "key"):
         given = getattr(args, option)
         command += [] if given is None else [f"--{option.replace('_', '-')}={given}"]
     command += ["--on-ground"] if args.on_ground else []
     command += ["--gain-switch"] if args.gain_switch else []
-    # Standard input stays the terminal: the pilot's lines go straight to the vehicle.
-    vehicle = subprocess.Popen(command, stdout=subprocess.PIPE)
+    # The pilot's lines come to the vehicle through us, so that it hears when we are gone, killed even, and ends too.
+    vehicle = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    if sys.stdin is not None and not sys.stdin.closed:
+        with contextlib.suppress(OSError, ValueError):  # it is no file
+            threading.Thread(target=_hand_on, args=(sys.stdin.fileno(), vehicle), name="pilot", daemon=True).start()
     before = {
         number: signal.signal(number, lambda number, _: _pass_on(vehicle, number))
         for name in ("SIGTERM", "SIGHUP")
@@ -194,6 +200,19 @@ def run(args: argparse.Namespace) -> int:
         for number, handler in before.items():
             signal.signal(number, handler)
         _end(vehicle)
+
+
+def _hand_on(descriptor: int, vehicle: subprocess.Popen[bytes]) -> None:
+    """Lines to the vehicle as they come; where they end, it flies on."""
+    assert vehicle.stdin is not None
+    if hasattr(signal, "pthread_sigmask") and hasattr(
+        signal, "SIGTTIN"
+    ):  # a shell's background has no terminal's input
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTIN})
+    with contextlib.suppress(OSError, ValueError):
+        while data := os.read(descriptor, 4096):
+            vehicle.stdin.write(data)
+            vehicle.stdin.flush()
 
 
 def next_directory(parent: Path) -> Path:
@@ -264,5 +283,7 @@ def _end(vehicle: subprocess.Popen[bytes]) -> None:
         insist()
         with contextlib.suppress(subprocess.TimeoutExpired):
             vehicle.wait(GRACE_S)
-    if vehicle.stdout is not None:
-        vehicle.stdout.close()
+    for pipe in (vehicle.stdin, vehicle.stdout):
+        with contextlib.suppress(OSError):
+            if pipe is not None:
+                pipe.close()

@@ -171,6 +171,16 @@ class Split(Scrolled):
         return self.size.height >= TALL or self.size.width >= WIDE
 
     @property
+    def keys(self) -> str:
+        """The footer, without the key for the next view where there is none."""
+        return footer([act for act in self.ACTS if act is not VIEW or self._views > 1])
+
+    @property
+    def _views(self) -> int:
+        """How many there are to go through."""
+        return len(self.VIEWS) - (1 if self.roomy else 0)
+
+    @property
     def plotted(self) -> str:
         """The plot that is shown, or would be."""
         return self.VIEWS[max(1, self.view)]
@@ -194,6 +204,9 @@ class Split(Scrolled):
         """The next view."""
         if not self._drawable:
             self.app.notice(self.NO_PLOT)  # type: ignore[attr-defined]
+            return
+        if self._views < 2:
+            self.app.notice("both views stand here already")  # type: ignore[attr-defined]
             return
         first = 1 if self.roomy else 0
         shown = max(self.view, first)

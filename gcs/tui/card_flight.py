@@ -13,7 +13,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gcs.cards.maneuver import TestCard, load_card
+from gcs.cards.maneuver import CardRun, TestCard, load_card
 from gcs.desk.shell import word
 from gcs.errors import TippathError
 from gcs.flight.excitation import abort
@@ -31,7 +31,7 @@ from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
 from gcs.tui import state as view
 from gcs.tui.asked_card import SHOWN_FIRST, AskedCard, asked_card
-from gcs.tui.card_views import BEFORE, flown_before, outcome, progress_view, view_of, views
+from gcs.tui.card_views import BEFORE, flown_before, outcome, progress_view, unlocked, view_of, views
 from gcs.tui.logbook import Logbook
 from gcs.tui.moment import Moment
 from gcs.tui.so_far import FitsSoFar
@@ -86,6 +86,8 @@ class CardFlight:
         """Number of the run that is wished for in place of the one that waits;"""
         self._changed = False
         """and that it is another one: it wants its own R."""
+        self._planned: tuple[CardRun, ...] = ()
+        self._flown: list[RunResult] = []
         self._notes: list[str] = []
         """Told while a card is flown, and once more when it is over."""
         self._seen: Callable[[], tuple[Check, ...]] | None = None
@@ -255,6 +257,7 @@ class CardFlight:
         self._abort, self._wish = None, None
         self._started = self._ready_wished = self._changed = self._blind = False
         self._notes.clear()
+        self._flown.clear()
         self._so_far.forget()
         self._moment.set(
             stage=Stage.CHECKING, runs=views(self._card), current=1, progress=None, use=None, checks=(), said=""
@@ -327,7 +330,7 @@ class CardFlight:
                 if run.mark in (Mark.WAITING, Mark.NEXT, Mark.READY, Mark.FLYING):
                     self._moment.mark(run.number, Mark.SKIPPED)
             stage = Stage.IDLE if self._link.session is not None else Stage.NO_VEHICLE
-            self._moment.set(stage=stage, current=0, progress=None, said=words, rpm_reference=None)
+            self._moment.set(stage=stage, current=0, progress=None, use=None, said=words, rpm_reference=None)
             self.logbook.ask(self._card)
 
     def _take(self, ready: Prepared) -> None:
@@ -356,7 +359,7 @@ class CardFlight:
         flown = () if self._earlier is None else flown_before(self._earlier, probes)
         left = (view_of(run, {one.number for one in flown}) for run, _ in briefing.plans)
         runs = tuple(sorted((*flown, *left), key=lambda run: run.number))
-        self._seen = briefing.seen
+        self._seen, self._planned = briefing.seen, tuple(run for run, _ in briefing.plans)
         if self._moment.now.flight is not None:
             with contextlib.suppress(TippathError):  # a disk that takes no note is told of by the recording
                 self.logbook.begun(self._moment.now.flight)
@@ -392,6 +395,7 @@ class CardFlight:
                 stage=Stage.HELD if held else Stage.READY,
                 current=number,
                 progress=view.Progress(0.0, ready.run.maneuver.duration_s, None, ready.plan.words),
+                use=None,
                 rpm_reference=self._link.rpm(),
                 disk_free=None if self._moment.now.flight is None else free_bytes(self._moment.now.flight),
             )
@@ -451,6 +455,9 @@ class CardFlight:
             )
             if result.verdict is not None or not flown:
                 self._moment.mark(result.run.number, mark, why)
+            self._flown.append(result)
+            runs, limits = self._moment.now.runs, self._moment.now.limits
+            self._moment.set(runs=unlocked(runs, self._planned, self._flown, limits, self._earlier))
             now = self._moment.now
             if result.clean and result.file is not None and now.flight is not None and tells_both_axes(now.runs):
                 self._so_far.after(now.flight)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
+from gcs.cards.envelope import Limits
 from gcs.cards.maneuver import CardRun, TestCard
 from gcs.flight.resume import Earlier
-from gcs.flight.run import RunProgress, RunResult
+from gcs.flight.run import RunProgress, RunResult, locked
 from gcs.flight.run_state import Ending
 from gcs.tui.state import Mark, Progress, RunView, Swept
 
@@ -48,6 +49,28 @@ def flown_before(earlier: Earlier, probes: int = 0) -> tuple[RunView, ...]:
     """What was flown before, with so many probes before the card."""
     runs = [run for run in earlier.card.runs() if run.number in earlier.kept]
     return tuple(replace(view_of(run), number=probes + run.number, mark=Mark.KEEP, why=(BEFORE,)) for run in runs)
+
+
+def unlocked(
+    views: Sequence[RunView],
+    planned: Sequence[CardRun],
+    flown: Sequence[RunResult],
+    limits: Limits,
+    earlier: Earlier | None = None,
+) -> tuple[RunView, ...]:
+    """Runs as they stand after what was flown: those whose step before is clean are free, or say what still holds."""
+    kept = {} if earlier is None else earlier.kept
+    clean = {one.run.number for one in flown if one.clean} | set(kept)
+    by_number = {run.number: run for run in planned}
+    found = []
+    for view in views:
+        run = by_number.get(view.number)
+        if view.mark is Mark.LOCKED and run is not None and run.locked_by in clean:
+            why = locked(run, flown, limits, kept)
+            still = (why.removeprefix(f"{run.label} stays locked: "),)
+            view = replace(view, why=still) if why else replace(view, mark=Mark.WAITING, why=())
+        found.append(view)
+    return tuple(found)
 
 
 def view_of(run: CardRun, kept: Container[int] = ()) -> RunView:

@@ -267,6 +267,8 @@ def _next_report(desk: DeskState) -> str:
         return "3 opens a flight first"
     if not desk.ladder:
         return "4 fits the flight first; the report is made of fits"
+    if desk.unkept:
+        return "3, then D keeps the results in another folder; then W writes the page"
     if desk.report is None:
         return "W writes the report page"
     return "open the page in a browser; W writes it anew"

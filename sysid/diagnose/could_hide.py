@@ -40,7 +40,7 @@ from sysid.model.effect import Effect, EffectError, catalogue
 from sysid.model.parameter import Parameter
 from sysid.model.predict import respond
 from sysid.model.relaxation import RelaxationError
-from sysid.model.structure import FloatArray, Mode, Model, Structure, modes
+from sysid.model.structure import FloatArray, Mode, Model, Structure
 
 UPPER = 1.645
 """Standard errors to the upper 95 % limit."""
@@ -58,6 +58,8 @@ DOUBLINGS = 4
 MOST_SIZES = 2
 LEAST_SIZE = 0.2
 """Of the largest, on the scale where typical is 1: smaller parameters of one effect are not told."""
+MODE_STEPS = 8
+"""In which modes are followed from the fit to the vehicle."""
 NO_MARGINS = Margins(0.0, 0.0, 0.0)
 """Of gains that do not hold the vehicle."""
 
@@ -185,7 +187,7 @@ class _Asking:
             visible=visible,
             shift=shift,
             relative=watched,
-            modes=_pairs(self.parent.model.modes, vehicle),
+            modes=self._moved(point, x, shift),
             margins=self._margins(vehicle),
             distance=self._distance(change),
         )
@@ -288,6 +290,21 @@ class _Asking:
         rows = self.by_fit([one[None] if one.ndim == 2 else one for one in change])
         return np.asarray(rows @ self.answer.T)
 
+    def _moved(self, point: _Point, x: FloatArray, shift: Mapping[str, float]) -> tuple[tuple[Mode, Mode], ...]:
+        """Each of the airframe's oscillations, and what becomes of it as the effect grows to its size: followed in
+        steps, since the nearest pole at the end may be another's, or the effect's own."""
+        here = [mode for mode in self.parent.model.own_modes if mode.pole.imag > 0]
+        now = list(here)
+        known, composed = self.parent.model.by_name, point.composed
+        for part in np.linspace(0.0, 1.0, MODE_STEPS + 1)[1:]:
+            values = point.at(part * x)
+            values |= {name: known[name] - part * moved for name, moved in shift.items()}
+            left = list(Model(composed, composed.vector(values)).modes)
+            for i, mode in enumerate(now):
+                now[i] = min(left, key=lambda other: abs(other.pole - mode.pole))
+                left.remove(now[i])
+        return tuple(zip(here, now, strict=True))
+
     def _margins(self, vehicle: Model) -> tuple[Margins, Margins] | None:
         if self.gains is None or self.margins is None or not vehicle.structure.linear:
             return None
@@ -357,11 +374,3 @@ class _Point:
         if math.isinf(null):
             return one.typical / value if value else math.inf
         return (value - null) / (one.typical - null)
-
-
-def _pairs(here: Sequence[Mode], vehicle: Model) -> tuple[tuple[Mode, Mode], ...]:
-    """Each of the fit's oscillations beside the nearest of the vehicle's."""
-    there = modes(vehicle.matrices.A)
-    return tuple(
-        (mode, min(there, key=lambda other: abs(other.pole - mode.pole))) for mode in here if abs(mode.pole.imag) > 0
-    )

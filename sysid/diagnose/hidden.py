@@ -38,7 +38,7 @@ class Hidden:
     relative: Mapping[str, float]
     """Watched parameter -> the same over the fitted value."""
     modes: tuple[tuple[Mode, Mode], ...]
-    """Each of the fit's modes, and that of the vehicle with the effect."""
+    """Each of the airframe's oscillations in the fit, and what it is in the vehicle with the effect."""
     margins: tuple[Margins, Margins] | None
     """Of the gains designed on the fit: on the fit, and on the vehicle with the effect."""
     distance: float = math.inf

@@ -203,3 +203,23 @@ def test_two_pushes_at_once_leave_one_whole_set_and_each_tells_the_truth(tmp_pat
     finally:
         vehicle.process.terminate()
         vehicle.process.communicate(timeout=20)
+
+
+def test_a_vehicle_ends_with_the_command_that_started_it_even_where_that_is_killed(tmp_path: Path) -> None:
+    told = subprocess.Popen(
+        [*TIPPATH, "sim", "--listen", "udpout:127.0.0.1:0", "--json", "-o", tmp_path / "sd"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    assert told.stdin is not None
+    assert told.stdout is not None
+    assert told.stderr is not None
+    told.stdout.readline()
+    told.stdin.write(b"mode land\n")
+    told.stdin.flush()
+    assert b"pilot: ok" in told.stderr.readline()
+    told.send_signal(signal.SIGKILL)
+    _, rest = told.communicate(timeout=10)  # that pipe is the vehicle's, too: it ends when both are gone
+    assert rest == b""

@@ -10,6 +10,7 @@ from gcs.analysis.quantities import quantity
 
 if TYPE_CHECKING:
     from sysid.diagnose.hidden import CouldHide, Hidden
+    from sysid.model.structure import Mode
 
 
 def hidden_sentences(hiding: CouldHide) -> tuple[str, ...]:
@@ -27,10 +28,7 @@ def up_to(hidden: Hidden) -> str:
 def consequences(hidden: Hidden) -> str:
     """`M_a would be 16 % low, the delay margin would be 12 ms shorter`."""
     done = [f"{name} would be {_changed(change)}" for name, change in hidden.changed.items()]
-    done += [
-        f"the mode at {here.frequency_hz:.2f} Hz would be at {there.frequency_hz:.2f} Hz"
-        for here, there in hidden.moved_modes
-    ]
+    done += [f"the mode at {here.frequency_hz:.2f} Hz would {_moved(there)}" for here, there in hidden.moved_modes]
     if hidden.margins is not None and hidden.costs_margin:
         here, there = hidden.margins
         if there.delay_ms <= 0:
@@ -63,6 +61,10 @@ def _rest(hiding: CouldHide) -> str:
 
 def _sizes(each: Sequence[Hidden]) -> str:
     return ", ".join(f"{one.effect} {up_to(one)}" for one in each)
+
+
+def _moved(there: Mode) -> str:
+    return f"be at {there.frequency_hz:.2f} Hz" if there.pole.imag > 0 else "no longer oscillate"
 
 
 def _changed(change: float) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from fake_app import IDLE, app_on, screen_text, settle
 from fake_desk import DESKS
 
@@ -69,6 +70,20 @@ async def test_after_an_effect_is_added_it_says_what_changed_and_what_to_press()
         assert "servo_lag is added: NRMSE p 64.1 → 81.0 %, q 70.9 → 87.6 %" in text
         assert "7 shows the ladder" in text
         assert "next: D asks what TPP + servo_lag lacks" in text
+
+
+@pytest.mark.parametrize(("size", "offered"), [((80, 24), True), ((120, 40), False)])
+async def test_the_key_for_the_next_view_is_offered_only_where_there_is_one(size, offered):
+    app, _ = app_on(at("asked"))
+    async with app.run_test(size=size) as pilot:
+        for screen in ("4", "6"):
+            await pilot.press(screen)
+            await settle(app)
+            footer = next(line for line in screen_text(app) if "D diagnose" in line or "M model" in line)
+            assert ("V view" in footer) is offered
+        await pilot.press("v")
+        await settle(app)
+        assert any("both views stand here already" in line for line in screen_text(app)) is not offered
 
 
 async def test_another_flight_begins_at_the_first_view():

@@ -125,6 +125,11 @@ def test_every_moment_has_something_to_do_next():
             assert 5 < len(said) <= 90, said
 
 
+def test_no_page_is_offered_of_what_is_not_kept_yet():
+    state = replace(STATE, desk=DESKS["unkept"])
+    assert next_step.next_words(state, "Report").startswith("3, then D keeps the results in another folder")
+
+
 def test_a_simulated_vehicle_that_did_not_start_is_not_waited_for():
     waiting = replace(STATE, vehicle=None, plant="hover", stage=Stage.NO_VEHICLE, trouble=STARTING)
     assert next_step.next_words(waiting, "Fly") == "wait for the vehicle"

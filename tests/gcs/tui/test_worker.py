@@ -21,7 +21,7 @@ from gcs.analysis.clearance import cleared_again
 from gcs.analysis.pushing import NotClearedError
 from gcs.analysis.standing import NOT_ASKED
 from gcs.cards.envelope import Limits, Peaks, Use
-from gcs.cards.maneuver import load_card
+from gcs.cards.maneuver import load_card, parse_card
 from gcs.desk import Choice
 from gcs.errors import LinkError, TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
@@ -37,6 +37,7 @@ from gcs.flight.run import RunProgress, RunReady, RunResult
 from gcs.flight.run_state import Ending, Phase
 from gcs.flight.verdict import Verdict
 from gcs.link.log_end import EndState, LogEnd
+from gcs.tui.card_views import unlocked, view_of
 from gcs.tui.state import Mark, Stage
 from gcs.tui.worker import FlightWorker
 from gcs.vehicle.autopilots import SYSTEMID, LinkLoss
@@ -396,6 +397,7 @@ def test_ready_then_start_flies_and_each_run_asks_again(engine):
     engine.fake_card.land.set()
     reach(engine, Stage.HELD)
     assert engine.state().current == 2
+    assert engine.state().use is None, "no bars of the last run while nothing flies"
     assert engine.state().runs[0].mark is Mark.KEEP
     engine.start()
     assert engine.state().stage is Stage.HELD, "the second run needs its own ready"
@@ -745,6 +747,27 @@ def test_no_vehicle_is_told_and_tried_again(monkeypatch, tmp_path):
         assert engine.state().trouble is None
     finally:
         engine.close()
+
+
+@pytest.mark.parametrize(
+    ("peaks", "ending", "mark", "said"),
+    [
+        (Peaks(p=0.1, q=0.1), Ending.FINISHED, Mark.WAITING, ()),
+        (Peaks(p=99.0, q=0.1), Ending.FINISHED, Mark.LOCKED, "of the limits"),
+        (Peaks(p=0.1, q=0.1), Ending.ABORTED, Mark.LOCKED, "is clean"),
+    ],
+)
+def test_a_run_that_stays_locked_says_what_holds_it(peaks, ending, mark, said):
+    chirp = '[[maneuver]]\nkind = "chirp"\naxis = "roll"\namplitude = 0.1\nduration_s = 30\n'
+    runs = parse_card(f'name = "built up"\n{chirp}[[step]]\namplitude = 0.5\n', "x").runs()
+    higher = next(run for run in runs if run.locked_by is not None)
+    lower = next(run for run in runs if run.number == higher.locked_by)
+    flown = replace(_result(lower, _plan(lower), ending, "F12"), peaks=peaks)
+    views = unlocked([view_of(run) for run in runs], runs, [flown], Limits())
+    view = next(one for one in views if one.number == higher.number)
+    assert view.mark is mark
+    assert view.why == () if said == () else said in view.why[0]
+    assert "stays locked" not in "".join(view.why), "the mark says that"
 
 
 def test_the_card_brings_its_limits(engine):

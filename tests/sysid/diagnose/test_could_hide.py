@@ -171,6 +171,22 @@ def test_margins_agree_with_the_regulator_and_a_delay_takes_its_own_length() -> 
     assert here.delay_ms - there.delay_ms == pytest.approx(10.0, abs=0.3)
 
 
+def test_modes_are_the_airframes_each_followed_to_its_own_place() -> None:
+    """Beside two like servos, whose pairs lie on each other: neither is told, and no mode becomes another's."""
+    flight = fly_many("servo_second_order", {"frequency": 12.0, "zeta": 0.7}, seeds=[3], **ROUGH)[0]
+    on = dataset(records(flight), (0.0, 15.0))
+    structure = compose("tpp", ("servo_second_order",), on.available, {"Omega_0": 171.2})
+    parent = candidate(estimate(structure, on.viewed(structure.inputs)), (), on)
+    found = could_hide(parent, *seen(parent))
+    own = {mode.frequency_hz for mode in parent.model.own_modes}
+    assert own < {mode.frequency_hz for mode in parent.model.modes}
+    for one in (each for group in (*found.harmful, *found.others) for each in group):
+        assert {here.frequency_hz for here, _ in one.modes} <= own
+        assert len({there.pole for _, there in one.modes}) == len(one.modes)
+        for here, there in one.modes:  # small sizes move a mode a little, and never onto a pole of the servos
+            assert 0.5 < there.frequency_hz / here.frequency_hz < 2.0
+
+
 def test_effects_that_change_something_without_bound_are_alike() -> None:
     """Beside a parameter that was fitted to nothing: no difference of two infinities is taken."""
 
