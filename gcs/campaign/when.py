@@ -17,7 +17,7 @@ from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.formats.tables import Log
 from gcs.logs.formats.ulog_table import UlogTables
 
-ToldBy = Literal["satellites", "flight.json", "name", "file"]
+ToldBy = Literal["campaign.toml", "satellites", "flight.json", "name", "file"]
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC)
 LEAP_S = 18.0
 """Satellites' time is ahead of UTC by so much since 2017."""
@@ -33,6 +33,11 @@ class When(documents.Open, frozen=True, kw_only=True):
     """ISO 8601, seconds."""
     told_by: ToldBy
 
+    @classmethod
+    def told(cls, time: datetime, by: ToldBy) -> When:
+        """To the second."""
+        return cls(utc=time.astimezone(UTC).isoformat(timespec="seconds"), told_by=by)
+
     @property
     def time(self) -> datetime:
         return datetime.fromisoformat(self.utc)
@@ -43,20 +48,24 @@ class When(documents.Open, frozen=True, kw_only=True):
         return int(self.time.timestamp() // 86400)
 
 
-def flown_at(path: Path, log: Log | None) -> When | None:
-    """When what is in a log was flown; None where the file is not even there."""
+def by_satellites(log: Log | None) -> When | None:
+    """When a log was flown, by its own receivers; None where they said nothing."""
     found = _by_satellites(log)
-    if found is not None:
-        return _told(found, "satellites")
-    for told_by, times in (("flight.json", _by_folder(path)), ("name", _by_name(path)), ("file", _by_file(path))):
+    return None if found is None else When.told(found, "satellites")
+
+
+def by_place(path: Path) -> When | None:
+    """When a log was flown by what stands beside it, its name, or the file's time; None where there is no file."""
+    found: tuple[tuple[ToldBy, Iterator[datetime]], ...] = (
+        ("flight.json", _by_folder(path)),
+        ("name", _by_name(path)),
+        ("file", _by_file(path)),
+    )
+    for told_by, times in found:
         for time in times:
             if FIRST < time < LAST:
-                return _told(time, told_by)  # type: ignore[arg-type]
+                return When.told(time, told_by)
     return None
-
-
-def _told(time: datetime, by: ToldBy) -> When:
-    return When(utc=time.astimezone(UTC).isoformat(timespec="seconds"), told_by=by)
 
 
 def _by_satellites(log: Log | None) -> datetime | None:
