@@ -20,6 +20,8 @@ _PATTERNS: Final[dict[Group, str]] = {
     "controls": r"H_SW_(PHANG|H3_PHANG)|H_CYC_MAX|MOT_(THST_EXPO|SPIN_MIN|SPIN_MAX|BAT_VOLT_MAX|BAT_VOLT_MIN)|"
     r"SERVO[1-4]_(MIN|MAX|REVERSED|FUNCTION)",
 }
+SYSTEM: Final = ("SYSID_THISMAV", "MAV_SYSID")
+"""Two names of one parameter: the vehicle's own system id."""
 _GROUP_OF: Final[dict[Group, re.Pattern[str]]] = {name: re.compile(text) for name, text in _PATTERNS.items()}
 
 

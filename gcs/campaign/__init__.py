@@ -1,0 +1,1 @@
+"""Many logs: each worked on once, whoever does it, and put together."""

@@ -1,0 +1,1 @@
+"""Many flights: do they agree, and if not, since when, or with what?"""

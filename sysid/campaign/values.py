@@ -1,0 +1,73 @@
+"""What flights say of one parameter, side by side: numbers that flights of one day share their chances in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """One flight's value of one parameter."""
+
+    flight: str
+    """Which; near copies of one flight have one name."""
+    day: int
+    """Days since 1970, UTC: flights of one day share weather, battery, mass."""
+    value: float
+    error: float
+    """Standard error within the flight, > 0."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Days:
+    """One parameter, a number for each day in their order: what is exchangeable where nothing changed."""
+
+    day: NDArray[np.int64]
+    """(n,), rising."""
+    value: FloatArray
+    """(n,)"""
+    error: FloatArray
+    """(n,) standard error of the day's mean, by its flights' own errors and their spread within days."""
+    flights: tuple[tuple[Estimate, ...], ...]
+    """(n,) those of each day."""
+
+    def __len__(self) -> int:
+        return len(self.day)
+
+
+def by_day(estimates: Sequence[Estimate]) -> Days:
+    """Flights brought together day by day. Raises ValueError for an error that is not positive, or no flights."""
+    if not estimates:
+        raise ValueError("no flights")
+    if not all(np.isfinite(one.value) and 0 < one.error < np.inf for one in estimates):
+        raise ValueError("each value must be finite and its standard error positive")
+    ordered = sorted(estimates, key=lambda one: (one.day, one.flight))
+    days = np.array(sorted({one.day for one in ordered}))
+    each = tuple(tuple(one for one in ordered if one.day == day) for day in days)
+    within = _variance_within(each)
+    values, errors = zip(*(_mean(flights, within) for flights in each), strict=True)
+    return Days(day=days, value=np.array(values), error=np.array(errors), flights=each)
+
+
+def _mean(flights: Sequence[Estimate], within: float) -> tuple[float, float]:
+    weight = np.array([1 / (one.error**2 + within) for one in flights])
+    return float(weight @ [one.value for one in flights] / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def _variance_within(days: Sequence[Sequence[Estimate]]) -> float:
+    """By how much flights of one day differ beyond their errors: squared unit, of all days together (moments)."""
+    excess, freedom = 0.0, 0.0
+    for flights in days:
+        if len(flights) > 1:
+            error = np.array([one.error for one in flights])
+            value = np.array([one.value for one in flights])
+            weight = error**-2 / np.sum(error**-2)
+            excess += float(weight @ (value - weight @ value) ** 2 - weight @ error**2 * (1 - weight @ weight))
+            freedom += float(1 - weight @ weight)
+    return max(0.0, excess / freedom) if freedom > 0 else 0.0
