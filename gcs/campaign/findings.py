@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gcs.campaign.work import Outcome
-from sysid.campaign.changes import Change, Kind
+from sysid.campaign.changes import Change, Kind, line_along
 from sysid.campaign.claims import Course, Outlier, courses
 from sysid.campaign.joint import Combination, Flight, alone, combinations
 from sysid.campaign.values import Estimate
@@ -175,6 +175,8 @@ def found(groups: Mapping[str, Sequence[Outcome]], seed: int = 0) -> Findings:
     )
 
 
+AS_WELL = 5.0
+"""Difference of log-likelihoods below which two changes may be one: the date was sought as well."""
 MOSTLY = 0.5
 """Of a condition's squares, from which on it cannot be told from time."""
 
@@ -267,7 +269,8 @@ def _events(
             singles = [name for name in names if name not in combined]
             singles.sort(key=lambda name: -abs(changes[name].size) / changes[name].error)
             named = "several" if len(singles) > 1 else "one"
-            sizes = [(name, changes[name].size, changes[name].error) for name in singles]
+            lines = {name: line_along(claimed[name].days, change.column) for name in singles}
+            sizes = [(name, float(one.at[-1]), float(one.covariance[-1, -1] ** 0.5)) for name, one in lines.items()]
         if named == "one" and sizes[0][0] in changes:  # by its own days, their errors weighed
             own = changes[sizes[0][0]]
             sizes = [(sizes[0][0], own.size, own.error)]
@@ -287,16 +290,18 @@ def _events(
 
 
 def _at_once(claimed: Mapping[str, Course]) -> list[list[str]]:
-    """Names of claims that may be one: all drifts, and steps whose dates overlap with those of the surest of them."""
+    """Names of claims that may be one: with the surest of them as good as with a kind and date of their own."""
     ordered = sorted(claimed, key=lambda name: -abs(_change(claimed[name]).size) / _change(claimed[name]).error)
     sets: list[list[str]] = []
     for name in ordered:
-        own = _change(claimed[name])
+        own = claimed[name]
         for names in sets:
-            first = _change(claimed[names[0]])
-            if own.kind == first.kind and (own.since_within is None or _overlap(own, first)):
-                names.append(name)
-                break
+            first = claimed[names[0]]
+            if len(own.days) == len(first.days):
+                along = line_along(own.days, _change(first).column)
+                if _change(own).line.log_likelihood - along.log_likelihood < AS_WELL:
+                    names.append(name)
+                    break
         else:
             sets.append([name])
     return sets
@@ -305,11 +310,6 @@ def _at_once(claimed: Mapping[str, Course]) -> list[list[str]]:
 def _change(course: Course) -> Change:
     assert course.change is not None
     return course.change
-
-
-def _overlap(one: Change, other: Change) -> bool:
-    (a, b), (c, d) = one.since_within or (0, 0), other.since_within or (0, 0)
-    return a < d and c < b
 
 
 def _apart(each: Mapping[tuple[str, str], Course]) -> tuple[Apart, ...]:

@@ -103,6 +103,11 @@ def level_of(days: Days) -> Line:
     return line(_columns(days), days.value, days.error)
 
 
+def line_along(days: Days, column: FloatArray) -> Line:
+    """The mean, conditions, and (n,) a column, whose coefficient is the last."""
+    return line(np.column_stack([_columns(days), column]), days.value, days.error)
+
+
 def changes_of(days: Days, chance: np.random.Generator, orders: int = ORDERS) -> Changes | None:
     """The largest step, the drift and the dependences; None where there are too few days for any."""
     n = len(days)
@@ -120,8 +125,8 @@ def changes_of(days: Days, chance: np.random.Generator, orders: int = ORDERS) ->
         return np.concatenate(both, axis=1)
 
     by_chance = _chances(level, chance, largest, orders)
-    step = _step(days, columns, cuts, flown, float(by_chance[0]))
-    found = line(np.column_stack([columns, years]), days.value, days.error)
+    step = _step(days, cuts, flown, float(by_chance[0]))
+    found = line_along(days, years)
     drift = Change(
         kind="drift",
         size=float(found.at[-1]),
@@ -139,11 +144,11 @@ def _columns(days: Days) -> FloatArray:
     return np.column_stack([np.ones(len(days)), *(days.conditions[name] for name in accounted(days))])
 
 
-def _step(days: Days, columns: FloatArray, cuts: NDArray[np.int64], flown: FloatArray, chance: float) -> Change:
+def _step(days: Days, cuts: NDArray[np.int64], flown: FloatArray, chance: float) -> Change:
     """Where it explains most."""
     cut = int(cuts[int(np.argmax(flown))])
     since = (np.arange(len(days)) >= cut).astype(float)
-    found = line(np.column_stack([columns, since]), days.value, days.error)
+    found = line_along(days, since)
     likely = np.flatnonzero(flown > flown.max() - stats.chi2.ppf(PROBABILITY, 1)) + FEWEST_DAYS
     size, rest = float(found.at[-1]), (found.left - days.value)[cut:]  # less the level, conditions and step
     nearer = [
