@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 COMMANDS = (
     *("fly", "sim", "check", "sweep", "abort", "fetch", "ingest", "fit", "effects", "response", "compare", "diagnose"),
-    *("add", "design", "shadow", "push", "proof", "revert", "report", "campaign", "key", "reveal", "demo"),
+    *("add", "design", "shadow", "push", "proof", "revert", "report", "campaign", "check-change", "key", "reveal", "demo"),
 )
 """In the order of the work, as `tippath --help` lists them."""
 
@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"tippath {version('tippath')}")
     subparsers = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
-        importlib.import_module(f"gcs.cli.{name}").add_parser(subparsers)
+        importlib.import_module(f"gcs.cli.{name.replace('-', '_')}").add_parser(subparsers)
     return top
 
 

@@ -6,18 +6,21 @@ all that is claimed is held (Benjamini and Yekutieli, Ann. Statist. 29, 2001, p.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from sysid.campaign.changes import Change, drift_of, likelier, step_of
-from sysid.campaign.spread import Line, line
+from sysid.campaign.changes import FEWEST_DAYS, ORDERS, Change, Changes, Dependence, changes_of, level_of
+from sysid.campaign.spread import Line
 from sysid.campaign.values import Days, Estimate, by_day
 
 FALSE_SHARE = 0.01
 """Of all claims, expected. In a campaign where nothing changed it is the chance of any claim."""
+MOST_ORDERS = 400_000
+SMALLEST = 0.5
+"""Of the chance below which a single claim must be: as what a change that no order reaches is told, at most."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,7 +42,7 @@ class Course:
 
     days: Days
     level: Line
-    """The mean, and the spread between days, as if nothing changed."""
+    """The mean, what conditions make of it, and the spread between days, as if nothing changed."""
     change: Change | None
     """The likelier kind; None where there are too few days."""
     claimed: bool
@@ -47,6 +50,13 @@ class Course:
     chance: float | None
     """Of the change, adjusted for all that was asked; None where nothing was."""
     outliers: tuple[Outlier, ...]
+    dependences: tuple[Dependence, ...] = ()
+    """On the conditions that may be told: of all of them those that are significant."""
+
+    @property
+    def line(self) -> Line:
+        """What the days are to be seen against: with the change where it is claimed."""
+        return self.change.line if self.claimed and self.change is not None else self.level
 
 
 def courses(
@@ -54,30 +64,58 @@ def courses(
 ) -> dict[tuple[str, str], Course]:
     """(vehicle, parameter) -> its course. `chance` draws orders of days."""
     days = {key: by_day(each) for key, each in estimates.items()}
-    levels = {key: line(np.ones((len(one), 1)), one.value, one.error) for key, one in days.items() if len(one) > 1}
-    asked = {key: (step_of(days[key], chance), drift_of(days[key], chance)) for key in levels}
-    chances = [one.chance for both in asked.values() for one in both if one is not None]
-    adjusted = iter(_adjusted(chances))
-    changes: dict[tuple[str, str], tuple[Change | None, float | None]] = {}
-    for key, (step, drift) in asked.items():
-        if step is None or drift is None:
-            changes[key] = None, None
-            continue
-        least = min(next(adjusted), next(adjusted))
-        changes[key] = likelier(step, drift), least
-    claimed = {key for key, (_, least) in changes.items() if least is not None and least < FALSE_SHARE}
-    apart = _outliers(days, {key: changes[key][0].line if key in claimed else level for key, level in levels.items()})  # type: ignore[union-attr]
+    levels = {key: level_of(one) for key, one in days.items() if len(one) > 1}
+    orders = _orders(sum(2 + len(days[key].conditions) for key in levels if len(days[key]) >= 2 * FEWEST_DAYS))
+    asked = {key: changes_of(days[key], chance, orders) for key in levels}
+    adjusted = iter(_adjusted([one for found in asked.values() if found is not None for one in found.chances]))
+    told = {key: _Told.of(found, adjusted) for key, found in asked.items()}
+    lines = {
+        key: told[key].change.line if told[key].claimed else level  # type: ignore[union-attr]
+        for key, level in levels.items()
+    }
+    apart = _outliers(days, lines)
     return {
         key: Course(
             days=days[key],
-            level=level,
-            change=changes[key][0],
-            claimed=key in claimed,
-            chance=changes[key][1],
+            level=_without(days[key], apart[key], levels[key]),
+            change=told[key].change,
+            claimed=told[key].claimed,
+            chance=told[key].chance,
             outliers=apart[key],
+            dependences=told[key].dependences,
         )
-        for key, level in levels.items()
+        for key in levels
     }
+
+
+def _without(days: Days, outliers: Sequence[Outlier], level: Line) -> Line:
+    """The level of the other days, so that a far one widens no spread."""
+    far = {one.day for one in outliers}
+    rest = [one for flights in days.flights for one in flights if one.day not in far]
+    return level if not far or len({one.day for one in rest}) < 2 else level_of(by_day(rest))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Told:
+    change: Change | None
+    claimed: bool
+    chance: float | None
+    dependences: tuple[Dependence, ...]
+
+    @classmethod
+    def of(cls, found: Changes | None, adjusted: Iterator[float]) -> _Told:
+        """`adjusted` gives the chances of what is asked of a parameter, in its order."""
+        if found is None:
+            return cls(change=None, claimed=False, chance=None, dependences=())
+        least = min(next(adjusted), next(adjusted))
+        dependences = tuple(one for one in found.dependences if next(adjusted) < FALSE_SHARE)
+        return cls(change=found.likelier, claimed=least < FALSE_SHARE, chance=least, dependences=dependences)
+
+
+def _orders(asked: int) -> int:
+    """So many that a change which none of them shows is claimed, though it is the only one."""
+    needed = asked * float(np.sum(1 / np.arange(1, asked + 1))) / (SMALLEST * FALSE_SHARE)
+    return int(min(MOST_ORDERS, max(ORDERS, needed)))
 
 
 def _adjusted(chances: Sequence[float]) -> list[float]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import FloatArray
+
+SAME = 2e-3
+"""Of its size: a condition that differs by less is the same on all days, and tells nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,6 +25,8 @@ class Estimate:
     value: float
     error: float
     """Standard error within the flight, > 0."""
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    """What else may move a value: rotor speed, airspeed; means over the flight."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,6 +41,8 @@ class Days:
     """(n,) standard error of the day's mean, by its flights' own errors and their spread within days."""
     flights: tuple[tuple[Estimate, ...], ...]
     """(n,) those of each day."""
+    conditions: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(n,) each, less their mean: those that all flights tell, and that differ between days."""
 
     def __len__(self) -> int:
         return len(self.day)
@@ -52,12 +59,29 @@ def by_day(estimates: Sequence[Estimate]) -> Days:
     each = tuple(tuple(one for one in ordered if one.day == day) for day in days)
     within = _variance_within(each)
     values, errors = zip(*(_mean(flights, within) for flights in each), strict=True)
-    return Days(day=days, value=np.array(values), error=np.array(errors), flights=each)
+    return Days(
+        day=days, value=np.array(values), error=np.array(errors), flights=each, conditions=_conditions(each, within)
+    )
 
 
 def _mean(flights: Sequence[Estimate], within: float) -> tuple[float, float]:
     weight = np.array([1 / (one.error**2 + within) for one in flights])
     return float(weight @ [one.value for one in flights] / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def _conditions(days: Sequence[Sequence[Estimate]], within: float) -> dict[str, FloatArray]:
+    """Weighted as the values are."""
+    told = set.intersection(*(set(one.conditions) for flights in days for one in flights))
+    found = {}
+    for name in sorted(told):
+        each = []
+        for flights in days:
+            weight = np.array([1 / (one.error**2 + within) for one in flights])
+            each.append(float(weight @ [one.conditions[name] for one in flights] / weight.sum()))
+        mean = float(np.mean(each))
+        if np.std(each) > SAME * abs(mean):
+            found[name] = np.array(each) - mean
+    return found
 
 
 def _variance_within(days: Sequence[Sequence[Estimate]]) -> float:

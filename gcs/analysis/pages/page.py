@@ -31,13 +31,8 @@ STEP = re.compile(r"([ML])\s*(-?[\d.]+(?:e-?\d+)?)\s+(-?[\d.]+(?:e-?\d+)?)\s*")
 
 def page(document: Document) -> str:
     """A document as HTML."""
-    # a twentieth of a second to load: only where a page is made
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    environment = Environment(
-        loader=PackageLoader("gcs.analysis.pages", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     parts = numbered([section.parts for section in document.sections])
     sections = [
         (number, section, [(count, type(part).__name__, part) for count, part in each])
@@ -48,8 +43,18 @@ def page(document: Document) -> str:
     def drawn(picture: Picture) -> Markup:
         return Markup(svg(picture.figure))  # Matplotlib's own, in which it escapes texts
 
-    template = environment.get_template("page.html.jinja")
-    return f"{template.render(document=document, sections=sections, contents=contents, svg=drawn)}\n"
+    return rendered("page.html.jinja", document=document, sections=sections, contents=contents, svg=drawn)
+
+
+def rendered(template: str, **values: Any) -> str:
+    """A template of this folder with these values, each of them escaped."""
+    # a twentieth of a second to load: only where a page is made
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("gcs.analysis.pages", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return f"{environment.get_template(template).render(**values)}\n"
 
 
 def svg(figure: Any, *, outlined: bool = False) -> str:

@@ -1,0 +1,131 @@
+"""What was found over many flights, in sentences: sizes with their errors, dates, and what they might be else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from datetime import date
+
+from gcs.analysis.quantities import decimals, listed
+from gcs.campaign.findings import Apart, Event, Findings, GoesWith, Size
+
+EPOCH = date(1970, 1, 1).toordinal()
+CONDITIONS: Mapping[str, tuple[str, str]] = {"omega": ("rotor speed", "rad/s"), "airspeed": ("airspeed", "m/s")}
+"""Words and unit."""
+
+
+def day_words(day: int) -> str:
+    """`3 May 2026`."""
+    when = date.fromordinal(EPOCH + day)
+    return f"{when.day} {when:%B} {when.year}"
+
+
+def number(value: float, error: float, unit: str) -> str:
+    """`20 ± 3 ms`: as many digits as the error is worth; times below a second in milliseconds."""
+    times, word = (1000.0, " ms") if unit == "s" and abs(value) < 1 else (1.0, "" if unit == "-" else f" {unit}")
+    if not (error > 0 and math.isfinite(error)):
+        return f"{times * value:.3g}{word}"
+    digits = decimals(times * error)
+    return f"{times * value:.{digits}f} ± {times * error:.{digits}f}{word}"
+
+
+def called(one: Size) -> str:
+    """`T_d (delay of the commands)`."""
+    return f"{one.parameter} ({one.meaning})" if one.meaning else one.parameter
+
+
+def event_sentence(one: Event) -> str:
+    """Who shows it, how much, in what, since when."""
+    if one.kind == "drift":
+        begin, end = (day_words(day) for day in one.days)
+        told = f"{one.group}: {_joined(one, [_drift(part) for part in one.sizes])}, from {begin} to {end}"
+    else:
+        who = "flights" if one.followed_by is None else f"{one.followed_by[1]} of {one.followed_by[0]} flights"
+        what = _joined(one, [_step(part) for part in one.sizes])
+        told = f"{one.group}: {who} since {day_words(one.since or 0)} show {what}{_dates(one)}"
+    if one.named == "class":
+        told += "; the fits do not tell in which of these it sits"
+    if one.named == "several":
+        told += "; none of these alone explains it: something changed that moves them together"
+    return f"{told}."
+
+
+def dependence_sentence(one: GoesWith) -> str:
+    """What goes with what, and whether it could be the vehicle."""
+    words, unit = CONDITIONS.get(one.condition, (one.condition, ""))
+    size = number(one.size, one.error, "" if one.unit == "-" else one.unit)
+    told = f"{one.group}: {one.parameter} goes with {words}, {size} for each {unit}"
+    if one.or_time:
+        return f"{told}; {words} itself changed over these days, so that it could as well be the vehicle that changed."
+    return f"{told}; that is no change of the vehicle."
+
+
+def apart_sentence(one: Apart, flights: str) -> str:
+    """`flights` names them."""
+    far = f"{abs(one.deviations[0]):.0f} standard errors"
+    others = f", and so are {listed(one.parameters[1:])}" if len(one.parameters) > 1 else ""
+    return f"{one.group}: {flights} of {day_words(one.day)}: {one.parameters[0]} is {far} from the others{others}."
+
+
+def nothing_sentence(found: Findings) -> str:
+    """What it means that no change is told."""
+    if not found.asked:
+        return "No change is told: that takes flights of six days at least in a group."
+    return (
+        f"No change is told: none of {found.asked} courses differs from what the order of its days by chance shows "
+        "(1 % of claims expected to be false, all courses counted)."
+    )
+
+
+def remarks(found: Findings) -> list[str]:
+    """What limits the findings."""
+    told = []
+    if found.copies:
+        told.append(f"{_logs(len(found.copies))} of a flight that another log holds as well: counted once.")
+    if found.undated:
+        told.append(f"{_logs(len(found.undated))} without a date: in no course.")
+    if found.dated_by_file:
+        told.append(
+            f"{_logs(found.dated_by_file)} dated by the file's own time alone, which is when it was copied if it was."
+        )
+    return told
+
+
+def size_words(value: float, unit: str) -> str:
+    """`31.2 ms`."""
+    return number(value, 0.0, unit)
+
+
+def _joined(event: Event, each: list[str]) -> str:
+    return ", or ".join(each) if event.named == "class" else listed(each)
+
+
+def _step(one: Size) -> str:
+    """`20 ± 3 ms more T_d (delay of the commands), 31 ms instead of 11 ms`."""
+    told = f"{number(abs(one.size), one.error, one.unit)} {'more' if one.size > 0 else 'less'} {called(one)}"
+    if not (math.isfinite(one.before) and math.isfinite(one.after)):
+        return told
+    return f"{told}, {size_words(one.after, one.unit)} instead of {size_words(one.before, one.unit)}"
+
+
+def _drift(one: Size) -> str:
+    """`L_b (roll acceleration per lateral flapping) falls by 13.2 ± 0.9 1/s^2 a year, 9.0 ± 0.6 %`."""
+    way = "rises" if one.size > 0 else "falls"
+    told = f"{called(one)} {way} by {number(abs(one.size), one.error, one.unit)} a year"
+    if not (math.isfinite(one.before) and abs(one.before) > abs(one.size)):
+        return told
+    return f"{told}, {number(100 * abs(one.size / one.before), 100 * abs(one.error / one.before), '%')}"
+
+
+def _dates(one: Event) -> str:
+    """Where the first day is not sure."""
+    last, first = one.days
+    return (
+        ""
+        if first == one.since and first - last <= 1
+        else (f"; it changed after {day_words(last)} and by {day_words(first)} at the latest")
+    )
+
+
+def _logs(count: int) -> str:
+    return f"{count} log is" if count == 1 else f"{count} logs are"
