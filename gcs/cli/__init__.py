@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 COMMANDS = (
     *("fly", "sim", "check", "sweep", "abort", "fetch", "ingest", "fit", "effects", "response", "compare", "diagnose"),
-    *("add", "design", "shadow", "push", "proof", "revert", "report", "key", "reveal", "demo"),
+    *("add", "design", "shadow", "push", "proof", "revert", "report", "key", "reveal", "demo", "paper"),
 )
 """In the order of the work, as `tippath --help` lists them."""
 
