@@ -115,15 +115,13 @@ class Hangar:
     aborted: Callable[[], str | None] = lambda: None
     interruptions: Callable[[], int] = lambda: 0
 
-    def found(self, planned: Planned, about: str = "") -> Flown | None:
-        """The flight as it was flown before with the same settings; None where it was not, or its log is another now.
-
-        `about`: of the gains it was flown with.
-        """
+    def found(self, planned: Planned) -> Flown | None:
+        """The flight as it was flown before with the same settings; None where it was not, or its log is another
+        now."""
         try:
             told = documents.read_json(self._note(planned), _FlownDocument)
             folder = FlightFolder(self.path / told.folder)
-            same = told.settings == self._settings(planned, about) and digest(folder.log) == told.sha256
+            same = told.settings == self._settings(planned) and digest(folder.log) == told.sha256
         except (TippathError, OSError):
             return None
         return Flown(folder=folder, sha256=told.sha256) if same else None
@@ -142,7 +140,7 @@ class Hangar:
             require_same_bytes(folder.log, vehicle.directory)
         return self._keep(planned, folder)
 
-    def fly_gains(self, planned: Planned, gains: Gains, fit: Fit) -> Flown:
+    def fly_gains(self, planned: Planned, fit: Fit, gains: Gains) -> Flown:
         """Push gains to the vehicle on the ground, take off, and let them follow rates. Raises as `fly`."""
         folder = self._folder(planned)
         with (
@@ -154,7 +152,7 @@ class Hangar:
             vehicle.say("lqr on")
             self._sweep(planned, session, folder)
             land(vehicle, session, self.say)
-        return self._keep(planned, folder, fit_digest(fit))
+        return self._keep(planned, folder)
 
     def _sweep(self, planned: Planned, session: Session, folder: FlightFolder) -> None:
         result = fly_card(
@@ -182,11 +180,11 @@ class Hangar:
                 told = f"{path} cannot be made ({error.strerror or error})"
                 raise TippathError(f"{told}; choose another folder with -o DIR") from error
 
-    def _keep(self, planned: Planned, folder: FlightFolder, about: str = "") -> Flown:
+    def _keep(self, planned: Planned, folder: FlightFolder) -> Flown:
         flown = Flown(folder=folder, sha256=digest(folder.log))
         told = {
             "folder": folder.path.name,
-            "settings": self._settings(planned, about),
+            "settings": self._settings(planned),
             "sha256": flown.sha256,
         }
         write_whole((json.dumps(told, indent=1) + "\n").encode(), self._note(planned))
@@ -195,17 +193,12 @@ class Hangar:
     def _note(self, planned: Planned) -> Path:
         return self.path / f"{planned.name}.json"
 
-    def _settings(self, planned: Planned, about: str) -> str:
+    def _settings(self, planned: Planned) -> str:
         settings = (planned.plant, planned.seed, planned.card, *planned.more)
-        return f"{' '.join(map(str, settings))} quick={self.quick} {about}".rstrip()
+        return f"{' '.join(map(str, settings))} quick={self.quick}"
 
 
 def digest(path: Path) -> str:
     """SHA-256 of a file. Raises OSError."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def fit_digest(fit: Fit) -> str:
-    """What tells a fit from others: its values."""
-    return hashlib.sha256(fit.model.values.round(9).tobytes()).hexdigest()[:16]

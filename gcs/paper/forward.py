@@ -136,7 +136,7 @@ def nrmse_table(flight: ForwardFlight) -> PaperTable:
         f"{same['q']:.1f} %: it is the vehicle that flew, and what is left are its gusts{noise}. The paper's "
         f"{TABLE_6['tpp', 'fitted'][0]:.1f} / {TABLE_6['tpp', 'fitted'][1]:.1f} % are lower by what its vehicle has "
         "and "
-        "eq. 15 has not; a lag of the servos alone takes as much from q (section 6, M_q).",
+        "eq. 15 has not; a lag of the servos alone takes a good part of that from q (section 6, M_q).",
         f"From fitted to validation ours loses {drop['p']:.1f} / {drop['q']:.1f} points, the paper {printed[0]:.1f} / "
         f"{printed[1]:.1f}. Rotor speed (1550 to 1720 RPM) and airspeed (17 to 19.5 m/s) move in both, and on our "
         "vehicle "

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from gcs.analysis.band import chosen_band
 from gcs.analysis.fits import split_runs
 from gcs.analysis.text.fit import PAPER_MODES, PAPER_NRMSE
@@ -33,6 +35,8 @@ from sysid.fit.identify import identify, judge
 from sysid.fit.result import Fit
 from sysid.model.paper import CD, TPP, reduce_to_cd
 
+SLOW_HZ = 3.0
+"""Between the two modes."""
 OF_TABLE_4 = "Table 4 flown"
 """The column of the flight whose vehicle is Table 4 exactly."""
 
@@ -165,15 +169,15 @@ def nrmse_table(own: HoverFlight, bare: HoverFlight) -> PaperTable:
         f"{own.cd.nrmse_percent['p']:.1f} / {own.cd.nrmse_percent['q']:.1f} %. Its q lies far below its p in ours as "
         "in the "
         "paper, for the second mode is almost purely pitch.",
-        "Doublets: the paper's were flown by hand, ours by the autopilot, 0.25 s a pulse: most of their power lies "
-        "about "
-        "and below 2 Hz, where CD still follows. So CD's q does better on ours.",
+        f"Doublets: the paper's were flown by hand, ours by the autopilot. Below {SLOW_HZ:g} Hz, where CD still "
+        "follows, "
+        f"lie {share_below(own.doublets.records, 'q', SLOW_HZ):.0f} % of q's power in our doublets and "
+        f"{share_below(own.chirps.records, 'q', SLOW_HZ):.0f} % in our chirps. So CD's q does better on ours.",
     ]
     if own.floor:
         why.append(
-            f"A model that leaves nothing but noise would reach {own.floor['p']:.1f} / {own.floor['q']:.1f} % of our "
-            "chirps: "
-            "so much are the gusts that our vehicle flies in."
+            f"Gusts, and whatever else of our vehicle follows no command linearly, leave {own.floor['p']:.1f} / "
+            f"{own.floor['q']:.1f} % to the best linear model (noise alone)."
         )
     return PaperTable(
         label="Table 3",
@@ -183,6 +187,18 @@ def nrmse_table(own: HoverFlight, bare: HoverFlight) -> PaperTable:
         shows_percent=False,
         why=tuple(why),
     )
+
+
+def share_below(records: Sequence[Record], channel: str, hz: float) -> float:
+    """Of a channel's power over some runs, percent that lies below this frequency."""
+    low = whole = 0.0
+    for record in records:
+        values = record.channels[channel] - np.mean(record.channels[channel])
+        power = np.abs(np.fft.rfft(values)) ** 2
+        frequency = np.fft.rfftfreq(values.size, float(np.median(np.diff(record.t))))
+        low += float(np.sum(power[frequency < hz]))
+        whole += float(np.sum(power))
+    return 100 * low / whole
 
 
 def parameter_table(own: HoverFlight, bare: HoverFlight) -> PaperTable:
@@ -249,18 +265,17 @@ def two_sets_table(one: HoverFlight, other: HoverFlight) -> PaperTable:
         for name, (which, percent) in found.items()
     ]
     name = parameters[0]
-    spread = (errors_of(one.tpp)[name] ** 2 + errors_of(other.tpp)[name] ** 2) ** 0.5
     z = {
         key: (second[key] - first[key]) / (errors_of(one.tpp)[key] ** 2 + errors_of(other.tpp)[key] ** 2) ** 0.5
         for key in first.structure.names
     }
     worst = max(z, key=lambda key: abs(z[key]))
     why = (
-        f"The largest change in percent belongs to the parameter nearest zero or least seen, {name}: "
-        f"{first[name]:.4g} and {second[name]:.4g}, {abs(z[name]):.1f} standard errors of both together "
-        f"({spread:.2g}) apart. In standard errors the largest change is {worst}'s, {abs(z[worst]):.1f}. Gusts, noise "
-        "and the servos' play differ between the two flights, the vehicle does not: so much percent is the scatter of "
-        "the method, and the paper's 7.7 % is of the same kind.",
+        f"In percent {name} changes most, {first[name]:.4g} and {second[name]:.4g}: {abs(z[name]):.1f} standard "
+        "errors of "
+        f"both together. In standard errors {worst} does, {abs(z[worst]):.1f}. The vehicle is the same, only gusts, "
+        "noise and how its play stands differ: so much percent is the scatter of the method, and the paper's figures "
+        "are of the same size.",
     )
     return PaperTable(
         label="Section 4.2, two sets",

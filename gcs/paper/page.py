@@ -42,8 +42,9 @@ def paper_page(document: PaperDocument) -> str:
 
 def head(table: PaperTable) -> list[str]:
     """The columns' names."""
+    values = [table.printed, table.ours] if table.shows_values else []
     percent = ["difference, %"] if table.shows_percent else []
-    return ["", table.printed, table.ours, *percent, *table.columns]
+    return ["", *values, *percent, *table.columns]
 
 
 def cells(table: PaperTable, row: Row) -> list[str]:
@@ -53,7 +54,8 @@ def cells(table: PaperTable, row: Row) -> list[str]:
         ours = f"{number(row.ours, row.digits)} ± {row.error:.2g}"
     percent = [NOTHING if row.percent is None else f"{row.percent:+.1f}"] if table.shows_percent else []
     others = [number(row.beside.get(name), 1 if "off in SE" in name else row.digits) for name in table.columns]
-    return [row.name, number(row.printed, row.digits), ours, *percent, *others]
+    values = [number(row.printed, row.digits), ours] if table.shows_values else []
+    return [row.name, *values, *percent, *others]
 
 
 def number(value: float | None, digits: int) -> str:

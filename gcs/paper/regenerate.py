@@ -29,8 +29,10 @@ from gcs.paper.values import Chapter, FlightTold, PaperDocument
 if TYPE_CHECKING:  # a second to load
     from gcs.paper.forward import ForwardFlight
     from gcs.paper.hover import HoverFlight
+    from sysid.control.regulator import Gains
+    from sysid.fit.result import Fit
 
-VERSION = "1"
+VERSION = "2"
 """Of what the chapters work out: chapters of another are worked out anew."""
 LARGEST_CHAPTER = 1 << 25
 Say = Callable[[str], None]
@@ -72,6 +74,14 @@ class Workshop:
 
         return ForwardFlight.read(self.flown[flights.FORWARD.name].folder.log)
 
+    @cached_property
+    def gains(self) -> tuple[Fit, Gains]:
+        """The paper's LQR on the TPP of the first hover flight, as the demonstration designs and pushes it."""
+        from gcs.demo.demo import design_gains, identify_runs
+
+        identification, _ = identify_runs(self.flown[flights.HOVER_1.name].folder)
+        return identification.tpp, design_gains(identification)[-1]
+
     def inputs(self, part: Part) -> str:
         """What the part is worked out from."""
         logs = " ".join(self.flown[one.name].sha256 for one in part.needs)
@@ -109,6 +119,39 @@ def _forward(shop: Workshop) -> Chapter:
     return _chapter(tables=tables, figures=tuple(forward.forward_figures(shop.forward)))
 
 
+def _rotor(shop: Workshop) -> Chapter:
+    from gcs.demo.seal import open_answer
+    from gcs.paper import rotor
+
+    sealed = open_answer(shop.flown[flights.SLOW.name].folder.path / "vehicle")
+    slow, fast = shop.hover(flights.SLOW), shop.hover(flights.FAST)
+    return _chapter(tables=rotor.rotor_tables(slow, fast, dict(sealed.document["sizes"])))
+
+
+def _missing(shop: Workshop) -> Chapter:
+    from gcs.paper import missing
+
+    table, text = missing.missing_part(shop.hover(flights.HOVER_1), lambda words: None)
+    return _chapter(tables=(table,), listing=text)
+
+
+def _coupling(shop: Workshop) -> Chapter:
+    from gcs.paper import coupling
+
+    own = shop.hover(flights.HOVER_1)
+    return _chapter(
+        tables=(coupling.coupling_table(own.tpp.model, own.cd.model),), figures=(coupling.coupling_figure(),)
+    )
+
+
+def _control(shop: Workshop) -> Chapter:
+    from gcs.paper import control
+
+    _, gains = shop.gains
+    runs = control.read_rates(shop.flown[flights.LQR.name].folder.log)
+    return _chapter(tables=(control.following_table(runs, gains),), figures=(control.following_figure(runs),))
+
+
 def _chapter(**holds: object) -> Chapter:
     """Its heading and what it stands on are filled in where it is kept."""
     return msgspec.convert({"heading": "", "inputs": "", **holds}, Chapter)
@@ -129,7 +172,35 @@ PARTS = (
         make=_two_sets,
         takes_s=10.0,
     ),
+    Part(
+        key="rotor-speed",
+        heading="Rotor speed (section 4.3)",
+        needs=(flights.SLOW, flights.FAST),
+        make=_rotor,
+        takes_s=10.0,
+    ),
+    Part(
+        key="control",
+        heading="Rate control in hover (section 5)",
+        needs=(flights.HOVER_1, flights.LQR),
+        make=_control,
+        takes_s=5.0,
+    ),
     Part(key="forward", heading="Forward flight (section 6)", needs=(flights.FORWARD,), make=_forward, takes_s=30.0),
+    Part(
+        key="coupling",
+        heading="The controller before the paper (eq. 1)",
+        needs=(flights.HOVER_1,),
+        make=_coupling,
+        takes_s=5.0,
+    ),
+    Part(
+        key="missing",
+        heading="What the paper could not say: what TPP lacks on the same flight",
+        needs=(flights.HOVER_1,),
+        make=_missing,
+        takes_s=20.0,
+    ),
 )
 
 
@@ -169,7 +240,7 @@ def regenerate(directory: Path, hangar: Hangar, tell: Say, parts: Sequence[Part]
     for one in to_fly:
         _go_on(hangar)
         ahead.next(f"flying {one.name}: {one.what}", one.takes_s(hangar.quick))
-        flown[one.name] = hangar.fly(one)
+        flown[one.name] = hangar.fly_gains(one, *Workshop(flown).gains) if one is flights.LQR else hangar.fly(one)
     shop = Workshop(flown)
     chapters = []
     for part in parts:
@@ -222,4 +293,4 @@ def _put(path: Path, document: msgspec.Struct) -> None:
         raise TippathError(
             f"{path.parent} cannot be made ({error.strerror or error}); choose another with -o DIR"
         ) from error
-    write_whole(msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n", path)
+    write_whole(msgspec.json.encode(document) + b"\n", path)

@@ -39,6 +39,8 @@ class PaperTable(documents.Open, frozen=True, kw_only=True):
     columns: tuple[str, ...] = ()
     """Of `Row.beside`, in order."""
     shows_percent: bool = True
+    shows_values: bool = True
+    """Whether printed and ours have columns; else those of `columns` alone."""
     printed: str = "printed"
     ours: str = "ours"
     """Heads of these columns."""
@@ -78,6 +80,8 @@ class Chapter(documents.Open, frozen=True, kw_only=True):
     inputs: str
     """What it was worked out from: another means that it has to be worked out again."""
     said: tuple[str, ...] = ()
+    listing: str = ""
+    """Text in columns, whose spaces count."""
     tables: tuple[PaperTable, ...] = ()
     figures: tuple[PaperFigure, ...] = ()
 
