@@ -8,7 +8,7 @@ STAMP := $(VENV)/.stamp
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly demo test lint types types-packages types-tests contracts tests quick flights bench study pictures blind clean
+.PHONY: help setup fly demo paper test lint types types-packages types-tests contracts tests quick flights bench study pictures blind clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -26,6 +26,9 @@ fly: $(STAMP)  ## open the app on the bundled simulated vehicle
 
 demo: $(STAMP)  ## the whole flight test, unattended, without a terminal
 	$(BIN)/tippath demo
+
+paper: $(STAMP)  ## the paper's tables and figures from simulated flights, ours beside the printed, into DIR; half an hour, goes on where it was
+	$(BIN)/tippath paper -o $${DIR:-paper}
 
 test: $(STAMP)  ## every check
 	@$(MAKE) --no-print-directory -j2 lint types contracts

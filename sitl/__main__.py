@@ -55,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--gain-switch", action="store_true", help="with the script of a second set of gains (--like)")
     parser.add_argument("--hidden", metavar="EFFECT|random|none", help="plant it and seal the answer in DIR")
     parser.add_argument("--condition", choices=tuple(CONDITIONS), help="how lively the flight is (default: calm)")
+    parser.add_argument("--rpm", type=float, metavar="N", help="the governor holds this rotor speed (hover-ideal)")
     parser.add_argument(
         "--listen",
         metavar="LINK",
@@ -143,11 +144,12 @@ def _vehicle(arguments: argparse.Namespace, hidden: Hidden | None) -> Vehicle:
             parameters=settings,
             hidden=hidden,
             condition=arguments.condition,
+            rpm=arguments.rpm,
             like=arguments.like,
             gain_switch=arguments.gain_switch,
         )
     except ValueError as error:
-        option = "condition" if arguments.like is None else "like"
+        option = "like" if arguments.like is not None else "condition" if arguments.rpm is None else "rpm"
         raise _Refused(f"--{option} {getattr(arguments, option)}: {error}", 2) from error
     except KeyError as error:
         raise _Refused(f"--set: this vehicle has no parameter {error.args[0]}, or not with that value", 2) from error

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 COMMANDS = (
     *("fly", "sim", "check", "sweep", "abort", "fetch", "ingest", "fit", "effects", "response", "compare", "diagnose"),
-    *("add", "design", "shadow", "push", "proof", "revert", "report", "campaign", "check-change", "key", "reveal", "demo"),
+    *("add", "design", "shadow", "push", "proof", "revert", "report", "campaign", "check-change", "key", "reveal"),
+    *("demo", "paper"),
 )
 """In the order of the work, as `tippath --help` lists them."""
 

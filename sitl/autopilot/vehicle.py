@@ -33,7 +33,7 @@ from sitl.autopilot.systemid import NOTHING, Added, SystemId
 from sitl.hidden import Hidden
 from sitl.plants import Plant, make_plant
 from sitl.plants.actuators import clip
-from sitl.plants.conditions import CALM, CONDITIONS, Condition
+from sitl.plants.conditions import CALM, Condition, named_condition
 from sitl.plants.sensors import Gyro, Mount, RateFilter
 from sitl.plants.stock import make_stock_plant
 
@@ -460,13 +460,14 @@ def make_vehicle(
     hidden: Hidden | None = None,
     condition: str | None = None,
     gust_scale: float = 1.0,
+    rpm: float | None = None,
     like: str | None = None,
     gain_switch: bool = False,
 ) -> Vehicle:
     """A vehicle with the plant of that name, carrying what is hidden. Raises as `make_plant` and `Vehicle` do.
 
     `condition` is a name of `sitl.plants.conditions`; None takes the hidden effect's own, or the calm one. ValueError
-    where that name does not exist, or where the effect was drawn for another plant.
+    where that name does not exist, or where the effect was drawn for another plant. `rpm`: as `named_condition`.
 
     `like` is a name of `sitl.autopilot.clothes.CLOTHES`; such a vehicle hides nothing and is calm (ValueError).
     With `gain_switch` its card has the script of a second set of rate gains; others have a bank of their own.
@@ -474,7 +475,7 @@ def make_vehicle(
     flies: dict[str, Any] = {"name": plant, "seed": seed, "directory": directory, "on_ground": on_ground}
     flies |= {"parameters": parameters}
     if like is not None:
-        if hidden is not None or condition not in (None, "calm"):
+        if hidden is not None or rpm is not None or condition not in (None, "calm"):
             raise ValueError(f"{like} flies as it is: nothing is hidden in it, and no condition stirs it")
         if plant not in CLOTHES[like].plants:
             raise ValueError(f"{like} flies {' or '.join(CLOTHES[like].plants)}, not {plant}")
@@ -488,10 +489,8 @@ def make_vehicle(
         raise ValueError(f"what is hidden was drawn for {hidden.plant}, not for {plant}")
     if condition is None:
         condition = "calm" if hidden is None else hidden.condition
-    if condition not in CONDITIONS:
-        raise ValueError(f"unknown condition {condition!r}; there are {', '.join(CONDITIONS)}")
     parts = None if hidden is None else hidden.build()
-    flown = CONDITIONS[condition]
+    flown = named_condition(condition, rpm)
     return Vehicle(
         make_plant(plant, seed, parts=parts, condition=flown, gust_scale=gust_scale),
         **flies,

@@ -28,7 +28,8 @@ class Condition:
 CALM = Condition()
 
 # 300 of 1650 RPM: between the lowest speed at which the paper's vehicle hovered and its motor's end.
-_RPM = replace(CALM, rpm=(1450.0, 1750.0))
+RPM_BOUNDS = (1450.0, 1750.0)
+_RPM = replace(CALM, rpm=RPM_BOUNDS)
 # From just above the stall to a shallow dive.
 _AIRSPEED = replace(CALM, airspeed=(13.0, 24.0))
 # A pilot who turns the nose to and fro: r of 0.4 to 0.5 rad/s.
@@ -48,3 +49,17 @@ CONDITIONS = {
     "lively": _LIVELY,
 }
 """By name; `stirring` is yaw and collective, `lively` is everything at once."""
+
+
+def named_condition(name: str, rpm: float | None = None) -> Condition:
+    """The condition of that name; with `rpm` the governor holds that rotor speed throughout.
+
+    Raises ValueError for an unknown name, and for a speed at which this rotor carries nothing or bursts.
+    """
+    if name not in CONDITIONS:
+        raise ValueError(f"unknown condition {name!r}; there are {', '.join(CONDITIONS)}")
+    if rpm is None:
+        return CONDITIONS[name]
+    if not RPM_BOUNDS[0] <= rpm <= RPM_BOUNDS[1]:
+        raise ValueError(f"the rotor turns at {RPM_BOUNDS[0]:g} to {RPM_BOUNDS[1]:g} RPM, not at {rpm:g}")
+    return replace(CONDITIONS[name], rpm=(rpm, rpm))
