@@ -8,7 +8,7 @@ STAMP := $(VENV)/.stamp
 export OPENBLAS_NUM_THREADS ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup fly demo paper test lint types types-packages types-tests contracts tests quick flights bench study pictures blind clean
+.PHONY: help setup fly demo paper test lint types types-packages types-tests contracts tests quick flights bench study pictures blind docs docs-check wheel-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -53,7 +53,7 @@ tests: $(STAMP)  # what flies in real time mostly waits: it has a process of its
 	@$(MAKE) --no-print-directory -j2 flights quick
 
 quick: $(STAMP)
-	$(BIN)/python -m pytest -m 'not realtime and not thorough' --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m 'not realtime and not thorough' --numprocesses 3 --dist loadfile
 
 flights: $(STAMP)
 	@$(BIN)/python -m pytest -m 'realtime and not thorough' $$(grep -rl --include='test_*.py' 'mark\.realtime' tests) > $(VENV)/flights.log 2>&1; status=$$?; echo; cat $(VENV)/flights.log; exit $$status
@@ -72,5 +72,14 @@ blind: $(STAMP)  ## COUNT flights from seed FIRST that hide something or nothing
 	$(BIN)/python tests/study/blind.py $${FILE:-blind.jsonl} --first $${FIRST:-1000000} --count $${COUNT:-300} $${BUDGET:+--budget $$BUDGET}
 	$(BIN)/python tests/study/judge.py $${FILE:-blind.jsonl} --by-size
 
+docs: $(VENV)/.docs-stamp  ## the site into build/docs/html; needs no network, to be made or to be read
+	$(BIN)/python docs/site/stage.py build/docs/pages
+	$(BIN)/python -m sphinx -b html -W --keep-going --quiet -c docs/site build/docs/pages build/docs/html
+	@echo "open build/docs/html/index.html"
+
+$(VENV)/.docs-stamp: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	@touch $@
+
 clean:  ## remove what setup and the tests made
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache tippath.egg-info
+	rm -rf $(VENV) build .mypy_cache .ruff_cache .pytest_cache .import_linter_cache tippath.egg-info

@@ -229,7 +229,9 @@ def explanation(effect: Effect) -> str:
     for one in effect.parameters:
         unit = "" if one.unit == "-" else f", {one.unit}"
         lines += _wrapped(f"{one.name:<{width}}  {one.meaning}{unit}; typically {one.typical:g}", 4, width + 2)
-        ranges = f"null {_null(one.null)}; plausible {_range(one.plausible)}; bounds {_range(one.bounds)}"
+        ranges = (
+            f"null {null_words(one.null)}; plausible {range_words(one.plausible)}; bounds {range_words(one.bounds)}"
+        )
         lines += _wrapped(ranges, width + 6)
     return "\n".join(lines)
 
@@ -260,13 +262,13 @@ def _wrapped(text: str, indent: int, hanging: int = 0) -> list[str]:
     )
 
 
-def _null(x: float | None) -> str:
+def null_words(x: float | None) -> str:
     if x is None:
         return "none"
     return "infinite" if math.isinf(x) else f"{x:g}"
 
 
-def _range(limits: tuple[float, float]) -> str:
+def range_words(limits: tuple[float, float]) -> str:
     low, high = limits
     if low == high:
         return f"{low:g} only"

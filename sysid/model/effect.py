@@ -70,7 +70,7 @@ class Signals:
 
 
 def magnitude(x: Any) -> Any:
-    """|x| that a complex step passes through: it has the derivative sign(x)."""
+    """`|x|` that a complex step passes through: it has the derivative sign(x)."""
     return np.sqrt(x * x)
 
 

@@ -102,8 +102,8 @@ def test_the_readme_s_table_says_what_entries_declare() -> None:
         assert equation.replace("\\|", "|") == effect.equation
         assert source == effect.source
         for one in effect.parameters:
-            assert f"{one.name} {effects._null(one.null)}" in nulls.split("; ")
-            assert any(word.startswith(f"{one.name} {effects._range(one.plausible)}") for word in plausible.split("; "))
+            assert f"{one.name} {effects.null_words(one.null)}" in nulls.split("; ")
+            assert any(word.startswith(f"{one.name} {effects.range_words(one.plausible)}") for word in plausible.split("; "))
 
 
 def test_a_users_file_by_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
