@@ -32,6 +32,20 @@ def own_cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def few_of_the_errors() -> Iterator[int]:
+    """Of a fit's errors, on which gains are judged: a tenth of the usual ones, which take most of a design's time."""
+    import gcs.analysis.clearance
+    import gcs.analysis.rate_gains
+
+    few = 50
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(gcs.analysis.clearance, "SAMPLES", few)
+        patch.setitem(gcs.analysis.clearance.clearance.__kwdefaults__, "samples", few)
+        patch.setitem(gcs.analysis.rate_gains.ardupilot_gains.__kwdefaults__, "samples", few)
+        yield few
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of real logs; without it the test is skipped and says what was not proved."""

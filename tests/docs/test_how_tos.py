@@ -100,6 +100,7 @@ def test_a_page_can_be_carried_out(page: Path, copy: Path) -> None:
         carry_out(block, copy)
 
 
+@pytest.mark.thorough
 def test_every_contract_test_stays_green_with_all_that_was_added(copy: Path) -> None:
     """All but what no addition reaches and takes long: commands on a CSV, fresh interpreters, examples, old files."""
     added = [block.order.split()[1] for page in PAGES for block in blocks(page) if block.order.startswith("file ")]

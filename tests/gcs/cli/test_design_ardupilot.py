@@ -132,14 +132,16 @@ def kept(document: Mapping[str, Any], path: Path) -> Path:
     return path
 
 
-def test_both_sets_are_judged_and_the_file_is_judged_anew(quad_set: str, tmp_path: Path) -> None:
+def test_both_sets_are_judged_and_the_file_is_judged_anew(
+    quad_set: str, tmp_path: Path, few_of_the_errors: int
+) -> None:
     path, document = tmp_path / "rate-gains.json", json.loads(quad_set)
     path.write_text(quad_set)
     assert document["judged_flown"]["noise"]["times_flown"] == pytest.approx(1)
     assert 1 < document["judged"]["noise"]["times_flown"] <= 1.3013
     for name in ("judged", "judged_flown"):
         assert document[name]["verdict"] == "holds"
-        assert document[name]["bounds"]["samples"] == 500
+        assert document[name]["bounds"]["samples"] == few_of_the_errors
     again = cleared_again(path)
     assert json.loads(json.dumps(again.judgement.to_json())) == document["judged"]
     require_cleared(again, None)

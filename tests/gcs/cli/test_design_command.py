@@ -12,8 +12,7 @@ import pytest
 from loops_in_time import Late, flown
 from planted import TABLE_4
 
-import gcs.analysis.clearance
-from gcs.analysis.clearance import clearance, cleared_again
+from gcs.analysis.clearance import cleared_again
 from gcs.analysis.text.gains import measured_text
 from gcs.flight.gains import GainsError
 from sysid.control.measured_margins import NOTHING_MEASURED, Crossing, MeasuredMargins
@@ -43,13 +42,6 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     runs = [str(folder / f"{axis}.csv") for axis in ("roll", "pitch")]
     assert main(["fit", *runs, "--model", "tpp", "--with", "transport_delay", "-o", str(folder / "tpp.json")]) == 0
     return folder
-
-
-@pytest.fixture(autouse=True)
-def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the fit's errors; how many there are is another test's."""
-    monkeypatch.setattr(gcs.analysis.clearance, "SAMPLES", 40)
-    monkeypatch.setitem(clearance.__kwdefaults__, "samples", 40)
 
 
 @pytest.fixture

@@ -74,7 +74,7 @@ def noise() -> RateDisturbance:
     return found
 
 
-@pytest.mark.parametrize("factor", [1.0, 2.5, 0.4])
+@pytest.mark.parametrize("factor", [2.5, pytest.param(1.0, marks=pytest.mark.thorough), 0.4])
 def test_commands_move_as_foretold_from_another_gain_s_flight(noise: RateDisturbance, factor: float) -> None:
     law = times(factor)
     told = noise.commands(law, law.vehicle(VEHICLE))

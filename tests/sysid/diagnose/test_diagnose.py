@@ -41,7 +41,7 @@ def asked(runs: list[Run], *effects: str, base: str = "tpp", validation: list[Re
         pytest.param("hub_gyroscopics", None, marks=pytest.mark.thorough),
         pytest.param("dynamic_inflow", None, marks=pytest.mark.thorough),
         pytest.param("servo_backlash", None, marks=pytest.mark.thorough),
-        ("quadratic_damping", None),
+        pytest.param("quadratic_damping", None, marks=pytest.mark.thorough),
         pytest.param("rotor_speed", None, marks=pytest.mark.thorough),
     ],
 )

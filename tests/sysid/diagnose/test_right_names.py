@@ -67,6 +67,7 @@ def test_slow_motors_in_strong_gusts_are_named(monkeypatch: pytest.MonkeyPatch) 
     assert motors.fit is None
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("only_effects")
 @pytest.mark.parametrize("only_effects", [("transport_delay", "servo_lag", "input_coupling")], indirect=True)
 def test_in_a_loop_candidates_are_ranked_under_the_noise_of_the_likeliest(monkeypatch: pytest.MonkeyPatch) -> None:
