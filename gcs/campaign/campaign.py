@@ -8,15 +8,17 @@ campaign/
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from gcs.campaign.given import Given
 from gcs.campaign.groups import copies, grouped, placed
 from gcs.campaign.store import Store
 from gcs.campaign.work import Outcome, Settings
-from gcs.campaign.workers import Progress, work_through
+from gcs.campaign.workers import Progress, predict_through, work_through
 from gcs.errors import TippathError, UsageError
 from gcs.logs import logs_in
 
@@ -86,4 +88,20 @@ def run_campaign(
     store = Store(folder)
     worked = work_through(logs, settings, store, scheduler=scheduler, workers=workers, on_progress=on_progress)
     outcomes = placed(worked, given)
+    predicted = predict_through(
+        list(neighbours(grouped(outcomes, given))),
+        store,
+        scheduler=scheduler,
+        workers=workers,
+        on_progress=on_progress,
+    )
+    outcomes = tuple(msgspec.structs.replace(one, predicted=predicted.get(one.path)) for one in outcomes)
     return Campaign(outcomes=outcomes, groups=grouped(outcomes, given), copies=copies(outcomes))
+
+
+def neighbours(groups: Mapping[str, Sequence[Outcome]]) -> Iterator[tuple[Outcome, Outcome]]:
+    """Each flight with the one before it in its group, the first with the second: later flights change none of them."""
+    for flights in groups.values():
+        for place, one in enumerate(flights):
+            if len(flights) > 1:
+                yield one, flights[place - 1 if place else 1]

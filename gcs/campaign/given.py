@@ -34,7 +34,7 @@ class LogsTable(documents.Strict, frozen=True, kw_only=True):
     files: Annotated[tuple[Annotated[str, Meta(min_length=1, max_length=400)], ...], Meta(min_length=1)]
     vehicle: _Name | None = None
     configuration: _Name | None = None
-    date: date | datetime | None = None
+    date: date | None = None
 
 
 class CampaignDocument(documents.Strict, frozen=True, kw_only=True):
@@ -90,8 +90,6 @@ def load(path: Path) -> Given:
     return Given(path.parent, document.logs)
 
 
-def _time(given: date | datetime) -> datetime:
-    """A day's noon, UTC; a time without a zone is UTC."""
-    if not isinstance(given, datetime):
-        return datetime(given.year, given.month, given.day, 12, tzinfo=UTC)
-    return given if given.tzinfo is not None else given.replace(tzinfo=UTC)
+def _time(given: date) -> datetime:
+    """The day's noon, UTC."""
+    return datetime(given.year, given.month, given.day, 12, tzinfo=UTC)

@@ -34,10 +34,10 @@ from sysid.data.dataset import Dataset, prepared
 from sysid.data.record import Record
 from sysid.diagnose.diagnose import diagnose
 from sysid.errors import SysidError
-from sysid.fit.identify import identify
+from sysid.fit.identify import identify, judge
 from sysid.fit.model_error import with_model_errors
 from sysid.fit.result import Fit
-from sysid.fit.saved_model import model_json
+from sysid.fit.saved_model import model_json, model_of
 from sysid.model.base import find_base, on_axes
 from sysid.model.compose import compose
 from sysid.model.effect import find
@@ -227,6 +227,27 @@ def _of_log(path: Path, blank: Outcome) -> Outcome:
         return _without(known, "cannot be fitted", str(error))
     verdict = _verdict(fit, fitted, judging) if settings.diagnose else None
     return msgspec.structs.replace(known, fit=_numbers(fit), verdict=verdict)
+
+
+def predicted_on(path: Path, of: Outcome, by: Outcome) -> Predicted:
+    """How well the model of one flight predicts what was fitted of another, in that one's band."""
+    assert of.fit is not None
+    assert by.fit is not None
+    blank = Predicted(key=prediction_key(of, by), by=by.key, version=program(), nrmse_percent=None)
+    own_files = [word for word in (of.settings.model, *of.settings.effects) if word is not None]
+    try:
+        model = model_of(by.fit.model, ROOT, own_files)
+        records = [run.record for run in read_runs(path, of.settings).usable if run.record is not None]
+        runs = of_axes([one for one in records if one.maneuver != "quiet"], model.structure.base_)
+        nrmse = judge(model, prepared(split_runs(runs)[0], of.fit.band_hz), of.fit.band_hz)
+    except (TippathError, SysidError) as error:
+        return msgspec.structs.replace(blank, words=str(error))
+    return msgspec.structs.replace(blank, nrmse_percent=nrmse)
+
+
+def prediction_key(of: Outcome, by: Outcome) -> str:
+    """Under which `predicted_on` is kept: both outcomes' keys hold all that it depends on."""
+    return hashlib.sha256(f"{of.key} by {by.key}".encode()).hexdigest()
 
 
 def read_runs(path: Path, settings: Settings) -> Ingest:

@@ -20,7 +20,7 @@ import msgspec
 
 from gcs.campaign.identity import program
 from gcs.campaign.store import Store
-from gcs.campaign.work import Outcome, Settings, key_of, worked_on
+from gcs.campaign.work import Outcome, Predicted, Settings, key_of, predicted_on, prediction_key, worked_on
 from gcs.errors import LinkError, TippathError, to_install
 
 TRIES = 2
@@ -112,6 +112,48 @@ def work_through(
         with contextlib.suppress(OSError):
             store.keep_index()
     return [unread[path] if path in unread else _at(found[keys[path]], path) for path in paths]
+
+
+def predict_through(
+    pairs: Sequence[tuple[Outcome, Outcome]],
+    store: Store,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+) -> dict[str, Predicted]:
+    """Of each flight, by another's model: path -> how well. Raises as `work_through`."""
+    keys = {prediction_key(of, by): (of, by) for of, by in pairs}
+    found = {key: before for key in keys if (before := store.kept(key, Predicted)) is not None}
+    tasks = {
+        key: Task(Path(of.path), predicted_on, (Path(of.path), of, by))
+        for key, (of, by) in keys.items()
+        if key not in found
+    }
+    kept = len(found)
+
+    def tick(seconds: float, waiting_for: str) -> None:
+        on_progress(
+            Progress(
+                done=len(found),
+                of=len(keys),
+                kept=kept,
+                seconds=seconds,
+                newest=None,
+                what="predictions",
+                waiting_for=waiting_for,
+            )
+        )
+
+    def done(key: str, result: Predicted | None, words: str) -> None:
+        if result is None:
+            result = Predicted(key=key, by=keys[key][1].key, version="", nrmse_percent=None, words=words)
+        else:
+            store.keep(result)
+        found[key] = result
+
+    carry_out(tasks, done, tick, scheduler=scheduler, workers=workers)
+    return {keys[key][0].path: one for key, one in found.items()}
 
 
 def _keys(paths: Sequence[Path], settings: Settings, store: Store) -> tuple[dict[Path, str], dict[Path, Outcome]]:
