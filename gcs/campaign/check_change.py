@@ -148,7 +148,8 @@ def _of_fit(path: Path) -> dict[str, Any]:
     """Raises DocumentError."""
     if not _is_fit(path):
         raise TippathError(f"{path}: is no {FIT} document; `tippath fit -o` writes one")
-    saved, units = (documents.read_json(path, kind, what="fit") for kind in (FitDocument, _Units))
+    saved = documents.read_json(path, FitDocument, what="fit")
+    units = documents.read_json(path, _Units, what="fit")
     first = saved.records[0].path if saved.records else ""
     when = flown_at(path.parent / first, None) if first else None
     day = 0 if when is None else when.day

@@ -51,7 +51,7 @@ class Difference:
     def needed(self, size: float, asked: int) -> int:
         """Days (or flights) in each set that would show a change of this size, of so many parameters asked."""
         level = FALSE_SHARE / (asked * float(np.sum(1 / np.arange(1, asked + 1))))
-        times = stats.norm.isf(level / 2) + stats.norm.ppf(SHOWN)
+        times = float(stats.norm.isf(level / 2) + stats.norm.ppf(SHOWN))
         one = self.error / math.sqrt(1 / self.counts[0] + 1 / self.counts[1])
         return max(FEWEST, math.ceil(2 * (times * one / size) ** 2))
 
