@@ -48,7 +48,11 @@ def run(args: argparse.Namespace) -> int:
             aborted=wishes,
             interruptions=lambda: wishes.pressed,
         )
-        found = regenerate(args.output, hangar, say)
+        try:
+            found = regenerate(args.output, hangar, say)
+        except KeyboardInterrupt:
+            say("what is done is kept: the same command goes on there")
+            raise
     if args.json:
         print_json(msgspec.to_builtins(found))
     else:

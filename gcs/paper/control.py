@@ -22,7 +22,7 @@ LETTERS = {"p": "R", "q": "P"}
 AXES = {"roll": "p", "pitch": "q"}
 
 Traces = dict[str, FloatArray]
-"""`t`, `pulse`, and of p and q what was asked for and what came: (n,)."""
+"""`t`, `pulse`, and of p and q what was asked for and what came: (n,), rad/s."""
 
 
 def read_rates(log: Path) -> list[tuple[str, Traces]]:
@@ -36,7 +36,7 @@ def read_rates(log: Path) -> list[tuple[str, Traces]]:
             raise TippathError(f"{record.id}: no samples of the commanded rate in {log}")
         series = {key: tables.series(name).part(start, stop) for key, name in names.items()}
         target, t = tables.series("SIDD.Targ").part(start, stop), series["p"].t
-        traces = {key: np.interp(t, one.t, one.values) for key, one in series.items()}
+        traces = {key: np.radians(np.interp(t, one.t, one.values)) for key, one in series.items()}  # logged in deg/s
         found.append((record.axis, {**traces, "t": t, "pulse": np.interp(t, target.t, target.values)}))
     return found
 
@@ -44,6 +44,11 @@ def read_rates(log: Path) -> list[tuple[str, Traces]]:
 def followed(runs: Sequence[tuple[str, Traces]]) -> list[Following]:
     """How each maneuver's own rate followed."""
     return [following(axis, one["t"], one[f"{AXES[axis]}Des"], one[AXES[axis]], one["pulse"]) for axis, one in runs]
+
+
+def peak(measured: FloatArray, commanded: FloatArray) -> float:
+    """The largest rate over the largest that was asked for."""
+    return float(np.max(np.abs(measured)) / np.max(np.abs(commanded)))
 
 
 def following_figure(runs: Sequence[tuple[str, Traces]]) -> PaperFigure:
@@ -72,25 +77,28 @@ def following_table(runs: Sequence[tuple[str, Traces]], gains: Gains) -> PaperTa
             "correlation": found.correlation,
             "lag, ms": 1000 * found.lag_s,
             "steady, %": 100 * found.steady_share,
+            "peak, %": 100 * peak(one[own], one[f"{own}Des"]),
             "other axis, %": 100 * share,
         }
         rows.append(Row(name=f"{axis} rate", beside=beside, digits=2))
+    peaks = ", ".join(f"{axis} {100 * peak(one[AXES[axis]], one[f'{AXES[axis]}Des']):.0f} %" for axis, one in runs)
     why = (
-        "The paper: roll is delayed, but follows; pitch shows coupling with roll, and is larger than what was "
-        "commanded. "
-        "Here the pilot's sticks are doublets of the autopilot, so that delay and gain can be measured; other axis: "
-        "how "
-        "far the other rate moved from its command, over the motion of this one.",
-        f"Delay margin of this loop on its model: {gains.margins.delay_ms:.0f} ms; the lag that no model of section 5 "
-        "has "
-        "comes out of that.",
-        "Why our pitch falls short of its command where the paper's exceeds it was not worked out.",
+        "The paper says in words: roll is delayed, but follows; pitch shows coupling with roll, and is larger than "
+        "what "
+        f"was commanded. Here the sticks are doublets of the autopilot, so that it can be measured: peaks of {peaks} "
+        "of "
+        "the largest command, steady less; other axis: how far the other rate moved from its command, over the motion "
+        "of this one.",
+        f"Delay margin of this loop on its model: {gains.margins.delay_ms:.0f} ms; what lags and is in no model of "
+        "section "
+        "5 comes out of that, and shows as ringing.",
+        "How much of the steady shortfall is the servos' play and how much the fit's was not worked out.",
     )
     return PaperTable(
         label="Section 5, following",
         caption="How the measured rate followed the commanded one (best lag), with the LQR in control.",
         rows=tuple(rows),
-        columns=("correlation", "lag, ms", "steady, %", "other axis, %"),
+        columns=("correlation", "lag, ms", "steady, %", "peak, %", "other axis, %"),
         shows_percent=False,
         shows_values=False,
         why=why,

@@ -61,11 +61,11 @@ def coupling_table(tpp: Model, cd: Model) -> PaperTable:
                 OF_REDUCED: growth(PRINTED["TPP"], reduce_to_cd(PRINTED["TPP"]), gain, k_c),
                 "our TPP, growth 1/s": growth(tpp, cd, gain, k_c),
             }
-            rows.append(Row(name=f"K_p = K_q = {gain:g} 1/s, K_c = {k_c:g}", beside=beside, digits=2))
+            rows.append(Row(name=f"gain {gain:g} 1/s, K_c = {k_c:g}", beside=beside, digits=2))
     return PaperTable(
         label="Eq. 1, K_c",
         caption="Eq. 1 with G and C of the CD, on the CD and on the TPP: largest real part of the poles, stable below "
-        "zero. Table 4's models, then those fitted to our chirps.",
+        "zero; gain: K_p = K_q. Table 4's models, then those fitted to our chirps.",
         rows=tuple(rows),
         columns=("CD, growth 1/s", "CD, coupling left", "TPP, growth 1/s", OF_REDUCED, "our TPP, growth 1/s"),
         shows_percent=False,
