@@ -103,7 +103,9 @@ def test_the_readme_s_table_says_what_entries_declare() -> None:
         assert source == effect.source
         for one in effect.parameters:
             assert f"{one.name} {effects.null_words(one.null)}" in nulls.split("; ")
-            assert any(word.startswith(f"{one.name} {effects.range_words(one.plausible)}") for word in plausible.split("; "))
+            assert any(
+                word.startswith(f"{one.name} {effects.range_words(one.plausible)}") for word in plausible.split("; ")
+            )
 
 
 def test_a_users_file_by_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
