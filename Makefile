@@ -77,6 +77,18 @@ docs: $(VENV)/.docs-stamp  ## the site into build/docs/html; needs no network, t
 	$(BIN)/python -m sphinx -b html -W --keep-going --quiet -c docs/site build/docs/pages build/docs/html
 	@echo "open build/docs/html/index.html"
 
+docs-check: docs  ## the site's links, and the first flight as its page says, live; some three minutes
+	$(BIN)/python tests/docs/first_flight.py $(BIN)/tippath
+
+wheel-check: $(STAMP)  ## a wheel built, installed in an empty environment, and the first flight with it from another folder
+	rm -rf build && mkdir -p build
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir build/wheel .
+	$(PYTHON) -m venv build/installed
+	build/installed/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt build/wheel/*.whl
+	@ls -l build/wheel
+	@cd / && $(CURDIR)/build/installed/bin/python -X importtime -c 'import gcs.cli' 2>&1 | tail -n 1
+	$(BIN)/python tests/docs/first_flight.py build/installed/bin/tippath
+
 $(VENV)/.docs-stamp: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
 	@touch $@

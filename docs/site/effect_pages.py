@@ -70,7 +70,7 @@ def page(found: Signature) -> str:
         numbers = (f"{one.typical:g}", null_words(one.null), range_words(one.plausible), range_words(one.bounds))
         lines.append(f"| `{one.name}` | {one.unit} | {cell(one.meaning)} | {' | '.join(numbers)} |")
     words = signature_words(found)
-    lines += ["", "## Signature", "", f"{words[0].upper()}{words[1:]}.", "", drawn(signature_picture(found)), ""]
+    lines += ["", "## Signature", "", f"{words}.", "", drawn(signature_picture(found)), ""]
     lines += ["```sh", f"tippath effects {effect.id}", f"tippath fit FLIGHT --model tpp --with {effect.id}", "```", ""]
     return "\n".join(lines)
 

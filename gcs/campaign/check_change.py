@@ -13,7 +13,7 @@ import numpy as np
 from gcs import documents
 from gcs.analysis.quantities import listed
 from gcs.campaign.sentences import number
-from gcs.campaign.when import flown_at
+from gcs.campaign.when import by_place
 from gcs.campaign.work import Outcome, Settings, worked_on
 from gcs.errors import TippathError, UsageError
 from sysid.campaign.two_sets import Difference, by_days, differences
@@ -151,7 +151,7 @@ def _of_fit(path: Path) -> dict[str, Any]:
     saved = documents.read_json(path, FitDocument, what="fit")
     units = documents.read_json(path, _Units, what="fit")
     first = saved.records[0].path if saved.records else ""
-    when = flown_at(path.parent / first, None) if first else None
+    when = by_place(path.parent / first) if first else None
     day = 0 if when is None else when.day
     seen = ",".join(sorted(f"{one.sha256} {one.id}" for one in saved.records)) or str(path.resolve())
     estimates = {}

@@ -47,7 +47,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _main(argv: Sequence[str] | None) -> int:
+    from gcs.cli.namesakes import NamesakeError, refuse_namesakes
     from gcs.errors import TippathError, UsageError
+
+    try:
+        refuse_namesakes()
+    except NamesakeError as error:
+        print(f"tippath: {error}", file=sys.stderr)
+        return EXIT_NO
     from sysid.errors import SysidError
 
     args = argparse.Namespace(command="")

@@ -51,6 +51,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "effect", nargs="?", metavar="ID", help="a catalogue id, or the path of your own effect file (its code runs)"
     )
+    parser.add_argument("--how-to", action="store_true", help="print how to write an effect of your own")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw what it does: .png, .svg, or .html")
     parser.add_argument("--force", action="store_true", help="overwrite the file")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
@@ -58,8 +59,11 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from sysid.model.effect import EffectError, catalogue, find
+    from sysid.model.effect import FOLDER, EffectError, catalogue, find
 
+    if args.how_to:
+        print((FOLDER / "README.md").read_text(encoding="utf-8"), end="")
+        return 0
     if args.plot is not None:
         refuse_plot(args.plot, args.force)
     if args.effect is None:
@@ -203,7 +207,7 @@ def table(effects: Iterable[Effect]) -> str:
         lines.append(f"  {one.id:<22} {one.title:<36}{f' needs {needs}' if needs else ''}".rstrip())
         if len(lines[-1]) > WIDTH:
             lines[-1:] = [f"  {one.id:<22} {one.title}", *_wrapped(f"needs {needs}", 25)]
-    lines += ["", "`tippath effects ID` explains one; sysid/effects/README.md, how to add one."]
+    lines += ["", "`tippath effects ID` explains one; `tippath effects --how-to`, how to add one."]
     return "\n".join(lines)
 
 
