@@ -23,8 +23,10 @@ nitpicky = False
 default_role = "literal"  # docstrings write code in single backticks
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-autodoc_class_signature = "mixed"
+autodoc_class_signature = "separated"  # a class shows its fields, not sixteen arguments
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "FloatArray", "ComplexArray", "AnyArray")}
 python_maximum_signature_line_length = 80
+smartquotes = False  # two hyphens begin an option
 highlight_language = "none"
 
 html_theme = "furo"

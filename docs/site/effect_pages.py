@@ -13,7 +13,6 @@ from sysid.model.effect import catalogue
 from sysid.model.signature import Signature, signature_of
 
 BLACKS = re.compile(rf"(?:{BLACK}|#000000|black)\b", re.IGNORECASE)
-BACKGROUND = re.compile(r'(<g id="(?:patch_1|patch_\d+)">\s*<path d="[^"]*"\s*style=")fill: #ffffff')
 INTRODUCTION = """\
 # The catalogue of effects
 
@@ -92,5 +91,5 @@ def cell(text: str) -> str:
 
 def drawn(figure: object) -> str:
     """A figure in the page's own colours: black is the page's ink, white its paper."""
-    text = BACKGROUND.sub(r"\1fill: none", svg(figure))
+    text = svg(figure).replace("#ffffff", "none").replace("#dddddd", "var(--color-background-border)")
     return f'<div class="picture">\n{BLACKS.sub("currentColor", text)}\n</div>'.replace("\n\n", "\n")

@@ -26,7 +26,7 @@ ingest flight-0001/flight.BIN --explain
 fit flight-0001 --model tpp -o tpp.json
 compare tpp.json
 response flight-0001/flight.BIN#1 flight-0001/flight.BIN#2 -o response.csv
-design tpp.json --input-cost 8 -o gains.json
+fit flight-0001 --model cd -o cd.json
 effects servo_lag
 effects --how-to
 """
