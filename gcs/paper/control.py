@@ -91,7 +91,7 @@ def following_table(runs: Sequence[tuple[str, Traces]], gains: Gains) -> PaperTa
         "of this one.",
         f"Delay margin of this loop on its model: {gains.margins.delay_ms:.0f} ms; what lags and is in no model of "
         "section "
-        "5 comes out of that, and shows as ringing.",
+        "5 comes out of that.",
         "How much of the steady shortfall is the servos' play and how much the fit's was not worked out.",
     )
     return PaperTable(

@@ -52,7 +52,7 @@ def _table(found: Discovery, floor: dict[str, float]) -> PaperTable:
             "Fitted as everywhere else in this program, weighed by the spectrum of what is left; so TPP's NRMSE is not "
             "quite Table 3's, which are fitted by the paper's criterion.",
             "What flew is known here: a servo of 16 Hz and damping 0.75, which is 15 ms late at low frequencies, 6 ms "
-            "of "
-            "delay, play, and inflow that answers late. One effect stands for the first two together.",
+            "of delay, play, and inflow that answers late. In this band the first two are nearly one lag, which one "
+            "effect can stand for.",
         ),
     )

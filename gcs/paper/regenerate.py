@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # a second to load
     from sysid.control.regulator import Gains
     from sysid.fit.result import Fit
 
-VERSION = "3"
+VERSION = "4"
 """Of what the chapters work out: chapters of another are worked out anew."""
 LARGEST_CHAPTER = 1 << 25
 Say = Callable[[str], None]
