@@ -9,6 +9,8 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
+import signal
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -217,15 +219,17 @@ def _client(scheduler: str | None, workers: int, patience_s: float, waiting: Cal
     except ImportError as error:
         raise TippathError(f"a campaign needs Dask, which is not installed: {to_install('distributed')}") from error
     if scheduler is None:
-        with (
-            distributed.LocalCluster(
+        with _deaf_to_interrupts():
+            started = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
                 dashboard_address=None,
                 silence_logs=50,
-            ) as cluster,
+            )
+        with (
+            started as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):
             yield client
@@ -246,6 +250,19 @@ def _client(scheduler: str | None, workers: int, patience_s: float, waiting: Cal
             ) from error
     with client:
         yield client
+
+
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes that are started meanwhile leave Ctrl-C to this one, which ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _hand_out(

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
 from injuries import COUNTS, bounded, bounded_turns, injure
+from pyarrow import parquet
 
 from gcs.errors import TippathError
 from gcs.logs import ingest
-
-pyarrow = pytest.importorskip("pyarrow", reason="NOT CHECKED: pyarrow is large, and not among the pinned packages")
-parquet = pytest.importorskip("pyarrow.parquet")
 
 Saved = Callable[[bytes, str], Path]
 
