@@ -186,7 +186,7 @@ MISSING = (
         "measures",
         (
             "  which is: first-order lag of the servos",
-            "  explains 94 % of what can be explained  p  64.1 →  81.0   q  70.9 →  87.6 %",
+            "  removes 94 % of the avoidable error     p  64.1 →  81.0   q  70.9 →  87.6 %",
             "  tau_s = 31.2 ± 0.4 ms                   plausible: 20 to 50 ms",
             "  why: phase falls linearly up to 8 Hz on both axes while the gain falls too",
         ),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -240,13 +241,21 @@ class Calculations:
         text = addition_blocks(addition, place, None if written is None else str(written))
         return text, whole(outcome(addition)[1], {})
 
-    def report(self, paths: Sequence[Path], named: Sequence[str], gains: Path | None) -> str:
-        """The page of some fits and gains; `named` are the user's effect files."""
-        from gcs.analysis.pages.report import flight_report  # matplotlib comes along as well
+    def report(
+        self, paths: Sequence[Path], named: Sequence[str], gains: Path | None, paper: datetime | None
+    ) -> tuple[str, bytes | None]:
+        """The page of some fits and gains, and, where it is for `paper`, made then, the same as PDF; `named` are the
+        user's effect files."""
+        from gcs.analysis.pages.page import page  # matplotlib comes along as well
+        from gcs.analysis.pages.report import flight_document
 
-        text = flight_report(paths, named, gains, say=self._step)
+        document = flight_document(paths, named, gains, say=self._step)
         self._step("writing")
-        return text
+        if paper is None:
+            return page(document), None
+        from gcs.analysis.pages.pdf import pdf  # fonts are read: only where it is asked for
+
+        return page(document), pdf(document, paper)
 
 
 def _fitted_before(kept: saved.SavedResults, records: Sequence[Record]) -> Fitted | None:

@@ -20,6 +20,7 @@ from gcs.desk.keeping import Keeping, ToKeep, document_text
 from gcs.desk.state import Base, Choice, Rung, TimedNote
 from gcs.desk.working import Working
 from gcs.errors import TippathError, UsageError
+from gcs.files import write_whole
 from gcs.flight.folder import FlightFolder, stamp
 
 if TYPE_CHECKING:
@@ -279,6 +280,13 @@ class Desk(Working):
 
     def report(self) -> None:
         """The self-contained page of fits, comparison, diagnosis, ladder and gains."""
+        self._report(None)
+
+    def report_for_paper(self) -> None:
+        """That page, and the same as PDF beside it."""
+        self._report(self._now())
+
+    def _report(self, paper: datetime | None) -> None:
         with self._working("writing the report"):
             fits = self._to_report()
             if self._state.unkept:
@@ -286,11 +294,15 @@ class Desk(Working):
             paths = [self._place(fit) for fit in fits]
             gains = None if self._state.designed is None else self._state.designed.path
             files = [path for fit in fits for path in shell.user_files(fit)]
-            text = self._calculations.report(paths, files, gains)
+            text, printed = self._calculations.report(paths, files, gains, paper)
 
             def command(path: Path) -> str:
-                self._set(report=path, said=f"wrote {path}")
-                return shell.report(fits, paths, gains, path)
+                self._set(report=path, printed=None, said=f"wrote {path}")
+                if printed is not None:
+                    beside = path.with_suffix(".pdf")
+                    write_whole(printed, beside)
+                    self._set(printed=beside, said=f"wrote {path} and {beside.name}")
+                return shell.report(fits, paths, gains, path, paper=printed is not None)
 
             self._keeping.keep_file(
                 ToKeep(

@@ -63,6 +63,6 @@ def design(fit: Fit, fit_path: Path, options: Sequence[object], path: Path) -> s
     return words(["tippath", "design", fit_path, *options, *named(fit), "-o", path])
 
 
-def report(fits: Sequence[Fit], fit_paths: Sequence[Path], gains: Path | None, path: Path) -> str:
+def report(fits: Sequence[Fit], fit_paths: Sequence[Path], gains: Path | None, path: Path, *, paper: bool) -> str:
     given = [] if gains is None else ["--gains", gains]
-    return words(["tippath", "report", *fit_paths, *given, *named(*fits), "-o", path])
+    return words(["tippath", "report", *fit_paths, *given, *named(*fits), *(["--pdf"] if paper else []), "-o", path])

@@ -302,6 +302,8 @@ class DeskState:
     card: Path | None = None
     """The last card written by `next_card`."""
     report: Path | None = None
+    printed: Path | None = None
+    """The same as PDF; None where nobody asked for it."""
     busy: str = ""
     """What is being worked on; empty where nothing is."""
     called_off: bool = False

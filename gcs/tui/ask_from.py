@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 from textual.containers import Vertical
+from textual.suggester import Suggester
 from textual.widget import Widget
 from textual.widgets import Input
 
@@ -18,23 +20,52 @@ from gcs.tui.words import fitted
 ROWS = 12
 
 
+class Paths(Suggester):
+    """Completes a folder or file that is typed; the right arrow takes it."""
+
+    def __init__(self) -> None:
+        super().__init__(use_cache=False, case_sensitive=True)
+
+    async def get_suggestion(self, value: str) -> str | None:
+        """The first name in that folder that begins so; None where there is none."""
+        typed = Path(value).expanduser()
+        if not value or value.endswith(("/", "\\")):
+            folder, begin = typed, ""
+        else:
+            folder, begin = typed.parent, typed.name
+        try:
+            names = sorted(one.name for one in folder.iterdir() if one.name.startswith(begin))
+        except OSError:
+            return None
+        shown = [name for name in names if begin or not name.startswith(".")]
+        return value + shown[0][len(begin) :] if value and shown else None
+
+
 class AskFrom(Ask):
     """Gives what stands in the field, or the answer that was pressed."""
 
     BINDINGS = [("down", "move(1)", "down"), ("up", "move(-1)", "up")]
 
     def __init__(
-        self, style: Style, question: str, hint: str, value: str = "", offers: Sequence[tuple[str, str]] = ()
+        self,
+        style: Style,
+        question: str,
+        hint: str,
+        value: str = "",
+        offers: Sequence[tuple[str, str]] = (),
+        *,
+        suggester: Suggester | None = None,
     ) -> None:
-        """`offers`: words, each with what it is."""
+        """`offers`: words, each with what it is; `suggester` completes what is typed."""
         super().__init__(style, question, hint, value)
+        self._suggester = suggester
         self._offers = offers
         self._at = next((number for number, (word, _) in enumerate(offers) if word == value), -1)
 
     def body(self) -> Iterable[Widget]:
         with Vertical(classes="box"):
             yield Lines(self.style, "question")
-            yield Input(self._value, id="answer")
+            yield Input(self._value, id="answer", suggester=self._suggester)
             yield Lines(self.style, "offers")
             yield Lines(self.style, "hint")
 

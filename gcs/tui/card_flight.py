@@ -457,7 +457,7 @@ class CardFlight:
                 self._moment.mark(result.run.number, mark, why)
             self._flown.append(result)
             runs, limits = self._moment.now.runs, self._moment.now.limits
-            self._moment.set(runs=unlocked(runs, self._planned, self._flown, limits, self._earlier))
+            self._moment.set(runs=unlocked(runs, self._planned, self._flown, limits))
             now = self._moment.now
             if result.clean and result.file is not None and now.flight is not None and tells_both_axes(now.runs):
                 self._so_far.after(now.flight)

@@ -52,21 +52,16 @@ def flown_before(earlier: Earlier, probes: int = 0) -> tuple[RunView, ...]:
 
 
 def unlocked(
-    views: Sequence[RunView],
-    planned: Sequence[CardRun],
-    flown: Sequence[RunResult],
-    limits: Limits,
-    earlier: Earlier | None = None,
+    views: Sequence[RunView], planned: Sequence[CardRun], flown: Sequence[RunResult], limits: Limits
 ) -> tuple[RunView, ...]:
     """Runs as they stand after what was flown: those whose step before is clean are free, or say what still holds."""
-    kept = {} if earlier is None else earlier.kept
-    clean = {one.run.number for one in flown if one.clean} | set(kept)
+    clean = {one.run.number for one in flown if one.clean}
     by_number = {run.number: run for run in planned}
     found = []
     for view in views:
         run = by_number.get(view.number)
         if view.mark is Mark.LOCKED and run is not None and run.locked_by in clean:
-            why = locked(run, flown, limits, kept)
+            why = locked(run, flown, limits)
             still = (why.removeprefix(f"{run.label} stays locked: "),)
             view = replace(view, why=still) if why else replace(view, mark=Mark.WAITING, why=())
         found.append(view)

@@ -9,7 +9,9 @@ from textual.timer import Timer
 
 from gcs.desk.state import Choice, Weights
 from gcs.errors import TippathError
+from gcs.tui.ask_from import AskFrom, Paths
 from gcs.tui.asking import AskingApp
+from gcs.tui.connections import recent_flights
 from gcs.tui.next_step import winner
 
 
@@ -22,8 +24,20 @@ class DeskApp(AskingApp):
     # The flight.
 
     def action_open_flight(self) -> None:
-        """Ask for a flight."""
-        self.ask_to_work("Which flight?", "a flight folder or a log", "the flight", self.worker.open_flight)
+        """Ask for a flight: the newest are listed, and what is typed is completed."""
+        state = self.worker.state()
+        near = state.desk.path or state.flight
+        folder = Path() if near is None else near.parent
+        found = recent_flights(folder)
+        offers = [(str(folder / one.flight.name), one.about) for one in found if one.flight is not None]
+
+        def take(word: str | None) -> None:
+            if word is not None:
+                self.work("the flight", lambda: self.worker.open_flight(word))
+
+        self._problem = ""
+        hint = "up/down chooses, or type a flight folder or a log; the right arrow completes it"
+        self.push_screen(AskFrom(self.plot_style, "Which flight?", hint, "", offers, suggester=Paths()), take)
 
     def action_note(self) -> None:
         """Ask for a note."""
@@ -94,6 +108,7 @@ class DeskApp(AskingApp):
             "diagnose": desk.diagnose,
             "design": self.worker.design,
             "report": desk.report,
+            "PDF": desk.report_for_paper,
             "shadow": desk.shadow,
             "prove": desk.prove,
         }

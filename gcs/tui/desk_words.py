@@ -169,7 +169,8 @@ def report_lines(state: State, audit: Sequence[str], width: int) -> list[Line]:
     desk = state.desk
     lines: list[Line] = []
     if desk.report is not None:
-        lines += [(f" the page: {desk.report}", "bold"), " for paper, as PDF: its command below with --pdf"]
+        paper = " P writes it anew, and as PDF for paper" if desk.printed is None else f" for paper: {desk.printed}"
+        lines += [(f" the page: {desk.report}", "bold"), paper]
     elif desk.path is not None:
         lines += [" no page is written yet"]
     if desk.home is not None:

@@ -270,5 +270,5 @@ def _next_report(desk: DeskState) -> str:
     if desk.unkept:
         return "3, then D keeps the results in another folder; then W writes the page"
     if desk.report is None:
-        return "W writes the report page"
+        return "W writes the report page, P that and a PDF"
     return "open the page in a browser; W writes it anew"

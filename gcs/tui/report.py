@@ -20,6 +20,7 @@ class ReportScreen(Scrolled):
     NAME = "Report"
     ACTS = (
         Act("w,W", "app.work('report')", "write the page", "write the report page"),
+        Act("p,P", "app.work('PDF')", "as PDF too", "write the page, and the same as PDF for paper"),
         Act("m,M", "app.rename", "name", "name the flight"),
         Act("d,D", "app.keep_in", "other folder", "keep results in another folder"),
         *READ,

@@ -26,7 +26,6 @@ from gcs.analysis.pages.flown import columns_for, run_figure
 from gcs.analysis.pages.gains_section import gains_section
 from gcs.analysis.pages.ladder import ladder_picture
 from gcs.analysis.pages.models import fits_table, guides_table, modes_table, values_table
-from gcs.analysis.pages.page import page
 from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences
 from gcs.analysis.pages.pictures import PAGE_WIDTH, overlay_figure, spectra_figure
 from gcs.analysis.pages.provenance import flight_parts, flown_when, runs_table, source_parts
@@ -76,19 +75,6 @@ class RungFound:
     """None where it was not diagnosed."""
     best: Densities | None
     """What the residual is with what it lacks."""
-
-
-def flight_report(
-    paths: Sequence[Path],
-    named: Sequence[str] = (),
-    gains: Path | None = None,
-    *,
-    diagnosing: bool = True,
-    say: Progress = lambda _what, _share: None,
-    warn: Callable[[str], None] = lambda _words: None,
-) -> str:
-    """The page of `flight_document` as HTML; raises as it does."""
-    return page(flight_document(paths, named, gains, diagnosing=diagnosing, say=say, warn=warn))
 
 
 def flight_document(

@@ -121,11 +121,11 @@ def shown_text(shown: Shown) -> str:
             return f"{100 * share:.0f} % of the error that it takes away is in {axis}."
         case InOneBand(axis, share, (low, high)):
             where = f"in {low:.1f}-{high:.1f} Hz" if low > 0 else f"below {high:.1f} Hz"
-            return f"{100 * share:.0f} % of what goes in {axis} lies {where}."
+            return f"{100 * share:.0f} % of the {axis} error it removes lies {where}."
         case NoLinearAnswer(share):
             return f"{100 * share:.0f} % of the error that it takes away is no linear answer to the commands."
         case InStepWithCommand(axis, share, command):
-            return f"{100 * share:.0f} % of what goes in {axis} is in step with {command}."
+            return f"{100 * share:.0f} % of the {axis} error it removes is in step with {command}."
         case GoesWithChannel(channel, correlation):
             return f"The error comes and goes with {channel} (correlation {correlation:.2f})."
         case GrowsWithCommand(command, times):

@@ -38,7 +38,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     before, floor = last.parent.nrmse_percent, last.noise_floor_percent
     if winner is None or winner.fit is None or last.verdict == "complete":
         return [_numbers("the fit", before), _numbers("noise alone would allow", floor), *_left(found), *_before(found)]
-    share = f"explains {100 * (last.explained_share or 0.0):.0f} % of what can be explained"
+    share = f"removes {100 * (last.explained_share or 0.0):.0f} % of the avoidable error"
     lines: list[Line] = [*_which(winner, last.airframe), nrmse_row(share, before, winner.fit.nrmse_percent)]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))

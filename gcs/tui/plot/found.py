@@ -167,7 +167,7 @@ def candidate_bars(candidates: Sequence[tuple[str, float | None, str]], title: s
         said = "not testable" if share is None else f"{100 * share:.0f} %"
         parts = () if share is None else (float(np.clip(np.nan_to_num(share), 0.0, 1.0)),)
         bars.append(Bar(label=label, parts=parts, text=f"{said}  {note}".rstrip(), chosen=number == 0))
-    return BarPlot(bars=tuple(bars), title=title, lines=((ENOUGH, "enough to name it"),) if bars else ())
+    return BarPlot(bars=tuple(bars), title=title, lines=((ENOUGH, "needed to be named"),) if bars else ())
 
 
 def heat_plot(comparison: Comparison) -> HeatPlot:

@@ -62,8 +62,6 @@ class Panel:
     """Powers of ten; values <= 0 are not drawn."""
     wraps: bool = False
     """An angle in degrees: not joined over the turn from 180 to -180."""
-    scale_of: int | None = None
-    """The panel whose scale this one shares."""
     weight: float = 1.0
     """Of its height."""
     residual: bool = False
@@ -145,7 +143,7 @@ class BarPlot:
     title: str = ""
     full: float = 1.0
     lines: tuple[tuple[float, str], ...] = ()
-    """Values marked through all bars, with a word: (0.8, "enough to name it")."""
+    """Values marked through all bars, with a word: (0.8, "needed to be named")."""
     words: tuple[str, ...] = ()
     """What the parts are, for the legend."""
     beside: str = ""

@@ -55,9 +55,8 @@ def picture(
     rows: list[Row] = []
     if sheet.plan.head:
         rows.append(_head(ready.plot, width, style))
-    scales: list[Scale] = []
     for one, height_rows in zip(ready.panels, sheet.plan.rows, strict=False):
-        rows += _panel(sheet, one, height_rows, scales)
+        rows += _panel(sheet, one, height_rows)
     if sheet.plan.marks:
         rows.append(marks_row(sheet))
     if sheet.plan.axis:
@@ -89,12 +88,11 @@ def _extents(one: ReadyPanel, grid: Grid) -> _Extents:
     return _Extents(extent(one.line), over, tuple(extent(layer) for layer in one.references))
 
 
-def _panel(sheet: Sheet, one: ReadyPanel, rows: int, scales: list[Scale]) -> list[Row]:
+def _panel(sheet: Sheet, one: ReadyPanel, rows: int) -> list[Row]:
     """A panel in its rows; its scale is appended to those of the panels above."""
     panel, plan = one.panel, sheet.plan
     extents = _extents(one, sheet.grid)
-    scale = _scale(panel, extents.signals if panel.centred else [*extents.signals, *extents.references], scales)
-    scales.append(scale)
+    scale = _scale(panel, extents.signals if panel.centred else [*extents.signals, *extents.references])
     chars, codes = _canvas(sheet, panel, extents, rows, scale)
     ticks = _ticks(panel, scale, rows)
     _grid(sheet, panel, ticks, scale, chars, codes)
@@ -204,11 +202,9 @@ def _canvas(sheet: Sheet, panel: Panel, extents: _Extents, rows: int, scale: Sca
     return chars, codes
 
 
-def _scale(panel: Panel, drawn: Sequence[Extent], scales: Sequence[Scale]) -> Scale:
+def _scale(panel: Panel, drawn: Sequence[Extent]) -> Scale:
     if panel.fixed is not None and math.isfinite(panel.fixed[1] - panel.fixed[0]) and panel.fixed[1] > panel.fixed[0]:
         return panel.fixed
-    if panel.scale_of is not None and 0 <= panel.scale_of < len(scales):
-        return scales[panel.scale_of]
     low = min((float(np.fmin.reduce(one[0])) for one in drawn if one[0].size), default=math.nan, key=_number_first)
     high = max((float(np.fmax.reduce(one[1])) for one in drawn if one[1].size), default=math.nan, key=_nan_last)
     if panel.centred:

@@ -546,17 +546,21 @@ def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
     worked: tuple[Desk, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import gcs.analysis.pages.page
+    import gcs.analysis.pages.pdf
 
     def counted(figure: Figure, **_: bool) -> str:
         return f"<svg>{len(figure.axes)} panels</svg>"
 
     monkeypatch.setattr(gcs.analysis.pages.page, "svg", counted)
+    monkeypatch.setattr(gcs.analysis.pages.pdf, "pdf", lambda document, _: f"%PDF {document.title}".encode())
     desk, home = worked
     monkeypatch.chdir(home)
     desk.rename("first <script>flight</script> $x^{")
-    desk.report()
+    desk.report_for_paper()
     state = desk.state()
     assert state.report is not None
+    assert state.printed == state.report.with_suffix(".pdf")
+    assert state.printed.read_text() == "%PDF first <script>flight</script> $x^{"
     text = state.report.read_text()
     for part in (
         *(
@@ -581,9 +585,9 @@ def test_a_report_shows_all_of_it_and_its_command_makes_the_same(
         assert part in text, part
     assert state.commands[-1] == (
         "tippath report flight-0001/tpp.json flight-0001/tpp-servo_lag.json flight-0001/cd.json "
-        "--gains flight-0001/gains.json -o flight-0001/report.html"
+        "--gains flight-0001/gains.json --pdf -o flight-0001/report.html"
     )
-    assert (state.progress, state.said) == (None, "wrote flight-0001/report.html")
+    assert (state.progress, state.said) == (None, "wrote flight-0001/report.html and report.pdf")
     words = state.commands[-1].replace("report.html", "again.html").split()[1:]
     typed(*words)
     assert Path("flight-0001/again.html").read_text() == text

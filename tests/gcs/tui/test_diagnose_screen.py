@@ -42,7 +42,9 @@ async def test_the_table_is_there_while_it_is_asked_and_the_answer_after_it():
 async def test_a_candidate_is_told_about_by_enter_and_by_a_press_and_escape_goes_back():
     app, engine = app_on(at("asked"))
     async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.press("6", "v", "down", "enter")
+        await pilot.press("6")
+        await settle(app)
+        await pilot.press("v", "down", "enter")
         await settle(app)
         text = "\n".join(screen_text(app))
         assert "added, it removes 90 % of the avoidable error" in text

@@ -60,6 +60,28 @@ async def test_a_recorded_flight_is_opened_and_the_guide_comes_with_its_flight_o
         assert engine.asked == [], "the guide asks nothing of anybody"
 
 
+async def test_a_flight_is_chosen_from_the_newest_or_typed_and_completed(tmp_path, monkeypatch):
+    for name in ("flight-0001", "flight-0002"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path)
+    app, engine = app_on(replace(IDLE, flight=None))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("3", "o")
+        await settle(app)
+        text = "\n".join(screen_text(app))
+        assert text.index("flight-0002") < text.index("flight-0001"), "the newest first"
+        await pilot.press("down", "down", "enter")
+        await settle(app)
+        assert engine.asked[-1] == "flight flight-0001"
+        await pilot.press("o")
+        await settle(app)
+        await pilot.press(*"flight", "minus", *"0002"[:3])
+        await settle(app)
+        await pilot.press("right", "enter")
+        await settle(app)
+        assert engine.asked[-1] == "flight flight-0001", "completed to the first that begins so"
+
+
 def test_the_guide_says_something_else_at_every_step_and_fits_in_its_lines():
     moments = {**MOMENTS, **ANALYSED, "nowhere": NOWHERE}
     said = {guide_words(state, screen) for state in moments.values() for screen in (*SCREENS, "help")}

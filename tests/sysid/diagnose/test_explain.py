@@ -109,7 +109,7 @@ def test_what_stands_in_is_named_with_its_value() -> None:
     assert said.startswith("angular_damping comes near")
     assert "M_q = +" in said
     assert said.endswith("it stands in.")
-    assert any("of what goes in roll" in each for each in told(found)["why"])
+    assert any("of the roll error it removes" in each for each in told(found)["why"])
 
 
 def test_an_implausible_winner_is_said_to_stand_in_and_what_does_so_at_plausible_values() -> None:
