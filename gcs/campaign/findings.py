@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -136,37 +136,25 @@ def found(groups: Mapping[str, Sequence[Outcome]], seed: int = 0) -> Findings:
     """What flights in groups say; `seed` draws the orders of days that chances are counted of."""
     copies: dict[str, str] = {}
     counted = {group: _counted(outcomes, copies) for group, outcomes in groups.items()}
-    flights = {group: [_flight(one) for one in each if one.when is not None] for group, each in counted.items()}
-    combined = {(group, JOINED.join(one.members)): one for group, each in flights.items() for one in combinations(each)}
+    flights = {group: _dated(each) for group, each in counted.items()}
+    combined = _combined(flights)
     estimates = _estimates(flights)
     estimates.update({key: one.estimates for key, one in combined.items()})
     found_courses = courses(estimates, np.random.default_rng(seed))
     single = {key: course for key, course in found_courses.items() if key not in combined}
     every = [one for each in counted.values() for one in each]
     about = _About(units=_units(every), meanings=_meanings(every), courses=single)
-    events = []
-    for group, each in flights.items():
-        own = {name: course for (of, name), course in found_courses.items() if of == group}
-        tied = {name: one for (of, name), one in combined.items() if of == group}
-        events += _events(group, each, own, tied, about)
+    events = [
+        event
+        for group, each in flights.items()
+        for event in _events(group, each, _of(group, found_courses), _of(group, combined), about)
+    ]
     return Findings(
         courses=single,
         units=about.units,
         meanings=about.meanings,
         events=tuple(events),
-        goes_with=tuple(
-            GoesWith(
-                group=group,
-                parameter=name,
-                unit=about.units[name],
-                condition=one.condition,
-                size=one.size,
-                error=one.error,
-                or_time=one.goes_with_time > MOSTLY,
-            )
-            for (group, name), course in single.items()
-            for one in course.dependences
-        ),
+        goes_with=_goes_with(single, about.units),
         apart=_apart(single),
         copies=copies,
         undated=tuple(one.path for one in every if one.when is None),
@@ -204,6 +192,38 @@ class _About:
             before=at + size * float(column[0]),
             after=at + size * float(column[-1]),
         )
+
+
+T = TypeVar("T")
+
+
+def _of(group: str, every: Mapping[tuple[str, str], T]) -> dict[str, T]:
+    """Those of a group, by parameter."""
+    return {name: one for (of, name), one in every.items() if of == group}
+
+
+def _goes_with(each: Mapping[tuple[str, str], Course], units: Mapping[str, str]) -> tuple[GoesWith, ...]:
+    return tuple(
+        GoesWith(
+            group=group,
+            parameter=name,
+            unit=units[name],
+            condition=one.condition,
+            size=one.size,
+            error=one.error,
+            or_time=one.goes_with_time > MOSTLY,
+        )
+        for (group, name), course in each.items()
+        for one in course.dependences
+    )
+
+
+def _dated(outcomes: Sequence[Outcome]) -> list[Flight]:
+    return [_flight(one) for one in outcomes if one.when is not None]
+
+
+def _combined(flights: Mapping[str, Sequence[Flight]]) -> dict[tuple[str, str], Combination]:
+    return {(group, JOINED.join(one.members)): one for group, each in flights.items() for one in combinations(each)}
 
 
 def _counted(outcomes: Sequence[Outcome], copies: dict[str, str]) -> list[Outcome]:
