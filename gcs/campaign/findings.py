@@ -15,7 +15,7 @@ import numpy as np
 from gcs.campaign.work import Outcome
 from sysid.campaign.changes import Change, Kind, line_along
 from sysid.campaign.claims import Course, Outlier, courses
-from sysid.campaign.joint import Combination, Flight, alone, combinations
+from sysid.campaign.joint import Alone, Combination, Flight, alone, combinations
 from sysid.campaign.values import Estimate
 from sysid.model.base import bases
 from sysid.model.effect import catalogue
@@ -272,28 +272,10 @@ def _events(
     claimed = {name: course for name, course in courses_.items() if course.claimed and course.change is not None}
     events = []
     for names in _at_once(claimed):
-        changes = {name: change for name in names if (change := claimed[name].change) is not None}
-        leading = max(names, key=lambda name: abs(changes[name].size) / changes[name].error)
-        change, days = changes[leading], claimed[leading].days.day
+        leading = names[0]
+        change, days = _change(claimed[leading]), claimed[leading].days.day
         along = dict(zip((int(day) for day in days), (float(x) for x in change.column), strict=True))
-        explained = alone(flights, along)
-        named: Named
-        if explained:
-            named = "one" if len(explained) == 1 else "class"
-            sizes = [(one.name, one.size, one.error) for one in explained]
-        elif all(name in combined for name in names):
-            named, (size, error) = "class", (change.size, change.error)
-            parts = combined[leading].alone(size)
-            sizes = [(name, part, abs(part * error / size)) for name, part in parts.items()]
-        else:
-            singles = [name for name in names if name not in combined]
-            singles.sort(key=lambda name: -abs(changes[name].size) / changes[name].error)
-            named = "several" if len(singles) > 1 else "one"
-            lines = {name: line_along(claimed[name].days, change.column) for name in singles}
-            sizes = [(name, float(one.at[-1]), float(one.covariance[-1, -1] ** 0.5)) for name, one in lines.items()]
-        if named == "one" and sizes[0][0] in changes:  # by its own days, their errors weighed
-            own = changes[sizes[0][0]]
-            sizes = [(sizes[0][0], own.size, own.error)]
+        named, sizes = _named(names, claimed, combined, alone(flights, along))
         events.append(
             Event(
                 group=group,
@@ -307,6 +289,31 @@ def _events(
             )
         )
     return events
+
+
+def _named(
+    names: Sequence[str],
+    claimed: Mapping[str, Course],
+    combined: Mapping[str, Combination],
+    explained: Sequence[Alone],
+) -> tuple[Named, list[tuple[str, float, float]]]:
+    """How the claims of one event are told, with each parameter's size and error; the first name leads."""
+    change = _change(claimed[names[0]])
+    if len(explained) == 1:
+        only = explained[0]
+        if only.name in names:  # by its own days, their errors weighed
+            own = _change(claimed[only.name])
+            return "one", [(only.name, own.size, own.error)]
+        return "one", [(only.name, only.size, only.error)]
+    if explained:
+        return "class", [(one.name, one.size, one.error) for one in explained]
+    singles = [name for name in names if name not in combined]
+    if not singles:
+        parts = combined[names[0]].alone(change.size)
+        return "class", [(name, part, abs(part * change.error / change.size)) for name, part in parts.items()]
+    lines = [(name, line_along(claimed[name].days, change.column)) for name in singles]
+    sizes = [(name, float(one.at[-1]), float(one.covariance[-1, -1] ** 0.5)) for name, one in lines]
+    return "several" if len(singles) > 1 else "one", sizes
 
 
 def _at_once(claimed: Mapping[str, Course]) -> list[list[str]]:
