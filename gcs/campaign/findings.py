@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from gcs.campaign.work import Outcome
 from sysid.campaign.changes import Change, Kind, line_along
 from sysid.campaign.claims import Course, Outlier, courses
-from sysid.campaign.joint import Combination, Flight, alone, combinations
+from sysid.campaign.joint import Alone, Combination, Flight, alone, combinations
 from sysid.campaign.values import Estimate
 from sysid.model.base import bases
 from sysid.model.effect import catalogue
@@ -136,37 +136,25 @@ def found(groups: Mapping[str, Sequence[Outcome]], seed: int = 0) -> Findings:
     """What flights in groups say; `seed` draws the orders of days that chances are counted of."""
     copies: dict[str, str] = {}
     counted = {group: _counted(outcomes, copies) for group, outcomes in groups.items()}
-    flights = {group: [_flight(one) for one in each if one.when is not None] for group, each in counted.items()}
-    combined = {(group, JOINED.join(one.members)): one for group, each in flights.items() for one in combinations(each)}
+    flights = {group: _dated(each) for group, each in counted.items()}
+    combined = _combined(flights)
     estimates = _estimates(flights)
     estimates.update({key: one.estimates for key, one in combined.items()})
     found_courses = courses(estimates, np.random.default_rng(seed))
     single = {key: course for key, course in found_courses.items() if key not in combined}
     every = [one for each in counted.values() for one in each]
     about = _About(units=_units(every), meanings=_meanings(every), courses=single)
-    events = []
-    for group, each in flights.items():
-        own = {name: course for (of, name), course in found_courses.items() if of == group}
-        tied = {name: one for (of, name), one in combined.items() if of == group}
-        events += _events(group, each, own, tied, about)
+    events = [
+        event
+        for group, each in flights.items()
+        for event in _events(group, each, _of(group, found_courses), _of(group, combined), about)
+    ]
     return Findings(
         courses=single,
         units=about.units,
         meanings=about.meanings,
         events=tuple(events),
-        goes_with=tuple(
-            GoesWith(
-                group=group,
-                parameter=name,
-                unit=about.units[name],
-                condition=one.condition,
-                size=one.size,
-                error=one.error,
-                or_time=one.goes_with_time > MOSTLY,
-            )
-            for (group, name), course in single.items()
-            for one in course.dependences
-        ),
+        goes_with=_goes_with(single, about.units),
         apart=_apart(single),
         copies=copies,
         undated=tuple(one.path for one in every if one.when is None),
@@ -204,6 +192,38 @@ class _About:
             before=at + size * float(column[0]),
             after=at + size * float(column[-1]),
         )
+
+
+T = TypeVar("T")
+
+
+def _of(group: str, every: Mapping[tuple[str, str], T]) -> dict[str, T]:
+    """Those of a group, by parameter."""
+    return {name: one for (of, name), one in every.items() if of == group}
+
+
+def _goes_with(each: Mapping[tuple[str, str], Course], units: Mapping[str, str]) -> tuple[GoesWith, ...]:
+    return tuple(
+        GoesWith(
+            group=group,
+            parameter=name,
+            unit=units[name],
+            condition=one.condition,
+            size=one.size,
+            error=one.error,
+            or_time=one.goes_with_time > MOSTLY,
+        )
+        for (group, name), course in each.items()
+        for one in course.dependences
+    )
+
+
+def _dated(outcomes: Sequence[Outcome]) -> list[Flight]:
+    return [_flight(one) for one in outcomes if one.when is not None]
+
+
+def _combined(flights: Mapping[str, Sequence[Flight]]) -> dict[tuple[str, str], Combination]:
+    return {(group, JOINED.join(one.members)): one for group, each in flights.items() for one in combinations(each)}
 
 
 def _counted(outcomes: Sequence[Outcome], copies: dict[str, str]) -> list[Outcome]:
@@ -252,28 +272,10 @@ def _events(
     claimed = {name: course for name, course in courses_.items() if course.claimed and course.change is not None}
     events = []
     for names in _at_once(claimed):
-        changes = {name: change for name in names if (change := claimed[name].change) is not None}
-        leading = max(names, key=lambda name: abs(changes[name].size) / changes[name].error)
-        change, days = changes[leading], claimed[leading].days.day
+        leading = names[0]
+        change, days = _change(claimed[leading]), claimed[leading].days.day
         along = dict(zip((int(day) for day in days), (float(x) for x in change.column), strict=True))
-        explained = alone(flights, along)
-        named: Named
-        if explained:
-            named = "one" if len(explained) == 1 else "class"
-            sizes = [(one.name, one.size, one.error) for one in explained]
-        elif all(name in combined for name in names):
-            named, (size, error) = "class", (change.size, change.error)
-            parts = combined[leading].alone(size)
-            sizes = [(name, part, abs(part * error / size)) for name, part in parts.items()]
-        else:
-            singles = [name for name in names if name not in combined]
-            singles.sort(key=lambda name: -abs(changes[name].size) / changes[name].error)
-            named = "several" if len(singles) > 1 else "one"
-            lines = {name: line_along(claimed[name].days, change.column) for name in singles}
-            sizes = [(name, float(one.at[-1]), float(one.covariance[-1, -1] ** 0.5)) for name, one in lines.items()]
-        if named == "one" and sizes[0][0] in changes:  # by its own days, their errors weighed
-            own = changes[sizes[0][0]]
-            sizes = [(sizes[0][0], own.size, own.error)]
+        named, sizes = _named(names, claimed, combined, alone(flights, along))
         events.append(
             Event(
                 group=group,
@@ -287,6 +289,31 @@ def _events(
             )
         )
     return events
+
+
+def _named(
+    names: Sequence[str],
+    claimed: Mapping[str, Course],
+    combined: Mapping[str, Combination],
+    explained: Sequence[Alone],
+) -> tuple[Named, list[tuple[str, float, float]]]:
+    """How the claims of one event are told, with each parameter's size and error; the first name leads."""
+    change = _change(claimed[names[0]])
+    if len(explained) == 1:
+        only = explained[0]
+        if only.name in names:  # by its own days, their errors weighed
+            own = _change(claimed[only.name])
+            return "one", [(only.name, own.size, own.error)]
+        return "one", [(only.name, only.size, only.error)]
+    if explained:
+        return "class", [(one.name, one.size, one.error) for one in explained]
+    singles = [name for name in names if name not in combined]
+    if not singles:
+        parts = combined[names[0]].alone(change.size)
+        return "class", [(name, part, abs(part * change.error / change.size)) for name, part in parts.items()]
+    lines = [(name, line_along(claimed[name].days, change.column)) for name in singles]
+    sizes = [(name, float(one.at[-1]), float(one.covariance[-1, -1] ** 0.5)) for name, one in lines]
+    return "several" if len(singles) > 1 else "one", sizes
 
 
 def _at_once(claimed: Mapping[str, Course]) -> list[list[str]]:

@@ -102,12 +102,9 @@ def campaign_page(
 ) -> str:
     """As HTML, its links as seen from a folder."""
     fitted = {group: [one for one in each if one.fit is not None] for group, each in groups.items()}
-    without = {one.key + one.path: one for each in groups.values() for one in each if one.fit is None}
-    without.update({one.key + one.path: one for one in failed})
+    without = _without(groups, failed)
     flights = [_listed(one, group, folder, findings) for group, each in fitted.items() for one in each]
     names = {one.key: one.name for one in flights if not one.copy}
-    outputs = sorted({name for each in fitted.values() for one in each if one.fit for name in one.fit.nrmse_percent})
-    counted = [(one, group) for group, each in fitted.items() for one in each if one.path not in findings.copies]
     return rendered(
         "campaign.html.jinja",
         title="Campaign",
@@ -122,8 +119,8 @@ def campaign_page(
         remarks=remarks(findings),
         strips=_strips(findings) if len(groups) > 1 else (),
         vehicles=[_vehicle(group, place, each, findings, names) for place, (group, each) in enumerate(fitted.items())],
-        worst=_worst(counted, names),
-        outputs=outputs,
+        worst=_worst(fitted, findings, names),
+        outputs=_outputs(fitted),
         flights=flights,
         failed=_failed(list(without.values()), folder),
         counts=Counter(one.reason or "" for one in without.values()).most_common(),
@@ -206,12 +203,25 @@ def _listed(one: Outcome, group: str, folder: Path, findings: Findings) -> Liste
     )
 
 
-def _worst(flights: Sequence[tuple[Outcome, str]], names: Mapping[str, str]) -> list[tuple[str, str, str]]:
+def _without(groups: Mapping[str, Sequence[Outcome]], failed: Sequence[Outcome]) -> dict[str, Outcome]:
+    """All that have no fit, each once."""
+    every = [*(one for each in groups.values() for one in each if one.fit is None), *failed]
+    return {one.key + one.path: one for one in every}
+
+
+def _outputs(fitted: Mapping[str, Sequence[Outcome]]) -> list[str]:
+    return sorted({name for each in fitted.values() for one in each if one.fit for name in one.fit.nrmse_percent})
+
+
+def _worst(
+    fitted: Mapping[str, Sequence[Outcome]], findings: Findings, names: Mapping[str, str]
+) -> list[tuple[str, str, str]]:
     """Key, name and words of the flights that their fits say least of."""
 
     def least(one: Outcome) -> float:
         return min(one.fit.nrmse_percent.values(), default=100.0) if one.fit is not None else 100.0
 
+    flights = [(one, group) for group, each in fitted.items() for one in each if one.path not in findings.copies]
     ordered = sorted(flights, key=lambda pair: least(pair[0]))[:WORST]
     return [
         (

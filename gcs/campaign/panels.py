@@ -102,19 +102,68 @@ class _Scale:
 def panels(course: Course, unit: str, names: Callable[[str], str]) -> list[Panel]:
     """Over date, and over every condition that differs; `names` words a flight by its key."""
     flights = [one for each in course.days.flights for one in each]
-    apart = {key for one in course.outliers for key in one.flights}
     drawn = [(one, one.flight) for one in flights]
     if len(flights) > MOST_POINTS:
         drawn = [(_mean(course, place), "") for place in range(len(course.days))]
-    y = _y_scale(np.array([one.value for one, _ in drawn]), np.array([one.error for one, _ in drawn]))
-    y_ticks = tuple((y(tick), label) for tick, label in _ticks(y.low, y.high))
     told = [
         (f"{names(key)}, " if key else "") + f"{day_words(one.day)}: {number(one.value, one.error, unit)}"
         for one, key in drawn
     ]
+    y = _y_scale(np.array([one.value for one, _ in drawn]), np.array([one.error for one, _ in drawn]))
+    frame = _Frame(course=course, drawn=drawn, told=told, y=y)
+    return [frame.over_date(), *(frame.over(name) for name in course.days.conditions)]
 
-    def panel(over: str, at: Sequence[float], x: _Scale, x_ticks: object, lines: list[str], band: bool) -> Panel:
-        points = tuple(
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Frame:
+    """What all panels of a parameter share."""
+
+    course: Course
+    drawn: Sequence[tuple[Estimate, str]]
+    """Flights with their keys, or days without;"""
+    told: Sequence[str]
+    """and in words."""
+    y: _Scale
+
+    def over_date(self) -> Panel:
+        course, y = self.course, self.y
+        days = [float(one.day) for one, _ in self.drawn]
+        x = _x_scale(days)
+        line = " ".join(f"{x(day)},{y(value)}" for day, value in _course(course))
+        level, between = float(course.level.at[0]), course.level.between
+        top, bottom = y(level + BOUNDS * between), y(level - BOUNDS * between)
+        return Panel(
+            over="date",
+            points=self._points(days, x),
+            lines=(line,),
+            band=None if course.claimed else (top, round(bottom - top, 1)),
+            x_ticks=tuple(_date_ticks(x)),
+            y_ticks=self._y_ticks,
+        )
+
+    def over(self, name: str) -> Panel:
+        """A condition."""
+        at = [one.conditions[name] for one, _ in self.drawn]
+        x = _x_scale(at)
+        words, unit = CONDITIONS.get(name, (name, ""))
+        slope = next((one.size for one in self.course.dependences if one.condition == name), None)
+        told = slope is not None and not self.course.claimed
+        return Panel(
+            over=f"{words}, {unit}" if unit else words,
+            points=self._points(at, x),
+            lines=(_sloping(self.course, slope or 0.0, float(np.mean(at)), x, self.y),) if told else (),
+            band=None,
+            x_ticks=tuple((x(tick), label) for tick, label in _ticks(x.low, x.high)),
+            y_ticks=self._y_ticks,
+        )
+
+    @property
+    def _y_ticks(self) -> tuple[tuple[float, str], ...]:
+        return tuple((self.y(tick), label) for tick, label in _ticks(self.y.low, self.y.high))
+
+    def _points(self, at: Sequence[float], x: _Scale) -> tuple[Point, ...]:
+        y, apart = self.y, {key for one in self.course.outliers for key in one.flights}
+        return tuple(
             Point(
                 x=x(place),
                 y=y(one.value),
@@ -125,32 +174,8 @@ def panels(course: Course, unit: str, names: Callable[[str], str]) -> list[Panel
                 apart=one.flight in apart,
                 edge=not y.low <= one.value <= y.high,
             )
-            for (one, key), place, words in zip(drawn, at, told, strict=True)
+            for (one, key), place, words in zip(self.drawn, at, self.told, strict=True)
         )
-        level, between = float(course.level.at[0]), course.level.between
-        top, bottom = y(level + BOUNDS * between), y(level - BOUNDS * between)
-        return Panel(
-            over=over,
-            points=points,
-            lines=tuple(lines),
-            band=(top, round(bottom - top, 1)) if band else None,
-            x_ticks=tuple(x_ticks),  # type: ignore[arg-type]
-            y_ticks=y_ticks,
-        )
-
-    days = [float(one.day) for one, _ in drawn]
-    x = _x_scale(days)
-    along = [f"{x(day)},{y(value)}" for day, value in _course(course)]
-    made = [panel("date", days, x, _date_ticks(x), [" ".join(along)], not course.claimed)]
-    for name in course.days.conditions:
-        at = [one.conditions[name] for one, _ in drawn]
-        x = _x_scale(at)
-        words, its_unit = CONDITIONS.get(name, (name, ""))
-        ticks = [(x(tick), label) for tick, label in _ticks(x.low, x.high)]
-        slope = next((one.size for one in course.dependences if one.condition == name), None)
-        lines = [] if slope is None or course.claimed else [_sloping(course, slope, float(np.mean(at)), x, y)]
-        made.append(panel(f"{words}, {its_unit}" if its_unit else words, at, x, ticks, lines, False))
-    return made
 
 
 def strip(parameter: str, unit: str, by_group: Sequence[tuple[str, Course]]) -> Strip:

@@ -8,7 +8,6 @@ of their own: resampled, since 20,000 flights would take an hour and a half.
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -23,7 +22,8 @@ from gcs.campaign.sentences import event_sentence
 from gcs.campaign.when import When
 from gcs.campaign.work import Outcome, Settings, worked_on
 from sitl.autopilot.vehicle import make_vehicle
-from sitl.plants import rotorcraft
+from sitl.plants.hover import HoverPlant
+from sitl.plants.table4 import TABLE_4
 
 PLANT = "hover-ideal"
 FLIGHTS, POOL, NULLS = 200, 160, 100
@@ -39,11 +39,10 @@ MOST_FALSE = 5
 def fly(folder: Path, name: str, seed: int, monkeypatch: pytest.MonkeyPatch, *, L_b: float = 1.0, M_a: float = 1.0,
         sweeps: bool = True) -> Path:  # fmt: skip
     """One short flight of a vehicle with these of its numbers multiplied."""
-    frame = rotorcraft.AIRFRAMES[PLANT]
-    table = frame.table._replace(L_b=L_b * frame.table.L_b, M_a=M_a * frame.table.M_a)
+    table = TABLE_4._replace(L_b=L_b * TABLE_4.L_b, M_a=M_a * TABLE_4.M_a)
     (folder / name).mkdir(parents=True)
     with monkeypatch.context() as patch:
-        patch.setitem(rotorcraft.AIRFRAMES, PLANT, replace(frame, table=table))
+        patch.setattr(HoverPlant.__init__, "__defaults__", (table,))
         vehicle = make_vehicle(PLANT, seed=seed, directory=folder / name)
         for axis, size in ((ROLL, 0.10), (PITCH, 0.15)) if sweeps else ():
             fly_maneuver(vehicle, CHIRP, axis, size, 6.0)
