@@ -75,6 +75,7 @@ def outcomes(
                     validation_nrmse_percent=None,
                     band_hz=(0.5, 10.0),
                     warnings=(),
+                    model={},
                 ),
             )
         )

@@ -91,6 +91,12 @@ def remarks(found: Findings) -> list[str]:
     return told
 
 
+def told(found: Findings) -> list[str]:
+    """All of them: what changed, or what it means that nothing is told, and what limits that."""
+    changes = [event_sentence(one) for one in found.events] or [nothing_sentence(found)]
+    return [*changes, *(dependence_sentence(one) for one in found.goes_with), *remarks(found)]
+
+
 def size_words(value: float, unit: str) -> str:
     """`31.2 ms`."""
     return number(value, 0.0, unit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import textwrap
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -59,7 +60,8 @@ dataset/ in the folder has Parquet tables, joined by "key" (pandas.read_parquet,
 campaign.json, and --json, is {"format": "tippath.campaign/1", "folder", "logs", "fitted", "version", "copies": {log:
 log}, "reasons": [{"reason", "words", "count", "logs"}], "groups": [{"name", "structure", "flights": [{"log", "key",
 "flown", "flown_told_by", "nrmse_percent", "predicted_nrmse_percent", "verdict", "effect"}], "parameters": {name:
-{"mean", "unit", "standard_error", "between", "flights", "days"}}}]}. "between" is the standard deviation between days
+{"mean", "unit", "standard_error", "between", "flights", "days"}}}], "findings": a tippath.findings/1 document: what
+changed, when, and what goes with rotor speed or airspeed}. "between" is the standard deviation between days
 beyond the flights' own errors.
 """
 
@@ -96,6 +98,9 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     from gcs.campaign.campaign import ABOUT, found_logs, refuse_strangers, run_campaign
     from gcs.campaign.dataset import write_dataset
+    from gcs.campaign.findings import found
+    from gcs.campaign.page import write_page
+    from gcs.campaign.sentences import told
     from gcs.campaign.summary import document, text
     from gcs.logs.words import printable
 
@@ -119,14 +124,17 @@ def run(args: argparse.Namespace) -> int:
             bar.close()
             print(f"{bar.words}; the same command goes on from there", file=sys.stderr)
             raise
-    made = document(campaign, args.output)
+    findings = found(campaign.groups)
+    made = document(campaign, args.output) | {"findings": findings.to_json()}
     write_dataset(campaign.outcomes, campaign.groups, campaign.copies, args.output)
+    write_page(findings, campaign.groups, campaign.failed, args.output / "campaign.html")
     write_json(made, args.output / ABOUT)
     if args.json:
         print_json(made)
     else:
         print(text(campaign))
-        print(f"\nkept in {args.output}: campaign.json, dataset/")
+        print("\n" + "\n".join(textwrap.fill(printable(one), 78, subsequent_indent="  ") for one in told(findings)))
+        print(f"\nkept in {args.output}: campaign.html, campaign.json, dataset/")
     return 0 if campaign.groups else 1
 
 
