@@ -22,6 +22,7 @@ from gcs.campaign.sentences import (
     day_words,
     dependence_sentence,
     event_sentence,
+    none_apart_sentence,
     nothing_sentence,
     number,
     remarks,
@@ -116,6 +117,7 @@ def campaign_page(
             (apart_sentence(one, _named([names.get(key, "?") for key in one.keys])), one.keys[0])
             for one in findings.apart
         ],
+        none_apart=none_apart_sentence(findings),
         remarks=remarks(findings),
         strips=_strips(findings) if len(groups) > 1 else (),
         vehicles=[_vehicle(group, place, each, findings, names) for place, (group, each) in enumerate(fitted.items())],

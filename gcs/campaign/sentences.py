@@ -77,6 +77,14 @@ def nothing_sentence(found: Findings) -> str:
     )
 
 
+def none_apart_sentence(found: Findings) -> str:
+    """What it means that no flight is told to be apart."""
+    if not found.courses:
+        return "Not asked: that takes dated flights of two days at least in a group."
+    days = sum(len(course.days) for course in found.courses.values())
+    return f"None: no day of {days} in {len(found.courses)} courses lies farther from the others than chance explains."
+
+
 def remarks(found: Findings) -> list[str]:
     """What limits the findings."""
     told = []

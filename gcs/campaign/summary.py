@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from gcs.analysis.quantities import decimals
 from gcs.campaign.campaign import FORMAT, Campaign
 from gcs.campaign.work import Outcome
 from gcs.logs.words import printable
@@ -184,7 +185,10 @@ def _group_lines(name: str, flights: Sequence[Outcome]) -> list[str]:
     ]
     for parameter, mean in means(flights).items():
         between = "" if mean.between is None else f"{mean.between:.2g}"
-        lines.append(f"   {parameter:14} {mean.value:12.5g} {mean.error:10.2g}  {between:>12}  {mean.unit}")
+        places = decimals(mean.error)
+        lines.append(
+            f"   {parameter:14} {mean.value:12.{places}f} {mean.error:10.{places}f}  {between:>12}  {mean.unit}"
+        )
     return lines
 
 
