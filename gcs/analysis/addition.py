@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gcs.analysis.ladder import WORSE_POINTS, Nrmse, RungNumbers, short_names, together
+from gcs.analysis.ladder import WORSE_POINTS, Nrmse, RungNumbers, change_text, rungs_of, short_names, together
 from gcs.analysis.quantities import listed, quantity
 from gcs.analysis.refit import Band, made_from, newly_implausible, refitted
 from sysid.data.dataset import Dataset, Runs, prepared
@@ -139,8 +139,20 @@ def _validated(before: Fit, after: Fit) -> Sign:
     was, now = before.validation_nrmse_percent, after.validation_nrmse_percent
     if was is None or now is None:
         return Sign(key, name, None, "there are none; an error that falls on fitted runs alone proves little")
-    text = ", ".join(f"{axis} {was[axis]:.1f} → {now[axis]:.1f} %" for axis in now)
+    text = f"{change_text(was, now)}{_counted_from(after)}"
     return Sign(key, name, together(now) - together(was) > WORSE_POINTS, text)
+
+
+def _counted_from(after: Fit) -> str:
+    """What the change is counted from, where that is not the lowest rung; and what that one reached."""
+    below = rungs_of(after.model.structure.base_, after.lineage)[:-1]
+    if len(below) < 2:
+        return ""
+    (lowest, _, first), (last, _, _) = below[0], below[-1]
+    if first is None:
+        return f", from the rung {last}"
+    reached = ", ".join(f"{output} {value:.1f}" for output, value in first.items())
+    return f", from the rung {last}; {lowest} had {reached} %"
 
 
 def _agrees(before: Fit, after: Fit, was: Spread | None, now: Spread | None) -> Sign:

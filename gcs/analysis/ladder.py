@@ -18,6 +18,8 @@ RungNumbers = tuple[str, Nrmse, Nrmse | None]
 
 WORSE_POINTS = 0.2
 """NRMSE on validation runs, by which an effect must change them to count."""
+SLIGHT = 1.0
+"""NRMSE points, below which one output's change is slight."""
 NO_CHANGE = 0.1
 """NRMSE points on fitted runs that are next to nothing."""
 
@@ -115,6 +117,29 @@ def together(nrmse_percent: Mapping[str, float]) -> float:
     """NRMSE fit in percent of all outputs as one: error shares are added over axes, as the diagnosis adds them."""
     shares = [(1 - value / 100) ** 2 for value in nrmse_percent.values()]
     return 100 * (1 - math.sqrt(sum(shares) / len(shares)))
+
+
+def worse(before: Nrmse, after: Nrmse) -> list[str]:
+    """Outputs whose NRMSE fit is lower than before, as it is told."""
+    return [output for output, value in after.items() if round(value, 1) < round(before[output], 1)]
+
+
+def change_text(before: Nrmse, after: Nrmse) -> str:
+    """`p 87.0 → 91.8, q 80.7 → 92.6 %`; where an output got worse, the best first,
+    `q better 87.7 → 90.9, p slightly worse 89.9 → 89.7 %`.
+    """
+    numbers = {output: f"{before[output]:.1f} → {value:.1f}" for output, value in after.items()}
+    if not worse(before, after):
+        return ", ".join(f"{output} {told}" for output, told in numbers.items()) + " %"
+
+    def word(output: str) -> str:
+        change = round(after[output], 1) - round(before[output], 1)
+        if change == 0:
+            return "same"
+        return f"{'slightly ' if abs(change) < SLIGHT else ''}{'better' if change > 0 else 'worse'}"
+
+    best_first = sorted(after, key=lambda output: before[output] - after[output])
+    return ", ".join(f"{output} {word(output)} {numbers[output]}" for output in best_first) + " %"
 
 
 def rung_names(base: Base, effects: Sequence[Sequence[str]]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from gcs.analysis.addition import Addition
 from gcs.analysis.fits import assess
-from gcs.analysis.ladder import NO_CHANGE, WORSE_POINTS, rungs_of, together
+from gcs.analysis.ladder import NO_CHANGE, WORSE_POINTS, change_text, rungs_of, together, worse
 from gcs.analysis.text.blocks import WIDTH, Blocks, Sentence, block, command, text_of
 from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.ladder import cut, ladder_text, moved_text
@@ -64,15 +64,15 @@ def outcome(found: Addition) -> tuple[bool, Sentence]:
     """Whether to keep it, and that in a sentence."""
     name = Path(found.named).name
     before, after = found.before.nrmse_percent, found.after.nrmse_percent
-    each = ", ".join(f"{output} {before[output]:.1f} → {value:.1f}" for output, value in after.items())
-    fall = f"{name}: the error falls, {each} %"
+    mixed = bool(worse(before, after))
+    fall = f"{name}: {'' if mixed else 'the error falls, '}{change_text(before, after)}"
     signs = {one.key: one.seen for one in found.signs}
     if together(after) - together(before) < NO_CHANGE:
         return False, Sentence(f"{name} changes next to nothing here: the error stays as it was")
     was, now = found.before.validation_nrmse_percent, found.after.validation_nrmse_percent
     if was is not None and now is not None and together(now) - together(was) < -WORSE_POINTS:
         return False, Sentence(
-            f"{fall}, but it grows on runs that were not fitted: it follows the noise of the fitted ones"
+            f"{fall}, but the error grows on runs that were not fitted: it follows the noise of the fitted ones"
         )
     if signs["plausible"] is False:
         return False, Sentence(f"{fall}, but only at implausible values: {name} stands in for something else")
@@ -80,6 +80,9 @@ def outcome(found: Addition) -> tuple[bool, Sentence]:
         return False, Sentence(f"{fall}, but not on runs that were not fitted: there is little of it, if anything")
     if signs["validation"] is None:
         return True, Sentence(f"{fall}; whether it would on other runs is open", offer="validate one")
+    if was is not None and now is not None and (mixed or worse(was, now)):
+        falls = "" if worse(was, now) else "the error falls, "
+        return True, Sentence(f"{fall}; on runs that were not fitted {falls}{change_text(was, now)}")
     return True, Sentence(f"{fall}, and on runs that were not fitted too")
 
 
