@@ -142,6 +142,15 @@ def change_text(before: Nrmse, after: Nrmse) -> str:
     return ", ".join(f"{output} {word(output)} {numbers[output]}" for output in best_first) + " %"
 
 
+def beats_placebo(fitted: Nrmse, validated: Nrmse | None, placebo: RungNumbers) -> bool:
+    """Whether a rung removes more error than its placebo, on fitted runs and, where both were judged, on others."""
+    _, wrong, judged = placebo
+    beyond = [together(fitted) - together(wrong)]
+    if validated is not None and judged is not None:
+        beyond.append(together(validated) - together(judged))
+    return min(beyond) > WORSE_POINTS
+
+
 def rung_names(base: Base, effects: Sequence[Sequence[str]]) -> list[str]:
     """`TPP`, `+ servo_lag`: the base with the effects it began with, then what each rung added."""
     bottom = _before(base, effects) or base.label

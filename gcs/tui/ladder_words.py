@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gcs.analysis.ladder import short_names
+from gcs.analysis.ladder import beats_placebo, short_names
 from gcs.analysis.text.blocks import spaced
 from gcs.desk.state import DeskState, Rung
 from gcs.link.decode import sanitise
@@ -26,7 +26,10 @@ def status_lines(desk: DeskState, width: int) -> list[Line]:
     lines = [VERDICTS.get(rung.verdict or "", " ○ not diagnosed yet: D")]
     if rung.placebo is not None:
         name, percent, _ = rung.placebo
-        lines.append(f"   placebo {sanitise(name)}: {pair(percent)} instead of {pair(rung.nrmse_percent)}")
+        if beats_placebo(rung.nrmse_percent, rung.validation_nrmse_percent, rung.placebo):
+            lines.append(f"   placebo {sanitise(name)}: {pair(percent)} instead of {pair(rung.nrmse_percent)}")
+        else:
+            lines.append(f" ✗ its placebo removes as much: not proved ({sanitise(name)} {pair(percent)})")
     if rung.signs:
         lines.append("   " + "  ".join(f"{MARKS[one.seen]} {one.key}" for one in rung.signs))
     return [fitted(line, width) for line in lines]

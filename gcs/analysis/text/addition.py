@@ -8,7 +8,7 @@ from typing import Any
 
 from gcs.analysis.addition import Addition
 from gcs.analysis.fits import assess
-from gcs.analysis.ladder import NO_CHANGE, WORSE_POINTS, change_text, rungs_of, together, worse
+from gcs.analysis.ladder import NO_CHANGE, WORSE_POINTS, beats_placebo, change_text, rungs_of, together, worse
 from gcs.analysis.text.blocks import WIDTH, Blocks, Sentence, block, command, text_of
 from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.ladder import cut, ladder_text, moved_text
@@ -91,14 +91,9 @@ def _placebo_sentences(found: Addition) -> list[Sentence]:
     wrong = found.placebo_rung
     if wrong is None:
         return []
-    name, other, judged = wrong
-    own = found.after.nrmse_percent
-    if found.after.validation_nrmse_percent is not None and judged is not None:
-        own, other = found.after.validation_nrmse_percent, judged
-    beyond = together(own) - together(other)
-    what = f"the placebo is {name}, the best other effect with at most as many parameters"
-    if beyond > WORSE_POINTS:
+    what = f"the placebo is {wrong[0]}, the best other effect with at most as many parameters"
+    if beats_placebo(found.after.nrmse_percent, found.after.validation_nrmse_percent, wrong):
         said = f"{what}: mere freedom to follow the data would gain that much"
     else:
-        said = f"{what}: it does as well, so that the error falls says little about which of the two it is"
+        said = f"{what}: ✗ it removes as much: not proved which of the two it is"
     return [Sentence(said, " ", "   ")]

@@ -11,6 +11,7 @@ from fake_app import IDLE, app_on, screen_text, settle
 from fake_desk import ADDED, ASKED, DESKS, OPEN, comparison
 
 from gcs.tui.draw_desk import Look, fallen, residual_scales, run_strips, waterfall
+from gcs.tui.ladder_words import status_lines
 from gcs.tui.state import joined
 
 SMALLER = comparison()
@@ -32,6 +33,13 @@ def test_the_error_falls_rung_by_rung_and_the_placebo_is_marked():
     assert second.parts[0] < 0.1 < second.beside < 1.0
     assert second.text.startswith("81.0 / 80.3 ↑")
     assert [one.label for one in pitch] == ["q  TPP", "q  + servo_lag"]
+
+
+@pytest.mark.parametrize(("reached", "proved"), [(66.0, True), (95.0, False)])
+def test_a_rung_that_its_placebo_beats_is_not_proved(reached, proved):
+    wrong = SimpleNamespace(placebo_rung=("gyro_filter", {"p": reached, "q": reached}, None), signs=())
+    lines = status_lines(replace(DESK, ladder=(ASKED, replace(PLACED, addition=wrong))), 78)  # type: ignore[arg-type]
+    assert any("✗ its placebo removes as much: not proved" in line for line in lines) is not proved
 
 
 def test_of_many_rungs_the_lowest_and_the_highest_are_shown():
