@@ -37,7 +37,7 @@ from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
 from gcs.tui.plot import Style
 from gcs.tui.report import ReportScreen
-from gcs.tui.state import State, as_flown
+from gcs.tui.state import Stage, State, as_flown
 from gcs.tui.worker import AppWorker
 
 LOOKS_PER_S = 12.0
@@ -366,7 +366,9 @@ class TippathApp(FieldApp):
             return
         state = self.worker.state()
         lines: tuple[str, ...]
-        if state.stage.under_way:
+        if state.stage in (Stage.HELD, Stage.READY):
+            lines = ("A card is under way, and no run flies. Yes ends the card, completes the log, and then quits.",)
+        elif state.stage.under_way:
             lines = (
                 "A card is under way. Yes aborts the run first, waits until the vehicle is back in the mode before it, "
                 "completes the log, and then quits.",
