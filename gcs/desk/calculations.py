@@ -122,9 +122,11 @@ class Calculations:
         unread = [*read.refused.values(), *read.left_out.values(), *_unread(read)]
         rungs = reopened.rungs(kept.ladder, folder.path, lambda fit: self.flown_by(fit, read.runs), self._step)
         self._step("")
+        page = folder.path / "report.html"
         state = DeskState(
             path=path,
             home=folder.path,
+            report=page if page.is_file() else None,
             name=printable(folder.name),
             notes=tuple(TimedNote(printable(time), printable(text)) for time, text in folder.notes()),
             vehicle=choices.vehicle_words(folder),

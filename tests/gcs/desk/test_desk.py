@@ -780,6 +780,11 @@ def test_one_thing_at_a_time_and_the_state_is_there_meanwhile(short: Path, monke
     state = desk.state()
     assert [rung.name for rung in state.ladder] == ["TPP"], "opened again, with what was kept"
     assert [note.text for note in state.notes] == ["meanwhile"]
+    assert state.report is None
+    assert state.home is not None
+    (state.home / "report.html").touch()
+    desk.open(str(short), wait=True)
+    assert desk.state().report == state.home / "report.html", "the page that lies there"
 
 
 def test_what_the_data_refuse_is_told_and_changes_nothing(short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
