@@ -75,6 +75,8 @@ class Answer(Open, frozen=True, kw_only=True):
     full: tuple[Block, ...]
     plan: Plan | None
     hiding: tuple[str, ...]
+    matters: bool | None = None
+    """Whether what is left could; None where no loop tells, or something is missing by name."""
 
     @property
     def missing(self) -> str:
@@ -100,6 +102,7 @@ def answer_of(found: FitDiagnosis) -> Answer:
         full=_untyped(diagnosis_blocks(found, full=True)),
         plan=_plan(found),
         hiding=hidden_sentences(found.hiding),
+        matters=None if found.remainder is None else found.remainder.matters,
     )
 
 

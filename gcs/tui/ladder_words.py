@@ -24,6 +24,8 @@ def status_lines(desk: DeskState, width: int) -> list[Line]:
     if rung is None:
         return [fitted(" 4 fits a flight first: the fit is the lowest rung", width)]
     lines = [VERDICTS.get(rung.verdict or "", " ○ not diagnosed yet: D")]
+    if rung.verdict == "complete" and rung.answer is not None and rung.answer.matters:
+        lines = [" ○ complete, but what is left could matter: E"]
     if rung.placebo is not None:
         name, percent, _ = rung.placebo
         if beats_placebo(rung.nrmse_percent, rung.validation_nrmse_percent, rung.placebo):
@@ -47,7 +49,8 @@ def next_candidates(desk: DeskState, width: int, height: int) -> list[Line]:
     untold = len(rows) - len(asked)
     head: Line = (justified(" next candidates", "share ", width), "underline")
     if rung.verdict == "complete":
-        lines: list[Line] = [" none: what is left is noise"]
+        could = rung.answer is not None and rung.answer.matters
+        lines: list[Line] = [" none, but what is left could matter" if could else " none: what is left is noise"]
     else:
         room = max(1, height - 1 - (untold > 0))
         lines = [

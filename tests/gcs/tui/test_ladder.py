@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 from fake_app import IDLE, app_on, screen_text, settle
-from fake_desk import ADDED, ASKED, DESKS, OPEN, comparison
+from fake_desk import ADDED, ASKED, COMPLETE, DESKS, OPEN, comparison
 
 from gcs.tui.draw_desk import Look, fallen, residual_scales, run_strips, waterfall
 from gcs.tui.ladder_words import status_lines
+from gcs.tui.next_step import next_words
 from gcs.tui.state import joined
 
 SMALLER = comparison()
@@ -40,6 +42,14 @@ def test_a_rung_that_its_placebo_beats_is_not_proved(reached, proved):
     wrong = SimpleNamespace(placebo_rung=("gyro_filter", {"p": reached, "q": reached}, None), signs=())
     lines = status_lines(replace(DESK, ladder=(ASKED, replace(PLACED, addition=wrong))), 78)  # type: ignore[arg-type]
     assert any("✗ its placebo removes as much: not proved" in line for line in lines) is not proved
+
+
+def test_a_complete_model_whose_rest_could_matter_is_told_so():
+    could = replace(COMPLETE, answer=msgspec.structs.replace(COMPLETE.answer, matters=True))
+    desk = replace(DESK, ladder=(ASKED, could))
+    assert status_lines(desk, 78)[0].strip() == "○ complete, but what is left could matter: E"
+    assert "could matter" in next_words(joined(IDLE, desk), "Ladder")
+    assert "could matter" not in next_words(joined(IDLE, replace(desk, ladder=(ASKED, COMPLETE))), "Ladder")
 
 
 def test_of_many_rungs_the_lowest_and_the_highest_are_shown():
