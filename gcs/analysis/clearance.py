@@ -107,9 +107,15 @@ class _Diagnosis(documents.Open, frozen=True, kw_only=True):
     not_modelled: tuple[str, ...] = ()
 
 
+class _Weights(documents.Open, frozen=True, kw_only=True):
+    inputs: Annotated[float, Meta(gt=0)]
+    flapping: Annotated[float, Meta(ge=0)]
+
+
 class ClearedGains(GainsDocument, frozen=True, kw_only=True):
     """A GAINS.json with what its gains are to be judged on; an older one has nothing of that."""
 
+    weights: _Weights | None = None
     judged: _Judged | None = None
     diagnosis: _Diagnosis | None = None
     judged_on: _JudgedOn | None = None
@@ -283,6 +289,8 @@ def designed(path: Path, named: Sequence[str] = ()) -> tuple[Gains, Model, Limit
             gains, on = gains_in(document), document.judged_on
             if not np.all(np.isfinite(gains.model.matrices.A)):
                 raise ValueError("its model's numbers make no finite matrices")
+        if (said := document.weights) is not None:
+            gains = replace(gains, input_cost=said.inputs, flapping_cost=said.flapping)
         model = saved_model(on.models[0].model, path.parent, named) if on is not None and on.models else gains.model
     except documents.DocumentError as error:
         raise GainsError(f"{error}; make it with `tippath design`") from error

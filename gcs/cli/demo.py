@@ -14,9 +14,9 @@ def add_parser(subparsers: Any) -> None:
         "demo",
         help="the whole flight test on the simulated vehicle, in five minutes",
         description="Start the simulated vehicle, fly the hover card, prove that every byte of its log arrived, fit "
-        "TPP and CD, print the paper's tables with ours beside, design gains, push them while it stands on the ground, "
-        "fly the LQR and see whether it follows, land, revert; then name the effect that TPP lacks, and add it. Leaves "
-        "the flight's folder with log, fits and report.",
+        "TPP and CD, print the paper's tables with ours beside, name the effect that TPP lacks and add it, design "
+        "gains on that, push them while it stands on the ground, fly the LQR and see whether it follows, land, revert. "
+        "Leaves the flight's folder with log, fits, diagnosis, gains and report.",
         epilog='--json prints {"format": "tippath.demo/1", "folder", "plant", "seed", "runs", "missing_blocks", '
         '"byte_identical_to", "nrmse_percent", "validation_nrmse_percent", "modes", "checks", "pushed", "reverted_to", '
         '"following", "discovery", "files", "duration_s"}. Exit status 1 where something that must hold does not.',

@@ -12,7 +12,6 @@ follows the rates that the LQR is asked for.
 from __future__ import annotations
 
 import filecmp
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +22,7 @@ from gcs.analysis.following import Following, measure_following
 from gcs.cards.maneuver import load_card
 from gcs.demo.discovery import Discovery, discover
 from gcs.demo.pilot import SimulatedVehicle
+from gcs.demo.results import Design, cleared_design, design_on, keep_results
 from gcs.errors import TippathError
 from gcs.flight.flown_card import Briefing, SweepResult
 from gcs.flight.folder import FlightFolder
@@ -36,12 +36,11 @@ if TYPE_CHECKING:  # they bring matplotlib along, which takes a second: here as 
     from gcs.analysis.fits import Identification
     from sysid.control.regulator import Gains
     from sysid.data.record import Record
-    from sysid.fit.result import Fit
 
 FIRST_INPUT_COST = 20.0
 """The first set is a gentle one, as on a first flight; it is also what a revert goes back to."""
-INPUT_COST = 5.0
-"""The paper's."""
+INPUT_COSTS = (5.0, 7.0, 10.0, 14.0)
+"""The paper's, and dearer ones for where a fit with what was missing leaves it too little margin."""
 LAND_WITHIN_S = 20.0
 TAKE_OFF_WITHIN_S = 20.0
 
@@ -172,6 +171,7 @@ def fly_demo(
             interruptions=interruptions,
         )
         flown = fly("hover", folder)
+        land(vehicle, session, tell)
         identified = _identified(folder, vehicle, tell)
         closed_loop = _fly_gains(_Aloft(vehicle, session, fly, tell), folder, identified)
     demonstration = Demonstration(
@@ -181,16 +181,17 @@ def fly_demo(
         flown=flown,
         on_board=identified.on_board,
         identification=identified.identification,
-        gains=identified.gains[-1],
+        gains=identified.designs[-1].gains,
         pushed=closed_loop.pushed,
         lqr_flown=closed_loop.flown,
         following=closed_loop.following,
         reverted=closed_loop.reverted,
-        discovery=_discovered(identified, tell),
+        discovery=identified.discovery,
         duration_s=time.monotonic() - began,
     )
     tell("writing the report")
-    save_results(demonstration, identified.records)
+    (folder.path / "tables.txt").write_text(demonstration.tables() + "\n", "utf-8")
+    keep_results(folder, identified.identification, identified.discovery, identified.designs[-1])
     require_followed(demonstration.following)
     return demonstration
 
@@ -231,26 +232,24 @@ def _flies(
 class _Identified:
     on_board: Path
     identification: Identification
-    records: Sequence[Record]
-    gains: tuple[Gains, ...]
-    """The gentle ones first."""
-
-
-def _discovered(found: _Identified, tell: Say) -> Discovery:
-    """What the fit of the flight lacks, and the error with it."""
-    from gcs.analysis.fits import split_runs
-
-    return discover(found.identification.tpp, *split_runs(found.records), tell)
+    discovery: Discovery
+    designs: tuple[Design, ...]
+    """The gentle one first."""
 
 
 def _identified(folder: FlightFolder, vehicle: SimulatedVehicle, tell: Say) -> _Identified:
-    """The fits of the flight in a folder, and gains on them."""
+    """The fits of the flight in a folder, what they lack, and gains on the best of them."""
+    from gcs.analysis.fits import split_runs
+
     on_board = require_same_bytes(folder.log, vehicle.directory)
     tell(f"{folder.log.name} is {on_board.name} of the vehicle, byte for byte")
     tell("fitting TPP and CD to the chirps, judging them on the doublets")
     identification, records = identify_runs(folder)
-    tell("designing the LQR, its observer and its prefilter")
-    return _Identified(on_board, identification, records, design_gains(identification))
+    discovery = discover(identification.tpp, *split_runs(records), tell)
+    tell(f"designing the LQR, its observer and its prefilter on {discovery.best.model.structure.title}")
+    gentle = design_on(discovery, FIRST_INPUT_COST, folder.path)
+    bold = cleared_design(discovery, INPUT_COSTS, folder.path, tell)
+    return _Identified(on_board, identification, discovery, (gentle, bold))
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,8 +271,7 @@ class _ClosedLoop:
 def _fly_gains(aloft: _Aloft, folder: FlightFolder, found: _Identified) -> _ClosedLoop:
     """The gains on the ground to the vehicle, the doublets with them in the air, and back to the first set."""
     vehicle, session, tell = aloft.vehicle, aloft.session, aloft.tell
-    land(vehicle, session, tell)
-    pushed = tuple(push_gains(session, one, found.identification.tpp, tell) for one in found.gains)
+    pushed = tuple(push_gains(session, one, tell) for one in found.designs)
     take_off(vehicle, session, tell)
     vehicle.say("lqr on")
     tell("the pilot's switch selects the LQR")
@@ -331,14 +329,6 @@ def identify_runs(folder: FlightFolder) -> tuple[Identification, list[Record]]:
     return identify_flight(chirps, doublets), records
 
 
-def design_gains(identification: Identification) -> tuple[Gains, Gains]:
-    """Two sets on the TPP: a gentle one first, then the paper's weights."""
-    from sysid.control.regulator import design
-
-    model = identification.tpp.model
-    return design(model, FIRST_INPUT_COST), design(model, INPUT_COST)
-
-
 def land(vehicle: SimulatedVehicle, session: Session, say: Say) -> None:
     """The simulated pilot lands and disarms. Raises DemoError where he does not within `LAND_WITHIN_S`."""
     vehicle.say("land")
@@ -359,23 +349,20 @@ def take_off(vehicle: SimulatedVehicle, session: Session, say: Say) -> None:
     say("in the air again")
 
 
-def push_gains(session: Session, gains: Gains, fit: Fit, say: Say) -> PushResult:
+def push_gains(session: Session, made: Design, say: Say) -> PushResult:
     """Judge one set as everybody who pushes does, write it, prove it bit for bit, commit it, prove it again.
 
     Raises what speaks against it: nobody is there to say why it should be flown all the same.
     """
-    from gcs.analysis.clearance import clearance
-    from gcs.analysis.identified import identified
     from gcs.analysis.pushing import push_judged, to_push
-    from gcs.analysis.standing import NOT_ASKED
 
-    whole = replace(gains_of(gains.to_json()), identified=identified(fit))
-    pushed = push_judged(session, to_push(whole, clearance(gains, fit, NOT_ASKED)))
+    whole = replace(gains_of(made.gains.to_json()), identified=made.identified)
+    pushed = push_judged(session, to_push(whole, made.clearance))
     for one in pushed.objections:
         say(one.words)
     result = pushed.result
     equal = f"{len(result.values)} values read back equal"
-    say(f"pushed input cost {gains.input_cost:g}: {equal}, {checksum(result.crc)} active")
+    say(f"pushed input cost {made.gains.input_cost:g}: {equal}, {checksum(result.crc)} active")
     return result
 
 
@@ -386,32 +373,6 @@ def revert_gains(session: Session, pushed: Sequence[PushResult], say: Say) -> Re
         raise DemoError(f"the revert went to {checksum(result.crc)}, not to {checksum(pushed[0].crc)}")
     say(f"reverted to the set before, {checksum(result.crc)}")
     return result
-
-
-def save_results(demonstration: Demonstration, records: Sequence[Record]) -> None:
-    """tpp.json, cd.json, gains.json, tables.txt and report.html beside the log."""
-    from gcs.analysis.pages.flown import columns_for, run_figure
-    from gcs.analysis.pages.page import page
-    from gcs.analysis.pages.parts import Document, Listing, Picture, Section
-
-    found, folder = demonstration.identification, demonstration.folder.path
-    for name, document in (
-        ("tpp.json", found.tpp.to_json(folder)),
-        ("cd.json", found.cd.to_json(folder)),
-        ("gains.json", demonstration.gains.to_json()),
-    ):
-        (folder / name).write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", "utf-8")
-    tables = demonstration.tables()
-    (folder / "tables.txt").write_text(tables + "\n", "utf-8")
-    models = [("TPP", found.tpp.model), ("CD", found.cd.model)]
-    columns = columns_for(len(records))
-    pictures = [
-        Picture(run_figure(record, models, found.tpp.band_hz, columns), f"{record.id}: measured and modelled.")
-        for record in records
-    ]
-    sections = (Section("Tables", (Listing(tables),)), Section("Measured against modelled", tuple(pictures)))
-    shown = Document(f"tippath demo, plant {demonstration.plant}", "", sections)
-    (folder / "report.html").write_text(page(shown), "utf-8")
 
 
 def _wait(session: Session, reached: Callable[[], bool], within_s: float, otherwise: str) -> None:

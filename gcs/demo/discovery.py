@@ -34,6 +34,14 @@ class Discovery:
         blocks = [*diagnosis_blocks(self.diagnosis), *([] if self.addition is None else addition_blocks(self.addition))]
         return text_of([one for one in blocks if one.key in SHOWN])
 
+    @property
+    def best(self) -> Fit:
+        """With what was missing, where that is to be kept; else the fit that was asked. Gains are designed on it."""
+        from gcs.analysis.text.addition import outcome
+
+        grown = self.addition
+        return self.diagnosis.fit if grown is None or not outcome(grown)[0] else grown.after
+
     def to_json(self) -> dict[str, Any]:
         last = self.diagnosis.last
         grown = None if self.addition is None else self.addition.after

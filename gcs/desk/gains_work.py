@@ -32,7 +32,7 @@ class GainsDesk(RunsDesk):
         self._known: tuple[Fit, object, Standing] | None = None
 
     def open(self, word: str, *, wait: bool = False) -> None:
-        """As a desk opens; and the gains that were flown there, where any were."""
+        """As a desk opens; and the gains that were designed there, and those that were flown, where any were."""
         from gcs.desk import tuning  # scipy comes along
 
         before = self._state.designed
@@ -42,11 +42,28 @@ class GainsDesk(RunsDesk):
         home = self._state.home
         if home is None or (first is None and not tuning.kept_gains(home)):
             return
+        self._restore_gains(home)
         for path in sorted(logs, reverse=True):
             crc = tuning.flown_crc(Path(path))
             if crc is not None:
                 self._set(present=tuning.present(home, crc, first))
                 return
+
+    def _restore_gains(self, home: Path) -> None:
+        """The newest gains in a folder that were designed on the ladder, or on the TPP beside it."""
+        from gcs.desk import tuning
+
+        fitted = self._state.fitted
+        fits = [rung.fit for rung in reversed(self._state.ladder)]
+        found = tuning.designed_before(home, [*fits, *([] if fitted is None else [fitted.found.tpp])]) if fits else None
+        if found is None:
+            return
+        made, fit = found
+        assert made.path is not None
+        words = shell.design(fit, self._place(fit), tuning.options(made.weights), made.path)
+        with self._lock:
+            if self._state.designed is None:
+                self._set(designed=replace(made, command=words), weights=made.weights)
 
     def seek_present(self, crc: int) -> None:
         """The gains that the vehicle holds, by their checksum, among those that are kept near this flight."""

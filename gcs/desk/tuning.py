@@ -16,7 +16,7 @@ import numpy as np
 
 from gcs import documents
 from gcs.analysis.band import chosen_band
-from gcs.analysis.clearance import Clearance, clearance, gains_in
+from gcs.analysis.clearance import Clearance, clearance, cleared_again, gains_in
 from gcs.analysis.clearance import designed as designed_in
 from gcs.analysis.diagnosis import FitDiagnosis
 from gcs.analysis.identified import identified
@@ -30,20 +30,24 @@ from gcs.analysis.vehicles import different_vehicles
 from gcs.desk import ladder, shell
 from gcs.desk.state import Designed, OnFit, Present, Trial, Weights
 from gcs.errors import TippathError
-from gcs.flight.gains import LARGEST, GainsDocument, GainsError, gains_of
+from gcs.flight.gains import LARGEST, GainsDocument, GainsError, gains_of, load_gains
+from gcs.flight.identified import Identified
 from gcs.logs.formats.dataflash_table import DataFlashTables
 from gcs.logs.opening import open_log
 from gcs.vehicle.autopilots import ACTIVE_CRC
 from sysid.control.judgement import judge
 from sysid.control.loop import following
-from sysid.control.observers import KALMAN, RateNoise, rate_noise
+from sysid.control.observers import KALMAN, RateNoise, rate_noise, with_gain
 from sysid.control.regulator import OBSERVER_POLES, Gains
 from sysid.data.record import Record
 from sysid.errors import SysidError
 from sysid.fit.result import Fit
+from sysid.fit.saved_model import model_json
 
 MOST_FILES = 200
 """Of gains that are looked through for those that flew."""
+OBSERVER_ROUNDED = 0.01
+"""How far placed poles come out from where they were asked for, of the paper's; a Kalman filter's lie further apart."""
 
 
 def asked_of(weights: Weights) -> AskedDesign:
@@ -124,6 +128,47 @@ def designed(fit: Fit, weights: Weights, known: Standing, records: Sequence[Reco
         gains=gains,
         clearance=cleared,
         identified=identified(fit),
+        following=following(gains, fit.model),
+        weights=weights,
+    )
+
+
+def designed_before(folder: Path, fits: Sequence[Fit]) -> tuple[Designed, Fit] | None:
+    """The newest gains in a folder that were designed on one of these fits, judged anew, and that fit."""
+    try:
+        newest = sorted(folder.glob("*gains*.json"), key=lambda one: one.stat().st_mtime_ns, reverse=True)[:MOST_FILES]
+    except OSError:
+        return None
+    for path in newest:
+        with contextlib.suppress(TippathError, SysidError, np.linalg.LinAlgError, ValueError, OSError):
+            gains, model, _ = designed_in(path)
+            fit = next((one for one in fits if model_json(one.model, folder) == model_json(model, folder)), None)
+            if fit is None or not np.isfinite(gains.input_cost):
+                continue
+            looped = with_gain(gains, gains.observer_gain, fit.model)
+            if looped.loop.stable:
+                return _again(path, looped, fit), fit
+    return None
+
+
+def _again(path: Path, gains: Gains, fit: Fit) -> Designed:
+    held = load_gains(path)
+    faster = np.sort(gains.observer_poles.real) / np.sort(OBSERVER_POLES)
+    weights = Weights(
+        input_cost=gains.input_cost,
+        flapping_cost=gains.flapping_cost,
+        observer=round(float(faster[0]), 2) if np.ptp(faster) < OBSERVER_ROUNDED else 0.0,
+        dynamic=gains.dynamic is not None,
+    )
+    return Designed(
+        text=gains_text(gains),
+        path=path,
+        crc=held.crc,
+        command="",
+        rung=ladder.full_name(fit),
+        gains=gains,
+        clearance=cleared_again(path, shell.user_files(fit)),
+        identified=held.identified or Identified(),
         following=following(gains, fit.model),
         weights=weights,
     )

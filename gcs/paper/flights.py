@@ -22,6 +22,7 @@ from gcs import documents
 from gcs.cards.maneuver import TestCard, load_card
 from gcs.demo.demo import land, push_gains, require_flown, require_same_bytes, take_off
 from gcs.demo.pilot import SimulatedVehicle
+from gcs.demo.results import judged
 from gcs.errors import TippathError
 from gcs.files import write_whole
 from gcs.flight.folder import FlightFolder
@@ -142,12 +143,14 @@ class Hangar:
 
     def fly_gains(self, planned: Planned, fit: Fit, gains: Gains) -> Flown:
         """Push gains to the vehicle on the ground, take off, and let them follow rates. Raises as `fly`."""
+        from gcs.analysis.standing import NOT_ASKED  # scipy comes along
+
         folder = self._folder(planned)
         with (
             SimulatedVehicle(planned.plant, folder.path / "vehicle", seed=planned.seed, more=planned.more) as vehicle,
             Session.open(vehicle.ground_link, primary=True, connect_timeout_s=10.0) as session,
         ):
-            push_gains(session, gains, fit, self.say)
+            push_gains(session, judged(gains, fit, NOT_ASKED), self.say)
             take_off(vehicle, session, self.say)
             vehicle.say("lqr on")
             self._sweep(planned, session, folder)

@@ -76,11 +76,12 @@ class Workshop:
 
     @cached_property
     def gains(self) -> tuple[Fit, Gains]:
-        """The paper's LQR on the TPP of the first hover flight, as the demonstration designs and pushes it."""
-        from gcs.demo.demo import design_gains, identify_runs
+        """The paper's LQR on the TPP of the first hover flight."""
+        from gcs.demo.demo import identify_runs
+        from sysid.control.regulator import design
 
         identification, _ = identify_runs(self.flown[flights.HOVER_1.name].folder)
-        return identification.tpp, design_gains(identification)[-1]
+        return identification.tpp, design(identification.tpp.model)
 
     def inputs(self, part: Part) -> str:
         """What the part is worked out from."""

@@ -26,6 +26,7 @@ def test_it_names_what_is_missing_and_adds_it_or_says_that_nothing_is(effect: st
     if effect is None:
         assert (document["verdict"], found.addition) == ("complete", None)
         assert document["nrmse_percent_with_it"] is None
+        assert found.best is found.diagnosis.fit
         assert told[-1].startswith("complete, confidence 0.")
         return
     assert (document["verdict"], document["effect"]) == ("missing", effect)
@@ -34,4 +35,5 @@ def test_it_names_what_is_missing_and_adds_it_or_says_that_nothing_is(effect: st
     assert "+ servo_lag" in found.text
     assert found.text.startswith("missing: servo_lag")
     assert found.addition is not None
+    assert found.best is found.addition.after
     assert document["nrmse_percent_with_it"]["p"] > found.addition.before.nrmse_percent["p"]

@@ -333,6 +333,25 @@ def test_the_gains_tell_what_they_promise(worked: tuple[Desk, Path]) -> None:
         assert np.abs(answer.own[-100:]).max() < 0.02
 
 
+def test_gains_of_an_earlier_session_come_back_with_what_they_are_worth(worked: tuple[Desk, Path]) -> None:
+    desk, home = worked
+    other = Desk()
+    other.open(str(home / "flight-0001"))
+    before, now = desk.state().designed, other.state().designed
+    assert before is not None
+    assert now is not None
+    assert now.path == home / "flight-0001" / "gains.json"
+    assert (now.text, now.crc, now.rung, now.weights) == (before.text, before.crc, before.rung, before.weights)
+    assert now.clearance.judgement.to_json() == before.clearance.judgement.to_json()
+    assert now.clearance.standing.to_json() == before.clearance.standing.to_json()
+    assert now.identified == before.identified
+    assert before.following is not None
+    assert now.following is not None
+    np.testing.assert_allclose(now.following.roll.own, before.following.roll.own, atol=1e-9)
+    other.undo()
+    assert other.state().designed is now, "they stay, with the name of the rung that they were designed on"
+
+
 def test_every_command_does_the_same_again(
     worked: tuple[Desk, Path], raw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
