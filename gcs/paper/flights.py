@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gcs import documents
-from gcs.cards.maneuver import TestCard, load_card
+from gcs.cards.maneuver import TestCard, card_text, load_card
 from gcs.demo.demo import land, push_gains, require_flown, require_same_bytes, take_off
 from gcs.demo.pilot import SimulatedVehicle
 from gcs.demo.results import judged
@@ -63,7 +63,8 @@ class Planned:
             replace(one, duration_s=min(one.duration_s, QUICK_CHIRP_S)) if one.kind == "chirp" else one
             for one in card.maneuvers
         ]
-        return replace(card, maneuvers=tuple(shorter), text="")
+        card = replace(card, maneuvers=tuple(shorter))
+        return replace(card, text=card_text(card))
 
     def takes_s(self, quick: bool) -> float:
         """About how long flying it takes."""

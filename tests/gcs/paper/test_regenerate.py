@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from gcs.cards.maneuver import parse_card
 from gcs.errors import TippathError
-from gcs.paper.flights import HOVER_1, HOVER_2, Flown, Hangar, Planned
+from gcs.paper.flights import FORWARD, HOVER_1, HOVER_2, LQR, Flown, Hangar, Planned
 from gcs.paper.regenerate import PARTS, Part, Workshop, regenerate
 from gcs.paper.values import Chapter
 
@@ -93,3 +94,10 @@ def test_quick_flies_shorter_chirps() -> None:
     whole, quick = HOVER_1.test_card(False), HOVER_1.test_card(True)
     assert quick.duration_s < 0.7 * whole.duration_s
     assert [one.kind for one in quick.maneuvers] == [one.kind for one in whole.maneuvers]
+
+
+@pytest.mark.parametrize("planned", [HOVER_1, FORWARD, LQR], ids=lambda one: one.name)
+def test_a_quick_card_is_kept_as_it_is_flown(planned: Planned) -> None:
+    card = planned.test_card(quick=True)
+    assert card.duration_s <= planned.test_card(quick=False).duration_s
+    assert parse_card(card.text, "card.toml").maneuvers == card.maneuvers
