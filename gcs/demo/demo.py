@@ -190,10 +190,15 @@ def fly_demo(
         duration_s=time.monotonic() - began,
     )
     tell("writing the report")
-    (folder.path / "tables.txt").write_text(demonstration.tables() + "\n", "utf-8")
-    keep_results(folder, identified.identification, identified.discovery, identified.designs[-1])
+    _keep(demonstration, identified)
     require_followed(demonstration.following)
     return demonstration
+
+
+def _keep(demonstration: Demonstration, identified: _Identified) -> None:
+    folder = demonstration.folder
+    (folder.path / "tables.txt").write_text(demonstration.tables() + "\n", "utf-8")
+    keep_results(folder, identified.identification, identified.discovery, identified.designs[-1])
 
 
 def _flies(

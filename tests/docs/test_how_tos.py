@@ -92,7 +92,14 @@ def test_there_is_a_page_for_everything_that_is_added_or_handed_on() -> None:
         assert f"how-to/{page.name}" in (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
+LONG = ("response",)
+"""Pages that take ten seconds and more; what they do is tested elsewhere, too."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, id=page.stem, marks=[pytest.mark.thorough] if page.stem in LONG else []) for page in PAGES],
+)
 def test_a_page_can_be_carried_out(page: Path, copy: Path) -> None:
     there = blocks(page)
     assert there, "nothing to carry out"
