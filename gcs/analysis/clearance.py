@@ -17,6 +17,7 @@ from msgspec import Meta
 from gcs import documents
 from gcs.analysis.standing import NOT_ASKED, Standing, State
 from gcs.flight.gains import LARGEST, GainsDocument, GainsError
+from gcs.flight.identified import Identified
 from gcs.vehicle.rate_loops import AXES, name_of
 from sysid.control.bounds import SAMPLES, SEED, drawn, uncertainty
 from sysid.control.command_noise import CommandNoise
@@ -59,6 +60,11 @@ class Clearance:
             "diagnosis": self.standing.to_json(),
             "judged_on": {"models": models, "covariance": covariance},
         }
+
+
+def gains_document(gains: Gains, cleared: Clearance, of: Identified, folder: Path) -> dict[str, Any]:
+    """A GAINS.json in a folder: gains, what they are worth, and the vehicle that they are for."""
+    return gains.to_json() | cleared.to_json(folder) | {"identified": of.to_json()}
 
 
 RATE_GAINS = "tippath.rate_gains/1"

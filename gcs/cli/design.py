@@ -155,7 +155,7 @@ def _add_controller_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from gcs.analysis.clearance import by_measurement, clearance
+    from gcs.analysis.clearance import by_measurement, clearance, gains_document
     from gcs.analysis.identified import identified
     from gcs.analysis.lqr import designed
     from gcs.analysis.standing import beside
@@ -175,8 +175,7 @@ def run(args: argparse.Namespace) -> int:
     gains = designed(fit, asked, [model for _, model in standing.models], limits, noise)
     measured = by_measurement(gains, fit.model, _responses(fit)) if args.measured else None
     cleared = clearance(gains, fit, standing, limits, measured=measured)
-    document = gains.to_json() | cleared.to_json(Path() if args.output is None else args.output.parent)
-    document["identified"] = identified(fit).to_json()
+    document = gains_document(gains, cleared, identified(fit), Path() if args.output is None else args.output.parent)
     if measured is not None:
         document["margins_measured"] = measured.to_json()
     tables, text = _tables(args, fit, gains, cleared, noise)

@@ -73,6 +73,7 @@ def judged(gains: Gains, fit: Fit, known: Standing) -> Design:
 
 def keep_results(folder: FlightFolder, found: Identification, discovery: Discovery, made: Design) -> None:
     """The fits, the diagnosis, the effect that was added, the gains and the page of all that, beside the log."""
+    from gcs.analysis.clearance import gains_document
     from gcs.analysis.pages.page import page
     from gcs.analysis.pages.report import flight_document
     from gcs.analysis.text.addition import addition_document
@@ -82,7 +83,7 @@ def keep_results(folder: FlightFolder, found: Identification, discovery: Discove
     fits = {"tpp.json": found.tpp.to_json(where), "cd.json": found.cd.to_json(where)}
     if grown is not None:
         fits[f"tpp-{grown.named}.json"] = addition_document(grown, where)
-    gains = made.gains.to_json() | made.clearance.to_json(where) | {"identified": made.identified.to_json()}
+    gains = gains_document(made.gains, made.clearance, made.identified, where)
     for name, document in fits.items():
         _keep(where / name, document)
     _keep(where / "tpp-diagnosis.json", diagnosis_document(discovery.diagnosis, folder=where))

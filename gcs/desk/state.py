@@ -251,8 +251,9 @@ class Designed:
 
     def document(self, folder: Path) -> dict[str, Any]:
         """As it is kept in a folder."""
-        about = {"identified": self.identified.to_json()}
-        return self.gains.to_json() | self.clearance.to_json(folder) | about
+        from gcs.analysis.clearance import gains_document  # scipy comes along
+
+        return gains_document(self.gains, self.clearance, self.identified, folder)
 
     @property
     def cleared(self) -> bool:

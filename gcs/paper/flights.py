@@ -11,7 +11,6 @@ flown again; one that was cut off stays where it is, and is flown anew beside it
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,6 +28,7 @@ from gcs.flight.folder import FlightFolder
 from gcs.flight.run import Progress
 from gcs.flight.session import Session
 from gcs.flight.sweep import fly_card
+from gcs.logs.cache import digest_of
 
 if TYPE_CHECKING:  # a second to load
     from sysid.control.regulator import Gains
@@ -123,7 +123,7 @@ class Hangar:
         try:
             told = documents.read_json(self._note(planned), _FlownDocument)
             folder = FlightFolder(self.path / told.folder)
-            same = told.settings == self._settings(planned) and digest(folder.log) == told.sha256
+            same = told.settings == self._settings(planned) and digest_of(folder.log) == told.sha256
         except (TippathError, OSError):
             return None
         return Flown(folder=folder, sha256=told.sha256) if same else None
@@ -185,7 +185,7 @@ class Hangar:
                 raise TippathError(f"{told}; choose another folder with -o DIR") from error
 
     def _keep(self, planned: Planned, folder: FlightFolder) -> Flown:
-        flown = Flown(folder=folder, sha256=digest(folder.log))
+        flown = Flown(folder=folder, sha256=digest_of(folder.log))
         told = {
             "folder": folder.path.name,
             "settings": self._settings(planned),
@@ -200,9 +200,3 @@ class Hangar:
     def _settings(self, planned: Planned) -> str:
         settings = (planned.plant, planned.seed, planned.card, *planned.more)
         return f"{' '.join(map(str, settings))} quick={self.quick}"
-
-
-def digest(path: Path) -> str:
-    """SHA-256 of a file. Raises OSError."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
-from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, literal, svg
+from gcs.analysis.pages.page import BLACK, BLUE, GREEN, ORANGE, literal, rendered, svg
 from gcs.analysis.pages.pictures import PAGE_WIDTH, PURPLE, panels
 from gcs.paper.values import PaperDocument, PaperFigure, PaperTable, Row
 
@@ -25,19 +25,12 @@ NOTHING = "–"
 
 def paper_page(document: PaperDocument) -> str:
     """The page as HTML. All words are escaped; figures are Matplotlib's, which escapes its own."""
-    # a twentieth of a second to load: only where a page is made
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
-
-    environment = Environment(
-        loader=PackageLoader("gcs.paper", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
+    from markupsafe import Markup  # comes with the templates: only where a page is made
 
     def drawn(figure: PaperFigure) -> Markup:
         return Markup(svg(figure_of(figure)))
 
-    template = environment.get_template("page.html.jinja")
-    return f"{template.render(document=document, head=head, cells=cells, drawn=drawn)}\n"
+    return rendered("page.html.jinja", room="gcs.paper", document=document, head=head, cells=cells, drawn=drawn)
 
 
 def head(table: PaperTable) -> list[str]:

@@ -46,13 +46,13 @@ def page(document: Document) -> str:
     return rendered("page.html.jinja", document=document, sections=sections, contents=contents, svg=drawn)
 
 
-def rendered(template: str, **values: Any) -> str:
-    """A template of this folder with these values, each of them escaped."""
+def rendered(template: str, *, room: str = "gcs.analysis.pages", **values: Any) -> str:
+    """A template of this folder, or of another room's, with these values, each of them escaped."""
     # a twentieth of a second to load: only where a page is made
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("gcs.analysis.pages", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+        loader=PackageLoader(room, ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     return f"{environment.get_template(template).render(**values)}\n"
 
