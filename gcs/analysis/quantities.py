@@ -17,12 +17,17 @@ def amount(parameter: Parameter, value: float, error: float | None = None, model
     """The value with its unit; `138.4 ± 1.0 (± 12) 1/s^2` with what standard errors do not know of."""
     if not math.isfinite(value):
         return "no limit"
-    times, unit = _unit(parameter, value)
+    return amount_in(parameter.unit, value, error, model_error)
+
+
+def amount_in(unit: str, value: float, error: float | None = None, model_error: float | None = None) -> str:
+    """As `amount`, of a number that is no parameter's: `20 ± 3 ms` of seconds."""
+    times, word = _unit(unit, value)
     if error is None or not (error > 0 and math.isfinite(error)):
-        return f"{times * value:.3g}{unit}"
+        return f"{times * value:.3g}{word}"
     digits = decimals(times * error)
     model = "" if model_error is None else f" (± {float(f'{times * model_error:.2g}'):g})"
-    return f"{times * value:.{digits}f} ± {times * error:.{digits}f}{model}{unit}"
+    return f"{times * value:.{digits}f} ± {times * error:.{digits}f}{model}{word}"
 
 
 def decimals(error: float) -> int:
@@ -37,7 +42,7 @@ def plausible_range(parameter: Parameter) -> str:
     ends = [x for x in (low, high) if math.isfinite(x)]
     if not ends:
         return ""
-    times, unit = _unit(parameter, max(ends, key=abs))
+    times, unit = _unit(parameter.unit, max(ends, key=abs))
     if low == high:
         return f"{times * low:g}{unit}"
     if len(ends) == 2:
@@ -45,10 +50,10 @@ def plausible_range(parameter: Parameter) -> str:
     return f"{'at least' if math.isfinite(low) else 'at most'} {times * ends[0]:g}{unit}"
 
 
-def _unit(parameter: Parameter, value: float) -> tuple[float, str]:
-    if parameter.unit == "s" and abs(value) < 1:
+def _unit(unit: str, value: float) -> tuple[float, str]:
+    if unit == "s" and abs(value) < 1:
         return 1000.0, " ms"
-    return 1.0, "" if parameter.unit == "-" else f" {parameter.unit}"
+    return 1.0, "" if unit == "-" else f" {unit}"
 
 
 def listed(words: Sequence[str]) -> str:

@@ -88,15 +88,22 @@ def run_campaign(
     store = Store(folder)
     worked = work_through(logs, settings, store, scheduler=scheduler, workers=workers, on_progress=on_progress)
     outcomes = placed(worked, given)
+    again = copies(outcomes)
+    groups = grouped(outcomes, given, again)
     predicted = predict_through(
-        list(neighbours(grouped(outcomes, given))),
+        list(neighbours(groups)),
         store,
         scheduler=scheduler,
         workers=workers,
         on_progress=on_progress,
     )
-    outcomes = tuple(msgspec.structs.replace(one, predicted=predicted.get(one.path)) for one in outcomes)
-    return Campaign(outcomes=outcomes, groups=grouped(outcomes, given), copies=copies(outcomes))
+
+    def judged(flights: Iterable[Outcome]) -> tuple[Outcome, ...]:
+        return tuple(msgspec.structs.replace(one, predicted=predicted.get(one.path)) for one in flights)
+
+    return Campaign(
+        outcomes=judged(outcomes), groups={name: judged(each) for name, each in groups.items()}, copies=again
+    )
 
 
 def neighbours(groups: Mapping[str, Sequence[Outcome]]) -> Iterator[tuple[Outcome, Outcome]]:

@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from gcs import documents
-from gcs.analysis.quantities import listed
-from gcs.campaign.sentences import number
+from gcs.analysis.quantities import amount_in, listed
+from gcs.campaign.estimates import estimates_of
+from gcs.campaign.given import Given
+from gcs.campaign.groups import placed
 from gcs.campaign.when import by_place
-from gcs.campaign.work import Outcome, Settings, worked_on
+from gcs.campaign.work import Numbers, Outcome, Settings, worked_on
 from gcs.errors import TippathError, UsageError
+from gcs.logs import logs_in
 from sysid.campaign.two_sets import Difference, by_days, differences
 from sysid.campaign.values import Estimate
 from sysid.fit.document import FitDocument
 from sysid.fit.result import FORMAT as FIT
 
 FORMAT = "tippath.change/1"
-LOGS = (".bin", ".log", ".ulg", ".tlog", ".csv")
 Verdict = Literal["changed", "nothing changed", "cannot tell"]
 
 
@@ -33,6 +35,17 @@ class _Unit(documents.Open, frozen=True, kw_only=True):
 class _Units(documents.Open, frozen=True, kw_only=True):
     format: str
     parameters: dict[str, _Unit]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Flight:
+    """One that can be compared."""
+
+    seen: str
+    """The same in all copies of it."""
+    estimates: Mapping[str, Estimate]
+    units: Mapping[str, str]
+    structure: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,30 +107,30 @@ class Answer:
 def read_set(word: str, settings: Settings, say: Callable[[str], None] = lambda words: None) -> Flights:
     """A folder, a file or a pattern of logs or saved fits. Raises UsageError, TippathError where none is usable."""
     paths = files_of(word)
-    outcomes, left_out = [], []
+    flights: list[_Flight] = []
+    left_out = []
     for path in paths:
         say(str(path))
         if path.suffix.lower() == ".json":
-            each = _of_fit(path)
+            flights.append(_of_fit(path))
+            continue
+        (outcome,) = placed([worked_on(path, settings)], Given())
+        if outcome.fit is None:
+            left_out.append(f"{path}: {outcome.reason}: {outcome.words}")
         else:
-            each, outcome = {}, worked_on(path, settings)
-            if outcome.fit is None:
-                left_out.append(f"{path}: {outcome.reason}: {outcome.words}")
-                continue
-            each = _of_outcome(outcome)
-        outcomes.append(each)
-    once = {one["seen"]: one for one in outcomes}
+            flights.append(_of_outcome(outcome, outcome.fit))
+    once = {one.seen: one for one in flights}
     if not once:
         why = f": {left_out[0]}" if left_out else "; name a folder, logs, or fits of `tippath fit`"
         raise TippathError(f"{word}: no flight that can be compared{why}")
     estimates: dict[str, list[Estimate]] = {}
     for each in once.values():
-        for name, one in each["estimates"].items():
+        for name, one in each.estimates.items():
             estimates.setdefault(name, []).append(one)
     return Flights(
         estimates=estimates,
-        units={name: unit for each in once.values() for name, unit in each["units"].items()},
-        structures=frozenset(each["structure"] for each in once.values()),
+        units={name: unit for each in once.values() for name, unit in each.units.items()},
+        structures=frozenset(each.structure for each in once.values()),
         count=len(once),
         left_out=tuple(left_out),
     )
@@ -127,9 +140,8 @@ def files_of(word: str) -> list[Path]:
     """Saved fits of a folder, or where it has none its logs. Raises UsageError where there is nothing."""
     path = Path(word)
     if path.is_dir():
-        inside = sorted(one for one in path.rglob("*") if one.is_file())
-        fits = [one for one in inside if one.suffix.lower() == ".json" and _is_fit(one)]
-        found = fits or [one for one in inside if one.suffix.lower() in LOGS]
+        fits = [one for one in sorted(path.rglob("*")) if one.suffix.lower() == ".json" and _units(one) is not None]
+        found = fits or _logs_in(path)
     else:
         found = [path] if path.is_file() else [Path(one) for one in sorted(glob.glob(word, recursive=True))]
     if not found:
@@ -137,19 +149,28 @@ def files_of(word: str) -> list[Path]:
     return found
 
 
-def _is_fit(path: Path) -> bool:
+def _logs_in(folder: Path) -> list[Path]:
     try:
-        return documents.read_json(path, _Units, what="fit").format == FIT
+        return logs_in(folder)
+    except (TippathError, OSError):  # none, as is said of fits and logs together
+        return []
+
+
+def _units(path: Path) -> Mapping[str, str] | None:
+    """Of a saved fit's parameters; None where the file is none."""
+    try:
+        found = documents.read_json(path, _Units, what="fit")
     except documents.DocumentError:
-        return False
+        return None
+    return {name: one.unit for name, one in found.parameters.items()} if found.format == FIT else None
 
 
-def _of_fit(path: Path) -> dict[str, Any]:
-    """Raises DocumentError."""
-    if not _is_fit(path):
+def _of_fit(path: Path) -> _Flight:
+    """Raises TippathError."""
+    units = _units(path)
+    if units is None:
         raise TippathError(f"{path}: is no {FIT} document; `tippath fit -o` writes one")
     saved = documents.read_json(path, FitDocument, what="fit")
-    units = documents.read_json(path, _Units, what="fit")
     first = saved.records[0].path if saved.records else ""
     when = by_place(path.parent / first) if first else None
     day = 0 if when is None else when.day
@@ -159,31 +180,25 @@ def _of_fit(path: Path) -> dict[str, Any]:
         variance = saved.covariance[place][place] if place < len(saved.covariance) else None
         if variance is not None and variance > 0 and not one.fixed and not one.at_bound:
             estimates[name] = Estimate(flight=seen, day=day, value=one.value, error=float(variance**0.5))
-    return {
-        "seen": seen,
-        "estimates": estimates,
-        "units": {name: one.unit for name, one in units.parameters.items()},
-        "structure": " + ".join((saved.structure.base, *sorted(saved.structure.effects))),
-    }
+    return _Flight(
+        seen=seen,
+        estimates=estimates,
+        units=units,
+        structure=_structure(saved.structure.base, saved.structure.effects),
+    )
 
 
-def _of_outcome(one: Outcome) -> dict[str, Any]:
-    assert one.fit is not None
-    return {
-        "seen": one.seen or one.key,
-        "estimates": {
-            name: Estimate(
-                flight=one.key,
-                day=0 if one.when is None else one.when.day,
-                value=each.value,
-                error=each.standard_error,
-                conditions=one.conditions,
-            )
-            for name, each in one.fit.parameters.items()
-        },
-        "units": {name: each.unit for name, each in one.fit.parameters.items()},
-        "structure": " + ".join((one.fit.base, *sorted(one.fit.effects))),
-    }
+def _of_outcome(one: Outcome, fit: Numbers) -> _Flight:
+    return _Flight(
+        seen=one.seen or one.key,
+        estimates=estimates_of(one),
+        units={name: each.unit for name, each in fit.parameters.items()},
+        structure=_structure(fit.base, fit.effects),
+    )
+
+
+def _structure(base: str, effects: Sequence[str]) -> str:
+    return " + ".join((base, *sorted(effects)))
 
 
 def checked(first: Flights, second: Flights, limit_percent: float) -> Answer:
@@ -204,10 +219,9 @@ def checked(first: Flights, second: Flights, limit_percent: float) -> Answer:
         flights=(first.count, second.count),
         left_out=(*first.left_out, *second.left_out),
     )
-    verdict: Verdict = (
-        "changed" if any(each.changed for each in found) else "nothing changed" if answer.told else "cannot tell"
-    )
-    return Answer(**{**{name: getattr(answer, name) for name in answer.__dataclass_fields__}, "verdict": verdict})
+    if any(each.changed for each in found):
+        return replace(answer, verdict="changed")
+    return replace(answer, verdict="nothing changed") if answer.told else answer
 
 
 def sentence(found: Answer) -> str:
@@ -217,7 +231,7 @@ def sentence(found: Answer) -> str:
         return f"Changed: {listed([_change(one, found.units[one.parameter]) for one in changed])}."
     counted = "days" if found.by_days else "flights"
     if found.verdict == "nothing changed":
-        each = [f"{number(found.percent(one), 0.0, '%')} of {one.parameter}" for one in found.told]
+        each = [f"{amount_in('%', found.percent(one))} of {one.parameter}" for one in found.told]
         told = f"Nothing changed beyond {listed(each)}"
         open_ = [one.parameter for one in found.differences if one not in found.told]
         return told + (f"; {listed(open_)}: not known to {found.limit_percent:g} %." if open_ else ".")
@@ -235,4 +249,4 @@ def _change(one: Difference, unit: str) -> str:
         size, error, unit = abs(100 * one.size / one.before), abs(100 * one.error / one.before), "%"
     else:
         size, error = abs(one.size), one.error
-    return f"{one.parameter} {way} by {number(size, error, unit)}"
+    return f"{one.parameter} {way} by {amount_in(unit, size, error)}"

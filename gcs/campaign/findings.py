@@ -12,6 +12,8 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from gcs.campaign.estimates import estimates_of
+from gcs.campaign.groups import copies
 from gcs.campaign.work import Outcome
 from sysid.campaign.changes import Change, Kind, line_along
 from sysid.campaign.claims import Course, Outlier, courses
@@ -134,11 +136,11 @@ class Findings:
 
 def found(groups: Mapping[str, Sequence[Outcome]], seed: int = 0) -> Findings:
     """What flights in groups say; `seed` draws the orders of days that chances are counted of."""
-    copies: dict[str, str] = {}
-    counted = {group: _counted(outcomes, copies) for group, outcomes in groups.items()}
-    flights = {group: _dated(each) for group, each in counted.items()}
+    counted, again = _counted(groups)
+    dated = {group: [one for one in each if one.when is not None] for group, each in counted.items()}
+    flights = {group: [_flight(one) for one in each] for group, each in dated.items()}
     combined = _combined(flights)
-    estimates = _estimates(flights)
+    estimates = _estimates(dated)
     estimates.update({key: one.estimates for key, one in combined.items()})
     found_courses = courses(estimates, np.random.default_rng(seed))
     single = {key: course for key, course in found_courses.items() if key not in combined}
@@ -156,7 +158,7 @@ def found(groups: Mapping[str, Sequence[Outcome]], seed: int = 0) -> Findings:
         events=tuple(events),
         goes_with=_goes_with(single, about.units),
         apart=_apart(single),
-        copies=copies,
+        copies=again,
         undated=tuple(one.path for one in every if one.when is None),
         dated_by_file=sum(one.when is not None and one.when.told_by == "file" for one in every),
         asked=sum(course.change is not None for course in single.values()),
@@ -218,24 +220,15 @@ def _goes_with(each: Mapping[tuple[str, str], Course], units: Mapping[str, str])
     )
 
 
-def _dated(outcomes: Sequence[Outcome]) -> list[Flight]:
-    return [_flight(one) for one in outcomes if one.when is not None]
+def _counted(groups: Mapping[str, Sequence[Outcome]]) -> tuple[dict[str, list[Outcome]], dict[str, str]]:
+    """Fitted flights, each once; and path of a copy -> path of the flight that counts."""
+    fitted = {group: [one for one in each if one.fit is not None] for group, each in groups.items()}
+    again = {path: other for each in fitted.values() for path, other in copies(each).items()}
+    return {group: [one for one in each if one.path not in again] for group, each in fitted.items()}, again
 
 
 def _combined(flights: Mapping[str, Sequence[Flight]]) -> dict[tuple[str, str], Combination]:
     return {(group, JOINED.join(one.members)): one for group, each in flights.items() for one in combinations(each)}
-
-
-def _counted(outcomes: Sequence[Outcome], copies: dict[str, str]) -> list[Outcome]:
-    """Fitted flights, each once: of copies the first by path."""
-    by_seen: dict[str, Outcome] = {}
-    for one in sorted(outcomes, key=lambda one: one.path):
-        if one.fit is None:
-            continue
-        first = by_seen.setdefault(one.seen or one.key, one)
-        if first is not one:
-            copies[one.path] = first.path
-    return list(by_seen.values())
 
 
 def _flight(one: Outcome) -> Flight:
@@ -250,13 +243,11 @@ def _flight(one: Outcome) -> Flight:
     )
 
 
-def _estimates(flights: Mapping[str, Sequence[Flight]]) -> dict[tuple[str, str], Sequence[Estimate]]:
+def _estimates(dated: Mapping[str, Sequence[Outcome]]) -> dict[tuple[str, str], Sequence[Estimate]]:
     found: dict[tuple[str, str], list[Estimate]] = {}
-    for group, each in flights.items():
+    for group, each in dated.items():
         for one in each:
-            for place, (name, value) in enumerate(one.values.items()):
-                error = float(one.covariance[place, place] ** 0.5)
-                estimate = Estimate(flight=one.flight, day=one.day, value=value, error=error, conditions=one.conditions)
+            for name, estimate in estimates_of(one).items():
                 found.setdefault((group, name), []).append(estimate)
     return dict(found)
 

@@ -63,9 +63,14 @@ def _most_first(outcome: Outcome) -> tuple[object, ...]:
     return outcome.fit is None, -sum(run.duration_s for run in outcome.runs if run.usable), outcome.path
 
 
-def grouped(outcomes: Sequence[Outcome], given: Given) -> dict[str, tuple[Outcome, ...]]:
-    """`vehicle` or `vehicle/configuration` -> its independent flights that were fitted, in the order of their time."""
-    again = copies(outcomes)
+def grouped(
+    outcomes: Sequence[Outcome], given: Given, again: Mapping[str, str] | None = None
+) -> dict[str, tuple[Outcome, ...]]:
+    """`vehicle` or `vehicle/configuration` -> its independent flights that were fitted, in the order of their time.
+
+    `again`: what `copies` says of them, where that was asked before.
+    """
+    again = copies(outcomes) if again is None else again
     fitted = [one for one in outcomes if one.fit is not None and one.path not in again]
     vehicles = _vehicles(fitted, given)
     by_vehicle: dict[str, list[Outcome]] = defaultdict(list)

@@ -15,6 +15,7 @@ from urllib.parse import quote
 import numpy as np
 
 from gcs.analysis.pages.page import rendered
+from gcs.analysis.quantities import amount_in
 from gcs.campaign.findings import Findings
 from gcs.campaign.panels import HEIGHT, ROW, STRIP_LEFT, WIDTH, Panel, Strip, panels, strip
 from gcs.campaign.sentences import (
@@ -24,10 +25,9 @@ from gcs.campaign.sentences import (
     event_sentence,
     none_apart_sentence,
     nothing_sentence,
-    number,
     remarks,
-    size_words,
 )
+from gcs.campaign.summary import reasons
 from gcs.campaign.work import Outcome
 from gcs.files import write_whole
 from sysid.campaign.claims import Course
@@ -82,7 +82,7 @@ class Listed:
 
 @dataclass(frozen=True, kw_only=True)
 class Failed:
-    """Logs of one reason and the same words."""
+    """Logs of one reason."""
 
     reason: str
     words: str
@@ -170,9 +170,9 @@ def _vehicle(
                 unit=unit,
                 meaning=findings.meanings.get(name, ""),
                 anchor=f"g{place}-{len(parameters)}",
-                value=number(float(level.at[0]), float(level.covariance[0, 0] ** 0.5), unit),
-                between=size_words(level.between, unit),
-                within=size_words(float(np.median([one.error for each in course.days.flights for one in each])), unit),
+                value=amount_in(unit, float(level.at[0]), float(level.covariance[0, 0] ** 0.5)),
+                between=amount_in(unit, level.between),
+                within=amount_in(unit, float(np.median([one.error for each in course.days.flights for one in each]))),
                 days=len(course.days),
                 flights=sum(len(each) for each in course.days.flights),
                 panels=tuple(panels(course, unit, lambda key: names.get(key, ""))),
@@ -241,18 +241,14 @@ def _warning(one: Outcome) -> str:
 
 def _failed(outcomes: Sequence[Outcome], folder: Path) -> list[Failed]:
     """The most frequent reason first."""
-    together: dict[tuple[str, str], list[Outcome]] = {}
-    for one in outcomes:
-        words = one.words.removeprefix(f"{one.path}: ")
-        together.setdefault((one.reason or "", words), []).append(one)
     return [
         Failed(
-            reason=reason,
-            words=words,
-            files=tuple((_short(one.path), _link(one.path, folder)) for one in each[:LISTED]),
-            count=len(each),
+            reason=why.reason,
+            words=why.words.removeprefix(f"{why.logs[0]}: "),
+            files=tuple((_short(path), _link(path, folder)) for path in why.logs[:LISTED]),
+            count=len(why.logs),
         )
-        for (reason, words), each in sorted(together.items(), key=lambda item: (-len(item[1]), item[0]))
+        for why in reasons(outcomes)
     ]
 
 

@@ -9,7 +9,8 @@ from datetime import date, timedelta
 
 import numpy as np
 
-from gcs.campaign.sentences import CONDITIONS, EPOCH, day_words, number
+from gcs.analysis.quantities import amount_in
+from gcs.campaign.sentences import CONDITIONS, EPOCH, day_words
 from sysid.campaign.claims import Course
 from sysid.campaign.values import Estimate
 from sysid.data.record import FloatArray
@@ -106,7 +107,7 @@ def panels(course: Course, unit: str, names: Callable[[str], str]) -> list[Panel
     if len(flights) > MOST_POINTS:
         drawn = [(_mean(course, place), "") for place in range(len(course.days))]
     told = [
-        (f"{names(key)}, " if key else "") + f"{day_words(one.day)}: {number(one.value, one.error, unit)}"
+        (f"{names(key)}, " if key else "") + f"{day_words(one.day)}: {amount_in(unit, one.value, one.error)}"
         for one, key in drawn
     ]
     y = _y_scale(np.array([one.value for one, _ in drawn]), np.array([one.error for one, _ in drawn]))
@@ -195,7 +196,7 @@ def strip(parameter: str, unit: str, by_group: Sequence[tuple[str, Course]]) -> 
             at=x(mean),
             bounds=(x(mean - BOUNDS * error), x(mean + BOUNDS * error)),
             spread=(x(mean - BOUNDS * between), x(mean + BOUNDS * between)),
-            words=f"{group}: {number(mean, error, unit)}",
+            words=f"{group}: {amount_in(unit, mean, error)}",
         )
         for place, ((group, _), (mean, error, between)) in enumerate(zip(by_group, each, strict=True))
     )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from datetime import date
 
-from gcs.analysis.quantities import decimals, listed
+from gcs.analysis.quantities import amount_in, listed
 from gcs.campaign.findings import Apart, Event, Findings, GoesWith, Size
 
 EPOCH = date(1970, 1, 1).toordinal()
@@ -18,15 +18,6 @@ def day_words(day: int) -> str:
     """`3 May 2026`."""
     when = date.fromordinal(EPOCH + day)
     return f"{when.day} {when:%B} {when.year}"
-
-
-def number(value: float, error: float, unit: str) -> str:
-    """`20 ± 3 ms`: as many digits as the error is worth; times below a second in milliseconds."""
-    times, word = (1000.0, " ms") if unit == "s" and abs(value) < 1 else (1.0, "" if unit == "-" else f" {unit}")
-    if not (error > 0 and math.isfinite(error)):
-        return f"{times * value:.3g}{word}"
-    digits = decimals(times * error)
-    return f"{times * value:.{digits}f} ± {times * error:.{digits}f}{word}"
 
 
 def called(one: Size) -> str:
@@ -53,7 +44,7 @@ def event_sentence(one: Event) -> str:
 def dependence_sentence(one: GoesWith) -> str:
     """What goes with what, and whether it could be the vehicle."""
     words, unit = CONDITIONS.get(one.condition, (one.condition, ""))
-    size = number(one.size, one.error, "" if one.unit == "-" else one.unit)
+    size = amount_in(one.unit, one.size, one.error)
     told = f"{one.group}: {one.parameter} goes with {words}, {size} for each {unit}"
     if one.or_time:
         return f"{told}; {words} itself changed over these days, so that it could as well be the vehicle that changed."
@@ -105,30 +96,25 @@ def told(found: Findings) -> list[str]:
     return [*changes, *(dependence_sentence(one) for one in found.goes_with), *remarks(found)]
 
 
-def size_words(value: float, unit: str) -> str:
-    """`31.2 ms`."""
-    return number(value, 0.0, unit)
-
-
 def _joined(event: Event, each: list[str]) -> str:
     return ", or ".join(each) if event.named == "class" else listed(each)
 
 
 def _step(one: Size) -> str:
     """`20 ± 3 ms more T_d (delay of the commands), 31 ms instead of 11 ms`."""
-    told = f"{number(abs(one.size), one.error, one.unit)} {'more' if one.size > 0 else 'less'} {called(one)}"
+    told = f"{amount_in(one.unit, abs(one.size), one.error)} {'more' if one.size > 0 else 'less'} {called(one)}"
     if not (math.isfinite(one.before) and math.isfinite(one.after)):
         return told
-    return f"{told}, {size_words(one.after, one.unit)} instead of {size_words(one.before, one.unit)}"
+    return f"{told}, {amount_in(one.unit, one.after)} instead of {amount_in(one.unit, one.before)}"
 
 
 def _drift(one: Size) -> str:
     """`L_b (roll acceleration per lateral flapping) falls by 13.2 ± 0.9 1/s^2 a year, 9.0 ± 0.6 %`."""
     way = "rises" if one.size > 0 else "falls"
-    told = f"{called(one)} {way} by {number(abs(one.size), one.error, one.unit)} a year"
+    told = f"{called(one)} {way} by {amount_in(one.unit, abs(one.size), one.error)} a year"
     if not (math.isfinite(one.before) and abs(one.before) > abs(one.size)):
         return told
-    return f"{told}, {number(100 * abs(one.size / one.before), 100 * abs(one.error / one.before), '%')}"
+    return f"{told}, {amount_in('%', 100 * abs(one.size / one.before), 100 * abs(one.error / one.before))}"
 
 
 def _dates(one: Event) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gcs.analysis.quantities import decimals
 from gcs.campaign.campaign import FORMAT, Campaign
+from gcs.campaign.estimates import estimates_of
 from gcs.campaign.work import Outcome
 from gcs.logs.words import printable
 from sysid.campaign.spread import line
@@ -72,11 +73,9 @@ def means(flights: Sequence[Outcome]) -> dict[str, Mean]:
     for one in flights:
         if one.fit is None or one.when is None:
             continue
-        for name, number in one.fit.parameters.items():
-            units[name] = number.unit
-            estimates[name].append(
-                Estimate(flight=one.seen, day=one.when.day, value=number.value, error=number.standard_error)
-            )
+        for name, estimate in estimates_of(one).items():
+            units[name] = one.fit.parameters[name].unit
+            estimates[name].append(estimate)
     found = {}
     for name, each in estimates.items():
         days = by_day(each)

@@ -9,20 +9,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from gcs.cli.options import (
-    add_band_option,
-    add_effects_option,
-    parse_band,
-    parse_words,
-    print_json,
-    write_json,
-)
-from gcs.cli.terminal import REDRAW, control
+from gcs.cli.counting import Bar
+from gcs.cli.log_settings import add_settings_options, parse_settings
+from gcs.cli.options import print_json, write_json
 from gcs.errors import UsageError
 
 if TYPE_CHECKING:
     from gcs.campaign.given import Given
-    from gcs.campaign.work import Settings
     from gcs.campaign.workers import Progress
 
 EVERY_S = 30.0
@@ -76,12 +69,7 @@ def add_parser(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("logs", nargs="+", type=Path, metavar="DIR|LOG", help="logs, or folders that hold some")
-    parser.add_argument(
-        "--model", metavar="BASE", help="the structure to fit (default: tpp or multirotor, as logs tell)"
-    )
-    add_effects_option(parser, "physical effects to add to each fit, as of `tippath fit`")
-    add_band_option(parser)
-    parser.add_argument("--profile", metavar="FILE.toml", help="which fields of the logs are which channels")
+    add_settings_options(parser)
     parser.add_argument("--diagnose", action="store_true", help="ask of each fit what it lacks: takes seconds for each")
     parser.add_argument("--about", type=Path, metavar="FILE.toml", help="a campaign.toml that lies elsewhere")
     parser.add_argument(
@@ -106,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.workers is not None and (args.workers < 1 or args.scheduler is not None):
         raise UsageError("--workers wants a number of processes on this computer; a cluster has its own")
-    settings = _settings(args)
+    settings = parse_settings(args, diagnose=args.diagnose)
     refuse_strangers(args.output)
     logs = found_logs(args.logs)
     given = _given(args)
@@ -115,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
     args.output.mkdir(parents=True, exist_ok=True)
     if not (args.output / ABOUT).is_file():
         write_json({"format": "tippath.campaign/1", "folder": str(args.output)}, args.output / ABOUT)
-    with Bar() as bar:
+    with CampaignBar() as bar:
         try:
             campaign = run_campaign(
                 logs, settings, given, args.output, scheduler=args.scheduler, workers=args.workers, on_progress=bar
@@ -138,31 +126,6 @@ def run(args: argparse.Namespace) -> int:
     return 0 if campaign.groups else 1
 
 
-def _settings(args: argparse.Namespace) -> Settings:
-    """What is asked of every log; own files by their full paths, for workers elsewhere. Raises UsageError."""
-    from gcs.campaign.work import Settings
-    from gcs.cli.fit import parse_base, parse_effects
-    from gcs.logs.profile.profiles import load
-    from sysid.model.base import find_base
-
-    words = parse_words(args.effects)
-    base = find_base("tpp") if args.model is None else parse_base(args.model)
-    parse_effects(base, words, {})
-    if args.profile is not None:
-        load(Path(args.profile))
-    return Settings(
-        model=None if args.model is None else _full(args.model),
-        effects=tuple(_full(word) for word in words),
-        band_hz=None if args.band is None else parse_band(args.band),
-        profile=None if args.profile is None else _full(args.profile),
-        diagnose=args.diagnose,
-    )
-
-
-def _full(word: str) -> str:
-    return str(Path(word).absolute()) if Path(word).is_file() else word
-
-
 def _given(args: argparse.Namespace) -> Given:
     """What campaign.toml says: the one that is named, or that lies in a folder of the logs."""
     from gcs.campaign.given import NAME, Given, load
@@ -173,18 +136,16 @@ def _given(args: argparse.Namespace) -> Given:
     return load(there[0]) if there else Given()
 
 
-class Bar:
-    """How far it is, redrawn on a terminal's standard error; elsewhere a line now and then."""
-
-    WIDTH = 24
+class CampaignBar:
+    """How far it is, as a bar on a terminal's standard error; elsewhere a line now and then."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stderr
-        self._open = False
+        self._bar = Bar(self._stream)
         self._next = time.monotonic() + EVERY_S
         self.words = "nothing is done yet"
 
-    def __enter__(self) -> Bar:
+    def __enter__(self) -> CampaignBar:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -193,21 +154,15 @@ class Bar:
     def __call__(self, progress: Progress) -> None:
         self.words = progress_words(progress)
         if self._stream.isatty():
-            bar = ("▓" * round(progress.done / max(1, progress.of) * self.WIDTH)).ljust(self.WIDTH, "░")
-            control(self._stream, REDRAW)
-            self._stream.write(f" {bar} {self.words}")
-            self._open = True
+            self._bar.draw(progress.done / max(1, progress.of), self.words)
         elif time.monotonic() >= self._next:
             self._next = time.monotonic() + EVERY_S
             self._stream.write(f" {self.words}\n")
-        self._stream.flush()
+            self._stream.flush()
 
     def close(self) -> None:
         """Leave an empty line."""
-        if self._open:
-            control(self._stream, REDRAW)
-            self._stream.flush()
-            self._open = False
+        self._bar.close()
 
 
 def progress_words(progress: Progress) -> str:

@@ -6,7 +6,8 @@ import argparse
 import sys
 from typing import Any
 
-from gcs.cli.options import parse_band, parse_words, print_json
+from gcs.cli.log_settings import add_settings_options, parse_settings
+from gcs.cli.options import print_json
 
 _HELP = """\
 The mean of each set, the spread between days told from the errors within a flight, and of what is claimed over all
@@ -40,13 +41,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--limit", type=_percent, default=LIMIT_PERCENT, metavar="PERCENT", help="the change that matters (default: 10)"
     )
-    parser.add_argument("--model", help="the base that logs are fitted with (default: what flew, by the log)")
-    parser.add_argument(
-        "--with", dest="effects", action="append", default=[], metavar="EFFECT,...", help="effects that logs are "
-        "fitted with"
-    )  # fmt: skip
-    parser.add_argument("--band", metavar="LOW:HIGH", help="Hz, the frequencies that count for logs")
-    parser.add_argument("--profile", metavar="FILE.toml", help="which fields of the logs are which channels")
+    add_settings_options(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.set_defaults(run=run)
 
@@ -64,14 +59,8 @@ def _percent(text: str) -> float:
 def run(args: argparse.Namespace) -> int:
     from gcs.analysis.text.blocks import wrapped
     from gcs.campaign.check_change import checked, read_set, sentence
-    from gcs.campaign.work import Settings
 
-    settings = Settings(
-        model=args.model,
-        effects=tuple(parse_words(args.effects)),
-        band_hz=None if args.band is None else parse_band(args.band),
-        profile=args.profile,
-    )
+    settings = parse_settings(args)
     first, second = (read_set(word, settings) for word in (args.first, args.second))
     found = checked(first, second, args.limit)
     for words in found.left_out:

@@ -34,14 +34,37 @@ class Counting:
             self._stream.flush()
 
 
-class ReadingBar:
-    """A bar on a terminal's standard error while many logs are read; nothing elsewhere, nor for one log."""
+class Bar:
+    """A bar with words behind it, drawn over itself on a terminal."""
 
     WIDTH = 24
 
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._drawn = False
+
+    def draw(self, share: float, words: str) -> None:
+        """`share`: of 1."""
+        bar = ("▓" * round(share * self.WIDTH)).ljust(self.WIDTH, "░")
+        control(self._stream, REDRAW)
+        self._stream.write(f" {bar} {words}")
+        self._stream.flush()
+        self._drawn = True
+
+    def close(self) -> None:
+        """Leave an empty line."""
+        if self._drawn:
+            control(self._stream, REDRAW)
+            self._stream.flush()
+            self._drawn = False
+
+
+class ReadingBar:
+    """A bar on a terminal's standard error while many logs are read; nothing elsewhere, nor for one log."""
+
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stderr
-        self._drawn = False
+        self._bar = Bar(self._stream)
 
     def __enter__(self) -> ReadingBar:
         return self
@@ -50,16 +73,11 @@ class ReadingBar:
         if progress.total < 2 or not self._stream.isatty():
             return
         share = progress.done_bytes / progress.total_bytes if progress.total_bytes else progress.done / progress.total
-        bar = ("▓" * round(share * self.WIDTH)).ljust(self.WIDTH, "░")
-        control(self._stream, REDRAW)
-        self._stream.write(
-            f" {bar} {progress.done} of {progress.total} logs, {progress.done_bytes / 1e6:,.0f} of "
-            f"{progress.total_bytes / 1e6:,.0f} MB   {printable(progress.path.name)[:30]}"
+        self._bar.draw(
+            share,
+            f"{progress.done} of {progress.total} logs, {progress.done_bytes / 1e6:,.0f} of "
+            f"{progress.total_bytes / 1e6:,.0f} MB   {printable(progress.path.name)[:30]}",
         )
-        self._stream.flush()
-        self._drawn = True
 
     def __exit__(self, *_: object) -> None:
-        if self._drawn:
-            control(self._stream, REDRAW)
-            self._stream.flush()
+        self._bar.close()

@@ -67,7 +67,7 @@ def courses(
     levels = {key: level_of(one) for key, one in days.items() if len(one) > 1}
     orders = _orders(sum(2 + len(days[key].conditions) for key in levels if len(days[key]) >= 2 * FEWEST_DAYS))
     asked = {key: changes_of(days[key], chance, orders) for key in levels}
-    adjusted = iter(_adjusted([one for found in asked.values() if found is not None for one in found.chances]))
+    adjusted = iter(adjusted_chances([one for found in asked.values() if found is not None for one in found.chances]))
     told = {key: _Told.of(found, adjusted) for key, found in asked.items()}
     lines = {
         key: told[key].change.line if told[key].claimed else level  # type: ignore[union-attr]
@@ -114,11 +114,17 @@ class _Told:
 
 def _orders(asked: int) -> int:
     """So many that a change which none of them shows is claimed, though it is the only one."""
-    needed = asked * float(np.sum(1 / np.arange(1, asked + 1))) / (SMALLEST * FALSE_SHARE)
+    needed = 1 / (SMALLEST * single_chance(max(asked, 1)))
     return int(min(MOST_ORDERS, max(ORDERS, needed)))
 
 
-def _adjusted(chances: Sequence[float]) -> list[float]:
+def single_chance(asked: int) -> float:
+    """Below which one chance of so many must be, so that it alone is claimed."""
+    return FALSE_SHARE / (asked * float(np.sum(1 / np.arange(1, asked + 1))))
+
+
+def adjusted_chances(chances: Sequence[float]) -> list[float]:
+    """So that below `FALSE_SHARE` so few of all claims are false, whatever depends on what."""
     return [] if not chances else [float(one) for one in stats.false_discovery_control(chances, method="by")]
 
 
@@ -129,7 +135,7 @@ def _outliers(
     one must not widen what it is measured by."""
     deviations = {key: _deviations(days[key], one) for key, one in lines.items()}
     chances = [2 * stats.norm.sf(abs(z)) for each in deviations.values() for z in each]
-    adjusted = iter(_adjusted(chances))
+    adjusted = iter(adjusted_chances(chances))
     found: dict[tuple[str, str], tuple[Outlier, ...]] = {}
     for key, each in deviations.items():
         one = days[key]

@@ -15,9 +15,9 @@ import numpy as np
 from scipy import stats
 
 from sysid.campaign.changes import FEWEST_DAYS
-from sysid.campaign.claims import FALSE_SHARE
+from sysid.campaign.claims import FALSE_SHARE, adjusted_chances, single_chance
 from sysid.campaign.spread import line
-from sysid.campaign.values import Days, Estimate, by_day
+from sysid.campaign.values import SAME, Days, Estimate, by_day
 
 SURE = 0.95
 SHOWN = 0.8
@@ -50,8 +50,7 @@ class Difference:
 
     def needed(self, size: float, asked: int) -> int:
         """Days (or flights) in each set that would show a change of this size, of so many parameters asked."""
-        level = FALSE_SHARE / (asked * float(np.sum(1 / np.arange(1, asked + 1))))
-        times = float(stats.norm.isf(level / 2) + stats.norm.ppf(SHOWN))
+        times = float(stats.norm.isf(single_chance(asked) / 2) + stats.norm.ppf(SHOWN))
         one = self.error / math.sqrt(1 / self.counts[0] + 1 / self.counts[1])
         return max(FEWEST, math.ceil(2 * (times * one / size) ** 2))
 
@@ -64,9 +63,8 @@ def by_days(sets: Sequence[Sequence[Estimate]]) -> bool:
 def differences(first: Mapping[str, Sequence[Estimate]], second: Mapping[str, Sequence[Estimate]]) -> list[Difference]:
     """Of every parameter that both sets have, in the order of the first."""
     found = [_difference(name, first[name], second[name]) for name in first if second.get(name)]
-    chances = [one.chance for one in found if one.chance is not None]
-    adjusted = iter(stats.false_discovery_control(chances, method="by") if chances else ())
-    return [one if one.chance is None else replace(one, chance=float(next(adjusted))) for one in found]
+    adjusted = iter(adjusted_chances([one.chance for one in found if one.chance is not None]))
+    return [one if one.chance is None else replace(one, chance=next(adjusted)) for one in found]
 
 
 def _difference(name: str, first: Sequence[Estimate], second: Sequence[Estimate]) -> Difference:
@@ -106,6 +104,6 @@ def _conditions(days: Sequence[Days], n: int) -> list[np.ndarray[tuple[int], np.
     each = []
     for name in sorted(told[0] & told[1])[: max(0, n // FEWEST_DAYS - 2)]:
         means = np.array([np.mean([one.conditions[name] for one in some]) for part in days for some in part.flights])
-        if np.std(means) > 2e-3 * abs(np.mean(means)):
+        if np.std(means) > SAME * abs(np.mean(means)):
             each.append(means - means.mean())
     return each

@@ -17,6 +17,8 @@ import pytest
 from flying import CHIRP, PITCH, ROLL, fly_maneuver, log_of
 
 from gcs.campaign.findings import found
+from gcs.campaign.given import Given
+from gcs.campaign.groups import placed
 from gcs.campaign.page import write_page
 from gcs.campaign.sentences import event_sentence
 from gcs.campaign.when import When
@@ -80,6 +82,7 @@ def study_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     groups["A"].append(worked_on(copied.rename(tmp_path / f"2026-12-01-copy-of-{copied.name[11:]}"), Settings()))
     each_s = (time.process_time() - began) / FLIGHTS
     failed = [one for some in groups.values() for one in some if one.fit is None]
+    groups = {vehicle: list(placed(each, Given())) for vehicle, each in groups.items()}
     said = found(groups, 1)
     write_page(said, groups, failed, tmp_path / "campaign.html")
     print(f"\n{FLIGHTS} flights of two 6 s sweeps, {each_s:.2f} CPU s each, flown, read and fitted")
@@ -120,7 +123,7 @@ def _null(pool: list[Outcome], chance: np.random.Generator) -> dict[str, list[Ou
         days = chance.integers(0, 365, FLIGHTS // 2)
         groups[vehicle] = [
             msgspec.structs.replace(
-                pool[i], key=f"{place:064x}", seen=f"{place}", path=f"{vehicle}{place}",
+                pool[i], key=f"{place:064x}", seen=f"{place}", sketch=(), path=f"{vehicle}{place}",
                 when=When(utc=(BEGIN + timedelta(days=int(day))).isoformat(timespec="seconds"), told_by="name"),
             )
             for place, (i, day) in enumerate(zip(drawn, days, strict=True))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from datetime import date
 from pathlib import Path
 
 import pytest
 from campaign_flights import outcomes
 from flying import TWO_CHIRPS, flown
 
-from gcs.campaign.work import Outcome
+from gcs.campaign.check_change import read_set
+from gcs.campaign.sentences import EPOCH
+from gcs.campaign.work import Outcome, Settings
 from gcs.cli import main
 
 
@@ -79,9 +82,16 @@ def test_logs_are_fitted_and_bad_ones_said(tmp_path: Path, capsys: pytest.Captur
     log = flown("hover-ideal", TWO_CHIRPS)
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "flight.BIN").write_bytes(log)
+        (tmp_path / name / "hover.BIN").write_bytes(log)
     (tmp_path / "b" / "bad.BIN").write_bytes(b"no log at all")
     assert main(["check-change", str(tmp_path / "a"), str(tmp_path / "b")]) == 1
     out = capsys.readouterr()
     assert "left out" in out.err
     assert "Cannot tell" in out.out
+
+
+def test_a_log_has_the_day_that_its_name_tells(tmp_path: Path) -> None:
+    path = tmp_path / "2026-05-03.BIN"
+    path.write_bytes(flown("hover-ideal", TWO_CHIRPS))
+    found = read_set(str(path), Settings())
+    assert {one.day for each in found.estimates.values() for one in each} == {date(2026, 5, 3).toordinal() - EPOCH}
