@@ -49,13 +49,18 @@ class DiagnoseScreen(Split):
     def lay_out(self, drawable: bool) -> None:
         """The text, the table, or both; while it is asked the table, which says so."""
         self._drawable = drawable
-        table = drawable and (self.roomy or self.view > 0)
+        table = self._table
         self.query_one("#tables").display = not table or (self.roomy and (self.about or not self._asked))
         self.query_one("#drawn").display = table
 
+    @property
+    def _table(self) -> bool:
+        """Whether the table is shown, or will be at the next look: keys may come faster."""
+        return self._drawable and (self.roomy or self.view > 0)
+
     def action_move(self, lines: int) -> None:
         """The mark in the table; without one the text."""
-        if not self.query_one("#drawn").display:
+        if not self._table:
             self.action_scroll(lines)
             return
         self.at += lines
