@@ -15,6 +15,7 @@ from functools import partial
 from typing import Protocol
 
 from textual.binding import Binding
+from textual.screen import Screen
 
 from gcs.desk.shell import word
 from gcs.errors import TippathError
@@ -139,17 +140,24 @@ class TippathApp(FieldApp):
         if before is not None:
             self.call_out(calls(as_flown(before), as_flown(state)))
         for screen in self.screen_stack:
-            if isinstance(screen, ConnectScreen):
-                screen.offer(self._connections, "" if self.connections is None else self.connections.connection.name)
-            if isinstance(screen, ReportScreen):
-                self._read_audit(state)
-                screen.audited(self._audit)
-            if isinstance(screen, Page):
-                screen.show(state, self._problem, guided=self.guided)
-            elif isinstance(screen, Dialog):
-                screen.show(state)
-            if isinstance(screen, FlyScreen):
-                screen.draw(self.worker.window(SPAN_S), state.lost)
+            self.show_on(screen)
+
+    def show_on(self, screen: Screen[object]) -> None:
+        """Show the moment that was looked at last on a screen."""
+        state = self._seen
+        if state is None:
+            return
+        if isinstance(screen, ConnectScreen):
+            screen.offer(self._connections, "" if self.connections is None else self.connections.connection.name)
+        if isinstance(screen, ReportScreen):
+            self._read_audit(state)
+            screen.audited(self._audit)
+        if isinstance(screen, Page):
+            screen.show(state, self._problem, guided=self.guided)
+        elif isinstance(screen, Dialog):
+            screen.show(state)
+        if isinstance(screen, FlyScreen):
+            screen.draw(self.worker.window(SPAN_S), state.lost)
 
     def run_look(self) -> None:
         """Show this moment now: a key moved something."""

@@ -6,6 +6,7 @@ import gc
 from collections.abc import Sequence
 
 from textual.app import App
+from textual.screen import Screen
 
 BEGIN_S, EVERY_S = 2.0, 0.25
 """After the app's start, and between two screens: each takes about 50 ms."""
@@ -28,10 +29,18 @@ class ChangingApp(App[None]):
         """Whether there is time for it now."""
         return len(self.screen_stack) == 1
 
+    def show_on(self, screen: Screen[object]) -> None:
+        """Show this moment on a screen."""
+
     async def _make_one(self) -> None:
         """Beside the one that is seen: Textual's own way there would change to it and back, with the keys."""
         if self._unmade and self.may_make_screens():
-            await self._init_mode(self._unmade.pop(0))
+            mode = self._unmade.pop(0)
+            await self._init_mode(mode)
+            made = self._screen_stacks[mode][0]
+            made._css_update_count = self._css_update_count  # mounting it has just styled it
+            self.show_on(made)
+            made._screen_resized(self.size)
         if self._unmade:
             self.set_timer(EVERY_S, lambda: self._make_one())
         else:  # what stays is not looked through again: that takes 100 ms, in the middle of anything
