@@ -34,11 +34,12 @@ from gcs.tui.field_keys import FieldApp
 from gcs.tui.fly import SPAN_S, FlyScreen
 from gcs.tui.gains_words import push_lines
 from gcs.tui.help import HelpScreen
+from gcs.tui.leaving import HEARTBEAT, STAYS, before_quitting
 from gcs.tui.pages import GENERAL, PAGES, mode_of
 from gcs.tui.palette import Entry, Palette
 from gcs.tui.plot import Style
 from gcs.tui.report import ReportScreen
-from gcs.tui.state import Stage, State, as_flown
+from gcs.tui.state import State, as_flown
 from gcs.tui.worker import AppWorker
 
 LOOKS_PER_S = 12.0
@@ -312,10 +313,7 @@ class TippathApp(FieldApp):
         if vehicle is None or not vehicle.armed or vehicle.lost:
             self.work("connecting", do)
             return
-        lines = (
-            "The vehicle is armed. This station's heartbeat ends with the link; where the vehicle's failsafe listens "
-            "to it, the vehicle acts on that. Nothing else changes: the pilot has it.",
-        )
+        lines = (f"The vehicle is armed. {HEARTBEAT} {STAYS}",)
         self.confirm("Leave this vehicle?", lines, "connecting", do)
 
     def action_replay_open(self) -> None:
@@ -369,21 +367,11 @@ class TippathApp(FieldApp):
         self.action_leave()
 
     def action_leave(self) -> None:
-        """Quit; asks where a card is under way (and then aborts first) and where results are kept nowhere yet."""
+        """Quit; asks where a card is under way (and then aborts first), a vehicle is armed, or results are kept nowhere."""
         if self._leaving:
             return
-        state = self.worker.state()
-        lines: tuple[str, ...]
-        if state.stage in (Stage.HELD, Stage.READY):
-            lines = ("A card is under way, and no run flies. Yes ends the card, completes the log, and then quits.",)
-        elif state.stage.under_way:
-            lines = (
-                "A card is under way. Yes aborts the run first, waits until the vehicle is back in the mode before it, "
-                "completes the log, and then quits.",
-            )
-        elif state.desk.unkept:
-            lines = (f"Not kept yet: {', '.join(state.desk.unkept)}. N, then 3 and D keeps them in another folder.",)
-        else:
+        lines = before_quitting(self.worker.state())
+        if not lines:
             self.exit()
             return
 
