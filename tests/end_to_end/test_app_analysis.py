@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from fake_app import screen_text, settle
 from flown_folder import fly_folder
-from flying import CHIRP, DOUBLET, LAG, PITCH, ROLL, TWO_CHIRPS
+from flying import CHIRP, DOUBLET, LAG, PITCH, ROLL, TWO_CHIRPS, Card
 from textual.widgets import Input
 
 from gcs.tui.app import TippathApp
@@ -23,6 +23,9 @@ CARD = (
     *((CHIRP, axis, size, 8.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
     *((DOUBLET, axis, size, 4.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15))),
 )
+
+LONG: Card = tuple((CHIRP, axis, size, 10.0) for axis, size in ((ROLL, 0.10), (PITCH, 0.15)))
+"""Long enough to be halved."""
 
 
 async def until(condition: Callable[[], object], within_s: float = 30.0) -> None:
@@ -97,6 +100,39 @@ async def test_a_lag_is_found_added_and_gains_are_designed(tmp_path: Path) -> No
             commands = engine.state().commands
             for word in ("ingest", "fit", "compare", "diagnose", "add", "design"):
                 assert any(f"tippath {word} " in one for one in commands), word
+    finally:
+        engine.close()
+
+
+@pytest.mark.usefixtures("answers_kept")
+async def test_one_log_is_split_into_fit_and_validation_by_keys(tmp_path: Path) -> None:
+    flight = fly_folder(tmp_path / "flight-0001", None, LONG).path
+    engine = Reconnecting(folder=tmp_path)
+    desk = engine.desk
+    app = TippathApp(engine, bell=False, connections=engine, first="connect", flight=str(flight))
+    try:
+        async with app.run_test(size=(80, 24)) as pilot:
+            await until(lambda: len(desk.state().runs) == 2 and not desk.state().busy)
+            await pilot.press("3")
+            await settle(app)
+            await pilot.press("h")
+            await until(lambda: len(desk.state().runs) == 3 and not desk.state().busy)
+            await settle(app)
+            await pilot.press("down", "down", "h")
+            await until(lambda: len(desk.state().runs) == 4 and not desk.state().busy)
+            await settle(app)
+            await settle(app)
+            assert "4 fits 2 runs, checked on 2 others" in "\n".join(screen_text(app))
+            await pilot.press("4", "f")
+            await until(lambda: desk.state().comparison is not None and not desk.state().busy)
+            fit = desk.state().ladder[0].fit
+            first, second = [one.id for one in fit.records], [one.id for one in fit.validation]
+            assert first == ["flight.BIN#1@:5", "flight.BIN#2@:5"]
+            assert second == ["flight.BIN#1@5:", "flight.BIN#2@5:"]
+            assert fit.validation_nrmse_percent is not None
+            command = next(one for one in engine.state().commands if "--model tpp" in one)
+            assert "flight.BIN#1@:5" in command.partition("--validate")[0]
+            assert "flight.BIN#2@5:" in command.partition("--validate")[2]
     finally:
         engine.close()
 
