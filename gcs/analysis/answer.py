@@ -22,8 +22,9 @@ from gcs.analysis.standing import diagnosis_beside
 from gcs.analysis.text.blocks import Block, Blocks
 from gcs.analysis.text.diagnosis import diagnosis_blocks
 from gcs.analysis.text.hidden import hidden_sentences
-from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
+from gcs.analysis.text.maneuvers import how_text, maneuver_text, why_text
 from sysid.diagnose.candidates import Ranked
+from sysid.diagnose.proposals import FitRuns
 from sysid.document import Open, converted
 from sysid.fit.result import Fit, finite
 
@@ -57,6 +58,8 @@ class Plan(Open, frozen=True, kw_only=True):
     """Where no card holds it."""
     card: str | None = None
     """TOML."""
+    fit_runs: tuple[str, ...] = ()
+    """Where nothing is to be flown: runs to be fitted that only judged."""
 
 
 class Answer(Open, frozen=True, kw_only=True):
@@ -197,8 +200,9 @@ def _plan(found: FitDiagnosis) -> Plan | None:
     how = how_text(plan.proposal, found.runs.records) if plan.card is None else None
     return Plan(
         separates=tuple(plan.separates),
-        maneuver=proposal_text(plan.proposal),
+        maneuver=maneuver_text(plan),
         why=why_text(plan.why),
         how=how or "",
         card=plan.toml,
+        fit_runs=plan.proposal.runs if isinstance(plan.proposal, FitRuns) else (),
     )

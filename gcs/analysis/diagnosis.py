@@ -371,7 +371,8 @@ def _next(found: Diagnosis) -> NextManeuver | None:
         return None
     asked = [one.asked for one in (winner.fit, *rivals)]
     doublets = not any(chirps_only(one) for one in found.parent.dataset.records)
-    return next_maneuver(asked, winner.fit.division, found.whitening, doublets=doublets)
+    unfitted = None if found.thinned is not None else found.validation
+    return next_maneuver(asked, winner.fit.division, found.whitening, doublets=doublets, unfitted=unfitted)
 
 
 def rival(found: Diagnosis) -> Ranked | None:

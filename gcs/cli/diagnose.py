@@ -65,13 +65,14 @@ what is missing, and with what could not be told from that), "airframe", "verdic
 "explained_share", "delta_bic", "nrmse_percent", "validation_nrmse_percent", "parameters", "standard_errors",
 "implausible", "not_testable", ...}], best first, "pairs", "placebo", "noise_floor_percent", "sizes": [{"parameter",
 "fitted", "validation", "off", ...}], "could_hide": [text], "character", "next_maneuver": {"maneuver", "separates",
-"why", "sigma", "card", "how" (where no card flies it)} or null, "explanation", "suspicions", "warnings",
-"within_points" (of NRMSE fit, that could still be gained), "remainder" (what that could do: "seen" and "margins" with
-"gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio", "limit", "matters") or null where one is missing
-by name, "reason" (where the data are the cause: "clocks", of time stamps, "feedback", or null), "remarks", "rungs":
-[{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict", "effect", "confidence"}], "unsearched_chains":
-{"reason": "little left", "points"} or {"reason": "budget" or "interrupted", "chains", "firsts"} or null, "asked":
-{"version", "as_usual", "fixed"}, "shown" (what the app shows of it again: as it changes, this is no interface)}.
+"why", "sigma", "card", "how" (where no card flies it), "fit_runs": [ids] (where runs that only judged tell it)} or
+null, "explanation", "suspicions", "warnings", "within_points" (of NRMSE fit, that could still be gained), "remainder"
+(what that could do: "seen" and "margins" with "gain_db", "phase_deg", "modes" with "frequency_hz", "damping_ratio",
+"limit", "matters") or null where one is missing by name, "reason" (where the data are the cause: "clocks", of time
+stamps, "feedback", or null), "remarks", "rungs": [{"effects", "nrmse_percent", "validation_nrmse_percent", "verdict",
+"effect", "confidence"}], "unsearched_chains": {"reason": "little left", "points"} or {"reason": "budget" or
+"interrupted", "chains", "firsts"} or null, "asked": {"version", "as_usual", "fixed"}, "shown" (what the app shows of
+it again: as it changes, this is no interface)}.
 """
 
 
@@ -229,6 +230,7 @@ def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: s
     from gcs.analysis.pages.diagnosis import drawn
     from gcs.analysis.pages.pictures import write_picture
     from gcs.vehicle.sweeps import flies_cards
+    from sysid.diagnose.proposals import FitRuns
 
     def said(path: Path, missing: str | None = None) -> None:
         print(f"wrote {path}" if missing is None else f"{path} not written: {missing}", file=sys.stderr)
@@ -253,4 +255,6 @@ def _write(args: argparse.Namespace, found: FitDiagnosis, document: Any, text: s
             write_text(card, args.card)
         theirs = all(flies_cards(one.rate_source) for one in found.last.parent.dataset.records)
         why = "no maneuver on a card would tell more" if theirs else "ArduPilot's vehicles alone fly cards"
+        if found.next is not None and isinstance(found.next.proposal, FitRuns):
+            why = "nothing is to be flown: runs that tell it were flown, and only judge so far"
         said(args.card, None if card is not None else why)

@@ -256,6 +256,8 @@ class Desk(Working):
             raise TippathError("not asked yet: the diagnosis says what would tell more")
         plan = rung.answer.plan
         text = None if plan is None else plan.card
+        if plan is not None and plan.fit_runs:
+            raise TippathError("nothing is to be flown for that: runs that tell it were flown, and only judge so far")
         if plan is None or text is None:
             raise TippathError("no maneuver on a card would tell more")
         written: list[Path] = []

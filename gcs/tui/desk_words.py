@@ -25,8 +25,10 @@ if TYPE_CHECKING:
 
 Line = str | tuple[str, str | TextStyle]
 
+FIT_RUNS = "3, then F marks them, and 4, then F fits again"
 KEYS = {
     "card": "; W writes that as a test card",
+    "fit runs": f"; {FIT_RUNS}",
     "validate some": "; 3, then V marks some, and 4, then F fits again",
     "validate one": "; 3, then V marks one, and 4, then F fits again",
 }

@@ -6,7 +6,7 @@ from gcs.analysis.ladder import beats_placebo, short_names
 from gcs.analysis.text.blocks import spaced
 from gcs.desk.state import DeskState, Rung
 from gcs.link.decode import sanitise
-from gcs.tui.desk_words import KEYS, TO_TYPE, Line, broken, candidates, indented, pair, short_name
+from gcs.tui.desk_words import FIT_RUNS, KEYS, TO_TYPE, Line, broken, candidates, indented, pair, short_name
 from gcs.tui.fit_words import MARKS
 from gcs.tui.ranking_words import candidates_of
 from gcs.tui.words import fitted, justified
@@ -85,7 +85,9 @@ def teller_lines(rung: Rung, desk: DeskState, width: int) -> list[Line]:
     if found.plan is not None:
         lines += [(f" to tell {' from '.join(short_names(found.plan.separates))}", "bold")]
         lines += [f"   {found.plan.maneuver}", f"   {found.plan.why}"]
-        if found.plan.card is None:
+        if found.plan.fit_runs:
+            lines.append(f"   {FIT_RUNS}")
+        elif found.plan.card is None:
             lines.append(f"   {found.plan.how or 'no card can hold that'}")
         else:
             lines.append("   6, then W writes it as a test card")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gcs.analysis.text.findings import listed_runs
 from gcs.desk.state import Choice, DeskState, Rung
 from gcs.link.decode import sanitise
 from gcs.tui.state import FETCHING, STARTING, Mark, RunView, Stage, State
@@ -215,6 +216,8 @@ def _after_verdict(desk: DeskState, rung: Rung) -> str:
         return "E: what is left could matter; else 8 designs gains on it" if last.matters else "8 designs gains on it"
     if last.verdict == "missing" and winner(rung):
         return f"A adds {sanitise(winner(rung))}; U takes it back"
+    if last.plan is not None and last.plan.fit_runs:
+        return f"3, then F marks {sanitise(listed_runs(last.plan.fit_runs))}; 4, then F fits them too"
     if last.plan is not None and last.plan.card is not None:
         if desk.card is not None:
             return f"2, then C: fly {sanitise(desk.card.name)}, the card that would tell"

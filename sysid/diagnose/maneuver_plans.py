@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from sysid.data.chirp import Chirp
 from sysid.data.dataset import Dataset
 from sysid.data.preprocess import Spectrum
-from sysid.data.record import CYCLIC, RATES
+from sysid.data.record import CYCLIC, RATES, Record
 from sysid.diagnose.evidence import Candidate
 from sysid.model.structure import FloatArray, recursion
 
@@ -36,6 +37,8 @@ RISK = 1.0
 """How much dearer a flight is for each amplitude beyond the flown one."""
 ELEVATOR_AMPLITUDE = 0.3
 """Where none was flown: the bundled forward card's."""
+ALIKE = 0.1
+"""Part by which numbers of a maneuver that was flown already may differ."""
 LETTERS = {"roll": "x", "pitch": "y", "elevator": "e", "yaw": "r", "thrust": "c"}
 
 
@@ -68,7 +71,7 @@ class Flown:
             axis = max(sizes, key=lambda name: sizes[name])
             values = moved[axis]
             if values is not None and sizes[axis] > 0:
-                amplitude[axis] = max(amplitude.get(axis, 0.0), float(np.quantile(np.abs(values), 0.95)))
+                amplitude[axis] = max(amplitude.get(axis, 0.0), _amplitude(values))
         swept = [one.record.swept_band_hz for one in segments if one.record.swept_band_hz is not None]
         band = (min(low for low, _ in swept), max(high for _, high in swept)) if swept else SWEPT_HZ
         longest = max(segments, key=lambda one: one.duration_s)
@@ -115,6 +118,10 @@ def _excitation(channels: Mapping[str, FloatArray], letter: str) -> FloatArray |
         if name in channels:
             return np.asarray(channels[name] - np.mean(channels[name]))
     return None
+
+
+def _amplitude(excitation: FloatArray) -> float:
+    return float(np.quantile(np.abs(excitation), 0.95))
 
 
 def _rounded(size: float) -> float:
@@ -216,6 +223,29 @@ def _noise(plan: Plan, n: int, dt: float) -> FloatArray:
 def _doublets(amplitude: float, n: int, dt: float) -> FloatArray:
     phase = np.floor(dt * np.arange(n) / PULSE_S) % PULSES
     return np.asarray(amplitude * (np.where(phase == 0, 1.0, 0.0) - np.where(phase == 1, 1.0, 0.0)))
+
+
+def flew(plan: Plan, run: Record) -> bool:
+    """Whether a run was this maneuver: kind, axis, amplitude, and band or pulses within ALIKE, however long."""
+    if (run.maneuver, run.axis) != (plan.kind, plan.axis) or plan.by_hand or plan.channel is not None:
+        return False
+    excitation = _excitation(run.channels, LETTERS[plan.axis])
+    if excitation is None or not math.isclose(_amplitude(excitation), plan.amplitude, rel_tol=ALIKE):
+        return False
+    if plan.kind == "doublet":
+        return math.isclose(_pulse_s(excitation, run.t), plan.pulse_s, rel_tol=ALIKE)
+    wanted = plan.f_start_hz, plan.f_stop_hz
+    swept = run.swept_band_hz
+    return swept is not None and all(math.isclose(*each, rel_tol=ALIKE) for each in zip(swept, wanted, strict=True))
+
+
+def _pulse_s(excitation: FloatArray, t: FloatArray) -> float:
+    """For how long it stays beyond half its amplitude, at most, s."""
+    beyond = np.abs(excitation) > 0.5 * _amplitude(excitation)
+    signs = np.where(beyond, np.sign(excitation), 0.0)
+    edges = np.flatnonzero(np.diff(signs, prepend=np.nan, append=np.nan) != 0)
+    pulses = [stop - start for start, stop in pairwise(edges) if signs[start] != 0]
+    return float(max(pulses, default=0) * np.median(np.diff(t)))
 
 
 def possible_plans(flown: Flown, rivals: Sequence[Candidate], *, doublets: bool = True) -> list[Plan]:

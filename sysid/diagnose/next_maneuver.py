@@ -4,7 +4,8 @@ Every maneuver that a card can hold is imagined: the commands by the chirp's law
 What one of them cannot imitate of the other, its parameters refitted to the flown runs and the imagined ones together,
 is compared with the noise's spectrum of the flown runs: a separation in standard errors, of which only what the new run
 adds counts. The cheapest card that adds NEEDED is proposed: seconds of flight, dearer with amplitude. Amplitudes stay
-within twice what was flown and inside the envelope as the flown peaks grow with them.
+within twice what was flown and inside the envelope as the flown peaks grow with them. Runs that were flown already
+and not fitted are asked first, by what they hold: what these tell need not be flown.
 
 Where no card helps, signals are imagined logged: the servo's position, the flapping, the attitude by another sensor;
 then what a hand may do meanwhile: yaw, move the collective, change the rotor speed. That a lag in all servos and one in
@@ -26,10 +27,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.data.airframe import Airframe
-from sysid.data.record import CHANNELS, axis_of
+from sysid.data.dataset import Dataset
+from sysid.data.record import CHANNELS, Record, axis_of
 from sysid.diagnose.evidence import Candidate
-from sysid.diagnose.maneuver_plans import Flown, Plan, plans_by_hand, possible_plans
+from sysid.diagnose.flown_already import Group, flown_already
+from sysid.diagnose.maneuver_plans import Flown, Plan, flew, plans_by_hand, possible_plans
 from sysid.diagnose.proposals import (
+    FitRuns,
     FurtherApart,
     HalfAndFull,
     LinearHalves,
@@ -77,27 +81,38 @@ class NextManeuver:
 
 
 def next_maneuver(
-    rivals: Sequence[Candidate], division: Division, whitening: Whitening, *, doublets: bool = True
+    rivals: Sequence[Candidate],
+    division: Division,
+    whitening: Whitening,
+    *,
+    doublets: bool = True,
+    unfitted: Dataset | None = None,
 ) -> NextManeuver | None:
     """For the winner and what the data cannot tell from it, the winner first; None where nothing imagined helps.
 
-    doublets: whether the vehicle flies them, besides chirps.
+    doublets: whether the vehicle flies them, besides chirps. unfitted: runs that were flown and not fitted.
     """
     if len(rivals) < 2:
         return None
     winner, *others = rivals
     flown = Flown.of(winner)
     pairs = [Rivals.of(winner, other, whitening) for other in others]
+    groups = flown_already(pairs, unfitted, division)
+    there = groups[0] if groups and groups[0].tells else None
+    if there is not None and there.tells == len(pairs):
+        return _to_fit(there, pairs)
     found = _imagined(possible_plans(flown, rivals, doublets=doublets), pairs, flown, division)
     chosen = _cheapest(found)
+    if there is not None and (chosen is None or there.tells >= sum(sigma >= NEEDED for sigma, _ in chosen[1])):
+        return _to_fit(there, pairs)
     if chosen is not None:
-        return _proposal(*chosen, pairs)
+        return _proposal(*chosen, pairs, flown, groups, () if unfitted is None else unfitted.records)
     most = [max((each[i][0] for _, each in found), default=0.0) for i in range(len(pairs))]
     measured = _measurement(pairs, most)
     if measured is not None:
         return measured
     chosen = _cheapest(_imagined(plans_by_hand(flown, rivals), pairs, flown, division))
-    return _own_signal(pairs) if chosen is None else _proposal(*chosen, pairs)
+    return _own_signal(pairs) if chosen is None else _proposal(*chosen, pairs, flown)
 
 
 def _imagined(
@@ -159,17 +174,41 @@ def _cheapest(found: Sequence[tuple[Plan, list[Told]]]) -> tuple[Plan, list[Told
     return None if best is None else best[1:]
 
 
-def _proposal(plan: Plan, each: Sequence[Told], pairs: Sequence[Rivals]) -> NextManeuver:
-    told = [(pair, sigma) for pair, (sigma, _) in zip(pairs, each, strict=True) if sigma >= NEEDED]
-    least = min(sigma for _, sigma in told)
-    before = min(pair.flown for pair, _ in told)
-    rest = [pair.names[1] for pair, (sigma, _) in zip(pairs, each, strict=True) if sigma < NEEDED]
+def _proposal(
+    plan: Plan,
+    each: Sequence[Told],
+    pairs: Sequence[Rivals],
+    flown: Flown,
+    groups: Sequence[Group] = (),
+    unfitted: Sequence[Record] = (),
+) -> NextManeuver:
+    names, why = _told([sigma for sigma, _ in each], pairs)
     acting = () if plan.effect is None else catalogue()[plan.effect].parameters
-    usual = tuple((one, one.typical) for one in acting) if len(acting) <= MOST_USUAL else ()
-    why = FurtherApart(sigma=least, before=before, usual=usual, rest=tuple(rest))
-    names = (pairs[0].names[0], *(pair.names[1] for pair, _ in told))
+    why = replace(
+        why,
+        usual=tuple((one, one.typical) for one in acting) if len(acting) <= MOST_USUAL else (),
+        repeats=tuple(run.id for run in (*flown.dataset.records, *unfitted) if flew(plan, run)),
+        too_little=next(((one.ids, min(one.each)) for one in groups if one.flew(plan)), None),
+    )
     card = None if not plan.on_card else _card(_named(names), [plan.table()])
-    return NextManeuver(plan, names, why, least, card)
+    return NextManeuver(plan, names, why, why.sigma, card)
+
+
+def _to_fit(group: Group, pairs: Sequence[Rivals]) -> NextManeuver:
+    """Runs that need not be flown again."""
+    names, why = _told(group.each, pairs)
+    one = group.records[0]
+    return NextManeuver(FitRuns(group.ids, one.maneuver, one.axis), names, why, why.sigma, None)
+
+
+def _told(each: Sequence[float], pairs: Sequence[Rivals]) -> tuple[tuple[str, ...], FurtherApart]:
+    """Which rivals so many standard errors tell from the winner, the winner first, and how far apart."""
+    told = [(pair, sigma) for pair, sigma in zip(pairs, each, strict=True) if sigma >= NEEDED]
+    rest = tuple(pair.names[1] for pair, sigma in zip(pairs, each, strict=True) if sigma < NEEDED)
+    sigma, before = min(sigma for _, sigma in told), min(pair.flown for pair, _ in told)
+    return (pairs[0].names[0], *(pair.names[1] for pair, _ in told)), FurtherApart(
+        sigma=sigma, before=before, rest=rest
+    )
 
 
 def _named(rivals: Sequence[str]) -> str:

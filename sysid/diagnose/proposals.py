@@ -38,6 +38,18 @@ class LogChannels:
     channels: Names
 
 
+@dataclass(frozen=True, slots=True)
+class FitRuns:
+    """Nothing: runs that were flown and not fitted tell the rivals apart, once they are fitted too."""
+
+    runs: Names
+    """Their ids."""
+    maneuver: str
+    """`chirp`, `doublet` or `unknown`;"""
+    axis: str | None
+    """and on which axis; None where that is not known."""
+
+
 # ------------------------------------------------------------------------------------------------ why
 
 
@@ -52,6 +64,10 @@ class FurtherApart:
     """Taken that what a hand moves acts so."""
     rest: Names = ()
     """Rivals that would still look the same."""
+    repeats: Names = ()
+    """Runs that flew just this, fitted or not: it is flown again."""
+    too_little: tuple[Names, float] | None = None
+    """Runs that flew just this and were not fitted, and the standard errors that they alone would add."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,4 +98,4 @@ Why = FurtherApart | LinearHalves | SignalTells | MeasuredNotGuessed
 
 
 if TYPE_CHECKING:
-    Proposal = Plan | HalfAndFull | LogSignal | LogChannels
+    Proposal = Plan | HalfAndFull | LogSignal | LogChannels | FitRuns

@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from sysid.data.dataset import Dataset
-from sysid.data.preprocess import spectra
+from sysid.data.preprocess import ComplexArray, spectra
 from sysid.data.record import CYCLIC, RATES, Record
 from sysid.data.stacks import Stack, stack
-from sysid.diagnose.evidence import Candidate
+from sysid.diagnose.evidence import Candidate, imposed_answers
 from sysid.diagnose.maneuver_plans import LETTERS, Flown, Plan, moved_by_hand
 from sysid.fit.noise import Division
 from sysid.fit.whitening import Whitening, noise_whitening
@@ -72,6 +72,18 @@ class Rivals:
                 break
         return added, repeats
 
+    def told_by_runs(self, runs: Dataset, division: Division) -> float:
+        """Standard errors that these flown runs would add, were they fitted too; 0 where that cannot be had."""
+        try:
+            with np.errstate(all="ignore"):
+                whitening = noise_whitening(self.truth.model, runs.stacks, division)
+                ours, theirs = (_answers(one, runs) for one in (self.truth, self.rival))
+        except (RelaxationError, np.linalg.LinAlgError):
+            return 0.0
+        apart = whitening([(a - b)[None] for a, b in zip(ours[0], theirs[0], strict=True)])[0]
+        together = left_unimitated(self.apart, self.J, apart, whitening(theirs[1]), 1)
+        return math.sqrt(max(together**2 - self.flown**2, 0.0))
+
     def _scaled(self, plan: Plan, flown: Flown, division: Division) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As `_imagined`; where all that answers is linear, and moved by the plan alone, from the same at full command,
         imagined once."""
@@ -99,6 +111,15 @@ class Rivals:
         J = whitening([one.slopes[at] for one in answers])
         old = np.concatenate([self.J, np.zeros((len(added), self.J.shape[1]))])
         return ours - theirs, J, old
+
+
+def _answers(one: Candidate, runs: Dataset) -> tuple[list[ComplexArray], list[ComplexArray]]:
+    """To what was imposed on these runs: for every stack (k, bins), and its sensitivities to the free parameters."""
+    structure, values = one.model.structure, one.model.values
+    flown = [respond(structure, values, group, True) for group in runs.stacks]
+    Y, J = imposed_answers(structure, values, runs, [each.Y for each in flown], [each.slopes for each in flown])
+    rows = [structure.names.index(name) for name in one.free]
+    return Y, [slopes[rows] for slopes in J]
 
 
 def left_unimitated(old: FloatArray, J_old: FloatArray, new: FloatArray, J_new: FloatArray, repeats: int) -> float:

@@ -16,6 +16,7 @@ Offers = Mapping[str, str]
 """What a face offers, by what it does, with the joint to the text before it: `card` writes the proposed card."""
 SHELL: Offers = {
     "card": "; --card CARD.toml writes that as a test card",
+    "fit runs": "; name them as RUN beside the others",
     "validate some": "; name some with --validate",
     "validate one": ": name one with --validate",
     "cut off": " cut them off with --window, or",
@@ -98,10 +99,10 @@ def wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=rest)
 
 
-def command(words: str) -> list[str]:
+def command(words: str, lead: str = "next: ") -> list[str]:
     """What to type next; on several lines in a way that a shell takes."""
     *lines, last = textwrap.wrap(
-        f"next: {words}",
+        f"{lead}{words}",
         WIDTH - 2,
         initial_indent=" ",
         subsequent_indent="   ",

@@ -8,6 +8,7 @@ them once. The sentences about physics are in `explanation` and its neighbours; 
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from gcs.analysis.candidates import ranked, shows
@@ -18,11 +19,14 @@ from gcs.analysis.text.explanation import explanation_lines
 from gcs.analysis.text.findings import finding_sentence, suspicion_text
 from gcs.analysis.text.hidden import consequences, hidden_sentences, up_to
 from gcs.analysis.text.ladder import cut, ladder_text
-from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
+from gcs.analysis.text.maneuvers import how_text, maneuver_text, why_text
 from gcs.analysis.text.remarks import remark_sentence
 from gcs.analysis.text.verdict import a_trace, answer_lines, measures, named_effects
 from sysid.control.regulator import designs_on
 from sysid.data.airframe import Airframe
+from sysid.data.record import Record
+from sysid.diagnose.next_maneuver import NextManeuver
+from sysid.diagnose.proposals import FitRuns
 from sysid.diagnose.verdict import Diagnosis
 
 SHOWN = 6
@@ -104,12 +108,18 @@ def _telling(found: FitDiagnosis, full: bool) -> list[Line]:
         others = f" ({len(term.as_well)} others do as well)" if term.as_well else ""
         lines.append(Sentence(f"a simple term would do much: {term.entry.equation}{others}", " ", "   "))
     if found.next is not None:
-        told = f"to tell {' from '.join(short_names(found.next.separates))}: {proposal_text(found.next.proposal)}"
+        told = f"to tell {' from '.join(short_names(found.next.separates))}: {maneuver_text(found.next)}"
         why = f" ({why_text(found.next.why)})" if full else ""
-        lines.append(Sentence(told + why, " ", "   ", offer="" if found.next.card is None else "card"))
+        lines.append(Sentence(told + why, " ", "   ", offer=_offer(found.next)))
         how = None if found.next.card is not None else how_text(found.next.proposal, found.runs.records)
         lines += [] if how is None else [Sentence(f"how: {how}", "   ", "     ")]
     return lines
+
+
+def _offer(plan: NextManeuver) -> str:
+    if isinstance(plan.proposal, FitRuns):
+        return "fit runs"
+    return "" if plan.card is None else "card"
 
 
 def _hidden(found: FitDiagnosis, full: bool) -> list[Line]:
@@ -162,8 +172,30 @@ def _clocks(found: FitDiagnosis) -> list[Line]:
 
 def _next_step(found: FitDiagnosis, fit: str, rest: str, written: str | None) -> list[str]:
     """The command to type next."""
-    last = found.last
     again = f" {rest}" if rest else ""
+    if found.next is not None and isinstance(found.next.proposal, FitRuns) and not rest:
+        return [*_one_step(found, fit, again, written), *_with_runs(found, found.next.proposal, fit)]
+    return _one_step(found, fit, again, written)
+
+
+def _with_runs(found: FitDiagnosis, proposal: FitRuns, fit: str) -> list[str]:
+    """The same question on more runs."""
+    judging = () if found.last.validation is None else found.last.validation.records
+    runs = [*found.runs.records, *(one for one in judging if one.id in proposal.runs)]
+    rest = [one for one in judging if one.id not in proposal.runs]
+    words = [fit, *map(_word, runs), *(["--validate"] if rest else []), *map(_word, rest)]
+    return command(f"tippath diagnose {' '.join(words)}", "or: ")
+
+
+def _word(run: Record) -> str:
+    """As a command names it."""
+    _, mark, number = run.id.rpartition("#")
+    path = shlex.quote(run.path)
+    return f"{path}#{number}" if mark else path
+
+
+def _one_step(found: FitDiagnosis, fit: str, again: str, written: str | None) -> list[str]:
+    last = found.last
     if last.verdict == "complete" or a_trace(last):
         return command(f"tippath design {written or fit}") if designs_on(found.fit.model.structure) else []
     if written is not None:

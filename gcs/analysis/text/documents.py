@@ -15,12 +15,13 @@ from gcs.analysis.text.explanation import explanation_document
 from gcs.analysis.text.findings import finding_text, suspicion_text
 from gcs.analysis.text.fit import judgement_document
 from gcs.analysis.text.hidden import hidden_sentences
-from gcs.analysis.text.maneuvers import how_text, proposal_text, why_text
+from gcs.analysis.text.maneuvers import how_text, maneuver_text, why_text
 from gcs.analysis.text.remarks import remark_text
 from sysid.compare.finding_kinds import Suspicion
 from sysid.compare.values import Comparison
 from sysid.data.record import Record
 from sysid.diagnose.next_maneuver import NextManeuver
+from sysid.diagnose.proposals import FitRuns
 from sysid.fit.result import finite
 
 
@@ -99,15 +100,17 @@ def grown_document(found: FitDiagnosis, folder: Path) -> dict[str, Any] | None:
 
 
 def next_maneuver_document(next_maneuver: NextManeuver, records: Sequence[Record] = ()) -> dict[str, Any]:
-    """`maneuver`, `separates`, `why`, `sigma`, `card`, and `how` it is flown where no card does it, by these runs."""
+    """`maneuver`, `separates`, `why`, `sigma`, `card`, and `how` it is flown where no card does it, by these runs;
+    `fit_runs`, ids, where nothing is to be flown but runs are to be fitted that only judged."""
     proposal, card = next_maneuver.proposal, next_maneuver.card
     return {
-        "maneuver": proposal_text(proposal),
+        "maneuver": maneuver_text(next_maneuver),
         "separates": list(next_maneuver.separates),
         "why": why_text(next_maneuver.why),
         "sigma": None if next_maneuver.sigma is None else finite(next_maneuver.sigma),
         "card": None if card is None else dict(card),
         "how": how_text(proposal, records) if card is None else None,
+        "fit_runs": list(proposal.runs) if isinstance(proposal, FitRuns) else [],
     }
 
 

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, assert_never
 
 from gcs.analysis.quantities import quantity
+from gcs.analysis.text.findings import listed_runs
 from gcs.vehicle.sweeps import BY_STICK, how_to_fly
 from sysid.diagnose.proposals import (
+    FitRuns,
     FurtherApart,
     HalfAndFull,
     LinearHalves,
@@ -17,10 +19,12 @@ from sysid.diagnose.proposals import (
     SignalTells,
     Why,
 )
+from sysid.diagnose.rivals import NEEDED
 
 if TYPE_CHECKING:
     from sysid.data.record import Record
     from sysid.diagnose.maneuver_plans import Plan
+    from sysid.diagnose.next_maneuver import NextManeuver
     from sysid.diagnose.proposals import Proposal
 
 SIGNALS = {
@@ -39,6 +43,20 @@ FAR = 100.0
 """Standard errors, above which a number says nothing more."""
 
 
+def maneuver_text(plan: NextManeuver) -> str:
+    """What to do next, and where that was flown already."""
+    return proposal_text(plan.proposal) + (_flown_before(plan.why) if isinstance(plan.why, FurtherApart) else "")
+
+
+def _flown_before(why: FurtherApart) -> str:
+    """That it was flown already, in runs that are fitted, or that tell too little once they are."""
+    if why.too_little is not None:
+        runs, sigma = why.too_little
+        few = f"{sigma:.1f} of {NEEDED:g} standard errors"
+        return f", beside {listed_runs(runs)}, flown so, only judging, and telling too little ({few}): fit them too"
+    return f", once more after {listed_runs(why.repeats)}" if why.repeats else ""
+
+
 def proposal_text(proposal: Proposal) -> str:
     """`roll chirp 0.5-10 Hz, 30 s, amplitude 0.1 twice`."""
     match proposal:
@@ -49,13 +67,16 @@ def proposal_text(proposal: Proposal) -> str:
             return f"{SIGNALS[signal]}, and fly the same again"
         case LogChannels(channels):
             return f"log {' and '.join(channels)}, and fly the same again"
+        case FitRuns(runs, maneuver, axis):
+            which = "" if axis is None or maneuver == "unknown" else f" ({axis} {maneuver})"
+            return f"use {listed_runs(runs)} in the fit too: they were flown already{which}, and only judge so far"
         case _:
             return _plan(proposal)
 
 
 def how_text(proposal: Proposal, records: Sequence[Record]) -> str | None:
     """How whoever flew these runs flies it, where no card does; None where that is not known."""
-    if isinstance(proposal, LogSignal | LogChannels):
+    if isinstance(proposal, LogSignal | LogChannels | FitRuns):
         return None
     plan = proposal.full if isinstance(proposal, HalfAndFull) else proposal
     if plan.kind != "chirp":

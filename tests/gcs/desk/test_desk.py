@@ -534,7 +534,7 @@ def test_one_rung_back_and_the_file_stays(worked: tuple[Desk, Path]) -> None:
 def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path], tmp_path: Path) -> None:
     from gcs.cards.maneuver import load_card
     from sysid.diagnose.next_maneuver import NextManeuver
-    from sysid.diagnose.proposals import LogChannels, MeasuredNotGuessed
+    from sysid.diagnose.proposals import FitRuns, LogChannels, MeasuredNotGuessed
 
     _, home = worked
     shutil.copytree(home / "flight-0001", tmp_path / "flight-0001")
@@ -550,6 +550,10 @@ def test_the_maneuver_that_would_tell_is_kept_as_a_card(worked: tuple[Desk, Path
         desk.next_card()
     desk._replace(rung.fit, answer=answer_of(asked))
     with pytest.raises(TippathError, match="no maneuver on a card"):
+        desk.next_card()
+    flown = NextManeuver(FitRuns(("flight.BIN#5",), "doublet", "roll"), ("a", "b"), MeasuredNotGuessed("a"), 5.0, None)
+    desk._replace(rung.fit, answer=answer_of(replace(asked, next=flown)))
+    with pytest.raises(TippathError, match="nothing is to be flown"):
         desk.next_card()
     table = {"kind": "chirp", "axis": "roll", "amplitude": 0.2, "duration_s": 20.0}
     card = {"name": "next", "maneuver": [table]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,13 +16,13 @@ from msgspec import structs
 from gcs.analysis.answer import answer_of
 from gcs.analysis.diagnosis import remarks_on
 from gcs.analysis.text.diagnosis import diagnosis_blocks, diagnosis_text
-from gcs.analysis.text.maneuvers import proposal_text
+from gcs.analysis.text.maneuvers import maneuver_text, proposal_text
 from gcs.tui import desk_words
 from sysid.compare.finding_kinds import AtTheEnds
 from sysid.diagnose.explain import Explanation
 from sysid.diagnose.maneuver_plans import Plan
 from sysid.diagnose.next_maneuver import NextManeuver
-from sysid.diagnose.proposals import FurtherApart, HalfAndFull, LinearHalves
+from sysid.diagnose.proposals import FitRuns, FurtherApart, HalfAndFull, LinearHalves
 from sysid.diagnose.slow_modes import SlowMode
 from sysid.model.effect import catalogue
 
@@ -126,3 +127,27 @@ def test_a_shell_is_told_the_option() -> None:
     )
     without = diagnosis_text(unexplained(replace(proposal, card=None)))
     assert "CARD.toml" not in without
+
+
+def test_what_was_flown_and_only_judges_is_to_be_fitted_and_not_flown_again() -> None:
+    runs = FitRuns(("flight.BIN#5", "flight.BIN#6"), "doublet", "roll")
+    diagnosis = unexplained(NextManeuver(runs, ("servo_lag", "gyro_lag"), WHY, 4.0, None))
+    flown = [SimpleNamespace(id=f"flight.BIN#{number}", path="flights/flight.BIN") for number in (1, 5, 6, 7)]
+    diagnosis.runs.records, diagnosis.last.validation = flown[:1], SimpleNamespace(records=flown[1:])
+    use = "use flight.BIN#5, #6 in the fit too: they were flown already (roll doublet), and only judge so far"
+    words = shown(diagnosis)
+    assert f"to tell servo_lag from gyro_lag: {use}; 3, then F marks them, and 4, then F fits again" in words
+    assert "tippath" not in words
+    shell = diagnosis_text(diagnosis, "FIT.json")
+    asked = shlex.split(shell[shell.index("or: ") + 4 : shell.index("in full")].replace("\\\n", ""))
+    named = [f"flights/flight.BIN#{number}" for number in (1, 5, 6)]
+    assert asked == ["tippath", "diagnose", "FIT.json", *named, "--validate", "flights/flight.BIN#7"]
+
+
+def test_it_is_said_where_a_maneuver_was_flown_already() -> None:
+    again = NextManeuver(PLANS[0], ("a", "b"), replace(WHY, repeats=("flight.BIN#1", "flight.BIN#2")), 4.0, None)
+    assert maneuver_text(again) == f"{proposal_text(PLANS[0])}, once more after flight.BIN#1, #2"
+    few = replace(again, why=replace(WHY, too_little=(("flight.BIN#5",), 1.26)))
+    assert "beside flight.BIN#5, flown so, only judging, and telling too little (1.3 of 3 standard" in maneuver_text(
+        few
+    )

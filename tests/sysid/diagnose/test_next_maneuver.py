@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,12 @@ from gcs.cards.maneuver import parse_card
 from sysid.data.airframe import Airframe
 from sysid.data.chirp import Chirp
 from sysid.data.dataset import dataset
+from sysid.data.record import Record
 from sysid.diagnose.evidence import Candidate, candidate, gain, instrumental_step, refit
-from sysid.diagnose.maneuver_plans import Flown, possible_plans
+from sysid.diagnose.flown_already import flown_already
+from sysid.diagnose.maneuver_plans import Flown, Plan, flew, possible_plans
 from sysid.diagnose.next_maneuver import NextManeuver, linear_or_not, next_maneuver
-from sysid.diagnose.proposals import MeasuredNotGuessed
+from sysid.diagnose.proposals import FitRuns, MeasuredNotGuessed
 from sysid.fit.estimate import estimate
 from sysid.fit.noise import Division, divide
 from sysid.fit.output_error import output_error
@@ -123,6 +126,79 @@ def test_a_proposed_card_is_one_that_can_be_flown() -> None:
     assert all(one.problem() is None for one in card.maneuvers)
     assert all(one.amplitude <= 2 * 0.15 for one in card.maneuvers)
     assert next_maneuver_document(proposed)["card"] == proposed.card
+
+
+def judging(flight: Sequence[Run], axis: str, *, first: int) -> list[Record]:
+    return [
+        replace(one, id=f"#{number}", maneuver="chirp", axis=axis) for number, one in enumerate(records(flight), first)
+    ]
+
+
+def test_runs_that_were_flown_and_not_fitted_are_proposed_instead() -> None:
+    """By their own commands they tell about what was imagined of the same maneuver, flown twice."""
+    imagined = lag_or_delay()
+    assert imagined.card is not None
+    assert imagined.sigma is not None
+    table = {**imagined.card["maneuver"][0], "repeat": 2}
+    flown = judging(fly_card("servo_lag", LAG, {"maneuver": [table]}, 3), table["axis"], first=5)
+    short = {name: values[:1600] for name, values in rough()[0][-1].items()}
+    found, division, whitening = rivals(rough()[1], ["servo_lag", "transport_delay"])
+    unfitted = dataset([*flown, *judging([short], "yaw", first=7)], (0.0, 15.0), found[0].dataset)
+    proposed = next_maneuver(found, division, whitening, unfitted=unfitted)
+    assert proposed is not None
+    assert proposed.proposal == FitRuns(("#5", "#6"), "chirp", table["axis"])
+    assert (proposed.card, proposed.separates) == (None, imagined.separates)
+    repeats = imagined.card["maneuver"][0]["repeat"]
+    assert proposed.sigma == pytest.approx(imagined.sigma * math.sqrt(2 / repeats), rel=0.3)
+
+
+def told(each: Mapping[tuple[str, ...], float]) -> Any:
+    """A pair of rivals that runs with these ids set so far apart."""
+    dataset = SimpleNamespace(beyond=False)
+    return SimpleNamespace(
+        truth=SimpleNamespace(dataset=dataset), told_by_runs=lambda some, _: each[tuple(one.id for one in some.records)]
+    )
+
+
+def runs_flown(*named: tuple[str, str, str]) -> Any:
+    """Runs as (id, maneuver, axis)."""
+    each = [SimpleNamespace(id=id, maneuver=what, axis=axis, duration_s=6.0) for id, what, axis in named]
+
+    def some(records: Sequence[Any]) -> Any:
+        return SimpleNamespace(records=tuple(records), spectra=records, in_a_loop=False, of=some)
+
+    return some(each)
+
+
+def test_repeats_go_together_and_some_run_is_left_to_judge() -> None:
+    division: Any = None
+    roll, pitch = [("#5", "doublet", "roll"), ("#6", "doublet", "roll")], ("#7", "doublet", "pitch")
+    each = [told({("#5", "#6"): 4.0, ("#7",): 9.0}), told({("#5", "#6"): 5.0, ("#7",): 1.0})]
+    first, second = flown_already(each, runs_flown(*roll, pitch), division)
+    assert (first.ids, first.tells, second.ids, second.tells) == (("#5", "#6"), 2, ("#7",), 1)
+    assert [one.ids for one in flown_already([told({("#5",): 4.0})], runs_flown(*roll), division)] == [("#5",)]
+    assert flown_already(each, runs_flown(pitch), division) == []
+    assert flown_already(each, None, division) == []
+
+
+def test_a_run_flew_a_plan_by_its_axis_its_size_and_its_band_or_pulses() -> None:
+    t = DT * np.arange(4000)
+    pulses = (np.floor((t - 1) / 0.25) % 6 == 0) * 1.0 - (np.floor((t - 1) / 0.25) % 6 == 1)
+    channels = {name: np.zeros(t.size) for name in ("p", "q", "delta_x", "delta_y")}
+
+    def flown(wave: FloatArray, **more: Any) -> Record:
+        return Record("#1", {**channels, "t": t, "excitation_x": wave}, axis="roll", **more)
+
+    plan = Plan(kind="doublet", axis="roll", amplitude=0.1, f_start_hz=0.5, f_stop_hz=10.0, duration_s=6.0)
+    assert flew(plan, flown(0.1 * pulses, maneuver="doublet"))
+    assert flew(plan, flown(0.109 * pulses, maneuver="doublet"))
+    assert not flew(plan, flown(0.15 * pulses, maneuver="doublet"))
+    assert not flew(replace(plan, axis="pitch"), flown(0.1 * pulses, maneuver="doublet"))
+    assert not flew(replace(plan, pulse_s=0.5), flown(0.1 * pulses, maneuver="doublet"))
+    assert not flew(replace(plan, channel="omega"), flown(0.1 * pulses, maneuver="doublet"))
+    sweep = flown(0.1 * np.sign(np.sin(30 * t)), maneuver="chirp", swept_band_hz=(0.5, 10.0))
+    assert flew(replace(plan, kind="chirp"), sweep)
+    assert not flew(replace(plan, kind="chirp", f_stop_hz=15.0), sweep)
 
 
 @cache
