@@ -113,6 +113,15 @@ def test_a_line_is_written_in_small_steps_and_stays_where_it_was() -> None:
     assert len(svg(drawn)) < 0.6 * len(plain.getvalue())
 
 
+def test_an_area_that_leaves_its_axes_is_clipped_on_paper() -> None:
+    """fpdf2 clips what is a path, and nothing within a clipped group."""
+    drawn = Figure(figsize=(6, 4))
+    axis = drawn.subplots()
+    axis.set_ylim(0.0, 1.0)
+    axis.fill_between(np.linspace(0, 1, 20), -0.4, 0.5, color="#123456")  # below its axes, and smaller than the figure
+    assert len(re.findall(r"<path [^>]* clip-path=[^>]*#123456", svg(drawn, outlined=True))) == 1
+
+
 def test_thinning_keeps_every_peak() -> None:
     t = np.arange(100_000) / 500
     values = np.random.default_rng(1).normal(size=t.size)
