@@ -77,8 +77,10 @@ def svg(figure: Any, *, outlined: bool = False) -> str:
 
 
 def _unshared(figure: Any) -> None:
-    """Each area a path with its own clip: fpdf2 clips paths, but not what a clipped group takes from elsewhere, as which
-    Matplotlib writes a single area smaller than the figure, unless its links are several."""
+    """Each area as a path with its own clip: fpdf2 clips paths, and nothing within a clipped group.
+
+    As such a group Matplotlib writes a single area that is smaller than the figure, unless its links are several.
+    """
     from matplotlib.collections import PolyCollection
 
     for area in figure.findobj(PolyCollection):
