@@ -16,7 +16,7 @@ from gcs.logs.formats.tables import Log
 from gcs.logs.formats.ulog_table import UlogTables
 from gcs.logs.opening import open_log
 from gcs.logs.runs import systemid
-from gcs.vehicle.identity import standing_on
+from gcs.vehicle.identity import is_simulated, standing_on
 from sysid.fit.result import Fit
 
 VOLTS = "BAT.Volt"
@@ -45,6 +45,19 @@ def identified(fit: Fit) -> Identified:
         battery_v=_over(volts),
         rotor_rpm=_over(rotor),
     )
+
+
+def simulated(paths: Iterable[Path]) -> bool:
+    """Whether one of these logs is of a vehicle that only a computer flew, as far as its parameters tell."""
+    for path in paths:
+        try:
+            boots = open_log(path, None).boots
+        except (TippathError, OSError):
+            continue
+        for log in boots:
+            if isinstance(log, DataFlashTables) and is_simulated(log.parameters(math.inf)):
+                return True
+    return False
 
 
 def _settings(path: Path, volts: list[Range], rotor: list[Range]) -> Iterable[Mapping[str, float]]:

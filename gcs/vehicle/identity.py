@@ -6,7 +6,7 @@ Names alone; who compares them is `gcs.flight.identified`.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final, Literal
 
 Group = Literal["vehicle", "gains", "filters", "loop rate", "rotor speed", "controls"]
@@ -33,3 +33,12 @@ def group_of(name: str) -> Group | None:
 def standing_on(parameters: Mapping[str, float]) -> dict[str, float]:
     """Of all that a vehicle has, what a model and its gains stand on."""
     return {name: value for name, value in parameters.items() if group_of(name) is not None}
+
+
+SIMULATORS: Final = ("SIM_", "SIDX_")
+"""How names begin that only simulated vehicles have: ArduPilot's own simulator, and the one that comes along."""
+
+
+def is_simulated(names: Iterable[str]) -> bool:
+    """Whether a vehicle with parameters of these names flies in a computer."""
+    return any(name.startswith(SIMULATORS) for name in names)

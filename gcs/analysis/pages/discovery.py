@@ -159,19 +159,21 @@ def _reasons(found: Told) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _table(candidates: Sequence[_Candidate], outputs: Sequence[str]) -> Table:
-    head = ("candidate", "removes", *(f"{name}, %" for name in outputs), *(f"{name} valid." for name in outputs))
+    judging = outputs if any(one.validation_nrmse_percent for one in candidates) else ()
+    head = ("candidate", "removes", *(f"{name}, %" for name in outputs), *(f"{name} valid." for name in judging))
     rows = [
         (
             _named(one.chain),
             f"{100 * (one.explained_share or 0.0):.0f} %",
             *(_percent(one.nrmse_percent, name) for name in outputs),
-            *(_percent(one.validation_nrmse_percent, name) for name in outputs),
+            *(_percent(one.validation_nrmse_percent, name) for name in judging),
             _sizes(one),
         )
         for one in candidates
     ]
+    runs = "fitted and on validation runs" if judging else "the fitted runs"
     return Table(
-        "Candidates: the avoidable error that each removes, NRMSE fit on fitted and on validation runs, and its size.",
+        f"Candidates, the likeliest first: the avoidable error that each removes, NRMSE fit on {runs}, and its size.",
         (*head, "size"),
         tuple(rows),
         words=(0, len(head)),

@@ -10,7 +10,10 @@ import numpy as np
 from gcs.analysis.ladder import Nrmse, RungNumbers
 from gcs.analysis.pages.page import BLACK, BLUE, ORANGE, literal
 from gcs.analysis.pages.pictures import BESIDE, GREY, WIDTH, panels
-from sysid.data.record import axis_of
+from sysid.data.record import FloatArray, axis_of
+
+LOW = 0.15
+"""Of the largest error: less is drawn at the foot of the figure."""
 
 
 def ladder_picture(
@@ -54,10 +57,7 @@ def ladder_picture(
             level = 100 - floor[output]
             axis.axhspan(0, level, color=GREY, alpha=0.6, linewidth=0, label="noise")
             top = max(top, level)
-        for x, y in zip(place, fitted, strict=True):
-            axis.annotate(
-                f"{100 - y:.1f} %", (x, y), (0, -19), textcoords="offset points", ha="center", fontsize=9, bbox=BESIDE
-            )
+        _write_numbers(axis, place, fitted, top)
         axis.set_ylim(0, 1.25 * top)
         axis.set_xlim(-0.5, len(rungs) - 0.5)
         axis.grid(False, axis="x")
@@ -66,6 +66,13 @@ def ladder_picture(
         axis.set_xticks(place, names, rotation=25 if turned else 0, ha="right" if turned else "center")
         told = ": the error left; numbers: NRMSE fit" if width == WIDTH else ""
         axis.set_title(f"{axis_of(output)}{told}", fontsize=11, loc="left", fontweight="bold")
-        axis.set_ylabel("error left: 100 less NRMSE fit, %", fontsize=10)
+        axis.set_ylabel("100 less NRMSE fit, %", fontsize=10)
         axis.legend(loc="upper right", fontsize=9, frameon=False)
     return figure
+
+
+def _write_numbers(axis: Any, place: FloatArray, left: FloatArray, top: float) -> None:
+    """The NRMSE fit at each rung's error that is left, (n,); below it, unless the rungs' names stand there."""
+    style = {"textcoords": "offset points", "ha": "center", "fontsize": 9, "bbox": BESIDE}
+    for x, y in zip(place, left, strict=True):
+        axis.annotate(f"{100 - y:.1f} %", (x, y), (0, 10 if y < LOW * top else -19), **style)

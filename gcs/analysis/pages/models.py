@@ -19,23 +19,24 @@ NOT_THERE = "–"
 def fits_table(named: Sequence[tuple[str, Fit]], floor: Nrmse | None, said: Mapping[str, str]) -> Table:
     """How well each fits, beside the noise; `said` by name: what its diagnosis answered."""
     outputs = tuple(named[0][1].nrmse_percent)
+    judging = outputs if any(fit.validation_nrmse_percent for _, fit in named) else ()
     rows = []
     for name, fit in named:
         judged = fit.validation_nrmse_percent or {}
         cells = [f"{fit.nrmse_percent[one]:.1f}" for one in outputs]
-        cells += [f"{judged[one]:.1f}" if one in judged else NOT_THERE for one in outputs]
+        cells += [f"{judged[one]:.1f}" if one in judged else NOT_THERE for one in judging]
         rows.append((printable(name), *cells, *([said.get(name, "")] if said else [])))
     if floor is not None:
         rows.append(
-            ("noise alone", *(f"{floor[one]:.1f}" for one in outputs), *("" for _ in outputs), *([""] if said else []))
+            ("noise alone", *(f"{floor[one]:.1f}" for one in outputs), *("" for _ in judging), *([""] if said else []))
         )
-    head = ("model", *(f"{one} fitted" for one in outputs), *(f"{one} valid." for one in outputs))
-    wide = 1 + 2 * len(outputs)
+    head = ("model", *(f"{one} fitted" for one in outputs), *(f"{one} valid." for one in judging))
+    others = " and on runs that were not fitted" if judging else ""
     return Table(
-        "NRMSE fit in percent (100 is perfect) on the fitted runs and on runs that were not fitted.",
+        f"NRMSE fit in percent (100 is perfect) on the fitted runs{others}.",
         (*head, *(["diagnosis"] if said else [])),
         tuple(rows),
-        words=(0, wide),
+        words=(0, len(head)),
     )
 
 
@@ -62,7 +63,7 @@ def guides_table(name: str, fit: Fit) -> Table:
         free = not marks and math.isfinite(share)
         above = free and (share > GUIDE_CRAMER_RAO or alone > GUIDE_INSENSITIVITY)
         cells = (f"{share:.1f}", f"{alone:.1f}") if free else ("", "")
-        spread = "" if judged is None else f"± {amount(one, judged.total)}"
+        spread = "" if judged is None else _set(f"± {amount(one, float(f'{judged.total:.2g}'))}")
         rows.append((printable(one.name), _cell(fit, one), spread, *cells, marks or ("above a guide" if above else "")))
     return Table(
         f"{printable(name)}: value with standard error, what is left in the residual counted in (± model), Cramér-Rao "
@@ -90,7 +91,12 @@ def _cell(fit: Fit, one: Parameter) -> str:
     at = names.index(one.name)
     if one.name in fit.undetermined and one.name not in (*fit.fixed, *fit.at_bound):
         return "not determined"
-    return amount(one, float(fit.model.values[at]), float(fit.standard_errors[at]))
+    return _set(amount(one, float(fit.model.values[at]), float(fit.standard_errors[at])))
+
+
+def _set(text: str) -> str:
+    """`1/s²`, as units are printed."""
+    return text.replace("^2", "²").replace("^3", "³")
 
 
 def _marks(fit: Fit, name: str) -> str:

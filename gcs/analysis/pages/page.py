@@ -64,6 +64,8 @@ def svg(figure: Any, *, outlined: bool = False) -> str:
     from matplotlib import rc_context
 
     settings = {"svg.hashsalt": "tippath", "svg.fonttype": "path" if outlined else "none"}
+    if outlined:
+        _unshared(figure)
     with rc_context(settings), warnings.catch_warnings():  # the same figure gives the same page
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # in a name, say; a box stands for it
         figure.savefig(stream, format="svg", metadata={"Date": None})
@@ -72,6 +74,17 @@ def svg(figure: Any, *, outlined: bool = False) -> str:
     text = BETWEEN.sub("><", IDS.sub("", METADATA.sub("", text)))
     text = PLACES.sub(lambda found: FINE.sub(r"\1", found.group(0)), PATH.sub(_short, text))
     return FONTS.sub(r"\1sans-serif", text)
+
+
+def _unshared(figure: Any) -> None:
+    """Each area as a path with its own clip: fpdf2 clips paths, and nothing within a clipped group.
+
+    As such a group Matplotlib writes a single area that is smaller than the figure, unless its links are several.
+    """
+    from matplotlib.collections import PolyCollection
+
+    for area in figure.findobj(PolyCollection):
+        area.set_urls([None, None])
 
 
 def _short(found: re.Match[str]) -> str:

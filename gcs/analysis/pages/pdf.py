@@ -16,6 +16,14 @@ from gcs.analysis.pages.page import svg
 from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences, Table, numbered
 
 MARGIN_MM = 16.0
+LINE_MM = 5.5
+FRESH_MM = 120.0
+"""Where less is left of a sheet, a section that wants one of its own gets it."""
+ROW_MM, SHEET_MM = 4.6, 200.0
+LONG = 1200
+"""Characters of a value that is read once, if at all: set small."""
+SMALLER = 0.8
+"""A figure is set so much smaller, at most, to stand with the text that it belongs to."""
 TEXT_PT, SMALL_PT, LISTING_PT = 9.5, 8.0, 7.0
 INCH_MM = 25.4
 FONTS = (("", "DejaVuSans.ttf"), ("B", "DejaVuSans-Bold.ttf"))
@@ -30,12 +38,12 @@ def pdf(document: Document, now: datetime) -> bytes:
     sheet.set_font("page", "B", 17)
     sheet.multi_cell(0, 8, document.title, align="L", new_x="LMARGIN", new_y="NEXT")
     _words(sheet, document.about, GREY)
-    if sum(bool(section.heading) for section in document.sections) > 2:
-        sheet.ln(2)
-        sheet.insert_toc_placeholder(_contents, pages=1 + len(document.sections) // 40)
+    headings = [section.heading for section in document.sections if section.heading]
+    entries = _contents(sheet, headings) if len(headings) > 2 else []
     parts = numbered([section.parts for section in document.sections])
-    for section, each in zip(document.sections, parts, strict=True):
-        _section(sheet, section, each)
+    pages = [_section(sheet, section, each) for section, each in zip(document.sections, parts, strict=True)]
+    begun = [page for page, section in zip(pages, document.sections, strict=True) if section.heading]
+    _number(sheet, entries, begun)
     return bytes(sheet.output())
 
 
@@ -67,45 +75,91 @@ def _sheet(document: Document) -> Any:
     return sheet
 
 
-def _contents(sheet: Any, outline: Any) -> None:
+Entry = tuple[int, float, int]
+"""Where a line of the contents stands, page and height, and its link."""
+
+
+def _contents(sheet: Any, headings: list[str]) -> list[Entry]:
+    """The headings, still without their pages."""
     sheet.set_font("page", "", TEXT_PT)
-    sheet.set_x(sheet.l_margin)
-    for entry in outline:
-        link = sheet.add_link(page=entry.page_number)
-        page = str(entry.page_number)
-        wide = sheet.epw - 12
-        name = entry.name
+    sheet.ln(1)
+    entries = []
+    for heading in headings:
+        wide, name = sheet.epw - 12, heading
         while name and sheet.get_string_width(name) > wide:
             name = name[:-1]
-        sheet.cell(wide, 5.5, name, link=link)
-        sheet.cell(12, 5.5, page, align="R", link=link, new_x="LMARGIN", new_y="NEXT")
+        link = sheet.add_link()
+        entries.append((sheet.page, sheet.get_y(), link))
+        sheet.cell(wide, LINE_MM, name, link=link, new_x="LMARGIN", new_y="NEXT")
+    return entries
 
 
-def _section(sheet: Any, section: Section, parts: list[tuple[int, Part]]) -> None:
-    if section.fresh and sheet.get_y() > 2 * MARGIN_MM:
+def _number(sheet: Any, entries: list[Entry], pages: list[int]) -> None:
+    """The pages behind the contents, once they are known."""
+    last, y = sheet.page, sheet.get_y()
+    for (at, height, link), page in zip(entries, pages, strict=False):
+        sheet.page = at
+        sheet.set_font("mono", "", TEXT_PT)  # whatever that page ended with: the next one is written out
+        sheet.set_font("page", "", TEXT_PT)
+        sheet.set_xy(sheet.l_margin + sheet.epw - 12, height)
+        sheet.set_link(link, page=page)
+        sheet.cell(12, LINE_MM, str(page), align="R", link=link)
+    sheet.page = last
+    sheet.set_y(y)
+
+
+def _section(sheet: Any, section: Section, parts: list[tuple[int, Part]]) -> int:
+    """The page on which it begins."""
+    if section.fresh and sheet.get_y() > sheet.h - FRESH_MM:
         sheet.add_page()
     if section.heading:
-        if sheet.will_page_break(40):  # no heading alone at a foot
+        if sheet.will_page_break(_least(sheet, parts)):  # no heading alone at a foot
             sheet.add_page()
         sheet.ln(3)
+    begun: int = sheet.page
+    if section.heading:
         sheet.start_section(section.heading)
         sheet.set_font("page", "B", 13)
         sheet.multi_cell(0, 7, section.heading, align="L", new_x="LMARGIN", new_y="NEXT")
         sheet.ln(1)
     for number, part in parts:
-        match part:
-            case Sentences():
-                for line in part.lines:
-                    _words(sheet, f"•  {line}" if part.listed else line)
-            case Listing():
-                _listing(sheet, part)
-            case Facts():
-                for name, value in part.rows:
-                    _words(sheet, f"{name}: {value}")
-            case Table():
-                _table(sheet, number, part)
-            case Picture():
-                _picture(sheet, number, part)
+        _part(sheet, number, part)
+    return begun
+
+
+def _least(sheet: Any, parts: list[tuple[int, Part]]) -> float:
+    """Room that a heading wants, mm: with the figure that it begins with."""
+    match parts[:1]:
+        case [(_, Picture(figure=figure))]:
+            wide, high = figure.get_size_inches()
+            return float(25 + SMALLER * sheet.epw * high / wide)
+    return 40.0
+
+
+def _part(sheet: Any, number: int, part: Part) -> None:
+    match part:
+        case Sentences():
+            for line in part.lines:
+                _words(sheet, f"•  {line}" if part.listed else line)
+        case Listing():
+            _listing(sheet, part)
+        case Facts():
+            for name, value in part.rows:
+                _fact(sheet, name, value)
+        case Table():
+            _table(sheet, number, part)
+        case Picture():
+            _picture(sheet, number, part)
+
+
+def _fact(sheet: Any, name: str, value: str) -> None:
+    """The name in bold, and the value behind it."""
+    size = TEXT_PT if len(value) < LONG else SMALL_PT
+    sheet.set_font("page", "B", size)
+    sheet.write(0.5 * size, f"{name}: ")
+    sheet.set_font("page", "", size)
+    sheet.write(0.5 * size, value)
+    sheet.ln(0.5 * size + 1)
 
 
 def _words(sheet: Any, text: str, colour: tuple[int, int, int] = (0, 0, 0), size: float = TEXT_PT) -> None:
@@ -130,7 +184,8 @@ def _table(sheet: Any, number: int, part: Table) -> None:
     from fpdf.fonts import FontFace
 
     sheet.ln(1)
-    if sheet.will_page_break(25):
+    high = ROW_MM * (len(part.rows) + 2)
+    if sheet.will_page_break(high if high < SHEET_MM else 25):  # no table is broken that has room on a sheet
         sheet.add_page()
     _words(sheet, f"Table {number}. {part.caption}", size=SMALL_PT)
     sheet.set_font("page", "", SMALL_PT)
@@ -170,10 +225,13 @@ def _picture(sheet: Any, number: int, part: Picture) -> None:
     caption = f"Figure {number}. {part.caption}" if part.caption else ""
     sheet.set_font("page", "", SMALL_PT)
     lines = len(sheet.multi_cell(0, 4, caption, dry_run=True, output="LINES")) if caption else 0
-    room = sheet.h - 2 * MARGIN_MM - 4 * lines - 4
-    scale = min(sheet.epw / wide, room / high)
-    if sheet.will_page_break(high * scale + 4 * lines + 4):
+    beside = 4 * lines + 4
+    full = min(sheet.epw / wide, (sheet.h - 2 * MARGIN_MM - beside) / high)
+    here = (sheet.h - MARGIN_MM - sheet.get_y() - beside) / high
+    scale = min(full, here)
+    if scale < SMALLER * full:
         sheet.add_page()
+        scale = full
     sheet.image(io.BytesIO(svg(part.figure, outlined=True).encode()), x="C", w=wide * scale, h=high * scale)
     _words(sheet, caption, size=SMALL_PT)
     sheet.ln(1)

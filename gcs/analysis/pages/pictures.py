@@ -267,10 +267,10 @@ def _bars(axis: Any, bands: Sequence[BandError]) -> None:
     for x, y in zip(place, whole, strict=True):
         axis.text(x, y + 0.02 * float(np.max(whole)), f"{y:.0f}", ha="center", va="bottom", fontsize=9)
     axis.set_xticks(place, [f"{one.low_hz:.2g}-{one.high_hz:.2g}" for one in bands])
-    axis.set_ylim(0, 1.3 * float(np.max(whole)))
+    wide = axis.get_figure().get_figwidth() == WIDTH
+    axis.set_ylim(0, (1.3 if wide else 1.6) * float(np.max(whole)))  # room for the legend above the bars
     axis.grid(False, axis="x")
     axis.set_ylabel("% of the error", fontsize=10)
     axis.set_xlabel("band, Hz", fontsize=10)
-    wide = axis.get_figure().get_figwidth() == WIDTH
     axis.tick_params(axis="x", labelsize=9 if wide else 7)
     axis.legend(loc="upper right", ncols=3 if wide else 1, fontsize=9 if wide else 8, frameon=False)

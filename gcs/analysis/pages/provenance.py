@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gcs.analysis.identified import identified
+from gcs.analysis.identified import identified, simulated
 from gcs.analysis.pages.parts import Facts, Part, Sentences, Table
+from gcs.analysis.quantities import listed
 from gcs.analysis.rungs import KeptFit
 from gcs.analysis.text.blocks import Sentence, whole
 from gcs.analysis.text.session import session_blocks
@@ -17,12 +18,16 @@ from gcs.errors import TippathError
 from gcs.flight.folder import FlightFolder
 from gcs.flight.session_notes import told_session
 from gcs.logs.words import printable
+from gcs.vehicle.autopilots import rotorcraft
 from sysid.data.record import Record
 from sysid.fit.result import Fit
 
 ABOUT = ("pilot", "place", "weather", "mass", "blades", "started", "ended", "card", "outcome")
 """Of flight.json, in this order, where it has them."""
-VEHICLE = ("profile", "autopilot", "version", "type", "system", "battery_v", "rotor_rpm")
+VEHICLE = (("profile", "", ""), ("version", "version ", ""), ("system", "system ", ""))
+"""Of its vehicle: the key, and what stands before and behind the value."""
+AT_FIRST = (("battery_v", "battery ", " V"), ("rotor_rpm", "rotor ", " 1/min"))
+"""When the card began."""
 MOST_LINES = 80
 """Of the audit."""
 LONGEST = 300
@@ -33,9 +38,13 @@ TIME = re.compile(r"^(\d{4}-\d\d-\d\d)T(\d\d:\d\d)\S*$")
 def flight_facts(folder: FlightFolder) -> tuple[tuple[str, str], ...]:
     """What flight.json tells of the flight and its vehicle; nothing where there is none."""
     about = _about(folder)
-    vehicle = about.get("vehicle")
-    parts = [f"{name} {said}" for name in VEHICLE if isinstance(vehicle, dict) and (said := _said(vehicle.get(name)))]
-    facts = [("vehicle", ", ".join(parts))]
+    told = about.get("vehicle")
+    vehicle = told if isinstance(told, dict) else {}
+    kind = vehicle.get("type")
+    words = [rotorcraft(kind) if isinstance(kind, int) else ""]
+    words += [f"{before}{said}{behind}" for name, before, behind in VEHICLE if (said := _said(vehicle.get(name)))]
+    first = [f"{before}{said}{behind}" for name, before, behind in AT_FIRST if (said := _said(vehicle.get(name)))]
+    facts = [("vehicle", ", ".join(filter(None, words))), ("at the start", ", ".join(first))]
     facts += [(name, _said(about.get(name))) for name in ABOUT]
     return tuple((name, said) for name, said in facts if said)
 
@@ -44,6 +53,37 @@ def flown_when(folder: FlightFolder) -> str:
     """`2026-05-04 12:30`, UTC; empty where flight.json does not tell."""
     started = _about(folder).get("started")
     return printable(started)[:16].replace("T", " ") if isinstance(started, str) else ""
+
+
+def title_of(folder: FlightFolder, records: Sequence[Record]) -> str:
+    """The name that its user gave the flight, else what flew what, and when: `Simulated helicopter, card hover,
+    2026-05-04`."""
+    if folder.name:
+        return printable(folder.name)
+    kind = next((str(one.airframe) for one in records if one.airframe is not None), "vehicle")
+    paths = dict.fromkeys(Path(one.path) for one in records if one.path)
+    vehicle = f"simulated {kind}" if simulated(paths) else kind
+    card = _said(_about(folder).get("card"))
+    told = [vehicle, f"card {card}" if card else _maneuvers(records), flown_when(folder)[:10]]
+    title = ", ".join(filter(None, told))
+    return title[:1].upper() + title[1:]
+
+
+def about_of(folder: FlightFolder, records: Sequence[Record], models: Sequence[str]) -> str:
+    """One line: when, of which runs, by which models."""
+    when = flown_when(folder)
+    logs = sorted({Path(one.path).name for one in records})
+    runs = f"{len(records)} run{'s' if len(records) != 1 else ''} of {', '.join(logs)}"
+    return printable(", ".join([*([f"flown {when} UTC"] if when else []), runs, *models]))
+
+
+def _maneuvers(records: Sequence[Record]) -> str:
+    """`roll and pitch chirps`, where all are of one kind; of an unknown one the logs' names."""
+    kinds = {one.maneuver for one in records}
+    axes = [axis for axis in dict.fromkeys(one.axis for one in records) if axis]
+    if kinds == {"unknown"} or len(kinds) != 1 or not axes:
+        return listed([printable(name) for name in dict.fromkeys(Path(one.path).name for one in records)])
+    return f"{listed(axes)} {kinds.pop()}{'s' if len(records) > 1 else ''}"
 
 
 def flight_parts(folder: FlightFolder) -> list[Part]:

@@ -28,16 +28,17 @@ from gcs.analysis.pages.ladder import ladder_picture
 from gcs.analysis.pages.models import fits_table, guides_table, modes_table, values_table
 from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences
 from gcs.analysis.pages.pictures import PAGE_WIDTH, overlay_figure, spectra_figure
-from gcs.analysis.pages.provenance import flight_parts, flown_when, runs_table, source_parts
+from gcs.analysis.pages.provenance import about_of, flight_parts, runs_table, source_parts, title_of
 from gcs.analysis.rungs import KeptFit, rungs_below
 from gcs.analysis.standing import diagnosis_beside, standing_of
 from gcs.analysis.text.addition import MARKS
-from gcs.analysis.text.comparison import compare_text
+from gcs.analysis.text.blocks import text_of
+from gcs.analysis.text.comparison import compare_blocks
 from gcs.analysis.text.documents import diagnosis_document
 from gcs.analysis.text.findings import finding_text
 from gcs.analysis.text.fit import checks_text, responses_text
 from gcs.analysis.text.progress import spoken
-from gcs.flight.folder import FlightFolder, flight_of
+from gcs.flight.folder import flight_of
 from gcs.logs.words import printable
 from sysid.compare.compare import compare
 from sysid.compare.metrics import Mismatches, mismatch
@@ -47,6 +48,8 @@ from sysid.data.record import Record
 from sysid.fit.result import Fit
 
 Progress = Callable[[str, float | None], None]
+TABLES = ("bands", "responses", "runs", "remark")
+"""Of a comparison's text: what the page has neither as sentences nor in a figure."""
 
 
 class SignDocument(documents.Open, frozen=True, kw_only=True):
@@ -122,8 +125,9 @@ def flight_document(
     files = [one.path for one in (*rungs, *others)]
     sources = [runs_table(main.fit, runs), *source_parts(main, folder, files, version("tippath"))]
     sections.append(Section("Where this comes from", tuple(sources), fresh=True))
-    title = folder.name or "tippath: " + ", ".join(path.stem for path in paths)
-    return Document(printable(title), _about_line(folder, runs), tuple(sections))
+    flown_runs = list(runs.values())
+    models = [one.fit.model.structure.title for one in (*rungs, *others)]
+    return Document(title_of(folder, flown_runs), about_of(folder, flown_runs, models), tuple(sections))
 
 
 def _all_runs(fitted: Dataset, fits: Sequence[KeptFit]) -> dict[tuple[str, str], Record]:
@@ -153,13 +157,6 @@ def _rung(
         asked=None if document is None else told(document),
         best=None if best is None else compare(best, fitted, fit.band_hz, quiet).densities,
     )
-
-
-def _about_line(folder: FlightFolder, runs: Mapping[tuple[str, str], Record]) -> str:
-    when = flown_when(folder)
-    logs = sorted({Path(path).name for path, _ in runs})
-    told_of = f"{len(runs)} run{'s' if len(runs) != 1 else ''} of {', '.join(logs)}"
-    return printable(", ".join([*([f"flown {when} UTC"] if when else []), told_of]))
 
 
 def _added(path: Path, fit: Fit) -> AddedDocument:
@@ -243,7 +240,7 @@ def _failing_section(found: Sequence[RungFound], fitted: Dataset) -> Section:
             overlay_figure(last.comparison),
             f"The run with most error of each axis: measured, {models[0][0]}, residual.",
         ),
-        Listing(compare_text(last.comparison, fit)),
+        Listing(text_of([one for one in compare_blocks(last.comparison, fit) if one.key in TABLES])),
     ]
     return Section(f"Where {last.kept.path.name} fails", tuple(parts), fresh=True)
 

@@ -18,9 +18,12 @@ from gcs.analysis.pages.page import literal, page, svg
 from gcs.analysis.pages.parts import Document, Facts, Listing, Part, Picture, Section, Sentences, Table
 from gcs.analysis.pages.pdf import pdf
 from gcs.analysis.pages.pictures import thinned
-from gcs.analysis.pages.provenance import audit_parts, flight_parts, flown_when
+from gcs.analysis.pages.provenance import about_of, audit_parts, flight_parts, flown_when, title_of
 from gcs.flight.folder import FlightFolder
+from gcs.vehicle.identity import is_simulated
 from sysid.compare.values import Densities
+from sysid.data.airframe import Airframe
+from sysid.data.record import Record
 
 HOSTILE = "</style><script>alert(1)</script><img src=x onerror=alert(1)>\" ' & $x^{ 日本"
 
@@ -85,6 +88,13 @@ def test_a_pdf_has_its_sheets_whatever_it_says() -> None:
     assert raw == pdf(document(HOSTILE), datetime(2026, 5, 4, tzinfo=UTC))
 
 
+def test_the_summary_stands_below_the_contents_on_the_first_sheet() -> None:
+    few = tuple(Section(name, (Sentences(("Told.",)),)) for name in ("Summary", "Flight", "Source"))
+    raw = pdf(Document("Hover", "", few), datetime(2026, 5, 4, tzinfo=UTC))
+    assert len(re.findall(rb"/Type /Page\b", raw)) == 1
+    assert len(re.findall(rb"/Subtype /Link\b", raw)) == 6  # of each its name and its page
+
+
 def points(text: str) -> list[tuple[float, float]]:
     """Of the longest path, absolute."""
     path = max(re.findall(r' d="([^"]*)"', text), key=len)
@@ -111,6 +121,15 @@ def test_a_line_is_written_in_small_steps_and_stays_where_it_was() -> None:
     plain = io.StringIO()
     drawn.savefig(plain, format="svg")
     assert len(svg(drawn)) < 0.6 * len(plain.getvalue())
+
+
+def test_an_area_that_leaves_its_axes_is_clipped_on_paper() -> None:
+    """fpdf2 clips what is a path, and nothing within a clipped group."""
+    drawn = Figure(figsize=(6, 4))
+    axis = drawn.subplots()
+    axis.set_ylim(0.0, 1.0)
+    axis.fill_between(np.linspace(0, 1, 20), -0.4, 0.5, color="#123456")  # below its axes, and smaller than the figure
+    assert len(re.findall(r"<path [^>]* clip-path=[^>]*#123456", svg(drawn, outlined=True))) == 1
 
 
 def test_thinning_keeps_every_peak() -> None:
@@ -191,7 +210,7 @@ def test_the_flight_is_told_with_what_people_said_of_it(tmp_path: Path) -> None:
     folder.write(
         {
             "started": "2026-05-04T12:30:00+00:00",
-            "vehicle": {"profile": "arducopter", "version": "4.5.7", "system": 3, "battery_v": 22.14159, "type": None},
+            "vehicle": {"profile": "arducopter", "version": "4.5.7", "system": 3, "battery_v": 22.14159, "type": 4},
             "pilot": HOSTILE,
             "mass": 4.2,
             "place": ["no", "text"],
@@ -208,7 +227,8 @@ def test_the_flight_is_told_with_what_people_said_of_it(tmp_path: Path) -> None:
     parts = [*flight_parts(folder), *audit_parts(folder)]
     (facts,) = (part for part in parts if isinstance(part, Facts))
     told_of = dict(facts.rows)
-    assert told_of["vehicle"] == "profile arducopter, version 4.5.7, system 3, battery_v 22.14"
+    assert told_of["vehicle"] == "helicopter, arducopter, version 4.5.7, system 3"
+    assert told_of["at the start"] == "battery 22.14 V"
     assert (told_of["mass"], told_of["started"], "place" in told_of) == ("4.2", "2026-05-04 12:30", False)
     said = [line for part in parts if isinstance(part, Sentences) for line in part.lines]
     assert {"blades tight: yes", "roll chirp 1/2: keep", "roll chirp 2/2: fly again: gust"} <= set(said)
@@ -216,6 +236,26 @@ def test_the_flight_is_told_with_what_people_said_of_it(tmp_path: Path) -> None:
     (done,) = (part for part in parts if isinstance(part, Table))
     assert done.rows[-1] == ("2026-05-04 12:40:00", "pushed gains b9e9e2", "tippath push gains.json")
     assert flown_when(folder) == "2026-05-04 12:30"
+
+
+def run(axis: str, **more: Any) -> Record:
+    channels = {name: np.arange(3.0) for name in ("t", "p", "q", "delta_x", "delta_y")}
+    return Record(f"X.BIN#{axis}", channels, axis=axis, path="gone/X.BIN", **more)
+
+
+def test_a_page_is_called_after_what_flew_what_and_when(tmp_path: Path) -> None:
+    folder = FlightFolder(tmp_path)
+    chirps = [run(axis, maneuver="chirp", airframe=Airframe.HELICOPTER) for axis in ("roll", "pitch", "roll")]
+    assert title_of(folder, chirps) == "Helicopter, roll and pitch chirps"
+    assert title_of(folder, [run("roll")]) == "Vehicle, X.BIN"
+    folder.write({"started": "2026-05-04T12:30:00+00:00", "card": "hover"})
+    assert title_of(folder, chirps) == "Helicopter, card hover, 2026-05-04"
+    assert about_of(folder, chirps, ["TPP"]) == "flown 2026-05-04 12:30 UTC, 3 runs of X.BIN, TPP"
+    folder.rename("windy")
+    assert title_of(folder, chirps) == "windy"
+    assert is_simulated(["SIDX_LAW"])
+    assert is_simulated(["SIM_WIND_SPD"])
+    assert not is_simulated(["SID_AXIS", "SIMPLE", "FRAME_CLASS"])
 
 
 def test_a_log_without_a_flight_has_nothing_to_tell_of_it(tmp_path: Path) -> None:
