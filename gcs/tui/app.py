@@ -367,7 +367,7 @@ class TippathApp(FieldApp):
         self.action_leave()
 
     def action_leave(self) -> None:
-        """Quit; asks where a card is under way (and then aborts first), a vehicle is armed, or results are kept nowhere."""
+        """Quit; asks where a card is under way (and aborts first), a vehicle is armed, or results are kept nowhere."""
         if self._leaving:
             return
         lines = before_quitting(self.worker.state())
