@@ -34,13 +34,16 @@ class ChangingApp(App[None]):
 
     async def _make_one(self) -> None:
         """Beside the one that is seen: Textual's own way there would change to it and back, with the keys."""
-        if self._unmade and self.may_make_screens():
+        if self._unmade and self.is_running and self.may_make_screens():
             mode = self._unmade.pop(0)
             await self._init_mode(mode)
-            made = self._screen_stacks[mode][0]
-            made._css_update_count = self._css_update_count  # mounting it has just styled it
-            self.show_on(made)
-            made._screen_resized(self.size)
+            if self.is_running:
+                made = self._screen_stacks[mode][0]
+                made._css_update_count = self._css_update_count  # mounting it has just styled it
+                self.show_on(made)
+                made._screen_resized(self.size)
+        if not self.is_running:  # its screens are being closed
+            return
         if self._unmade:
             self.set_timer(EVERY_S, lambda: self._make_one())
         else:  # what stays is not looked through again: that takes 100 ms, in the middle of anything

@@ -29,7 +29,7 @@ def ladder_picture(
     """
     outputs = tuple(rungs[0][1])
     figure, axes = panels(1, len(outputs), 5.0 if width == WIDTH else 3.8, width=width)
-    place = np.arange(len(rungs))
+    place = np.arange(len(rungs), dtype=float)
     for k, output in enumerate(outputs):
         axis = axes[0, k]
         fitted = np.array([100 - values[output] for _, values, _ in rungs])
