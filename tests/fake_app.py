@@ -218,8 +218,8 @@ class FakeWorker:
     def choose_card(self, word: str) -> None:
         self.ask(f"card {word}")
 
-    def open_flight(self, word: str) -> None:
-        self.ask(f"flight {word}")
+    def open_flight(self, *paths: str) -> None:
+        self.ask(f"flight {' and '.join(paths)}")
 
     def fit(self) -> None:
         self.ask("fit")

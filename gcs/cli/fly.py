@@ -41,7 +41,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def _add_flight(parser: argparse.ArgumentParser) -> None:
     """What is flown, where to connect, where results go."""
-    parser.add_argument("flight", nargs="?", metavar="FLIGHT", help="a flight folder or a log to open at once")
+    parser.add_argument(
+        "flight",
+        nargs="*",
+        metavar="FLIGHT",
+        help="a flight folder or a log to open at once; several together, as a roll log and a pitch log",
+    )
     parser.add_argument(
         "--replay",
         nargs="?",
@@ -152,8 +157,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.tui.speaking import Speaker, voice
 
     connection = _connection(args)
-    opened = args.flight if args.replay is None else None
-    first = "runs" if opened is not None else "connect" if connection is NOWHERE else "fly"
+    opened = args.flight if args.replay is None else []
+    first = "runs" if opened else "connect" if connection is NOWHERE else "fly"
     with contextlib.ExitStack() as ends:
         worker = Reconnecting(
             connection,
@@ -175,7 +180,7 @@ def run(args: argparse.Namespace) -> int:
             theme=args.theme,
             connections=worker,
             first=first,
-            flight=opened,
+            flights=opened,
         )
         gc.collect()
         gc.freeze()  # a full collection over all that was imported stops the keys for a tenth of a second
@@ -194,8 +199,8 @@ def _require_words(args: argparse.Namespace) -> None:
 
     Raises UsageError or TippathError.
     """
-    if args.replay is not None and (args.flight is None or args.connect is not None or args.sim is not None):
-        raise UsageError("--replay watches a FLIGHT again: name its folder or log before it, and leave out a vehicle")
+    if args.replay is not None and (len(args.flight) != 1 or args.connect is not None or args.sim is not None):
+        raise UsageError("--replay watches a FLIGHT again: name one folder or log before it, and leave out a vehicle")
     if args.sim is None and (args.seed is not None or args.on_ground):
         raise UsageError("--seed and --on-ground are the simulated vehicle's; use them with --sim")
     from gcs.cards.maneuver import load_card
@@ -216,8 +221,9 @@ def _require_words(args: argparse.Namespace) -> None:
         load_profile(args.vehicle_profile)
     if args.say is not None:
         voice(args.say)
-    if args.flight is not None and not Path(args.flight).expanduser().exists():
-        raise TippathError(f"{args.flight}: no such folder or log")
+    for one in args.flight:
+        if not Path(one).expanduser().exists():
+            raise TippathError(f"{one}: no such folder or log")
 
 
 def _asked(args: argparse.Namespace) -> str:
@@ -233,7 +239,7 @@ def _connection(args: argparse.Namespace) -> Connection:
     from gcs.tui.connections import NOWHERE, Connection, simulated, typed
 
     if args.replay is not None:
-        return Connection(name="replay", replay=Path(args.flight).expanduser(), speed=args.replay)
+        return Connection(name="replay", replay=Path(args.flight[0]).expanduser(), speed=args.replay)
     if args.connect is not None:
         return typed(args.connect)
     return NOWHERE if args.sim is None else simulated(args.sim, seed=args.seed, on_ground=args.on_ground)

@@ -122,7 +122,9 @@ def again(args: argparse.Namespace, parser: argparse.ArgumentParser) -> list[str
         if action.dest in LEFT_OUT or value == action.default or value is None:
             continue
         words += _words(action, value) if action.option_strings else []
-        positional += [] if action.option_strings else [str(value)]
+        positional += (
+            [] if action.option_strings else [str(one) for one in (value if isinstance(value, list) else [value])]
+        )
     return [*words, *(["--", *positional] if positional else [])]
 
 

@@ -101,10 +101,11 @@ class Calculations:
         """`hear` is told of a diagnosis, and raises too."""
         self._step, self._hear = step, hear
 
-    def read(self, path: Path) -> Opened:
-        """A flight folder or a log, its runs and the fits kept beside it."""
+    def read(self, paths: Sequence[Path]) -> Opened:
+        """Flight folders or logs, their runs and the fits kept beside the first."""
+        path, *beside = paths
         read = ingest(
-            [path],
+            paths,
             progress=lambda log: self._step(
                 printable(log.path.name), log.done_bytes / log.total_bytes if log.total_bytes else None
             ),
@@ -125,6 +126,7 @@ class Calculations:
         page = folder.path / "report.html"
         state = DeskState(
             path=path,
+            beside=tuple(beside),
             home=folder.path,
             report=page if page.is_file() else None,
             name=printable(folder.name),

@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.desk.state import Base, Choice, RunRow
 from gcs.errors import TippathError
-from gcs.flight.folder import FlightFolder
+from gcs.flight.folder import FlightFolder, flight_of
 from gcs.logs import Run
 from gcs.logs.runs.health import BESIDE
 from gcs.logs.runs.run import split_mark
@@ -34,12 +34,15 @@ COMMAND_OF = {"roll": "x", "pitch": "y", "elevator": "e"}
 
 
 def rows_of(runs: Sequence[Run], folder: FlightFolder) -> tuple[RunRow, ...]:
-    """A row for each run, with the default choice."""
-    flown = _flown(folder)
+    """A row for each run, with the default choice; logs of one name are told apart by their folders."""
+    logs = {run.path: Path(run.path) for run in runs}
+    own = {log for log, path in logs.items() if path.parent == folder.path and folder.of in ("", path.name)}
+    flown = {log: _flown(folder if log in own else flight_of(path)) for log, path in logs.items()}
+    names = Counter(path.name for path in logs.values())
     choices = default_choices(runs)
     return tuple(
         RunRow(
-            id=printable(run.id),
+            id=printable(f"{Path(run.path).parent.name}/{run.id}" if names[logs[run.path].name] > 1 else run.id),
             word=word_of(run),
             maneuver=run.maneuver,
             axis=run.axis,
@@ -50,7 +53,7 @@ def rows_of(runs: Sequence[Run], folder: FlightFolder) -> tuple[RunRow, ...]:
             usable=record_of(run) is not None,
             reasons=tuple(map(printable, run.reasons)),
             notes=tuple(map(printable, run.notes)),
-            verdict=_verdict(run, flown),
+            verdict=_verdict(run, flown[run.path]),
             choice=choice,
             default=choice,
             start_s=run.start_s,

@@ -63,27 +63,28 @@ class Desk(Working):
 
     # ---------------------------------------------------------------------------------------------- the flight
 
-    def open(self, word: str, *, wait: bool = False) -> None:
+    def open(self, word: str, *more: str, wait: bool = False) -> None:
         """Open a flight folder or a log: read its runs, its name and notes, and the fits kept beside it.
 
-        `wait`: until what is being worked on is over, instead of refusing. A flight whose results are not kept yet is
-        not left.
+        `more`: further ones with it, as a roll log and a pitch log; results are kept beside the first. `wait`: until
+        what is being worked on is over, instead of refusing. A flight whose results are not kept yet is not left.
         """
-        path = Path(word).expanduser()
-        if not path.exists():
-            raise TippathError(f"{path}: no such folder or log")
-        with self._working(f"reading {path.name}", wait=wait):
+        paths = [Path(one).expanduser() for one in dict.fromkeys((word, *more))]
+        for path in paths:
+            if not path.exists():
+                raise TippathError(f"{path}: no such folder or log")
+        with self._working(f"reading {' and '.join(path.name for path in paths)}", wait=wait):
             if self._state.unkept:
                 raise TippathError(
                     f"not kept yet: {', '.join(self._state.unkept)}; keep them in another folder before leaving "
                     f"{self._state.path}"
                 )
-            opened = self._calculations.read(path)
+            opened = self._calculations.read(paths)
             with self._keeping.lock, self._lock:
                 self._keeping.begin(opened.folder)
                 self._runs, self._places = opened.runs, dict(opened.places)
                 self._state = replace(opened.state, busy=self._state.busy)
-            self._did(shell.words(["tippath", "ingest", path]))
+            self._did(shell.words(["tippath", "ingest", *paths]))
 
     def rename(self, text: str) -> None:
         """Give the flight a name."""

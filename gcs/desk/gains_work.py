@@ -31,12 +31,12 @@ class GainsDesk(RunsDesk):
         self._tuning = threading.Lock()
         self._known: tuple[Fit, object, Standing] | None = None
 
-    def open(self, word: str, *, wait: bool = False) -> None:
+    def open(self, word: str, *more: str, wait: bool = False) -> None:
         """As a desk opens; and the gains that were designed there, and those that were flown, where any were."""
         from gcs.desk import tuning  # scipy comes along
 
         before = self._state.designed
-        super().open(word, wait=wait)
+        super().open(word, *more, wait=wait)
         logs = {run.path for run in self._runs if run.path}
         first = None if before is None else before.path
         home = self._state.home

@@ -25,7 +25,7 @@ class RunsDesk(Desk):
 
         with self._lock:
             chosen = [row for row in self._state.runs if row.choice in JUDGED and row.record is not None]
-            odd = alike([row.record for row in chosen if row.record is not None]).odd
+            odd = alike([record for row in chosen if (record := row.named_record) is not None]).odd
             if not odd:
                 raise TippathError("the chosen runs are alike: nothing is left out")
             self._use_each(dict.fromkeys(odd, Choice.OUT), f"left out: {listed_runs(odd)}")
@@ -96,7 +96,8 @@ class RunsDesk(Desk):
         for one, (_, choice) in zip(cut, parts, strict=True):
             (fresh,) = choices.rows_of([one], self._keeping.folder())
             used = choice if fresh.usable else Choice.OUT
-            made.append(replace(fresh, choice=used, default=row.default, start_s=row.start_s))
+            id = f"{row.id.removesuffix(run.id)}{fresh.id}"
+            made.append(replace(fresh, id=id, choice=used, default=row.default, start_s=row.start_s))
         with self._lock:
             rows, runs = list(self._state.runs), list(self._runs)
             for place in sorted(gone, reverse=True):

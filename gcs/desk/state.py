@@ -7,7 +7,7 @@ asked on each, the gains with the response they promise, the report; and the she
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,7 +52,7 @@ class RunRow:
     """One run of the flight."""
 
     id: str
-    """`flight.BIN#2`; what `Desk.use` takes."""
+    """`flight.BIN#2`, behind its folder where another log has that name; what `Desk.use` takes."""
     word: str
     """As a command names it: the log's path and the number."""
     maneuver: str
@@ -80,6 +80,12 @@ class RunRow:
     """To be drawn; None where there are no samples."""
     alone: tuple[str, ...] = ()
     """What a fit of this run's axis to this run says; empty where nobody asked."""
+
+    @property
+    def named_record(self) -> Record | None:
+        """Its samples under this row's name: several logs may have runs of one."""
+        record = self.record
+        return record if record is None or record.id == self.id else replace(record, id=self.id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +283,8 @@ class DeskState:
 
     path: Path | None = None
     """The flight folder or log that is open."""
+    beside: tuple[Path, ...] = ()
+    """Further ones that were opened with it."""
     home: Path | None = None
     """Where results are kept."""
     name: str = ""
@@ -321,6 +329,11 @@ class DeskState:
     """Results on the screen that no folder holds yet; `Desk.keep_in` writes them."""
     commands: tuple[str, ...] = ()
     """What was done here, as a shell does it; newest last."""
+
+    @property
+    def opened(self) -> str:
+        """What is open, by name; empty where nothing is."""
+        return " + ".join(one.name or str(one) for one in (self.path, *self.beside) if one is not None)
 
     @property
     def current(self) -> Rung | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -90,14 +90,14 @@ class TippathApp(FieldApp):
         theme: str = "dark",
         connections: Connections | None = None,
         first: str = "fly",
-        flight: str | None = None,
+        flights: Sequence[str] = (),
     ) -> None:
-        """`connections`: where the link can be changed; None where the worker has one only. `flight` is opened
-        at once; `say` speaks what is called out, and does not wait."""
+        """`connections`: where the link can be changed; None where the worker has one only. `flights` are opened
+        at once, together; `say` speaks what is called out, and does not wait."""
         super().__init__(worker, style, bell=bell, say=say)
         self.connections = connections
         self._first = first
-        self._flight = flight
+        self._flights = flights
         self._seen: State | None = None
         self._leaving = False
         self._connections: tuple[Connection, ...] = ()
@@ -117,9 +117,8 @@ class TippathApp(FieldApp):
         self._mind_signals()
         self.make_screens([mode_of(page) for page in PAGES])
         self.action_look_for_connections()
-        flight = self._flight
-        if flight is not None:
-            self.work("the flight", lambda: self.worker.open_flight(flight))
+        if self._flights:
+            self.work("the flight", lambda: self.worker.open_flight(*self._flights))
 
     def may_make_screens(self) -> bool:
         """Not while a card is flown."""

@@ -9,7 +9,7 @@ from textual.timer import Timer
 
 from gcs.desk.state import Choice, Weights
 from gcs.errors import TippathError
-from gcs.tui.ask_from import AskFrom, Paths
+from gcs.tui.ask_from import AskFrom, Paths, flights_in, quoted
 from gcs.tui.asking import AskingApp
 from gcs.tui.connections import recent_flights
 from gcs.tui.next_step import winner
@@ -29,15 +29,19 @@ class DeskApp(AskingApp):
         near = state.desk.path or state.flight
         folder = Path() if near is None else near.parent
         found = recent_flights(folder)
-        offers = [(str(folder / one.flight.name), one.about) for one in found if one.flight is not None]
+        offers = [(quoted(folder / one.flight.name), one.about) for one in found if one.flight is not None]
 
-        def take(word: str | None) -> None:
-            if word is not None:
-                self.work("the flight", lambda: self.worker.open_flight(word))
+        def take(asked: str | None) -> None:
+            if asked is not None:
+                self.work("the flight", lambda: self.worker.open_flight(*flights_in(asked)))
 
         self._problem = ""
-        hint = "up/down chooses, or type a flight folder or a log; the right arrow completes it"
-        self.push_screen(AskFrom(self.plot_style, "Which flight?", hint, "", offers, suggester=Paths()), take)
+        hint = (
+            "up/down chooses, or type a flight folder or a log; the right arrow completes it. A blank and another one: "
+            "both are opened together, as a roll log and a pitch log"
+        )
+        asked = AskFrom(self.plot_style, "Which flight?", hint, "", offers, suggester=Paths(), several=True)
+        self.push_screen(asked, take)
 
     def action_note(self) -> None:
         """Ask for a note."""

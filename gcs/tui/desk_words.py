@@ -42,7 +42,7 @@ def flight_line(state: State, width: int) -> tuple[str, str]:
     desk = state.desk
     if desk.path is None:
         return (" no flight is open", "bold")
-    text = f" {sanitise(desk.path.name or str(desk.path))}"
+    text = f" {sanitise(desk.opened)}"
     if desk.name:
         text += f" · {sanitise(desk.name)}"
     if desk.vehicle:
@@ -69,7 +69,7 @@ def fit_title(state: State, width: int) -> tuple[str, str]:
     desk = state.desk
     if desk.path is None:
         return flight_line(state, width)
-    text = f" {sanitise(desk.path.name or str(desk.path))} · base {sanitise(desk.base.words)}"
+    text = f" {sanitise(desk.opened)} · base {sanitise(desk.base.words)}"
     if desk.current is not None:
         percent = desk.current.nrmse_percent
         text += f" · {full_name(desk)}: NRMSE p {percent['p']:.1f}  q {percent['q']:.1f} %"

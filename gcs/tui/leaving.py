@@ -25,7 +25,7 @@ def before_quitting(state: State) -> tuple[str, ...]:
 
 
 def _in_the_air(state: State) -> tuple[str, ...]:
-    """What becomes of a vehicle that is left armed: a simulated one ends with the app, no loss but for its LQR."""
+    """What becomes of a vehicle that is left armed. A simulated one ends with the app: asked under the LQR only."""
     vehicle = state.vehicle
     if vehicle is None or vehicle.lost or not vehicle.armed or state.replay is not None:
         return ()

@@ -187,7 +187,8 @@ def chosen_anew(desk: DeskState) -> bool:
         return False
     structure = desk.ladder[0].fit.model.structure
     based = structure.base != desk.base.model
-    chosen = {run.id for run in desk.chosen(Choice.FIT)}, {run.id for run in desk.chosen(Choice.VALIDATE)}
+    # without the folder, which the fit's own runs are not named by
+    chosen = tuple({run.id.rpartition("/")[2] for run in desk.chosen(one)} for one in (Choice.FIT, Choice.VALIDATE))
     return based or chosen != (set(desk.fitted.runs), set(desk.fitted.validation))
 
 

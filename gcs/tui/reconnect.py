@@ -183,8 +183,8 @@ class Reconnecting:
         self._now.choose_card(word)
         self._card = word
 
-    def open_flight(self, path: str) -> None:
-        self._now.open_flight(path)
+    def open_flight(self, *paths: str) -> None:
+        self._now.open_flight(*paths)
 
     def fit(self) -> None:
         self._now.fit()

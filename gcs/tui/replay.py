@@ -215,8 +215,8 @@ class ReplayWorker:
     def note(self, note: SessionNote) -> None:
         self._desk.note(note.text)
 
-    def open_flight(self, path: str) -> None:
-        self._desk.open(path)
+    def open_flight(self, *paths: str) -> None:
+        self._desk.open(*paths)
 
     def fit(self) -> None:
         self._desk.fit()

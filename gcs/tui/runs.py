@@ -131,7 +131,7 @@ class RunsScreen(Split):
         rows = runs_words.chosen(desk.runs)
         key = tuple((row.id, id(row.record)) for row in rows)
         if self._like is None or key != self._like_of:
-            self._like, self._like_of = alike([row.record for row in rows if row.record is not None]), key
+            self._like, self._like_of = alike([record for row in rows if (record := row.named_record) is not None]), key
         return self._like
 
     def show_body(self, state: State, width: int) -> None:

@@ -57,7 +57,7 @@ class AppWorker(Protocol):
     def check(self) -> None: ...
     def take_over(self) -> None: ...
     def choose_card(self, word: str) -> None: ...
-    def open_flight(self, path: str) -> None: ...
+    def open_flight(self, *paths: str) -> None: ...
     def fit(self) -> None: ...
     def design(self) -> None: ...
     def push(self, why: str = "") -> None: ...
@@ -190,11 +190,11 @@ class FlightWorker:
         except Exception as error:  # a fault of ours must not end the app
             self._moment.set(said=f"{flight.name} was not opened: {type(error).__name__}: {error}")
 
-    def open_flight(self, path: str) -> None:
-        """Another flight folder or log to work on. Raises TippathError where there is none."""
+    def open_flight(self, *paths: str) -> None:
+        """Other flight folders or logs to work on. Raises TippathError where there is none."""
         if self._moment.now.stage.under_way:
             raise TippathError("a card is being flown: end it first (1, then E)")
-        self._desk.open(path)
+        self._desk.open(*paths)
         self._moment.set(flight=self._desk.state().path)
 
     def fit(self) -> None:
@@ -262,14 +262,15 @@ class FlightWorker:
         Only disarmed. What came of a fetch that was called off is gone on with by the next.
         """
         session = self._on_ground("a log is fetched")
-        folder = self._desk.state().path
+        desk = self._desk.state()
+        folder = desk.path
         if folder is None or not folder.is_dir():
             raise TippathError("no flight's folder is open: 3, then O opens one; its log comes into it")
         with self._moment.working(FETCHING):
             came = self._fetching.bring(session, folder, lambda text: self._moment.set(busy=f"{FETCHING}: {text}"))
         self._moment.set(said=f"fetched {', '.join(path.name for path in came)}")
         self._moved(f"fetched {', '.join(path.name for path in came)}", f"tippath fetch -o {word(folder)}")
-        self._desk.open(str(folder), wait=True)
+        self._desk.open(str(folder), *map(str, desk.beside), wait=True)
 
     def call_off(self) -> None:
         self._fetching.call_off()

@@ -109,7 +109,7 @@ async def test_one_log_is_split_into_fit_and_validation_by_keys(tmp_path: Path) 
     flight = fly_folder(tmp_path / "flight-0001", None, LONG).path
     engine = Reconnecting(folder=tmp_path)
     desk = engine.desk
-    app = TippathApp(engine, bell=False, connections=engine, first="connect", flight=str(flight))
+    app = TippathApp(engine, bell=False, connections=engine, first="connect", flights=[str(flight)])
     try:
         async with app.run_test(size=(80, 24)) as pilot:
             await until(lambda: len(desk.state().runs) == 2 and not desk.state().busy)

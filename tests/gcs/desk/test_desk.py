@@ -31,6 +31,7 @@ from gcs.desk.state import Weights
 from gcs.errors import TippathError, UsageError
 from gcs.flight.folder import FlightFolder
 from gcs.logs import resolve_runs
+from gcs.tui.next_step import chosen_anew
 from sysid.diagnose.progress import Asking, Heard, Known, Listener, Stage
 from sysid.fit.result import Fit
 
@@ -115,6 +116,32 @@ def short(two_chirps: Path, tmp_path: Path) -> Path:
 
 
 # ------------------------------------------------------------------------------------------------ runs
+
+
+def test_a_roll_log_and_a_pitch_log_are_opened_and_fitted_together(tmp_path: Path) -> None:
+    names = [str(fly_folder(tmp_path / f"flight-{at}", None, (TWO_CHIRPS[at],)).path) for at in (0, 1)]
+    desk = Desk(now=lambda: WHEN)
+    desk.open(*names)
+    rows = desk.state().runs
+    assert [(row.id, row.axis, row.choice) for row in rows] == [
+        ("flight-0/flight.BIN#1", "roll", Choice.FIT),
+        ("flight-1/flight.BIN#1", "pitch", Choice.FIT),
+    ]
+    assert [row.verdict for row in rows] == ["keep", "keep"]
+    assert desk.state().opened == "flight-0 + flight-1"
+    with pytest.raises(TippathError, match="alike"):
+        desk.use_alike()
+    desk.fit()
+    assert not chosen_anew(desk.state())
+    fit = desk.state().ladder[0].fit
+    assert [Path(one.path).parent.name for one in fit.records] == ["flight-0", "flight-1"]
+    assert (tmp_path / "flight-0" / "tpp.json").is_file()
+    assert desk.state().commands[0] == f"tippath ingest {names[0]} {names[1]}"
+    again = Desk(now=lambda: WHEN)
+    again.open(*names)
+    (rung,) = again.state().ladder
+    assert [one.sha256 for one in rung.fit.records] == [one.sha256 for one in fit.records]
+    assert not chosen_anew(again.state())
 
 
 def test_runs_are_used_as_their_kind_says(raw: Path) -> None:

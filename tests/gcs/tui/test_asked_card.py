@@ -89,4 +89,7 @@ async def test_a_card_is_chosen_by_keys_typed_or_pressed() -> None:
         await pilot.pause()
         await pilot.click("#offers", offset=(4, 1))
         await pilot.pause()
-    assert taken == ["quick [/]", "hover --leave-out", None, "quick [/]"]
+        app.push_screen(AskFrom("ascii", "Which?", "", "", offers, several=True), taken.append)
+        await pilot.pause()
+        await pilot.press("down", "space", "down", "up", "down", "enter")
+    assert taken == ["quick [/]", "hover --leave-out", None, "quick [/]", "hover quick [/]"]
