@@ -73,7 +73,7 @@ class Answer(Open, frozen=True, kw_only=True):
     """Of the fit that was asked, in the weights of the question."""
     noise_floor_percent: dict[str, float]
     candidates: tuple[Row, ...]
-    """The answer first, then the likeliest, then those that could not be asked."""
+    """The answer first, then what explains most, then those that could not be asked."""
     brief: tuple[Block, ...]
     full: tuple[Block, ...]
     plan: Plan | None
