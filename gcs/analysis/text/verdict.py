@@ -42,6 +42,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
             *_first(last),
             _numbers("the fit", before),
             _numbers("noise alone would allow", floor),
+            *_weighed(found),
             *_left(found),
             *_before(found),
         ]
@@ -53,7 +54,7 @@ def measures(found: FitDiagnosis, *, reasons: bool = True) -> list[Line]:
     ]
     if winner.validation_nrmse_percent is not None and last.validation_nrmse_percent is not None:
         lines.append(nrmse_row("on validation runs", last.validation_nrmse_percent, winner.validation_nrmse_percent))
-    lines.append(nrmse_row("noise alone would allow", None, floor))
+    lines += [nrmse_row("noise alone would allow", None, floor), *_weighed(found)]
     lines += [*_sizes(winner), *_sizes_that_differ(last), *_others(last)]
     return [*lines, *(_why(found) if reasons else []), *_before(found)]
 
@@ -64,6 +65,16 @@ def _first(last: Diagnosis) -> list[Line]:
     if first is None or (first.verdict, set(first.chain)) == (last.verdict, {*last.chain}):
         return []
     return [Sentence(before_pairs_words(first), "  ", "    ")]
+
+
+def _weighed(found: FitDiagnosis) -> list[Line]:
+    """Why the fit's own numbers are others, where they are: candidates are compared in equal weights."""
+    own, compared = found.fit.nrmse_percent, found.last.parent.nrmse_percent
+    if all(round(own[name], 1) == round(value, 1) for name, value in compared.items()):
+        return []
+    said = ", ".join(f"{name} {value:.1f}" for name, value in own.items())
+    text = f"compared with equal weights on all frequencies; the fit itself, weighed by its noise, has {said} %"
+    return [Sentence(text, "  ", "    ")]
 
 
 def stand_ins(last: Diagnosis) -> dict[str, tuple[str, ...]]:

@@ -47,10 +47,11 @@ def unexplained(proposal: NextManeuver) -> Any:
     last = SimpleNamespace(
         verdict="unexplained", winner=None, chain=(), candidates=(), pairs=(), indistinguishable=(), parent=parent,
         noise_floor_percent={"p": 90.0, "q": 90.0}, confidence=0.5, terms=None, mode=None, stands_in=False,
-        effect=None, reason=None, first=None,
+        effect=None, reason=None, first=None, validation_nrmse_percent=None,
     )  # fmt: skip
     return SimpleNamespace(
-        fit=SimpleNamespace(model=SimpleNamespace(structure=structure)), rungs=(None,), last=last, remarks=(),
+        fit=SimpleNamespace(model=SimpleNamespace(structure=structure), nrmse_percent=nrmse), rungs=(None,), last=last,
+        remarks=(),
         comparison=SimpleNamespace(suspicions=(), findings=()), next=proposal, added=None,
         hiding=SimpleNamespace(harmful=(), others=()), explanation=Explanation(effects=(), what=()),
         remainder=None, runs=SimpleNamespace(records=()),
